@@ -33,7 +33,7 @@ from can_bridge.uds.services import (
 from contract.config.diagnosis import DiagnosisConfig
 from contract.config.vehicle import BusConfig
 from contract.controller.calibration import PACKED_BYTES
-from ecu.flashable.diagnostic_link import isotp_settings
+from ecu.flashable.links import isotp_settings
 from firmware_sim.runs.reasons import BECAUSE
 
 SERVICE_NAMES: Final[Mapping[Service, str]] = {

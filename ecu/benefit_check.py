@@ -39,7 +39,7 @@ UNSTATED: Final = ((1.0, -1e-3, 1e-3),)
 
 @dataclass(frozen=True, kw_only=True)
 class BenefitCheckState:
-    """After a control period. Periods without pressures change no mean.
+    """The state after a control period. Periods without pressures change no mean.
 
     Attributes:
         waking: periods with the jets shut until the wake is that without control; none at power-on.
@@ -87,7 +87,7 @@ class BenefitCheck:
 
     @classmethod
     def of(cls, manifest: Manifest, config: BenefitCheckConfig) -> "BenefitCheck | None":
-        """For a release; None where none of its sensors is on the base, or none has its mirror image."""
+        """The check of a release; None where none of its sensors is on the base, or none has its mirror image."""
         base = tuple(place for place, name in enumerate(manifest.sensors) if name.startswith(ON_BASE))
         pairs = mirrored_pairs(manifest)
         if not (config.enabled and base and pairs):
@@ -179,7 +179,7 @@ class BenefitCheck:
         return gained >= config.least_gain * abs(suction) and state.swing <= config.most_swing * swing
 
     def _rested(self, state: BenefitCheckState, cp: Array, speed: float, over: int) -> BenefitCheckState:
-        """With this period in the means without control, which are over so many."""
+        """Take this period into the means without control, which are over so many."""
         suction, swing = self._measured(cp, speed)
         return replace(
             state,

@@ -8,8 +8,7 @@ from contract.release.checks import Bundle
 from contract.runtime.onnx_session import OnnxController
 from contract.sensor_layout import SensorLayout
 from contract.sensors import TRUCK
-from ecu.controller_memory import ControllerMemory
-from ecu.delay_line import DelayLine
+from ecu.controller_memory import ControllerMemory, DelayLine
 from ecu.fit import check_sensors
 
 

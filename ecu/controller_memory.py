@@ -10,18 +10,48 @@ sent and under way stays in units of the design speed, in which the jets' limits
 """
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Self
 
 import numpy as np
 
-from contract.arrays import Array
+from contract.arrays import Array, ArrayValue
 from contract.controller.interface import FORCES, Controller, ControllerError, ControlStep
 from contract.controller.resampling import followed, places
-from ecu.delay_line import DelayLine
+
+
+@dataclass(frozen=True)
+class DelayLine:
+    """The latest `delay + 1` values, oldest first; the line is always full. `values` is (delay + 1,)."""
+
+    values: tuple[float, ...]
+
+    @classmethod
+    def filled(cls, delay: int, value: float = 0.0) -> Self:
+        """A line on which `value` stands everywhere; `delay` in control periods."""
+        return cls((value,) * (delay + 1))
+
+    @property
+    def in_force(self) -> float:
+        """What takes effect now: given `delay` periods ago."""
+        return self.values[0]
+
+    @property
+    def newest(self) -> float:
+        """What was given last."""
+        return self.values[-1]
+
+    @property
+    def pending(self) -> tuple[float, ...]:
+        """What takes effect in the next `delay` periods, (delay,)."""
+        return self.values[1:]
+
+    def pushed(self, value: float) -> Self:
+        """The line one period later, with `value` given now."""
+        return type(self)((*self.values[1:], value))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Past:
+class Past(ArrayValue):
     """The rows of the latest control periods at the speeds they had; a value with read-only arrays.
 
     Attributes:
@@ -34,28 +64,13 @@ class Past:
     speeds: Array
     count: int
 
-    def __post_init__(self) -> None:
-        _read_only(self.rows)
-        _read_only(self.speeds)
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        # Unpickled and deeply copied arrays are writeable.
-        self.__dict__.update(state)
-        self.__post_init__()
-
-    def __eq__(self, other: object) -> bool:
-        if not isinstance(other, Past):
-            return NotImplemented
-        same = np.array_equal(self.rows, other.rows) and np.array_equal(self.speeds, other.speeds)
-        return same and self.count == other.count
-
     @staticmethod
     def empty(periods: int, sensors: int) -> "Past":
         """Before the first row, for so many periods."""
         return Past(rows=np.zeros((periods, sensors + 1)), speeds=np.zeros(periods), count=0)
 
     def with_row(self, row: Array, speed: float) -> "Past":
-        """With this period's row, (S + 1,)."""
+        """Add this period's row, (S + 1,)."""
         return Past(
             rows=np.vstack([self.rows[1:], row]),
             speeds=np.append(self.speeds[1:], speed),
@@ -63,7 +78,7 @@ class Past:
         )
 
     def with_column(self, sensor: int, values: Array) -> "Past":
-        """With other pressures of one sensor, (N,), in the rows that have come."""
+        """Put other pressures of one sensor, (N,), into the rows that have come."""
         rows, first = self.rows.copy(), len(self.rows) - self.count
         rows[first:, sensor] = values[first:]
         return replace(self, rows=rows)
@@ -79,7 +94,7 @@ class Past:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class ControllerMemory:
+class ControllerMemory(ArrayValue):
     """A value: every method returns a new memory and leaves this one as it is. The arrays are read-only.
 
     Attributes:
@@ -98,13 +113,6 @@ class ControllerMemory:
     plan: Array
     under_way: DelayLine
     past: Past | None = None
-
-    def __post_init__(self) -> None:
-        # A writeable array may belong to the caller, who may change it later.
-        if self.window.flags.writeable:
-            object.__setattr__(self, "window", _read_only(self.window.copy()))
-        if self.plan.flags.writeable:
-            object.__setattr__(self, "plan", _read_only(self.plan.copy()))
 
     @staticmethod
     def empty(*, length: int, sensors: int, horizon: int, delay: int, past: int = 0) -> "ControllerMemory":
@@ -126,21 +134,6 @@ class ControllerMemory:
             past=Past.empty(past, sensors) if past else None,
         )
 
-    def __eq__(self, other: object) -> bool:
-        if not isinstance(other, ControllerMemory):
-            return NotImplemented
-        return (
-            (self.rows, self.gap, self.under_way, self.past) == (other.rows, other.gap, other.under_way, other.past)
-            and np.array_equal(self.window, other.window)
-            and np.array_equal(self.plan, other.plan)
-        )
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        # Unpickled and deeply copied arrays are writeable.
-        self.__dict__.update(state)
-        for array in (self.window, self.plan):
-            _read_only(array)
-
     @property
     def is_full(self) -> bool:
         """Whether the controller can plan."""
@@ -153,15 +146,15 @@ class ControllerMemory:
 
     @property
     def speed(self) -> float:
-        """Of the newest row, in design speeds."""
+        """The speed of the newest row, in design speeds."""
         return 1.0 if self.past is None or not self.past.count else float(self.past.speeds[-1])
 
     def observed(self, cp: Array, speed: float = 1.0) -> "ControllerMemory":
-        """With a row for this period; cp is (S,), at that speed."""
+        """Add a row for this period; cp is (S,), at that speed."""
         return self._extended(cp, speed, gap=0)
 
     def bridged(self, longest_gap: int) -> "ControllerMemory":
-        """With a stand-in for a period without pressures: the last ones again. Before the first row there is none.
+        """Add a stand-in for a period without pressures: the last ones again. Before the first row there is none.
 
         A gap of more than `longest_gap` periods empties the window, so that the controller never plans from
         pressures long past.
@@ -179,21 +172,21 @@ class ControllerMemory:
         return replace(self, window=np.zeros_like(self.window), rows=0, past=past)
 
     def with_column(self, sensor: int, values: Array) -> "ControllerMemory":
-        """With other pressures of one sensor in the rows that have come: (L,), or (N,) of a past."""
+        """Put other pressures of one sensor into the rows that have come: (L,), or (N,) of a past."""
         if self.past is not None:
             past = self.past.with_column(sensor, values)
             return replace(self, past=past, window=past.read(len(self.window))[0])
         window = self.window.copy()
         first = len(window) - self.rows
         window[first:, sensor] = values[first:]
-        return replace(self, window=_read_only(window))
+        return replace(self, window=window)
 
     def commanded(self, action: float) -> "ControllerMemory":
-        """With an action sent in this period, in U_inf W."""
+        """Add an action sent in this period, in U_inf W."""
         return replace(self, under_way=self.under_way.pushed(action))
 
     def with_delay(self, delay: int) -> "ControllerMemory":
-        """With another delay of the actuator, between two control periods; `delay` is less than the horizon.
+        """Change to another delay of the actuator, between two control periods; `delay` is less than the horizon.
 
         What was sent stays as it was sent. What moves is when it is taken to act: under way are the latest `delay`
         actions, and a row of the window has the action that was in force by the new delay. An action from before the
@@ -214,13 +207,13 @@ class ControllerMemory:
         memory = self if self.past is None else self.emptied()
         return replace(
             memory,
-            window=_read_only(window) if self.past is None else memory.window,
+            window=window if self.past is None else memory.window,
             plan=self.plan[planned_at.clip(0, len(self.plan) - 1)],
             under_way=DelayLine(tuple(under_way.tolist())),
         )
 
     def without_plan(self) -> "ControllerMemory":
-        """With a plan of zeros: the next optimisation starts from none."""
+        """Put zeros in place of the plan: the next optimisation starts from none."""
         return replace(self, plan=np.zeros_like(self.plan)) if self.plan.any() else self
 
     def planned(
@@ -258,9 +251,9 @@ class ControllerMemory:
                 row[:-1] = followed(self.past.rows[-1, :-1], cp, speed)
             past = self.past.with_row(row, speed)
             window, rows = past.read(len(self.window))
-            return replace(self, window=_read_only(window), rows=rows, gap=gap, past=past)
+            return replace(self, window=window, rows=rows, gap=gap, past=past)
         window = np.vstack([self.window[1:], row])
-        return replace(self, window=_read_only(window), rows=min(self.rows + 1, len(window)), gap=gap)
+        return replace(self, window=window, rows=min(self.rows + 1, len(window)), gap=gap)
 
 
 def _checked(name: str, values: object, shape: tuple[int, ...]) -> Array:
@@ -269,9 +262,4 @@ def _checked(name: str, values: object, shape: tuple[int, ...]) -> Array:
         raise ControllerError(f"the controller's {name} is no array of numbers of shape {shape}")
     if not np.isfinite(values).all():
         raise ControllerError(f"the controller's {name} is not finite")
-    return _read_only(values.astype(np.float64))
-
-
-def _read_only(array: Array) -> Array:
-    array.flags.writeable = False
-    return array
+    return values.astype(np.float64)

@@ -15,8 +15,7 @@ import numpy as np
 
 from can_bridge.bus.interface import HEALTHY, BusHealth, BusState
 from can_bridge.command_gate import GatedCommand, GateLimits, Intervention, gate
-from can_bridge.e2e.sender import protected_frame
-from can_bridge.secoc.node import Authentication, key_of, secured
+from can_bridge.secoc.node import Authentication, key_of
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import message_set
 from can_bridge.wire.message_specs import FLOW_RESOLUTION_M2_PER_S
@@ -30,14 +29,14 @@ from contract.release.checks import Bundle
 from ecu.benefit_check import BenefitCheck, BenefitCheckState
 from ecu.calibrating import limits_of, release_calibration, with_calibration
 from ecu.controller_memory import ControllerMemory
-from ecu.ecu_state import Around, EcuState, Trace
+from ecu.ecu_state import EcuState, Surroundings, Trace, answers
 from ecu.fail_safe import FailSafe, OperatingMode, PeriodInputs
 from ecu.fit import check_vehicle
 from ecu.other_ecu import heard_of_another_ecu
 from ecu.pressure_reception import PressureReception, Received
 from ecu.sensor_check import SensorCheckState, sensor_check_of
 from ecu.speed_reception import SpeedReception
-from ecu.timing import Timing
+from ecu.timing import StepTiming
 
 
 class StepOutcome(NamedTuple):
@@ -104,7 +103,7 @@ class Ecu:
             dynamic_pressure=config.operating_point.dynamic_pressure,
             fresh_age_ns=self._limits.fresh_age_ns,
         )
-        self._speed = SpeedReception.of(manifest, config, self._messages.speed, self._key)
+        self._speed_reception = SpeedReception.of(manifest, config, self._messages.speed, self._key)
         self._sensor_check = sensor_check_of(bundle, config)
         self._benefit_check = BenefitCheck.of(manifest, config.ecu.benefit_check)
         self._longest_gap = config.ecu.hold_periods + config.ecu.decay_periods
@@ -114,11 +113,7 @@ class Ecu:
             horizon=manifest.mpc.horizon,
             delay=config.ecu.frozen_actions,
             past=0 if manifest.speeds is None else manifest.past,
-        )
-        if authentication is not None:
-            verifier = authentication.verifier(self._messages.pressure.spec)
-            speed = replace(start.speed, verifier=authentication.verifier(self._messages.speed.spec))
-            start = replace(start, verifier=verifier, speed=speed, freshness=authentication.freshness)
+        ).authenticated(authentication, self._messages)
         self._state = start
         self.restore(start)
         # A renewed bundle's weights are the manifest's, its graph's own those it was exported with.
@@ -126,7 +121,7 @@ class Ecu:
 
     @property
     def state(self) -> EcuState:
-        """After the latest step."""
+        """The state after the latest step."""
         return self._state
 
     def restore(self, state: EcuState) -> None:
@@ -161,7 +156,7 @@ class Ecu:
         self._state = replace(self._state, memory=memory)
 
     def step(
-        self, now_ns: int, frames: Sequence[Frame], health: BusHealth = HEALTHY, **around: Unpack[Around]
+        self, now_ns: int, frames: Sequence[Frame], health: BusHealth = HEALTHY, **around: Unpack[Surroundings]
     ) -> list[Frame]:
         """One control period. Returns a JetCommand and an EcuStatus.
 
@@ -169,7 +164,7 @@ class Ecu:
             now_ns: time of the step, in the clock of the frames' timestamps.
             frames: everything received since the last step, oldest first.
             health: of the CAN controller, for the status.
-            around: see `Around`.
+            around: see `Surroundings`.
         """
         outcome = self.next(self._state, now_ns, frames, health, **around)
         self._state, self.trace = outcome.state, outcome.trace
@@ -181,89 +176,36 @@ class Ecu:
         now_ns: int,
         frames: Sequence[Frame],
         health: BusHealth = HEALTHY,
-        **around: Unpack[Around],
+        **around: Unpack[Surroundings],
     ) -> StepOutcome:
         """The same from any state, without keeping it: a function of its arguments if the controller is one."""
-        config = self._config.ecu
-        timing = state.timing.next(now_ns, self._period_ns, config)
-        heard = heard_of_another_ecu(frames, self._messages, self._key)
-        other_ecu = state.other_ecu.next(heard, timing.step_ns or 0)
-        speed, present = state.speed, 1.0
-        dynamic_pressure: float | None = self._config.operating_point.dynamic_pressure
-        if self._speed is not None:
-            speed = self._speed.next(speed, frames, now_ns)
-            present = self._speed.present(speed)
-            dynamic_pressure = self._speed.dynamic_pressure(speed)
-        received = self._reception.of(
-            frames, now_ns, verifier=state.verifier, receiver=state.pressures, dynamic_pressure=dynamic_pressure
-        )
-        usable = received.cp is not None
-        pressure_ns = received.sampled_ns if usable else state.pressure_ns
-        pressure_counter = received.counter if usable else state.pressure_counter
-        if speed.is_off:
-            # Its pressures say nothing about control at other speeds: the window begins again.
-            received = received._replace(cp=None)
-        memory = self._after_silence(state.memory, timing)
-        memory = memory.emptied() if speed.is_off else self._with_row(memory, received.cp, present)
-        sensors, memory, sensor_fault = self._checked(state.sensors, memory, received, timing.skipped)
-        benefit, no_benefit = self._judged(state, memory, present, usable=received.cp is not None)
-        bus_off = _bus_fault(state.health, health)
-        inputs = PeriodInputs(
-            usable=usable,
-            enable_request=received.enable_request,
-            unusable_because=received.unusable_because,
-            window_full=memory.is_full,
-            off_speed=speed.is_off,
-            tests=benefit.tests,
-            fault=timing.fault or bus_off or other_ecu.fault or sensor_fault or no_benefit or around.get("fault"),
-            updating=around.get("updating", False),
-        )
-        fail_safe = state.fail_safe.next(inputs, config)
-        decision = self._decide(fail_safe.mode, memory)
-        if decision.fault is not None:
-            fail_safe = fail_safe.latch(decision.fault)
-        passed = gate(
-            decision.action * self._flow_scale,
-            enable=fail_safe.mode.drives_jets,
-            previous_m2_per_s=memory.under_way.newest * self._flow_scale,
-            previous_ns=state.timing.step_ns,
-            pressure_ns=pressure_ns,
-            now_ns=now_ns,
-            limits=self._limits,
-        )
-        fail_safe = _told_by_the_gate(fail_safe, passed)
-        action = self._as_sent(passed.flow_m2_per_s)
-        after = EcuState(
-            memory=decision.memory.commanded(action),
-            fail_safe=fail_safe,
-            pressures=received.receiver,
+        received, inputs = self._receive(state, now_ns, frames, health, around)
+        decided = replace(received, fail_safe=received.fail_safe.next(inputs, self._config.ecu))
+        acted, passed, forces = self._act(decided, state.timing, now_ns)
+        after = replace(
+            acted,
             commands=state.commands.next(self._messages.command.spec),
             statuses=state.statuses.next(self._messages.status.spec),
-            timing=timing,
-            pressure_ns=pressure_ns,
-            pressure_counter=pressure_counter,
-            overruns=state.overruns + timing.skipped,
-            missed=state.missed + (not usable),
-            sensors=sensors,
-            benefit=benefit,
-            speed=speed,
             health=health,
-            other_ecu=other_ecu,
-            verifier=received.verifier,
             freshness=state.freshness.next(),
         )
+        mode = after.fail_safe.mode
         command = JetCommand(
             flow_m2_per_s=passed.flow_m2_per_s,
-            mode=fail_safe.mode.on_wire,
+            mode=mode.on_wire,
             enable=passed.enable,
             # Of the frame the command rests on: this period's, or the one behind the command that is held.
-            pressure_counter=pressure_counter if usable or fail_safe.mode.drives_jets else None,
-            next_period=config.plan_ahead,
+            pressure_counter=after.pressure_counter if inputs.usable or mode.drives_jets else None,
+            next_period=self._config.ecu.plan_ahead,
         )
         trace = Trace(
-            mode=fail_safe.mode.on_wire, action=action, forces=decision.forces, interventions=passed.interventions
+            mode=mode.on_wire,
+            action=after.memory.under_way.newest,
+            forces=forces,
+            interventions=passed.interventions,
         )
-        return StepOutcome(state=after, frames=self._answers(state, after, command, now_ns), trace=trace)
+        frames_out = answers(state, after, command, now_ns, self._messages, self._key, self._bundle_hash)
+        return StepOutcome(state=after, frames=frames_out, trace=trace)
 
     def status(self) -> EcuStatus:
         """Health counters as of the latest step."""
@@ -274,7 +216,79 @@ class Ecu:
         """Pressure frames that came but were not authentic, or failed their end-to-end check."""
         return self._state.verifier.refused + self._state.pressures.frames_rejected
 
-    def _after_silence(self, memory: ControllerMemory, timing: Timing) -> ControllerMemory:
+    def _receive(
+        self, state: EcuState, now_ns: int, frames: Sequence[Frame], health: BusHealth, around: Surroundings
+    ) -> tuple[EcuState, PeriodInputs]:
+        """The state with the period's pressures, and what the fail-safe learns of them."""
+        timing = state.timing.next(now_ns, self._period_ns, self._config.ecu)
+        believed, speed = state.speed, 1.0
+        dynamic_pressure: float | None = self._config.operating_point.dynamic_pressure
+        if self._speed_reception is not None:
+            believed = self._speed_reception.next(believed, frames, now_ns)
+            speed = self._speed_reception.present(believed)
+            dynamic_pressure = self._speed_reception.dynamic_pressure(believed)
+        received = self._reception.of(
+            frames, now_ns, verifier=state.verifier, receiver=state.pressures, dynamic_pressure=dynamic_pressure
+        )
+        usable = received.cp is not None
+        heard = heard_of_another_ecu(frames, self._messages, self._key)
+        other_ecu = state.other_ecu.next(heard, timing.step_ns or 0)
+        memory = self._after_silence(state.memory, timing)
+        if believed.is_off:
+            # Its pressures say nothing about control at other speeds: the window begins again.
+            received, memory = received._replace(cp=None), memory.emptied()
+        elif received.cp is None:
+            memory = memory.bridged(self._longest_gap)
+        else:
+            memory = memory.observed(received.cp, speed)
+        sensors, memory, sensor_fault = self._checked(state.sensors, memory, received, timing.skipped)
+        benefit, no_benefit = self._judged(state, memory, speed, usable=received.cp is not None)
+        bus_off = _bus_fault(state.health, health)
+        after = replace(
+            state,
+            memory=memory,
+            pressures=received.receiver,
+            verifier=received.verifier,
+            timing=timing,
+            pressure_ns=received.sampled_ns if usable else state.pressure_ns,
+            pressure_counter=received.counter if usable else state.pressure_counter,
+            overruns=state.overruns + timing.skipped,
+            missed=state.missed + (not usable),
+            sensors=sensors,
+            benefit=benefit,
+            speed=believed,
+            other_ecu=other_ecu,
+        )
+        return after, PeriodInputs(
+            usable=usable,
+            enable_request=received.enable_request,
+            unusable_because=received.unusable_because,
+            window_full=memory.is_full,
+            off_speed=believed.is_off,
+            tests=benefit.tests,
+            fault=timing.fault or bus_off or other_ecu.fault or sensor_fault or no_benefit or around.get("fault"),
+            updating=around.get("updating", False),
+        )
+
+    def _act(self, state: EcuState, before: StepTiming, now_ns: int) -> tuple[EcuState, GatedCommand, Array | None]:
+        """The state with this period's action, what the gate lets pass of it, and the forces that were predicted."""
+        latest = state.memory.under_way.newest
+        decision = self._decide(state.fail_safe.mode, state.memory)
+        fail_safe = state.fail_safe if decision.fault is None else state.fail_safe.latch(decision.fault)
+        passed = gate(
+            decision.action * self._flow_scale,
+            enable=fail_safe.mode.drives_jets,
+            previous_m2_per_s=latest * self._flow_scale,
+            previous_ns=before.step_ns,
+            pressure_ns=state.pressure_ns,
+            now_ns=now_ns,
+            limits=self._limits,
+        )
+        memory = decision.memory.commanded(self._as_sent(passed.flow_m2_per_s))
+        after = replace(state, memory=memory, fail_safe=_told_by_the_gate(fail_safe, passed))
+        return after, passed, decision.forces
+
+    def _after_silence(self, memory: ControllerMemory, timing: StepTiming) -> ControllerMemory:
         """The memory with one row for each skipped period; the last command stayed in force meanwhile.
 
         Rows whose distance in time is not known are worth nothing: a wrong clock empties the window.
@@ -285,10 +299,6 @@ class Ecu:
         for _ in range(min(timing.skipped, max(self._longest_gap, len(memory.under_way.pending)) + 1)):
             memory = memory.bridged(self._longest_gap).commanded(memory.under_way.newest)
         return memory
-
-    def _with_row(self, memory: ControllerMemory, cp: Array | None, speed: float) -> ControllerMemory:
-        """The memory with this period's row."""
-        return memory.bridged(self._longest_gap) if cp is None else memory.observed(cp, speed)
 
     def _checked(
         self, state: SensorCheckState, memory: ControllerMemory, received: Received, skipped: int
@@ -316,24 +326,6 @@ class Ecu:
     def _as_sent(self, flow_m2_per_s: float) -> float:
         """The action that a command leads to, in U_inf W: the nearest step of the wire."""
         return round(flow_m2_per_s / FLOW_RESOLUTION_M2_PER_S) * FLOW_RESOLUTION_M2_PER_S / self._flow_scale
-
-    def _answers(self, before: EcuState, after: EcuState, command: JetCommand, now_ns: int) -> list[Frame]:
-        """The two frames: counters and freshness are those before the period, the status is that after it."""
-        to_send = self._messages
-        messages = (
-            (before.commands, to_send.command.spec, to_send.command.emit(command)),
-            (before.statuses, to_send.status.spec, to_send.status.emit(after.status(self._bundle_hash))),
-        )
-        return [
-            secured(
-                # There is no frame of a time before 0: that clock is wrong, and the jets are shut.
-                protected_frame(sender, data, spec=spec, now_ns=max(0, now_ns)),
-                spec=spec,
-                key=self._key,
-                freshness=before.freshness,
-            )
-            for sender, spec, data in messages
-        ]
 
     def _decide(self, mode: OperatingMode, memory: ControllerMemory) -> _Decision:
         """What to do in a period of this mode, with this period's row in the memory."""

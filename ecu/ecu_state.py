@@ -4,15 +4,19 @@ It can be compared, pickled, copied, and given to another ECU of the same bundle
 the bit as the first one would have.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Self, TypedDict
 
 from can_bridge.bus.interface import HEALTHY, BusHealth
 from can_bridge.command_gate import Intervention
 from can_bridge.e2e.receiver import FrameCheck, ReceiverState
-from can_bridge.e2e.sender import SenderState
+from can_bridge.e2e.sender import SenderState, protected_frame
+from can_bridge.secoc.key import Key
+from can_bridge.secoc.node import Authentication, secured
 from can_bridge.secoc.securing import Freshness, VerifierState
-from can_bridge.wire.messages import BUS_OFF_LIMIT, COUNT_LIMIT, ERROR_LIMIT, EcuStatus, Mode, Reason
+from can_bridge.wire.frame import Frame
+from can_bridge.wire.message_sets import MessageSet
+from can_bridge.wire.messages import BUS_OFF_LIMIT, COUNT_LIMIT, ERROR_LIMIT, EcuStatus, JetCommand, Mode, Reason
 from contract.arrays import Array
 from ecu.benefit_check import BenefitCheckState
 from ecu.controller_memory import ControllerMemory
@@ -20,10 +24,10 @@ from ecu.fail_safe import FailSafe
 from ecu.other_ecu import OtherEcu
 from ecu.sensor_check import SensorCheckState
 from ecu.speed_reception import SpeedState
-from ecu.timing import Timing
+from ecu.timing import StepTiming
 
 
-class Around(TypedDict, total=False):
+class Surroundings(TypedDict, total=False):
     """What is around an ECU in a control period.
 
     Attributes:
@@ -37,7 +41,7 @@ class Around(TypedDict, total=False):
 
 @dataclass(frozen=True, kw_only=True)
 class EcuState:
-    """After a control period; times in the clock of the frames' timestamps.
+    """The state after a control period; times in the clock of the frames' timestamps.
 
     Attributes:
         memory: window, plan and actions under way.
@@ -61,7 +65,7 @@ class EcuState:
     pressures: ReceiverState
     commands: SenderState
     statuses: SenderState
-    timing: Timing
+    timing: StepTiming
     pressure_ns: int | None
     pressure_counter: int | None
     overruns: int
@@ -83,13 +87,21 @@ class EcuState:
             pressures=ReceiverState(),
             commands=SenderState(),
             statuses=SenderState(),
-            timing=Timing(),
+            timing=StepTiming(),
             pressure_ns=None,
             pressure_counter=None,
             overruns=0,
             missed=0,
             sensors=SensorCheckState.start(window=past or window, sensors=sensors),
         )
+
+    def authenticated(self, authentication: Authentication | None, messages: MessageSet) -> Self:
+        """Add what the node needs of `bus.key`, at power-on; the same without a key."""
+        if authentication is None:
+            return self
+        speed = replace(self.speed, verifier=authentication.verifier(messages.speed.spec))
+        verifier = authentication.verifier(messages.pressure.spec)
+        return replace(self, verifier=verifier, speed=speed, freshness=authentication.freshness)
 
     def status(self, bundle_hash: int) -> EcuStatus:
         """Health counters on the wire, for an ECU that runs this bundle."""
@@ -107,6 +119,32 @@ class EcuState:
             bundle_hash=bundle_hash,
             set_aside=self.sensors.mask,
         )
+
+
+def answers(
+    before: EcuState,
+    after: EcuState,
+    command: JetCommand,
+    now_ns: int,
+    messages: MessageSet,
+    key: Key | None,
+    bundle_hash: int,
+) -> list[Frame]:
+    """The two frames of a period: counters and freshness are those before it, the status is that after it."""
+    contents = (
+        (before.commands, messages.command.spec, messages.command.emit(command)),
+        (before.statuses, messages.status.spec, messages.status.emit(after.status(bundle_hash))),
+    )
+    return [
+        secured(
+            # There is no frame of a time before 0: that clock is wrong, and the jets are shut.
+            protected_frame(sender, data, spec=spec, now_ns=max(0, now_ns)),
+            spec=spec,
+            key=key,
+            freshness=before.freshness,
+        )
+        for sender, spec, data in contents
+    ]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -303,7 +303,7 @@ class FailSafe:
         )
 
     def latch(self, reason: Reason) -> "FailSafe":
-        """After a fault of the ECU's own that shows only in the course of the period; good frames count from here."""
+        """Latch a fault of the ECU's own that shows only in the course of the period; good frames count from here."""
         inputs = PeriodInputs(
             usable=False, enable_request=None, unusable_because=reason, window_full=False, fault=reason
         )

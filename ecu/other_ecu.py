@@ -22,18 +22,18 @@ SILENCE_NS: Final = 1_000_000_000
 
 @dataclass(frozen=True, kw_only=True)
 class OtherEcu:
-    """After a control period. The other ECU counts as there until `until_ns`; None if there is none."""
+    """The state after a control period. The other ECU counts as there until `until_ns`; None if there is none."""
 
     frames: int = 0
     until_ns: int | None = None
 
     @property
     def fault(self) -> Reason | None:
-        """For which the ECU must switch itself off."""
+        """The fault for which the ECU must switch itself off."""
         return None if self.until_ns is None else Reason.OTHER_ECU
 
     def next(self, heard: int, step_ns: int) -> "OtherEcu":
-        """After a step in which so many of its frames were heard."""
+        """Count a step in which so many of its frames were heard."""
         if heard:
             return OtherEcu(frames=self.frames + heard, until_ns=step_ns + SILENCE_NS)
         is_gone = self.until_ns is not None and step_ns > self.until_ns

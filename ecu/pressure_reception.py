@@ -1,4 +1,4 @@
-"""From one control period's frames to pressures that may be planned on, or why there are none.
+"""Make of one control period's frames pressures that may be planned on, or why there are none.
 
 In this order: authentication, the end-to-end check, the meaning, the age, the sensors' own diagnosis.
 """

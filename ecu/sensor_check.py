@@ -25,7 +25,7 @@ from typing import Any, Final, NamedTuple, Protocol
 import numpy as np
 
 from can_bridge.wire.messages import Reason
-from contract.arrays import Array
+from contract.arrays import Array, ArrayValue
 from contract.config.tree import Config
 from contract.config.vehicle import SensorCheckConfig
 from contract.controller.estimator import Hypotheses, pairs
@@ -67,8 +67,9 @@ class Estimator(Protocol):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class SensorCheckState:
-    """After a control period. The arrays have a row a hypothesis, S + P of them (`Hypotheses`), and are read-only.
+class SensorCheckState(ArrayValue):
+    """The state after a control period. The arrays have a row a hypothesis, S + P of them (`Hypotheses`), and are
+    read-only.
 
     Attributes:
         residual: of the latest judged period, in Cp; NaN before the first.
@@ -112,31 +113,13 @@ class SensorCheckState:
             estimates=np.zeros((window, sensors)),
         )
 
-    def __post_init__(self) -> None:
-        for array in self._arrays():
-            array.flags.writeable = False
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        # Unpickled and deeply copied arrays are writeable.
-        self.__dict__.update(state)
-        self.__post_init__()
-
-    def __eq__(self, other: object) -> bool:
-        if not isinstance(other, SensorCheckState):
-            return NotImplemented
-        both = zip(vars(self).values(), vars(other).values(), strict=True)
-        return all(np.array_equal(a, b, equal_nan=True) if isinstance(a, np.ndarray) else a == b for a, b in both)
-
-    def _arrays(self) -> list[Array]:
-        return [item for item in vars(self).values() if isinstance(item, np.ndarray)]
-
     @property
     def mask(self) -> int:
         """Sensors set aside, a bit each, as EcuStatus reports them."""
         return 0 if self.set_aside is None else 1 << self.set_aside
 
 
-class Levels(NamedTuple):
+class ResidualLevels(NamedTuple):
     """Residuals of one period, as ratios to what sound sensors show.
 
     Attributes:
@@ -173,7 +156,7 @@ class SensorCheck:
 
     @classmethod
     def of(cls, figures: SensorEstimator, estimator: Estimator, config: SensorCheckConfig) -> "SensorCheck":
-        """With a manifest's figures."""
+        """The check with a manifest's figures."""
         fast, slow = (_with_swaps(np.array(table)) for table in (figures.fast, figures.slow))
         return cls(estimator=estimator, fast=fast, slow=slow, config=config)
 
@@ -225,7 +208,7 @@ class SensorCheck:
             state = replace(state, **verdict)
         return state, Reason.IMPLAUSIBLE if state.implausible else None
 
-    def levels(self, state: SensorCheckState) -> Levels:
+    def levels(self, state: SensorCheckState) -> ResidualLevels:
         """The verdict of the running means of a state."""
         sensors = len(state.readings)
         slow = np.square(state.slow) / (np.square(self.slow) + state.noise / (2 * SLOW_PERIODS - 1))
@@ -235,7 +218,7 @@ class SensorCheck:
         aside = state.set_aside
         doubt = alone.mean() if aside is None else fast_each.others[aside] / ASIDE_ALLOWED
         drift = slow_each.others.min() if aside is None else slow_each.others[aside]
-        return Levels(
+        return ResidualLevels(
             liar=alone / (1.0 + fast_each.others),
             bias=slow_each.own / (1.0 + slow_each.others),
             swap=alone.mean() / (1.0 + swapped),

@@ -8,7 +8,7 @@ from can_bridge.bus.interface import BusHealth
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.messages import EcuStatus
 from contract.controller.calibration import Calibration
-from ecu.ecu_state import Around, EcuState, Trace
+from ecu.ecu_state import EcuState, Surroundings, Trace
 
 
 class SteppedEcu(Protocol):
@@ -16,7 +16,7 @@ class SteppedEcu(Protocol):
 
     @property
     def state(self) -> EcuState:
-        """After the latest step."""
+        """The state after the latest step."""
 
     @property
     def trace(self) -> Trace:
@@ -47,7 +47,7 @@ class CalibratedEcu(SteppedEcu, Protocol):
         """Have other values from the next step on; raises ConfigError."""
 
     def step(
-        self, now_ns: int, frames: Sequence[Frame], health: BusHealth = ..., **around: Unpack[Around]
+        self, now_ns: int, frames: Sequence[Frame], health: BusHealth = ..., **around: Unpack[Surroundings]
     ) -> list[Frame]:
         """The same, with what is around the ECU."""
 

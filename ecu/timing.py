@@ -18,8 +18,8 @@ C as here."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Timing:
-    """After a control step.
+class StepTiming:
+    """The timing after a control step.
 
     Attributes:
         step_ns: its time; None before the first. -1 stands for any before 0, and `LATEST_NS` for any after that.
@@ -35,13 +35,13 @@ class Timing:
     skipped: int = 0
     fault: Reason | None = None
 
-    def next(self, now_ns: int, period_ns: int, config: EcuConfig) -> "Timing":
-        """After the step at `now_ns`."""
+    def next(self, now_ns: int, period_ns: int, config: EcuConfig) -> "StepTiming":
+        """Count the step at `now_ns`."""
         if not 0 <= now_ns <= LATEST_NS or (self.step_ns is not None and now_ns <= self.step_ns):
             held_ns = min(max(now_ns, -1), LATEST_NS)
             return replace(self, step_ns=held_ns, lag_ns=0, skipped=0, fault=Reason.CLOCK)
         if self.step_ns is None:
-            return Timing(step_ns=now_ns)
+            return StepTiming(step_ns=now_ns)
         lag_ns = self.lag_ns + now_ns - self.step_ns - period_ns
         whole = (2 * lag_ns + period_ns) // (2 * period_ns)  # to the nearest
         off_time = (self.off_time << 1 | (whole != 0)) & ((1 << config.deadline_window) - 1)
@@ -51,7 +51,7 @@ class Timing:
         fault = None
         if too_often or away:
             fault = Reason.DEADLINE if whole > 0 else Reason.CLOCK
-        return Timing(
+        return StepTiming(
             step_ns=now_ns,
             lag_ns=(lag_ns - whole * period_ns) * 7 // 8,
             off_time=off_time,

@@ -33,11 +33,10 @@ from contract.errors import StillwakeError
 from contract.recording import dataset
 from contract.release.checks import Bundle
 from contract.results import versions
-from contract.sensor_faults import Bias, Dead, Drift, Noise, SensorFault, Stuck, Swapped
 from contract.shipped import RECORDING
 from ecu.sensor_check import SensorCheck, SensorCheckState, sensor_check_of
 from export.to_onnx.sensor_estimator import read_estimator
-from firmware_sim.bench.disturbances import GLOBAL_DEVIATION
+from firmware_sim.bench.sensor_faults import Bias, Dead, Drift, Noise, SensorDisturbance, SensorFault, Stuck, Swap
 from stillwake.parts.releases import open_release
 
 LONGEST: Final = 250
@@ -193,8 +192,7 @@ def _passages(release: Bundle, config: Config) -> list[Passage]:
 def _read_through(passage: Passage, through: str) -> Passage:
     kind, _, level = through.partition(" ")
     if kind == "noise":
-        unit = np.full(passage.cp.shape[1], GLOBAL_DEVIATION)
-        return passage._replace(cp=Noise(float(level), unit, seed=1)(passage.cp))
+        return passage._replace(cp=Noise(level=float(level)).begun((), Config(), seed=1)(passage.cp))
     if kind == "lost":
         return passage._replace(heard=np.random.default_rng(1).random(len(passage.cp)) >= float(level))
     return passage
@@ -244,21 +242,18 @@ def _rates(alarms: Sequence[tuple[str, str, int, int]], config: Config) -> list[
 
 def _faults(lab: Lab, release: Bundle, moments: Sequence[Moment]) -> list[dict[str, Any]]:
     names = release.manifest.sensors
-    unit = np.full(len(names), GLOBAL_DEVIATION)
-    single: dict[str, Callable[[int], SensorFault]] = {
-        "dead": Dead,
-        "stuck": Stuck,
-        "bias +1": lambda j: Bias(1.0, unit, j),
-        "bias -1": lambda j: Bias(-1.0, unit, j),
-        "bias +2": lambda j: Bias(2.0, unit, j),
-        "bias -2": lambda j: Bias(-2.0, unit, j),
-        f"drift 2 in {DRIFT_PERIODS}": lambda j: Drift(2.0, unit, j, steps=DRIFT_PERIODS),
+    over_s = (DRIFT_PERIODS - 1) * Config().period_ns / 1e9
+    single: dict[str, SensorDisturbance] = {
+        "dead": Dead(sensor=""),
+        "stuck": Stuck(sensor=""),
+        **{f"bias {level:+d}": Bias(sensor="", level=float(level)) for level in (1, -1, 2, -2)},
+        f"drift 2 in {DRIFT_PERIODS}": Drift(sensor="", level=2.0, over_s=over_s),
     }
     cases: list[tuple[str, tuple[int, ...], Callable[[], list[SensorFault]]]] = [
-        (name, (j,), partial(_on_each, make, (j,))) for name, make in single.items() for j in range(len(names))
+        (name, (j,), partial(_on_each, one, (j,))) for name, one in single.items() for j in range(len(names))
     ]
-    both = pairs(len(names))
-    cases += [("swapped", pair, partial(_swapped, pair)) for pair in both]
+    both, swap = pairs(len(names)), Swap(sensors=("one", "other"))
+    cases += [("swapped", pair, partial(_on_each, swap, (pair,))) for pair in both]
     cases += [("both dead", pair, partial(_on_each, single["dead"], pair)) for pair in both]
     cases += [("both biased +2", pair, partial(_on_each, single["bias +2"], pair)) for pair in both]
     found = []
@@ -278,12 +273,9 @@ def _faults(lab: Lab, release: Bundle, moments: Sequence[Moment]) -> list[dict[s
     return found
 
 
-def _on_each(make: Callable[[int], SensorFault], liars: Sequence[int]) -> list[SensorFault]:
-    return [make(j) for j in liars]
-
-
-def _swapped(pair: tuple[int, int]) -> list[SensorFault]:
-    return [Swapped(*pair)]
+def _on_each(one: SensorDisturbance, liars: Sequence[int | tuple[int, ...]]) -> list[SensorFault]:
+    """The fault begun at each of these places; what swaps has two."""
+    return [one.begun((j,) if isinstance(j, int) else j, Config(), seed=0) for j in liars]
 
 
 def _outcome(lab: Lab, moment: Moment, faults: Sequence[SensorFault]) -> Outcome:

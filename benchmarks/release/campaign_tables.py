@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from benchmarks.common.markdown import read, table
-from firmware_sim.campaign import paper
+from firmware_sim.campaign.result_figures import PAPERS_DELAYED_CD, papers_reduction_percent
 
 FILE: Final = "campaign.json"
 MISSING: Final = "Not measured yet: the command above writes the file that this table is made of."
@@ -57,7 +57,7 @@ def beside_the_paper(figures: Sequence[Mapping[str, Any]]) -> str:
         uncompensated = by_name.get("undisturbed" if delay == 0 else f"delay_{delay}_uncompensated")
         if compensated is None or uncompensated is None:
             continue
-        Cd = paper.DELAYED_CD.get(delay)
+        Cd = PAPERS_DELAYED_CD.get(delay)
         rows.append(
             (
                 delay,
@@ -65,7 +65,7 @@ def beside_the_paper(figures: Sequence[Mapping[str, Any]]) -> str:
                 _number(compensated["abs_Cl"], ".2f"),
                 _number(uncompensated["reduction_percent"], ".1f"),
                 _number(uncompensated["abs_Cl"], ".2f"),
-                "" if Cd is None else f"{paper.reduction_percent(Cd):.1f}",
+                "" if Cd is None else f"{papers_reduction_percent(Cd):.1f}",
             )
         )
     heads = ("delay, periods", "less drag, %", "mean abs Cl", "not compensated, %", "mean abs Cl", "paper, %")

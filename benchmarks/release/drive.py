@@ -18,13 +18,13 @@ from rich.table import Table
 
 from benchmarks.common.command_line import JsonFile, Parts, console, save, track
 from benchmarks.common.parts import part
-from benchmarks.common.workers import process_pool
 from contract.config.loading import load_config
 from contract.config.tree import Config
 from contract.errors import StillwakeError
 from contract.release import bundle as bundles
 from contract.results import versions
 from contract.shipped import BUNDLE
+from contract.side_by_side import process_pool
 from firmware_sim.bench.disturbances import Disturbances
 from firmware_sim.bench.simulation import Simulation
 from firmware_sim.bench.spans import Spans

@@ -22,7 +22,6 @@ from scipy.stats import t as student_t
 
 from benchmarks.common.command_line import JsonFile, Parts, console, save, track
 from benchmarks.common.parts import part
-from benchmarks.common.workers import process_pool
 from benchmarks.release.release_loop import SPANS, kept_starts
 from contract.config.controller import CostWeights
 from contract.config.loading import load_config
@@ -31,6 +30,7 @@ from contract.controller.goal import DEAREST_EFFORT, DEAREST_LIFT
 from contract.release import bundle as bundles
 from contract.results import versions
 from contract.shipped import BUNDLE
+from contract.side_by_side import process_pool
 from ecu.calibrating import release_calibration
 from firmware_sim.bench.simulation import Simulation
 from firmware_sim.runs.statistics import NoAverages, averages

@@ -18,7 +18,7 @@ from typing import Annotated, Any, Final
 import numpy as np
 import typer
 
-from benchmarks.common.command_line import JsonFile, bars
+from benchmarks.common.command_line import JsonFile, bars, report
 from benchmarks.common.pictures import PICTURES, draw
 from benchmarks.release import release_drawings, tables
 from contract.arrays import Array

@@ -22,7 +22,6 @@ from scipy.stats import t as student_t
 from benchmarks.common.command_line import JsonFile, Parts, console, save, track
 from benchmarks.common.commands import LOOP
 from benchmarks.common.parts import part
-from benchmarks.common.workers import process_pool
 from contract.config.loading import load_config
 from contract.config.tree import Config
 from contract.controller.calibration import Calibration
@@ -30,6 +29,7 @@ from contract.release import bundle as bundles
 from contract.release.checks import Bundle
 from contract.results import versions
 from contract.shipped import BUNDLE
+from contract.side_by_side import process_pool
 from firmware_sim.bench.simulation import Simulation
 from firmware_sim.bench.spans import Spans
 from firmware_sim.campaign.folder import CampaignFolder

@@ -23,13 +23,13 @@ from scipy.stats import spearmanr
 from benchmarks.common.command_line import JsonFile, Parts, console, save, track
 from benchmarks.common.commands import LOOP
 from benchmarks.common.parts import part
-from benchmarks.common.workers import process_pool
 from contract.config.loading import load_config
 from contract.controller.calibration import Calibration
 from contract.controller.goal import DEAREST_EFFORT, DEAREST_LIFT
 from contract.release import bundle as bundles
 from contract.results import versions
 from contract.shipped import BUNDLE
+from contract.side_by_side import process_pool
 from ecu.calibrating import release_calibration
 from firmware_sim.bench.simulation import Simulation
 from firmware_sim.bench.spans import Spans

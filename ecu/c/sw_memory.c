@@ -3,7 +3,7 @@
  * The row of the window at period k is (Cp_k, a_{k-1}): the pressures now, and the action in force when they were
  * sampled. Where a release serves a range of speeds, the window is read from a past, pressures, actions and plan are in
  * units of the present speed, and what is sent and under way stays in units of the design speed. The twin of
- * ecu/controller_memory.py and delay_line.py.
+ * ecu/controller_memory.py.
  */
 #include "sw_ecu_parts.h"
 

@@ -24,8 +24,7 @@ from ecu.fail_safe import FailSafe
 from ecu.other_ecu import OtherEcu
 from ecu.real_time import clock
 from ecu.real_time.deadlines import Arrivals, Deadlines
-from ecu.real_time.stage_times import NOTHING, EcuStage, StageTimes
-from ecu.real_time.timed_controller import PlanTimes
+from ecu.real_time.stage_times import NOTHING, EcuStage, PlanTimes, StageTimes
 from ecu.stepped import SteppedEcu
 
 GRACE: Final = 4

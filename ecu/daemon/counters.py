@@ -10,7 +10,7 @@ from ecu.ecu_state import EcuState
 
 @dataclass(frozen=True, kw_only=True)
 class Counters:
-    """After a control step; counts are since the start.
+    """The counters after a control step; counts are since the start.
 
     Attributes:
         dropped: pressures for which there was no room.

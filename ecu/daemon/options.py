@@ -11,7 +11,7 @@ from can_bridge.secoc.key import read_key
 from can_bridge.secoc.node import Authentication
 from contract.config.tree import Config
 from contract.errors import ConfigError
-from ecu.daemon.events import Event, plain
+from ecu.daemon.reporter import LogEvent, plain
 from ecu.real_time.privileges import Wanted
 
 FRESHNESS: Final = "freshness.json"
@@ -19,7 +19,7 @@ FRESHNESS: Final = "freshness.json"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options:
+class ProcessOptions:
     """Options of one process.
 
     Attributes:
@@ -36,11 +36,11 @@ class Options:
     stage_times: Path | None = None
     metrics: Path | None = None
     freshness: Path | None = None
-    as_line: Callable[[Event], str] = plain
+    as_line: Callable[[LogEvent], str] = plain
     environment: Mapping[str, str] = field(default_factory=lambda: dict(os.environ))
 
 
-def freshness_file(options: Options) -> Path:
+def freshness_file(options: ProcessOptions) -> Path:
     """Where freshness values outlive a power cycle; raises ConfigError if no setting gives it."""
     if options.freshness is not None:
         return options.freshness
@@ -50,8 +50,8 @@ def freshness_file(options: Options) -> Path:
     return Path(folder) / FRESHNESS
 
 
-def authentication_of(config: Config, options: Options) -> tuple[FreshnessStore | None, Authentication | None]:
-    """By the settings: none without a key; raises KeyFileError for one that cannot be read."""
+def authentication_of(config: Config, options: ProcessOptions) -> tuple[FreshnessStore | None, Authentication | None]:
+    """Open what the settings name: none without a key; raises KeyFileError for one that cannot be read."""
     if not config.bus.key:
         return None, None
     key = read_key(Path(config.bus.key))

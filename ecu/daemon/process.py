@@ -16,21 +16,20 @@ from contract.config.tree import Config
 from ecu.daemon.connection import Connection
 from ecu.daemon.control_loop import ControlLoop, RealTime, check_offset
 from ecu.daemon.counters import Counters
-from ecu.daemon.options import Options
+from ecu.daemon.options import ProcessOptions
 from ecu.daemon.reception import Reception
 from ecu.daemon.reporter import Reporter
 from ecu.daemon.systemd import Notifier
 from ecu.real_time import clock
 from ecu.real_time.privileges import in_words, taken
-from ecu.real_time.stage_times import LONGEST, EcuStage, StageTimes
-from ecu.real_time.timed_controller import PlanTimes
+from ecu.real_time.stage_times import LONGEST, EcuStage, PlanTimes, StageTimes
 from ecu.stepped import SteppedEcu
 
 Beside = Callable[[Connection, Reporter], AbstractContextManager[object]]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Served:
+class ServedEcu:
     """What the process steps.
 
     Attributes:
@@ -47,7 +46,7 @@ class Served:
     beside: Beside = lambda connection, reporter: nullcontext()
 
 
-def check(config: Config, options: Options) -> None:
+def check(config: Config, options: ProcessOptions) -> None:
     """Raises StillwakeError for what would come to nothing: a step's offset, a file that cannot be written."""
     check_offset(config)
     for path in (options.stage_times, options.metrics):
@@ -56,9 +55,9 @@ def check(config: Config, options: Options) -> None:
 
 
 def run(
-    served: Served,
+    served: ServedEcu,
     config: Config,
-    options: Options,
+    options: ProcessOptions,
     *,
     is_stopped: Callable[[], bool],
     write: Callable[[str], object],

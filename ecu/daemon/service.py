@@ -1,4 +1,4 @@
-"""From a release and settings to an ECU that runs: everything is opened and tried before the first frame goes out."""
+"""Make an ECU that runs of a release and settings: everything is opened and tried before the first frame goes out."""
 
 from collections.abc import Callable
 from typing import Final
@@ -8,14 +8,14 @@ from contract.controller.calibration import Calibration
 from contract.controller.interface import RunnableController
 from contract.release.checks import Bundle
 from ecu.daemon.counters import Counters
-from ecu.daemon.options import Options, authentication_of, freshness_file
-from ecu.daemon.process import Served, check, run
+from ecu.daemon.options import ProcessOptions, authentication_of, freshness_file
+from ecu.daemon.process import ServedEcu, check, run
 from ecu.ecu import Ecu
 from ecu.fit import check_vehicle
 from ecu.real_time import clock
-from ecu.real_time.timed_controller import TimedController
+from ecu.real_time.stage_times import TimedController
 
-__all__ = ["WARM_UP_STEPS", "Options", "freshness_file", "serve"]
+__all__ = ["WARM_UP_STEPS", "ProcessOptions", "freshness_file", "serve"]
 
 WARM_UP_STEPS: Final = 50
 """Warm-up steps of the controller on zeros, and of the ECU without frames; half a second in all."""
@@ -25,7 +25,7 @@ def serve(
     release: Bundle,
     controller: RunnableController,
     config: Config,
-    options: Options,
+    options: ProcessOptions,
     *,
     is_stopped: Callable[[], bool],
     write: Callable[[str], object],
@@ -52,7 +52,7 @@ def serve(
     for _ in range(WARM_UP_STEPS):
         ecu.next(ecu.state, now_ns, [])
     name = f"{release.manifest.name} {release.digest[:12]}"
-    served = Served(
+    served = ServedEcu(
         ecu=ecu,
         times=timed.times,
         name=name,

@@ -1,32 +1,93 @@
-"""An ECU that runs the release in its folder, and can be flashed and calibrated over the same bus.
+"""The ECU with a store of releases as a process: its control loop, and a thread that serves a tester.
 
-The control has the main thread, the tester one of its own (`diagnosis_thread`). A reset that a tester asks for boots
-within the process: the store is read again, and everything volatile is made again.
+Neither a slow disk nor a long check comes into a control period. The thread takes the frames of diagnosis, does a piece
+of work and sends what is due, at once while there is work, else when a frame comes. A reset boots here too; the control
+goes on with what was booted from its next period on.
 """
 
 import secrets
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import Final
+from threading import Event, Thread
+from typing import Final, Self
 
 from can_bridge.uds.security import AccessKey
+from can_bridge.wire.frame import Frame
 from contract.config.tree import Config
 from contract.controller.interface import Controller
 from contract.release.checks import Bundle
 from contract.runtime.onnx_session import OnnxController
 from ecu.daemon.connection import Connection
 from ecu.daemon.counters import Counters
-from ecu.daemon.diagnosis_thread import DiagnosisThread
-from ecu.daemon.options import Options, authentication_of
-from ecu.daemon.process import Served, check, run
+from ecu.daemon.options import ProcessOptions, authentication_of
+from ecu.daemon.process import ServedEcu, check, run
 from ecu.daemon.reporter import Reporter
 from ecu.daemon.service import WARM_UP_STEPS
 from ecu.flashable.ecu_folder import EcuFolder, held
 from ecu.flashable.equipment import Equipment
 from ecu.flashable.flashable_ecu import FlashableEcu
+from ecu.flashable.links import MOST_FRAMES
 from ecu.real_time import clock
-from ecu.real_time.timed_controller import PlanTimes, TimedController
+from ecu.real_time.inbox import Inbox
+from ecu.real_time.privileges import step_back
+from ecu.real_time.stage_times import PlanTimes, TimedController
+
+ROOM: Final = 1024
+"""Frames that wait: seven longest requests of CAN FD. In a flood the oldest give way."""
+PAUSE_S: Final = 0.05
+"""Without a frame between two looks: what time alone ends is seen so late."""
+SENDING_S: Final = 0.001
+"""Between two portions of an answer of many frames."""
+
+
+class DiagnosisThread:
+    """Works while its `with` block does.
+
+    Args:
+        ecu: whose diagnosis it serves; its control is another thread's.
+        failed: called with the error that ends the thread before its time, if one does.
+    """
+
+    def __init__(
+        self,
+        ecu: FlashableEcu,
+        send: Callable[[Sequence[Frame]], object],
+        *,
+        now_ns: Callable[[], int],
+        failed: Callable[[BaseException], None],
+    ) -> None:
+        self._ecu, self._send, self._now_ns, self._failed = ecu, send, now_ns, failed
+        self._inbox = Inbox(lambda frame: now_ns(), room=ROOM)
+        self._wakes, self._stop = Event(), Event()
+        self._thread = Thread(target=self._run, name="diagnosis", daemon=True)
+
+    def put(self, frame: Frame) -> None:
+        """Leave a frame; called by the thread that reads the bus."""
+        self._inbox.put(frame)
+        self._wakes.set()
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stop.set()
+        self._wakes.set()
+        self._thread.join()
+
+    def _run(self) -> None:
+        step_back()
+        try:
+            while not self._stop.is_set():
+                self._wakes.wait(SENDING_S if self._ecu.is_busy else PAUSE_S)
+                self._wakes.clear()
+                frames = self._inbox.take()
+                for first in range(0, max(1, len(frames)), MOST_FRAMES):
+                    self._send(self._ecu.service(self._now_ns(), frames[first : first + MOST_FRAMES]))
+        except BaseException as error:  # noqa: BLE001 - an error that ends a thread is lost unless it is reported
+            self._failed(error)
+
 
 SWITCH_INTERVAL_S: Final = 0.0005
 """For which a thread may keep the interpreter from the control that has just woken; Python's own is 5 ms."""
@@ -45,7 +106,7 @@ class Log:
         self.release = NO_RELEASE
 
     def tell(self, event: str, line: str, **fields: Fields) -> None:
-        """As `Equipment.log`."""
+        """Log as `Equipment.log` does."""
         if event == "no_release":
             self.release = NO_RELEASE
         elif "digest" in fields:
@@ -67,7 +128,7 @@ def serve_store(
     folder: EcuFolder,
     access: AccessKey,
     config: Config,
-    options: Options,
+    options: ProcessOptions,
     *,
     software: str,
     is_stopped: Callable[[], bool],
@@ -128,7 +189,7 @@ def serve_store(
             with diagnosis:
                 yield
 
-        served = Served(
+        served = ServedEcu(
             ecu=ecu,
             times=times,
             name=log.release,

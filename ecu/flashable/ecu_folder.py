@@ -33,7 +33,7 @@ _LOCK: Final = "lock"
 
 @dataclass(frozen=True, kw_only=True)
 class EcuFolder:
-    """As it was provisioned.
+    """The folder as it was provisioned.
 
     Attributes:
         root: key that signs key lists.

@@ -1,13 +1,15 @@
 """What an ECU is given at production and by its surroundings, and what no reset changes."""
 
-from collections.abc import Callable
+import struct
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 from can_bridge.secoc.node import Authentication
 from can_bridge.uds.security import AccessKey
+from can_bridge.uds.services import Did
 from contract.config.tree import Config
 from contract.controller.interface import Controller
-from contract.release.checks import Bundle
+from contract.release.checks import Bundle, dbc_sha256
 from contract.release.signing import PublicKey
 from contract.runtime.onnx_session import OnnxController
 from ecu.ecu import Ecu
@@ -45,3 +47,14 @@ class Equipment:
     controller_of: Callable[[Bundle], Controller] = OnnxController.of
     ecu_of: Callable[[Bundle, Controller, Config, Authentication | None], CalibratedEcu] = _in_python
     log: Log = no_log
+
+
+def identification(equipment: Equipment, config: Config) -> Mapping[Did, bytes]:
+    """Identifiers whose values do not change while the ECU has power."""
+    return {
+        Did.SERIAL_NUMBER: equipment.serial.encode(),
+        Did.HARDWARE: equipment.hardware.encode(),
+        Did.SOFTWARE_VERSION: equipment.software.encode(),
+        Did.DBC_SHA256: bytes.fromhex(dbc_sha256()),
+        Did.PERIOD_NS: struct.pack(">Q", config.period_ns),
+    }

@@ -12,7 +12,7 @@ Log = Callable[..., None]
 """Called with an event's name, its line, and its fields."""
 
 
-class Access(NamedTuple):
+class TesterAccess(NamedTuple):
     """Where a tester stands.
 
     Attributes:
@@ -51,7 +51,7 @@ def log_boot(log: Log, boot: Boot) -> None:
     )
 
 
-def log_access(log: Log, before: Access, after: Access) -> None:
+def log_access(log: Log, before: TesterAccess, after: TesterAccess) -> None:
     """Log a session that began or ended, a level that was unlocked, a key that was refused."""
     if after.session is not before.session:
         log("session", f"{after.session.name.lower()} session", session=after.session.name)

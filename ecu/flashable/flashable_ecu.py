@@ -18,12 +18,12 @@ from can_bridge.wire.frame import Frame
 from can_bridge.wire.messages import EcuStatus, Reason
 from contract.config.tree import Config
 from ecu.ecu_state import EcuState, Trace
-from ecu.flashable.diagnostic_link import MOST_FRAMES
 from ecu.flashable.equipment import Equipment
-from ecu.flashable.event_log import Access, log_access
+from ecu.flashable.event_log import TesterAccess, log_access
+from ecu.flashable.links import MOST_FRAMES
 from ecu.flashable.power_cycle import PowerCycle
-from ecu.flashable.shut_ecu import ShutEcu
-from ecu.flashable.vehicle_request import VehicleRequest
+from ecu.flashable.watched_control import VehicleRequest
+from ecu.shut_ecu import ShutEcu
 from ecu.stepped import CalibratedEcu
 
 
@@ -70,7 +70,7 @@ class FlashableEcu:
 
     @property
     def state(self) -> EcuState:
-        """After the latest step."""
+        """The state after the latest step."""
         return self._ecu.state
 
     @property
@@ -90,11 +90,11 @@ class FlashableEcu:
 
     @property
     def store(self) -> Store:
-        """As of the latest boot."""
+        """The store as of the latest boot."""
         return self._serviced.store
 
     @property
-    def access(self) -> Access:
+    def access(self) -> TesterAccess:
         """Where the tester stands."""
         return self._serviced.access
 

@@ -14,22 +14,18 @@ from can_bridge.uds.server import UdsServer
 from can_bridge.uds.services import Nrc
 from contract.config.tree import Config
 from contract.release.checks import Bundle
-from ecu.flashable.calibration_link import CalibrationLink
-from ecu.flashable.diagnostic_link import DiagnosticLink
-from ecu.flashable.equipment import Equipment
-from ecu.flashable.event_log import Access, log_boot
-from ecu.flashable.fault_watch import FaultWatch
-from ecu.flashable.identification import identification
-from ecu.flashable.self_test import self_test
-from ecu.flashable.shut_ecu import ShutEcu
-from ecu.flashable.vehicle_fit import VehicleFit
-from ecu.flashable.vehicle_request import VehicleRequest
+from ecu.flashable.equipment import Equipment, identification
+from ecu.flashable.event_log import TesterAccess, log_boot
+from ecu.flashable.links import CalibrationLink, DiagnosticLink
+from ecu.flashable.vehicle_fit import VehicleFit, self_test
+from ecu.flashable.watched_control import FaultWatch, VehicleRequest
+from ecu.shut_ecu import ShutEcu
 from ecu.stepped import CalibratedEcu
 
 
 class PowerCycle:
-    """From one boot to the next reset. Raises ConfigError for `bus.key` without `authentication`, or the other way
-    round.
+    """The time from one boot to the next reset. Raises ConfigError for `bus.key` without `authentication`, or the
+    other way round.
 
     Args:
         request: of the vehicle, as last seen.
@@ -103,7 +99,7 @@ class PowerCycle:
             self._log("faults_not_kept", f"the fault memory was not stored: {error}")
 
     @property
-    def access(self) -> Access:
+    def access(self) -> TesterAccess:
         """Where the tester stands."""
         attempts = {level: self.store.state.failed_attempts[level] for level in Level}
-        return Access(self._server.session, self._server.unlocked, attempts)
+        return TesterAccess(self._server.session, self._server.unlocked, attempts)

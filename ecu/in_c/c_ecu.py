@@ -21,7 +21,7 @@ from contract.controller.image_payload import with_layout
 from contract.errors import ConfigError, LibraryError
 from contract.release.checks import Bundle
 from contract.runtime.copies import NeverCopied
-from ecu.ecu_state import Around, EcuState, Trace
+from ecu.ecu_state import EcuState, Surroundings, Trace
 from ecu.in_c import c_settings
 from ecu.in_c.c_structs import Structs, c_time
 from ecu.in_c.compiler import compile_c, compiler_version, host_compiler
@@ -56,7 +56,7 @@ class CEcuState(NeverCopied):
 
     @property
     def state(self) -> EcuState:
-        """After the latest step."""
+        """The state after the latest step."""
         return self.structs.state(self._ecu.state)
 
     @property
@@ -79,7 +79,7 @@ class CEcuState(NeverCopied):
         return Calibration.unpack(bytes(self.structs.ffi.buffer(self.structs.ffi.addressof(self._ecu.calibration))))
 
     def calibrate(self, calibration: Calibration) -> None:
-        """As `Ecu.calibrate`; C judges."""
+        """Calibrate as `Ecu.calibrate` does; C judges."""
         if (number := self._calibrate(calibration.pack())) != 0:
             name, value = NAMES[number - 1], calibration.values[number - 1]
             raise ConfigError(f"calibration: {name} = {value:g}: out of the limits of this release and vehicle")
@@ -161,7 +161,7 @@ class CEcu(CEcuState):
         self.restore(self.saved())
 
     def step(
-        self, now_ns: int, frames: Sequence[Frame], health: BusHealth = HEALTHY, **around: Unpack[Around]
+        self, now_ns: int, frames: Sequence[Frame], health: BusHealth = HEALTHY, **around: Unpack[Surroundings]
     ) -> list[Frame]:
         """One control period; as `Ecu.step`."""
         self.structs.surround(self._ecu.surroundings, health, **around)
@@ -171,7 +171,7 @@ class CEcu(CEcuState):
 
 
 def _why(error: Exception) -> str:
-    """In one line: cffi's message names the file, twice, and what else it tried."""
+    """Say in one line why: cffi's message names the file, twice, and what else it tried."""
     symbol = _UNDEFINED.search(str(error))
     return str(error).splitlines()[0] if symbol is None else f"its sources lack {symbol.group(1)}"
 

@@ -23,15 +23,14 @@ from can_bridge.wire.messages import Reason
 from contract.arrays import Array
 from contract.errors import LibraryError
 from ecu.benefit_check import BenefitCheckState
-from ecu.controller_memory import ControllerMemory, Past
-from ecu.delay_line import DelayLine
+from ecu.controller_memory import ControllerMemory, DelayLine, Past
 from ecu.ecu_state import EcuState, Trace
 from ecu.fail_safe import FailSafe, OperatingMode
 from ecu.in_c.compiler import preprocessed
 from ecu.other_ecu import OtherEcu
 from ecu.sensor_check import SensorCheckState
 from ecu.speed_reception import SpeedState
-from ecu.timing import Timing
+from ecu.timing import StepTiming
 
 HEADER: Final = "sw_ecu.h"
 LARGEST: Final = {"int64": 2**63 - 1, "uint64": 2**64 - 1, "uint32": 2**32 - 1}
@@ -144,7 +143,7 @@ class Structs:
             speed=_speed(state.speed) if self._serves_speeds else SpeedState(),
             commands=SenderState(counter=state.command_counter),
             statuses=SenderState(counter=state.status_counter),
-            timing=Timing(
+            timing=StepTiming(
                 step_ns=timing.step_ns if timing.has_step else None,
                 lag_ns=timing.lag_ns,
                 off_time=timing.off_time,
@@ -276,7 +275,7 @@ def _set_received(receiver: Any, value: ReceiverState) -> None:
 
 def _speed(speed: Any) -> SpeedState:
     return SpeedState(
-        ratio=speed.ratio if speed.known else None,
+        believed=speed.ratio if speed.known else None,
         density=speed.density,
         measured_ns=speed.measured_ns,
         is_off=bool(speed.is_off),
@@ -285,7 +284,7 @@ def _speed(speed: Any) -> SpeedState:
 
 
 def _set_speed(speed: Any, value: SpeedState) -> None:
-    speed.known, speed.ratio = value.ratio is not None, value.ratio or 0.0
+    speed.known, speed.ratio = value.believed is not None, value.believed or 0.0
     speed.density, speed.measured_ns, speed.is_off = value.density, c_time(value.measured_ns), value.is_off
     _set_received(speed.receiver, value.receiver)
 

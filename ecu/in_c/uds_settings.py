@@ -12,8 +12,8 @@ from can_bridge.uds.fault_memory import FaultReport
 from can_bridge.uds.services import Did, Nrc, Routine, Service, Session
 from contract.config.vehicle import BusConfig
 from contract.release.checks import dbc_sha256
-from ecu.flashable import diagnostic_link, vehicle_request
-from ecu.flashable.diagnostic_link import isotp_settings
+from ecu.flashable.links import MOST_FRAMES, isotp_settings
+from ecu.flashable.watched_control import REMEMBERED_NS
 
 HEADER: Final = "sw_uds_settings.h"
 _ISOTP: Final = isotp_settings(BusConfig())
@@ -41,7 +41,7 @@ def uds_settings() -> bytes:
         "ISOTP_QUEUE": _ISOTP.queue,
         "ISOTP_KEPT": endpoint.KEPT_PLACES,
         "ISOTP_WAITS": _ISOTP.max_waits,
-        "MOST_FRAMES": diagnostic_link.MOST_FRAMES,
+        "MOST_FRAMES": MOST_FRAMES,
         "FAULT_COUNT": len(fault_codes.CODES),
         "FAULTS_AVAILABLE": fault_memory.AVAILABLE,
         "FAULTS_FORMAT": fault_codes.J2012_FORMAT,
@@ -53,7 +53,7 @@ def uds_settings() -> bytes:
         "ISOTP_BURST": _ISOTP.burst,
         "ISOTP_WAIT_NS": f"INT64_C({_ISOTP.n_bs_ns})",
         "ACCESS_DELAY_NS": f"INT64_C({security.DELAY_NS})",
-        "REMEMBERED_NS": f"INT64_C({vehicle_request.REMEMBERED_NS})",
+        "REMEMBERED_NS": f"INT64_C({REMEMBERED_NS})",
         "FAULT_CODES": _pairs(fault_codes.CODES),
         "SNAPSHOT_PARTS": _pairs({one: calcsize(form) for one, form in fault_codes.SNAPSHOT_FORMATS.items()}),
         "DBC_SHA256_BYTES": "{" + ", ".join(map(str, bytes.fromhex(dbc_sha256()))) + "}",

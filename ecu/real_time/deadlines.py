@@ -72,7 +72,7 @@ class Arrivals:
     latest_ns: tuple[int, ...] = ()
 
     def seen(self, arrival_ns: int) -> Self:
-        """With one more."""
+        """Add one more."""
         return replace(self, latest_ns=(*self.latest_ns, arrival_ns)[-REMEMBERED:])
 
     def forgotten(self) -> Self:

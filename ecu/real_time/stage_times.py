@@ -4,14 +4,16 @@ Times are CLOCK_MONOTONIC in ns, one clock for all processes of a computer, so t
 side by side; counts stand in the same table. 0 where nothing happened.
 """
 
+from collections.abc import Callable
 from enum import IntEnum
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from contract.atomic import replacing
+from contract.controller.interface import Controller, ControlStep
 from contract.errors import StillwakeError
 from contract.npz import read_npz
 
@@ -93,7 +95,7 @@ class StageTimes:
         return np.roll(self._table, -(self._begun % len(self._table)), axis=0)
 
     def save(self, path: Path) -> None:
-        """As .npz, whole or not at all: `columns`, the names, and `rows`. Raises StillwakeError if it cannot be
+        """Write as .npz, whole or not at all: `columns`, the names, and `rows`. Raises StillwakeError if it cannot be
         written."""
         with replacing(path) as temporary, temporary.open("wb") as file:
             np.savez(file, columns=np.array([stage.name.lower() for stage in self._stages]), rows=self.rows())
@@ -110,3 +112,32 @@ def load(path: Path, stages: type[IntEnum]) -> NDArray[np.int64]:
     if columns != expected or rows.dtype != np.int64 or rows.ndim != 2 or rows.shape[1] != len(expected):
         raise StillwakeError(f"{path}: no table of the columns {', '.join(expected)}")
     return rows
+
+
+class PlanTimes:
+    """When the latest control step of any of several controllers was made, each running in place of the one before.
+    Both are 0 after `forget`."""
+
+    def __init__(self) -> None:
+        self.forget()
+
+    def forget(self) -> None:
+        """Before a period in which there may be no control step."""
+        self.began_ns = self.ended_ns = 0
+
+
+class TimedController:
+    """Wraps another one."""
+
+    def __init__(self, controller: Controller, now_ns: Callable[[], int], times: PlanTimes | None = None) -> None:
+        self._controller = controller
+        self._now_ns = now_ns
+        self.times = PlanTimes() if times is None else times
+
+    def control_step(self, *given: Any, **named: Any) -> ControlStep:
+        """The other's."""
+        self.times.began_ns = self._now_ns()
+        try:
+            return self._controller.control_step(*given, **named)
+        finally:
+            self.times.ended_ns = self._now_ns()

@@ -48,15 +48,15 @@ class CLibrary:
 
     Attributes:
         compiled: compiles the library for its gate.
-        ecu: from the rows (n, S+1) that go into the folder to the files of the ECU around the control step; called
-            after the bundle is written. Without it the folder has no ECU.
-        bill: from all files of the folder to their bill of materials; called after that.
+        ecu: from the release and the rows (n, S+1) that go into the folder to the files of the ECU around the control
+            step; called after the bundle is written. Without it the folder has no ECU.
+        bill: from all files of the folder and the release to their bill of materials; called after that.
     """
 
     folder: Path
     compiled: CompileLibrary
-    ecu: Callable[[Array], Mapping[str, bytes]] | None = None
-    bill: Callable[[Mapping[str, bytes]], bytes] | None = None
+    ecu: Callable[[Bundle, Array], Mapping[str, bytes]] | None = None
+    bill: Callable[[Mapping[str, bytes], Bundle], bytes] | None = None
 
 
 def gate_figures(gated: Gated) -> Iterator[tuple[str, Any]]:
@@ -125,8 +125,9 @@ def export_all(
     estimator: MadeEstimator | None = None,
     notice: Callable[[str], None] = lambda line: None,
     phase: Callable[[str], None] = lambda name: None,
-) -> Gated:
-    """Write the bundle, and then the C library if one is asked for; neither unless both pass their gates.
+) -> tuple[Gated, Bundle]:
+    """Write the bundle, read it as whoever gets it does, and write the C library if one is asked for; nothing unless
+    both pass their gates.
 
     Args:
         model: directory written by `train`.
@@ -175,9 +176,10 @@ def export_all(
         key=key,
         estimator=estimator,
     )
+    release = bundle.load(output)
     if library is not None:
-        _write_library(library, gated, windows)
-    return gated
+        _write_library(library, release, gated, windows)
+    return gated, release
 
 
 def export_library(
@@ -217,13 +219,15 @@ def export_library(
         )
     gated = gate(lowered, windows, compiled=library.compiled)
     phase("write")
-    _write_library(library, gated, windows)
+    _write_library(library, release, gated, windows)
     return gated
 
 
-def _write_library(library: CLibrary, gated: Gated, windows: Sequence[Array]) -> None:
-    ecu = None if library.ecu is None else library.ecu(rows_of(windows))
-    write_c_release(library.folder, gated, windows, ecu, library.bill)
+def _write_library(library: CLibrary, release: Bundle, gated: Gated, windows: Sequence[Array]) -> None:
+    ecu = None if library.ecu is None else library.ecu(release, rows_of(windows))
+    bill_of = library.bill
+    bill = None if bill_of is None else lambda files: bill_of(files, release)
+    write_c_release(library.folder, gated, windows, ecu, bill)
 
 
 def _lowered(

@@ -10,7 +10,7 @@
     gust:amplitude=0.1,period=20
 
 A disturbance is plain data; `disturbing.py` puts all of them to work. Sensors are the bundle's: no other one is read.
-Levels are in global deviations of pressure (`contract.sensor_faults`).
+Levels are in global deviations of pressure (`firmware_sim.bench.sensor_faults`).
 """
 
 from collections.abc import Iterable
@@ -25,97 +25,12 @@ from contract.config.rules import Finite, NonNegative, Positive, Rule, require
 from contract.config.tree import Config
 from contract.errors import ConfigError
 from firmware_sim.bench.run_faults import NODES, NodeFault, check_faults, parse_node_fault
+from firmware_sim.bench.sensor_faults import Bias, Dead, Drift, Noise, Quantise, SensorDisturbance, Stuck, Swap
 
 T = TypeVar("T", int, float)
 
-GLOBAL_DEVIATION: Final = 0.1276
-"""Cp: standard deviation of all 90 pressures of the shipped recording's training episodes, taken together."""
-
 Below = Annotated[T, Rule(wording="above 0 and below 0.5", holds=lambda value: 0 < value < 0.5)]
 Share = Annotated[T, Rule(wording="above 0 and at most 1", holds=lambda value: 0 < value <= 1)]
-
-
-@dataclass(frozen=True, kw_only=True)
-class SensorDisturbance(Span, section="sensor_disturbance"):
-    """Faults of what the transducers read."""
-
-    @property
-    def named(self) -> tuple[str, ...]:
-        """The sensors that it names; empty for all."""
-        return ()
-
-
-@dataclass(frozen=True, kw_only=True)
-class Noise(SensorDisturbance, section="noise"):
-    """White Gaussian noise on every sensor, independent (paper, appendix B)."""
-
-    level: NonNegative[float]
-    """Standard deviation, in global deviations."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Quantise(SensorDisturbance, section="quantise"):
-    """Every sensor reads whole steps."""
-
-    step: Positive[float]
-    """Pa."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class OneSensor(SensorDisturbance, section="one_sensor"):
-    """A fault of one sensor."""
-
-    sensor: str
-
-    @property
-    def named(self) -> tuple[str, ...]:
-        """See `SensorDisturbance.named`."""
-        return (self.sensor,)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Bias(OneSensor, section="bias"):
-    """A constant on one sensor."""
-
-    level: Finite[float]
-    """Global deviations."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Drift(OneSensor, section="drift"):
-    """A bias that grows evenly, and stays."""
-
-    level: Finite[float]
-    """It grows to so many global deviations."""
-    over_s: Positive[float] = 5.0
-    """How long that takes."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Stuck(OneSensor, section="stuck"):
-    """One sensor keeps reading what it read first."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Dead(OneSensor, section="dead"):
-    """One sensor reads Cp 0."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Swap(SensorDisturbance, section="swap"):
-    """Two sensors, each with the other's reading."""
-
-    sensors: tuple[str, ...]
-    """Two names with + between them."""
-
-    @property
-    def named(self) -> tuple[str, ...]:
-        """See `SensorDisturbance.named`."""
-        return self.sensors
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        require(len(set(self.sensors)) == len(self.sensors) == 2, self, "sensors", "two different ones")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -143,7 +58,7 @@ class Reset(Instant, section="reset"):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Clock(Span, section="clock"):
+class WrongClock(Span, section="clock"):
     """The ECU's clock runs at another rate than the vehicle's, whose periods are the run's, or is set.
 
     It stamps the frames that the ECU receives and gives it the time; right again at the end of the span, with a jump.
@@ -190,7 +105,7 @@ class OtherBody(Span, section="body"):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Gust(Span, section="gust"):
+class GustyWind(Span, section="gust"):
     """The wind against the vehicle varies: U(t) = U_inf (1 + amplitude sin(2 pi t / period)); own solver alone.
 
     `wake.plant.drive` defines that frame of reference. Forces and pressures stay in units of the mean U_inf, as
@@ -271,8 +186,8 @@ KINDS: Final[dict[str, type[Span]]] = {
     kind.section: kind
     for kind in (
         *(Noise, Bias, Drift, Stuck, Dead, Swap, Quantise),
-        *(WireNoise, Reset, Clock, NoRequest),
-        *(Reynolds, OtherBody, Gust, VehiclePoint, ActionLimit, StuckJets),
+        *(WireNoise, Reset, WrongClock, NoRequest),
+        *(Reynolds, OtherBody, GustyWind, VehiclePoint, ActionLimit, StuckJets),
         *(SpeedScale, SpeedLate, SpeedFrozen, NoSpeed, Density),
     )
 }
@@ -335,11 +250,11 @@ class Disturbances:
                     raise ConfigError(
                         f"disturbance {text!r}: {name} is not in use; the sensors are {', '.join(sensors)}"
                     )
-            if isinstance(one, Gust):
+            if isinstance(one, GustyWind):
                 whole_cycles(one, config.operating_point.convective_time)
 
 
-def whole_cycles(gust: Gust, convective_time: float) -> float:
+def whole_cycles(gust: GustyWind, convective_time: float) -> float:
     """Periods of the gust in its span; raises ConfigError if there is none."""
     if gust.end_s == inf:
         return inf

@@ -18,10 +18,10 @@ from can_bridge.wire.frame import Frame
 from contract.arrays import Array
 from contract.config.tree import Config
 from contract.errors import ConfigError
-from contract.sensor_faults import Bias, Dead, Drift, Noise, Quantised, SensorFault, Stuck, Swapped
 from firmware_sim.bench import disturbances as kinds
-from firmware_sim.bench.disturbances import GLOBAL_DEVIATION, Disturbances, SensorDisturbance
+from firmware_sim.bench.disturbances import Disturbances
 from firmware_sim.bench.run_faults import NONE_BEFORE, NodeFault, NodeFaults
+from firmware_sim.bench.sensor_faults import SensorDisturbance, SensorFault
 from firmware_sim.bench.vehicle_node import VehicleNode
 from firmware_sim.bench.virtual_loop import VirtualLoop
 from firmware_sim.runs.metadata import InjectedFault
@@ -65,7 +65,7 @@ class Disturbing:
         self._clocks = {
             place: ClockDrift(start_s=one.start_s, end_s=one.end_s, ppm=one.ppm, offset_s=one.offset_s)
             for place, one in enumerate(self._items)
-            if isinstance(one, kinds.Clock)
+            if isinstance(one, kinds.WrongClock)
         }
         self._speeds: list[float] = []  # of every period so far, m/s
         self._frozen: dict[int, float] = {}
@@ -76,12 +76,12 @@ class Disturbing:
 
     @property
     def corrupts(self) -> Corrupts | None:
-        """For a `SimulatedBus`: what is wrong for all nodes."""
+        """The errors of a `SimulatedBus` that are wrong for all nodes."""
         return self._wire("send")
 
     @property
     def mishears(self) -> Corrupts | None:
-        """For a `SimulatedBus`: what one receiver hears wrong."""
+        """The errors of a `SimulatedBus` that one receiver hears wrong."""
         return self._wire("receive")
 
     def connect(self, bus: SimulatedBus) -> Callable[[str, Bus], Bus]:
@@ -129,26 +129,9 @@ class Disturbing:
         return cp
 
     def _sensor_fault(self, place: int, one: SensorDisturbance, sensors: Sequence[str]) -> SensorFault:
-        unit = np.full(len(sensors), GLOBAL_DEVIATION)
+        drawn = np.random.SeedSequence([self._seed, self._before.get("all", 0) + place])
         at = [list(sensors).index(name) for name in one.named]
-        match one:
-            case kinds.Noise():
-                drawn = np.random.SeedSequence([self._seed, self._before.get("all", 0) + place])
-                return Noise(one.level, unit, seed=int(drawn.generate_state(1)[0]))
-            case kinds.Bias():
-                return Bias(one.level, unit, at[0])
-            case kinds.Drift():
-                steps = round(one.over_s * NS / self._config.period_ns)
-                return Drift(one.level, unit, at[0], steps=steps + 1)
-            case kinds.Stuck():
-                return Stuck(at[0])
-            case kinds.Dead():
-                return Dead(at[0])
-            case kinds.Swap():
-                return Swapped(*at)
-            case kinds.Quantise():
-                return Quantised(one.step / self._config.operating_point.dynamic_pressure)
-        raise TypeError(f"{one}: not a disturbance of a sensor")
+        return one.begun(at, self._config, int(drawn.generate_state(1)[0]))
 
     # In the ECU.
 
@@ -216,20 +199,20 @@ class Disturbing:
         plant, reynolds = self._flow
         for _, viscous in self._acting(kinds.Reynolds, now_ns):
             reynolds = viscous.reynolds
-        list(self._acting(kinds.Gust, now_ns))
+        list(self._acting(kinds.GustyWind, now_ns))
         if plant.config.reynolds != reynolds:
             plant.set_reynolds(reynolds)
 
     @contextmanager
     def in_flow(self, plant: Plant) -> Iterator[None]:
         """Let the wind blow on a plant that stands at the run's beginning; it is left as it was."""
-        if not any(isinstance(one, kinds.Reynolds | kinds.Gust) for one in self._items):
+        if not any(isinstance(one, kinds.Reynolds | kinds.GustyWind) for one in self._items):
             yield
             return
         if not isinstance(plant, Disturbable):
             raise ConfigError("the flow of this plant cannot be disturbed: reynolds and gust need the own solver")
         t_c, gusts = self._config.operating_point.convective_time, []
-        for _, one in self._each(kinds.Gust):
+        for _, one in self._each(kinds.GustyWind):
             cycles = kinds.whole_cycles(one, t_c)
             start = plant.t + one.start_s / t_c
             gusts.append(Gust(amplitude=one.amplitude, period=one.period, start=start, cycles=cycles))

@@ -44,7 +44,7 @@ from can_bridge.wire.message_specs import FLOW_RESOLUTION_M2_PER_S
 from can_bridge.wire.messages import JetCommand, Mode
 from contract.config.tree import Config
 from firmware_sim.bench.disturbances import Disturbances, StuckJets
-from firmware_sim.bench.observer import Seen
+from firmware_sim.bench.observer import SeenFrame
 from firmware_sim.bench.run_faults import NodeFault
 from wake.plant.sample import Sample
 
@@ -76,7 +76,7 @@ class Violation:
     detail: str
 
 
-class Heard(NamedTuple):
+class HeardCommand(NamedTuple):
     """A sound command that the vehicle heard.
 
     Attributes:
@@ -158,7 +158,7 @@ class Jets:
         self._sound = 0  # periods in a row in which just the next command came
         self._action = 0.0
 
-    def heard(self, commands: Sequence[Heard | None], *, requested: bool) -> None:
+    def heard(self, commands: Sequence[HeardCommand | None], *, requested: bool) -> None:
         """The commands of a period, None for one that is not sound, and whether the vehicle wanted control."""
         last = None
         for command in commands:
@@ -239,7 +239,7 @@ class Invariants:
 
     @classmethod
     def of(cls, config: Config, disturbances: Disturbances) -> Self:
-        """For a run with these disturbances.
+        """The invariants of a run with these disturbances.
 
         A gateway that stamps frames again, and a clock that stamps them wrong, hide their age from the ECU: by so much
         may a command rest on older pressures. So does a buffer that is sent again unfilled, where a copy reaches the
@@ -263,7 +263,7 @@ class Invariants:
 
     # See `Observer`.
 
-    def frame(self, seen: Seen) -> None:
+    def frame(self, seen: SeenFrame) -> None:
         """See `Observer.frame`."""
         if seen.node == "vehicle" and seen.sent and self._pressure.spec.names(seen.frame):
             counter = profile_of(self._pressure.spec).counter_of(seen.frame.data)
@@ -298,13 +298,13 @@ class Invariants:
         for invariant, detail in self._jets.broken(action):
             self.violations.append(Violation(period=self._period - 1, invariant=invariant, detail=detail))
 
-    def _read(self, frame: Frame) -> Heard | None:
+    def _read(self, frame: Frame) -> HeardCommand | None:
         """A command at the vehicle; whether it is in time is judged by when its pressures were sampled."""
         command = parsed(self._command, frame)
         if command is None:
             return None
         sampled = self._sampled.get(-1 if command.pressure_counter is None else command.pressure_counter)
-        return Heard(
+        return HeardCommand(
             counter=profile_of(self._command.spec).counter_of(frame.data),
             wanted=command.mode in WANTED,
             drives=command.enable and command.mode in DRIVING,

@@ -10,7 +10,7 @@ from wake.plant.sample import Sample
 
 
 @dataclass(frozen=True, kw_only=True)
-class Seen:
+class SeenFrame:
     """A frame between a node and its port, faults of the port on the other side.
 
     Attributes:
@@ -27,7 +27,7 @@ class Seen:
 class Observer(Protocol):
     """Called in the order of time; changes nothing."""
 
-    def frame(self, seen: Seen) -> None:
+    def frame(self, seen: SeenFrame) -> None:
         """A node sent or received a frame."""
 
     def period(self, sample: Sample, *, requested: bool) -> None:
@@ -48,12 +48,12 @@ class WatchedBus:
 
     def send(self, frame: Frame) -> None:
         """See `Bus.send`."""
-        self.observer.frame(Seen(node=self.node, sent=True, frame=frame, now_ns=self.clock()))
+        self.observer.frame(SeenFrame(node=self.node, sent=True, frame=frame, now_ns=self.clock()))
         self.port.send(frame)
 
     def receive_all(self) -> list[Frame]:
         """See `Bus.receive_all`."""
         frames = self.port.receive_all()
         for frame in frames:
-            self.observer.frame(Seen(node=self.node, sent=False, frame=frame, now_ns=self.clock()))
+            self.observer.frame(SeenFrame(node=self.node, sent=False, frame=frame, now_ns=self.clock()))
         return frames

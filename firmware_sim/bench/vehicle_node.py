@@ -4,7 +4,7 @@ With every period's pressures it also sends its speed, and the air's density whe
 
 It drives them only while it wants control itself, and only by a command that is enabled, in a mode in which jets may
 run, and that rests on pressures it sent not long ago. No single signal of a command decides. Where too many commands
-are missing it gives up control by itself, and announces it on the bus: it no longer requests it (`command_losses`).
+are missing it gives up control by itself, and announces it on the bus: it no longer requests it (`heard_commands`).
 """
 
 from collections.abc import Callable, Sequence
@@ -26,9 +26,8 @@ from contract.arrays import Array
 from contract.config.tree import Config
 from contract.sensor_layout import SensorLayout
 from contract.sensors import TRUCK
-from ecu.delay_line import DelayLine
-from firmware_sim.bench.command_losses import CommandLosses
-from firmware_sim.bench.echo import EchoTracker
+from ecu.controller_memory import DelayLine
+from firmware_sim.bench.heard_commands import CommandLosses, EchoTracker
 
 _DRIVING: Final = (Mode.CONTROL, Mode.HOLD, Mode.DECAY)
 
@@ -199,7 +198,7 @@ class VehicleNode:
         return float(np.clip(self._in_reach_of(self._action, wanted), -limit, limit))
 
     def _in_reach_of(self, action: float, wanted: float) -> float:
-        """As far towards what is wanted as the driver goes in a period."""
+        """Go as far towards what is wanted as the driver goes in a period."""
         step = self._config.vehicle.action_step
         return float(np.clip(wanted, action - step, action + step))
 

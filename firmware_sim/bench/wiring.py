@@ -28,11 +28,11 @@ class Disturbs(Protocol):
 
     @property
     def corrupts(self) -> Corrupts | None:
-        """For the bus: what is wrong for all nodes."""
+        """The errors on the bus that are wrong for all nodes."""
 
     @property
     def mishears(self) -> Corrupts | None:
-        """For the bus: what one receiver hears wrong."""
+        """The errors on the bus that one receiver hears."""
 
     def readings(self, cp: Array, now_ns: int) -> Array:
         """(S,) what the transducers read where the wall has Cp (S,)."""

@@ -11,15 +11,15 @@ from contract.config.tree import Config
 from contract.errors import StillwakeError
 from contract.release.checks import Bundle
 from contract.runtime.onnx_session import OnnxController
+from contract.side_by_side import spread
 from firmware_sim.bench.spans import Spans
-from firmware_sim.campaign.execution import execute
 from firmware_sim.campaign.folder import SCHEMA, CampaignFolder
-from firmware_sim.campaign.judgement import Phase, Row, judged
-from firmware_sim.campaign.outcome import Outcome
-from firmware_sim.campaign.running import check_run, flow_disturbances
+from firmware_sim.campaign.judgement import PhaseOutcomes, ScenarioRow, judged
+from firmware_sim.campaign.outcome import RunOutcome
+from firmware_sim.campaign.running import check_run, flow_disturbances, run_task
 from firmware_sim.campaign.scenario import UNCONTROLLED, Scenario
 from firmware_sim.campaign.starts import digest_of, keep_states, starting_states
-from firmware_sim.campaign.task import Task, plant_of, seed_of, settings_of
+from firmware_sim.campaign.task import RunTask, plant_of, seed_of, settings_of
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,7 +77,7 @@ class Result:
         made, kept: runs of this call, and runs that were there already.
     """
 
-    rows: tuple[Row, ...]
+    rows: tuple[ScenarioRow, ...]
     made: int
     kept: int
 
@@ -100,7 +100,7 @@ def conduct(
 
     Args:
         campaign: checked (`Campaign.check`), and the folder with its label too (`CampaignFolder.check`).
-        workers, scheduler: as `firmware_sim.campaign.execution.execute` has them.
+        workers, scheduler: as `contract.side_by_side.spread` has them.
         progress: called with (runs done, runs in all, name of the one that just finished); before there are any, with
             zeros and what is prepared.
     """
@@ -130,7 +130,7 @@ class _Runs:
             for plant, scenario in self._plants.items()
         }
         self._digests = {plant: [digest_of(state) for state in states] for plant, states in self._starts.items()}
-        self._outcomes: dict[str, Outcome] = {}
+        self._outcomes: dict[str, RunOutcome] = {}
         self._claimed = False
         self._total = self.made = self.kept = 0
 
@@ -150,20 +150,26 @@ class _Runs:
                 self.kept += 1
         self._total = len(tasks)
         self._progress(len(self._outcomes), self._total, "")
-        execute(
-            missing, self._campaign.bundle, self._starts, workers=workers, scheduler=scheduler, finished=self._finished
+        spread(
+            missing,
+            lambda task: (run_task, task, self._campaign.bundle, self._starts[task.plant][task.phase]),
+            workers=workers,
+            scheduler=scheduler,
+            names=lambda task: (f"run {task.name}", "finished runs are kept"),
+            finished=self._finished,
+            slots=lambda threads: sum(threads.values()),
         )
 
-    def rows(self) -> tuple[Row, ...]:
+    def rows(self) -> tuple[ScenarioRow, ...]:
         """The judgement of every scenario."""
         scenarios = self._campaign.scenarios
         return judged(scenarios, {one.name: self._phases(one) for one in scenarios})
 
-    def _phases(self, scenario: Scenario) -> list[Phase]:
+    def _phases(self, scenario: Scenario) -> list[PhaseOutcomes]:
         names = [(_name(scenario.name, i), self._free_name(scenario, i)) for i in range(self._campaign.phases)]
-        return [Phase(under=self._outcomes[under], free=self._outcomes[free]) for under, free in names]
+        return [PhaseOutcomes(under=self._outcomes[under], free=self._outcomes[free]) for under, free in names]
 
-    def _finished(self, task: Task, outcome: Outcome) -> None:
+    def _finished(self, task: RunTask, outcome: RunOutcome) -> None:
         self.claim()
         outcome = replace(outcome, key=self._key(task))
         self._folder.keep(task.name, outcome)
@@ -183,7 +189,7 @@ class _Runs:
             self._folder.keep(name, outcome)
         self._claimed = True
 
-    def _tasks(self, scenario: Scenario) -> list[Task]:
+    def _tasks(self, scenario: Scenario) -> list[RunTask]:
         """Its runs under control and, of its flow, without."""
         campaign, made = self._campaign, []
         config = self._configs[scenario.name]
@@ -196,7 +202,7 @@ class _Runs:
             ):
                 seed = seed_of(campaign.seed, drawn, phase)
                 made.append(
-                    Task(
+                    RunTask(
                         name=name,
                         disturb=disturb,
                         config=used,
@@ -213,7 +219,7 @@ class _Runs:
         changed = flow_disturbances(scenario.disturb) or plant_of(self._configs[scenario.name]) != of_all
         return _name(f"{scenario.name}.{UNCONTROLLED}" if changed else UNCONTROLLED, phase)
 
-    def _key(self, task: Task) -> str:
+    def _key(self, task: RunTask) -> str:
         return task.key(self._campaign.bundle.digest, self._digests[task.plant][task.phase], version("stillwake"))
 
 

@@ -14,7 +14,7 @@ from typing import Any, Final
 
 from contract.atomic import check_writable, replacing
 from contract.errors import OutputError
-from firmware_sim.campaign.outcome import Outcome, load, save
+from firmware_sim.campaign.outcome import RunOutcome, load, save
 
 SCHEMA: Final = "stillwake-campaign/1"
 
@@ -63,12 +63,12 @@ class CampaignFolder:
         with replacing(self._label_file) as temporary:
             temporary.write_text(json.dumps(label, indent=2, sort_keys=True) + "\n", encoding="utf-8")
 
-    def outcome(self, name: str, key: str) -> Outcome | None:
+    def outcome(self, name: str, key: str) -> RunOutcome | None:
         """The finished run of that name, if it is of that key."""
         kept = load(self._run(name))
         return kept if kept is not None and kept.key == key else None
 
-    def keep(self, name: str, outcome: Outcome) -> None:
+    def keep(self, name: str, outcome: RunOutcome) -> None:
         """Write a run that finished; one that did not is made again by the next call."""
         if not outcome.failure:
             save(self._run(name), outcome)
@@ -91,5 +91,5 @@ class CampaignFolder:
 
 
 def _plain(label: Mapping[str, Any]) -> Any:
-    """As it comes back from JSON."""
+    """The label as it comes back from JSON."""
     return json.loads(json.dumps(label))

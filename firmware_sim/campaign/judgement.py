@@ -7,7 +7,7 @@ from enum import StrEnum
 from math import inf, isfinite, nan
 from typing import Any
 
-from firmware_sim.campaign.outcome import Outcome, Service
+from firmware_sim.campaign.outcome import RunOutcome, RunService
 from firmware_sim.campaign.scenario import UNDISTURBED, Criteria, Scenario
 from firmware_sim.runs.statistics import rounded
 
@@ -21,7 +21,7 @@ class Use(StrEnum):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Phase:
+class PhaseOutcomes:
     """One starting phase of a scenario.
 
     Attributes:
@@ -29,8 +29,8 @@ class Phase:
         free: the run of the same flow from the same start without control.
     """
 
-    under: Outcome
-    free: Outcome
+    under: RunOutcome
+    free: RunOutcome
 
     @property
     def reduction(self) -> float:
@@ -62,7 +62,7 @@ class Spread:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Row:
+class ScenarioRow:
     """A scenario's outcome.
 
     Attributes:
@@ -72,7 +72,7 @@ class Row:
     """
 
     scenario: Scenario
-    phases: tuple[Phase, ...]
+    phases: tuple[PhaseOutcomes, ...]
     safe: bool
     use: Use
     reduction: Spread
@@ -154,7 +154,7 @@ class Row:
         }
 
     def _spread(self, name: str, *, free: bool = False) -> Spread:
-        """Of one of the `Figures`, under control or of the free flow."""
+        """The spread of one of the `Figures`, under control or of the free flow."""
         found = [(phase.free if free else phase.under).figures for phase in self.phases]
         return Spread.of([nan if one is None else float(getattr(one, name)) for one in found])
 
@@ -162,11 +162,11 @@ class Row:
         return sum(int(getattr(service, name)) for service in self._services)
 
     @property
-    def _services(self) -> list[Service]:
+    def _services(self) -> list[RunService]:
         return [phase.under.service for phase in self.phases if phase.under.service is not None]
 
 
-def judged(scenarios: Sequence[Scenario], phases: Mapping[str, Sequence[Phase]]) -> tuple[Row, ...]:
+def judged(scenarios: Sequence[Scenario], phases: Mapping[str, Sequence[PhaseOutcomes]]) -> tuple[ScenarioRow, ...]:
     """The rows, in the plan's order.
 
     Args:
@@ -191,9 +191,9 @@ def use_of(reduction: float, undisturbed: float, side_force: float, criteria: Cr
     return Use.MARGINAL if share > criteria.marginal else Use.NONE
 
 
-def _row(scenario: Scenario, phases: tuple[Phase, ...], undisturbed: float) -> Row:
+def _row(scenario: Scenario, phases: tuple[PhaseOutcomes, ...], undisturbed: float) -> ScenarioRow:
     reduction = Spread.of([phase.reduction for phase in phases])
-    row = Row(
+    row = ScenarioRow(
         scenario=scenario,
         phases=phases,
         safe=bool(phases) and all(phase.safe for phase in phases),

@@ -1,20 +1,48 @@
-"""A campaign's rows as tables: the matrix for people, and CSV for programs."""
+"""A campaign in words: its plan, its rows as the matrix for people, and as CSV for programs."""
 
 import csv
 from collections.abc import Sequence
+from itertools import groupby
 from math import isfinite
 from pathlib import Path
 from typing import Final
 
 from contract.atomic import replacing
-from firmware_sim.campaign.judgement import Row, Spread
-from firmware_sim.campaign.scenario import UNDISTURBED
+from firmware_sim.campaign.judgement import ScenarioRow, Spread
+from firmware_sim.campaign.scenario import UNDISTURBED, Criteria, Scenario
+
+
+def listing(scenarios: Sequence[Scenario], *, phases: int) -> list[str]:
+    """The plan, a line each."""
+    lines = [
+        f"{len(scenarios)} scenarios, from {phases} starting phase{'' if phases == 1 else 's'} each.",
+        "Safe, always required: no invariant of the ECU and the vehicle breaks in any period.",
+        f"Useful, unless a scenario has its own rule: {criteria_text(Criteria())}.",
+    ]
+    for title, group in groupby(scenarios, key=lambda one: one.group):
+        lines += ["", title]
+        for one in group:
+            lines.append(f"  {one.name}: {one.sentence}")
+            if parts := [*one.disturb, *(f"--set {text}" for text in one.settings)]:
+                lines.append(f"      {'  '.join(parts)}")
+            if one.criteria != Criteria():
+                lines.append(f"      useful: {criteria_text(one.criteria)}")
+    return lines
+
+
+def criteria_text(criteria: Criteria) -> str:
+    """When an outcome is useful, marginal or none, in words."""
+    return (
+        f"at least {criteria.useful:g} of the undisturbed drag reduction with mean |Cl| at most {criteria.abs_Cl:g} of "
+        f"that without control; marginal: more than {criteria.marginal:g} of it; otherwise none"
+    )
+
 
 HEADS: Final = ("scenario", "safe", "use", "less drag, %", "mean |Cl|", "in control, %", "latched")
 """Heads of `cells`."""
 
 
-def cells(row: Row) -> tuple[str, ...]:
+def cells(row: ScenarioRow) -> tuple[str, ...]:
     """A row of the matrix in words, by `HEADS`."""
     return (
         row.scenario.name,
@@ -38,7 +66,7 @@ def number(value: float, style: str) -> str:
     return f"{value:{style}}" if isfinite(value) else "-"
 
 
-def headline(rows: Sequence[Row]) -> str:
+def headline(rows: Sequence[ScenarioRow]) -> str:
     """The campaign in a sentence."""
     safe = sum(row.safe for row in rows)
     disturbed = [row for row in rows if row.scenario.name != UNDISTURBED]
@@ -50,7 +78,7 @@ def headline(rows: Sequence[Row]) -> str:
     return f"{safe} of {len(rows)} scenarios safe; {use}{ending}.{look}"
 
 
-def write_csv(path: Path, rows: Sequence[Row]) -> None:
+def write_csv(path: Path, rows: Sequence[ScenarioRow]) -> None:
     """Write every figure of every row, whole or not at all; a figure that does not exist is empty."""
     figures = [row.figures() for row in rows]
     with replacing(path) as temporary, temporary.open("w", encoding="utf-8", newline="") as file:

@@ -23,7 +23,7 @@ MOST_KEPT: Final = 20
 
 
 @dataclass(frozen=True, kw_only=True)
-class Course:
+class KeptCourse:
     """The series of a run, by the names in `COURSE`, and when control was requested."""
 
     t: list[float]
@@ -33,13 +33,13 @@ class Course:
     enabled_t: float
 
     @classmethod
-    def of(cls, series: Mapping[str, Array], enabled_t: float) -> "Course":
+    def of(cls, series: Mapping[str, Array], enabled_t: float) -> "KeptCourse":
         kept = {name: [round(float(value), DECIMALS) for value in series[name]] for name in COURSE}
         return cls(**kept, enabled_t=round(enabled_t, DECIMALS))
 
 
 @dataclass(frozen=True, kw_only=True)
-class Figures:
+class MeanFigures:
     """Means over the periods that are averaged, every one with the same weight; coefficients as in `Sample`."""
 
     Cd: float
@@ -48,8 +48,8 @@ class Figures:
     rms_action: float
 
     @classmethod
-    def over(cls, course: Course, from_t: float) -> "Figures":
-        """From an instant, in the course's time, to the end.
+    def over(cls, course: KeptCourse, from_t: float) -> "MeanFigures":
+        """Average from an instant, in the course's time, to the end.
 
         The same instants are averaged with control and without, beginning in the same phase of shedding, so that what
         is cut of a cycle is the same in both.
@@ -66,7 +66,7 @@ class Figures:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Service:
+class RunService:
     """What the ECU and the bus did in a run under control.
 
     Attributes:
@@ -90,7 +90,7 @@ class Service:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Outcome:
+class RunOutcome:
     """One run.
 
     Attributes:
@@ -101,25 +101,25 @@ class Outcome:
     """
 
     key: str
-    figures: Figures | None = None
-    course: Course | None = None
-    service: Service | None = None
+    figures: MeanFigures | None = None
+    course: KeptCourse | None = None
+    service: RunService | None = None
     failure: str = ""
 
 
-def save(path: Path, outcome: Outcome) -> None:
+def save(path: Path, outcome: RunOutcome) -> None:
     """Write as JSON, whole or not at all, the same bytes for the same outcome."""
     content = {"schema": SCHEMA, **asdict(outcome)}
     with replacing(path) as temporary:
         temporary.write_text(json.dumps(content, sort_keys=True) + "\n", encoding="utf-8")
 
 
-def load(path: Path) -> Outcome | None:
+def load(path: Path) -> RunOutcome | None:
     """What `save` wrote; None for a file that is missing, damaged or of another version: it is made again."""
     try:
         tree: Any = json.loads(path.read_text(encoding="utf-8"))
         if not isinstance(tree, dict) or tree.pop("schema", None) != SCHEMA:
             return None
-        return typed(tree, Outcome)
+        return typed(tree, RunOutcome)
     except (OSError, ValueError, RecursionError, ConfigError):
         return None

@@ -6,26 +6,27 @@ from typing import Final
 
 from contract.atomic import replacing
 from contract.config import loading
-from firmware_sim.campaign import matrix_words, paper, result_figures
+from firmware_sim.campaign import matrix_words, result_figures
 from firmware_sim.campaign.conduct import Campaign, Result
 from firmware_sim.campaign.folder import CampaignFolder
-from firmware_sim.campaign.listing import criteria_text
+from firmware_sim.campaign.matrix_words import criteria_text
+from firmware_sim.campaign.result_figures import PAPERS_DELAYED_CD, PAPERS_NOISE, PAPERS_UNCONTROLLED_CD
 from firmware_sim.campaign.scenario import Criteria
 from firmware_sim.runs import pages
-from firmware_sim.runs.run_page.settings_list import leaves
+from firmware_sim.runs.metadata import leaves
 
 _BARS: Final = "Bars: least and most of the starts, where there are several."
 _CURVES: Final = {
     "noise": (
         "Sensor noise",
         f"{_BARS} Star: the paper's loop without noise; of noise it gives "
-        f"{paper.NOISE!r}, and shows a picture without numbers.",
+        f"{PAPERS_NOISE!r}, and shows a picture without numbers.",
     ),
     "delay": (
         "Actuator delay",
         f"{_BARS} Stars: the paper's loop with compensation, mean Cd "
-        f"{paper.DELAYED_CD[0]:.3f} without delay and {paper.DELAYED_CD[12]:.3f} at 12 periods against "
-        f"{paper.UNCONTROLLED_CD:.3f} without control (appendix B); it gives no side force in numbers.",
+        f"{PAPERS_DELAYED_CD[0]:.3f} without delay and {PAPERS_DELAYED_CD[12]:.3f} at 12 periods against "
+        f"{PAPERS_UNCONTROLLED_CD:.3f} without control (appendix B); it gives no side force in numbers.",
     ),
     "overview": ("All at a glance", _BARS),
 }

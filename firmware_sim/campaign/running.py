@@ -10,21 +10,21 @@ from contract.config.tree import Config
 from contract.controller.interface import RunnableController
 from contract.errors import ConfigError, StillwakeError
 from contract.release.checks import Bundle
-from firmware_sim.bench.disturbances import Disturbances, Gust, OtherBody, Reynolds
+from firmware_sim.bench.disturbances import Disturbances, GustyWind, OtherBody, Reynolds
 from firmware_sim.bench.disturbing import Disturbing
 from firmware_sim.bench.invariants import Invariants
 from firmware_sim.bench.simulation import Simulation
 from firmware_sim.bench.spans import Spans
-from firmware_sim.campaign.outcome import COURSE, MOST_KEPT, Course, Figures, Outcome, Service
+from firmware_sim.campaign.outcome import COURSE, MOST_KEPT, KeptCourse, MeanFigures, RunOutcome, RunService
 from firmware_sim.campaign.scenario import Scenario
-from firmware_sim.campaign.task import Task
+from firmware_sim.campaign.task import RunTask
 from firmware_sim.runs.control import control
 from firmware_sim.runs.run_log import RunLog
 from wake.truck.state import State
 from wake.truck.truck_wake import TruckWake
 
 
-def run_task(task: Task, bundle: Bundle, start: State) -> Outcome:
+def run_task(task: RunTask, bundle: Bundle, start: State) -> RunOutcome:
     """Run it from that start. The outcome depends on the arguments alone; its key is the caller's to fill in.
 
     What is raised in a run is a finding of the campaign, not its end: the outcome records it.
@@ -32,9 +32,9 @@ def run_task(task: Task, bundle: Bundle, start: State) -> Outcome:
     try:
         return _under_control(task, bundle, start) if task.controlled else _free(task, bundle, start)
     except StillwakeError as error:
-        return Outcome(key="", failure=str(error))
+        return RunOutcome(key="", failure=str(error))
     except Exception as error:  # noqa: BLE001  (that no exception leaves the ECU is one of the things under test)
-        return Outcome(key="", failure=f"{type(error).__name__}: {error}")
+        return RunOutcome(key="", failure=f"{type(error).__name__}: {error}")
 
 
 def check_run(
@@ -59,27 +59,27 @@ def flow_disturbances(texts: Iterable[str]) -> tuple[str, ...]:
     return tuple(
         text
         for text, one in zip(disturbances.texts, disturbances.items, strict=True)
-        if isinstance(one, Gust | OtherBody | Reynolds)
+        if isinstance(one, GustyWind | OtherBody | Reynolds)
     )
 
 
-def _under_control(task: Task, bundle: Bundle, start: State) -> Outcome:
+def _under_control(task: RunTask, bundle: Bundle, start: State) -> RunOutcome:
     disturbances = Disturbances.parse(task.disturb)
     observer = Invariants.of(task.config, disturbances)
     simulation = Simulation(bundle, task.config, spans=task.timing, disturbances=disturbances, seed=task.seed)
     log = simulation.run(_wake(task, start), observer=observer)
     enabled_t = float(log.series["t"][log.enabled_at])
-    course = Course.of(log.series, enabled_t)
+    course = KeptCourse.of(log.series, enabled_t)
     broken = [f"period {one.period}: {one.invariant}: {one.detail}" for one in observer.violations]
-    return Outcome(
+    return RunOutcome(
         key="",
-        figures=Figures.over(course, enabled_t + task.timing.settle),
+        figures=MeanFigures.over(course, enabled_t + task.timing.settle),
         course=course,
         service=_service(log, broken),
     )
 
 
-def _free(task: Task, bundle: Bundle, start: State) -> Outcome:
+def _free(task: RunTask, bundle: Bundle, start: State) -> RunOutcome:
     """The flow by itself, for as long as a run under control goes on."""
     config, wake = task.config, _wake(task, start)
     lead_in, periods = task.timing.periods(config.flow.control_period)
@@ -92,23 +92,23 @@ def _free(task: Task, bundle: Bundle, start: State) -> Outcome:
             wake.advance_to(config.flow.substeps, 0.0)
     series = {name: np.array([getattr(sample, name) for sample in samples]) for name in COURSE}
     enabled_t = samples[lead_in].t
-    course = Course.of(series, enabled_t)
-    return Outcome(key="", figures=Figures.over(course, enabled_t + task.timing.settle), course=course)
+    course = KeptCourse.of(series, enabled_t)
+    return RunOutcome(key="", figures=MeanFigures.over(course, enabled_t + task.timing.settle), course=course)
 
 
-def _wake(task: Task, start: State) -> TruckWake:
+def _wake(task: RunTask, start: State) -> TruckWake:
     wake = TruckWake(task.config.flow, body=task.config.body)
     wake.reset(start)
     return wake
 
 
-def _service(log: RunLog, broken: list[str]) -> Service:
+def _service(log: RunLog, broken: list[str]) -> RunService:
     held = control(log)
     modes = log.series["mode"][log.enabled_at + held.warm_up :].astype(int)
     reasons = log.series["reason"][log.enabled_at + held.warm_up :].astype(int)
     before = np.concatenate([[Mode.OFF], modes[:-1]])
     out_of_control = reasons[modes != Mode.CONTROL]
-    return Service(
+    return RunService(
         requested=held.requested - held.warm_up,
         in_control=held.in_control,
         latches=int(np.count_nonzero((modes == Mode.FAULT) & (before != Mode.FAULT))),

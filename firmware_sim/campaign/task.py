@@ -24,7 +24,7 @@ MARGIN: Final = 2
 
 
 @dataclass(frozen=True, kw_only=True)
-class Task:
+class RunTask:
     """One run.
 
     Attributes:

@@ -173,7 +173,7 @@ def _first_of_each(variables: Sequence[Variable]) -> dict[str, int]:
 
 
 def _signals(messages: MessageSet) -> dict[str, dict[str, tuple[int, int, int]]]:
-    """By message of the set and name in the DBC: first bit, bits, whether it is signed."""
+    """List by message of the set and name in the DBC: first bit, bits, whether it is signed."""
     blocks, found = dbc_bytes().decode("utf-8").split("\nBO_ "), {}
     for message, spec in zip(("pressure", "speed", "command", "status"), messages.specs, strict=True):
         block = next(item for item in blocks if item.startswith(f"{spec.frame_id} {spec.name}:"))

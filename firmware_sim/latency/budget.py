@@ -17,7 +17,7 @@ COUNTS: Final = ("misses", "misses_ours")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Limits:
+class StageLimits:
     """The most that a stage may take, in ms; None where it is not limited."""
 
     p50_ms: float | None = None
@@ -30,7 +30,7 @@ _Form: Final[Any] = make_dataclass(
     "_Form",
     [
         *((name, int | None, field(default=None)) for name in COUNTS),
-        *((stage.value, Limits, field(default=Limits())) for stage in Stage),
+        *((stage.value, StageLimits, field(default=StageLimits())) for stage in Stage),
     ],
 )
 """The whole file."""
@@ -40,7 +40,7 @@ Budget = Mapping[str, float]
 """What is limited, such as `misses_ours` or `all.p99_ms`, with the most that is allowed."""
 
 
-class Verdict(NamedTuple):
+class KeptLimit(NamedTuple):
     """One limit, held against what was measured.
 
     Attributes:
@@ -80,9 +80,9 @@ def read_budget(path: Path) -> Budget:
     return budget
 
 
-def verdicts(budget: Budget, counts: Mapping[str, int], latencies: Mapping[Stage, Quantiles]) -> list[Verdict]:
+def verdicts(budget: Budget, counts: Mapping[str, int], latencies: Mapping[Stage, Quantiles]) -> list[KeptLimit]:
     """Each limit of the budget with what was measured."""
     measured: dict[str, float | None] = dict(counts)
     for stage, found in latencies.items():
         measured |= {f"{stage}.{name}_ms": value for name, value in found._asdict().items()}
-    return [Verdict(name, allowed, measured[name]) for name, allowed in budget.items()]
+    return [KeptLimit(name, allowed, measured[name]) for name, allowed in budget.items()]

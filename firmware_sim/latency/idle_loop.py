@@ -58,7 +58,8 @@ def between(rows: Times, begin_ns: int, end_ns: int) -> Times:
 
 
 def lateness(rows: Times, period_ns: int) -> Array:
-    """From each scheduled instant to waking up, ns; a period that was left out counts until the next waking."""
+    """The time from each scheduled instant to waking up, ns; a period that was left out counts until the next
+    waking."""
     numbers = np.arange(rows[0, IdleStage.PERIOD], rows[-1, IdleStage.PERIOD] + 1)
     own = rows[np.searchsorted(rows[:, IdleStage.PERIOD], numbers)]
     before = own[:, IdleStage.PERIOD] - numbers

@@ -42,7 +42,7 @@ class Quantiles(NamedTuple):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Measured:
+class MeasuredRun:
     """What one controller's run came to.
 
     Attributes:

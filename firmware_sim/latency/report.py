@@ -8,8 +8,8 @@ from typing import Final
 import numpy as np
 from matplotlib.figure import Figure
 
-from firmware_sim.latency.budget import Verdict
-from firmware_sim.latency.measured import NEEDED_FOR_P99_9, Measured, Quantiles
+from firmware_sim.latency.budget import KeptLimit
+from firmware_sim.latency.measured import NEEDED_FOR_P99_9, MeasuredRun, Quantiles
 from firmware_sim.latency.stages import Stage
 
 WIDTH: Final = 9.0
@@ -17,7 +17,7 @@ WIDTH: Final = 9.0
 BINS: Final = 120
 
 
-def histogram_figure(runs: Sequence[Measured]) -> Figure:
+def histogram_figure(runs: Sequence[MeasuredRun]) -> Figure:
     """Above, from the sampling instant to the command; below, the same scale for a loop that does nothing."""
     figure = Figure(figsize=(WIDTH, 5.6), dpi=110, layout="constrained")
     above, below = figure.subplots(2, 1, sharex=True)
@@ -58,14 +58,14 @@ LABELS: Final[Mapping[Stage, str]] = {
 }
 
 
-def stage_rows(run: Measured) -> Iterator[tuple[str, ...]]:
+def stage_rows(run: MeasuredRun) -> Iterator[tuple[str, ...]]:
     """A row for each stage, and one for the idle loop; times in ms."""
     for stage, quantiles in run.latencies.items():
         yield (LABELS[stage], *_cells(quantiles), str(run.misses) if stage is Stage.ALL else "")
     yield ("idle loop of the same run", *_cells(Quantiles.of(run.idle_late)), str(run.idle_misses))
 
 
-def notes(run: Measured) -> Iterator[str]:
+def notes(run: MeasuredRun) -> Iterator[str]:
     """What a reader of the rows must know besides."""
     periods = len(run.periods)
     yield f"{run.about}; {periods} periods of {run.periods.period_ns / 1e6:g} ms, {run.periods.planned} with a plan."
@@ -75,14 +75,14 @@ def notes(run: Measured) -> Iterator[str]:
     yield f"Privileges: {run.recorded.privileges}."
 
 
-def budget_rows(verdicts: Sequence[Verdict]) -> Iterator[tuple[str, ...]]:
+def budget_rows(verdicts: Sequence[KeptLimit]) -> Iterator[tuple[str, ...]]:
     """Limit, allowed, measured, and whether it was kept."""
     for verdict in verdicts:
         measured = "did not happen" if verdict.measured is None else f"{verdict.measured:.4g}"
         yield verdict.name, f"{verdict.allowed:g}", measured, "yes" if verdict.is_kept else "NO"
 
 
-def write_report(folder: Path, runs: Sequence[Measured], budgets: Sequence[Sequence[Verdict]]) -> None:
+def write_report(folder: Path, runs: Sequence[MeasuredRun], budgets: Sequence[Sequence[KeptLimit]]) -> None:
     """Write page and picture into a folder that exists. `budgets` has each run's limits with what was measured; empty
     without a budget."""
     histogram_figure(runs).savefig(folder / "histogram.png")

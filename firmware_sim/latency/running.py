@@ -106,7 +106,7 @@ def _wait(
     period_ns: int,
     progress: Callable[[int], None],
 ) -> None:
-    """Until the vehicle has ended well."""
+    """Wait until the vehicle has ended well."""
     began = time.monotonic()
     longest_s = START_S + OVERTIME * periods * period_ns / 1e9
     while vehicle.process.poll() is None:

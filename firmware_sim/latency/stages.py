@@ -214,13 +214,13 @@ def _fill(
 
 
 def _until_next(grid: _Grid, sampled: Times) -> Array:
-    """From the scheduled instant of each period that the vehicle left out to its next sample, (m,)."""
+    """The time from the scheduled instant of each period that the vehicle left out to its next sample, (m,)."""
     out = ~grid.is_own
     return (sampled[grid.row[out]] - grid.scheduled[out]).astype(float)
 
 
 def _ecu_stalls(took: Times, *, first_row: int, end_ns: int) -> Array:
-    """From the deadline of each period that the ECU left out to its next step, (m,)."""
+    """The time from the deadline of each period that the ECU left out to its next step, (m,)."""
     rows = took[max(first_row, 0) :]
     rows = rows[rows[:, EcuStage.SCHEDULED] <= end_ns]
     stalls = []

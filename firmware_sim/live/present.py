@@ -14,9 +14,9 @@ from contract.config.tree import Config
 from contract.geometry import HALF_WIDTH, JET_WIDTH
 from contract.release.checks import Bundle
 from ecu.fail_safe import OperatingMode
-from firmware_sim.live.loop.live_run import LiveRun, Period
-from firmware_sim.live.loop.messages import PERIOD_COLUMNS, SCHEMA, Choice, Message
-from firmware_sim.live.loop.noticing import UNPOWERED, Seen
+from firmware_sim.live.loop.live_run import LivePeriod, LiveRun
+from firmware_sim.live.loop.messages import PERIOD_COLUMNS, SCHEMA, Choice, LiveMessage
+from firmware_sim.live.loop.noticing import UNPOWERED, SeenState
 from firmware_sim.live.settings import SLIDERS, WEIGHT, LiveSettings
 from firmware_sim.runs.reasons import BECAUSE
 from wake.pictures.drawing import outline
@@ -33,7 +33,7 @@ def hello(
     *,
     choices: Mapping[str, Sequence[Choice]],
     kept: int,
-) -> Message:
+) -> LiveMessage:
     """Everything that stays from this start of the plant on, and the settings. Places are in W, the nose at x = 0."""
     manifest, layout, base = bundle.manifest, run.wake.layout, config.body.length
     slot = HALF_WIDTH - 0.5 * JET_WIDTH
@@ -78,15 +78,15 @@ def hello(
     }
 
 
-def periods(run: int, new: Iterable[Period], base: Index) -> Message:
+def periods(run: int, new: Iterable[LivePeriod], base: Index) -> LiveMessage:
     """New rows, a list for each of `PERIOD_COLUMNS`; `base` are the columns of the sensors on the base."""
     rows = [[_number(value) for value in _values(period, base)] for period in new]
     columns = [list(column) for column in zip(*rows, strict=True)]
     return {"type": "periods", "run": run, "columns": dict(zip(PERIOD_COLUMNS, columns, strict=True))}
 
 
-def now(run: LiveRun, latest: Period, seen: Seen, *, fps: float, paused: bool, losses: int) -> Message:
-    """As of the latest period; `losses` are the latest periods judged together."""
+def now(run: LiveRun, latest: LivePeriod, seen: SeenState, *, fps: float, paused: bool, losses: int) -> LiveMessage:
+    """Show the latest period; `losses` are the latest periods judged together."""
     fail_safe, forces = run.state.fail_safe, run.ecu.ecu.trace.forces
     planned = forces is not None and latest.planned_ns is not None
     # The first entry acts in the latest period: it is seen in the sample at its end.
@@ -117,7 +117,7 @@ def now(run: LiveRun, latest: Period, seen: Seen, *, fps: float, paused: bool, l
     }
 
 
-def _values(period: Period, base: Index) -> list[float]:
+def _values(period: LivePeriod, base: Index) -> list[float]:
     row, sample = period.row, period.row.sample
     own = {
         "k": period.k,

@@ -20,10 +20,9 @@ from ecu.fit import check_sensors
 from ecu.stepped import LoopEcu
 from firmware_sim.bench.virtual_loop import check_bit_rates
 from firmware_sim.live import present
-from firmware_sim.live.event_log import EventLog
-from firmware_sim.live.loop.live_run import LiveRun, Period
-from firmware_sim.live.loop.messages import Answer, Choice, Message, pack_field
-from firmware_sim.live.loop.noticing import START, noticed
+from firmware_sim.live.loop.live_run import LivePeriod, LiveRun
+from firmware_sim.live.loop.messages import Choice, LiveAnswer, LiveMessage, pack_field
+from firmware_sim.live.loop.noticing import START, EventLog, noticed
 from firmware_sim.live.settings import CONTROLLERS, Asked, LiveSettings, asked, changes
 from wake.plant.protocol import LoopPlant
 
@@ -86,7 +85,7 @@ class LiveSession(NeverCopied):
         self._seen = START
         self._runs = 0
         self._events = EventLog()
-        self._rows: list[Period] = []
+        self._rows: list[LivePeriod] = []
         self._ticks: deque[float] = deque(maxlen=_PACE)
         self._settings = LiveSettings() if settings is None else settings
         if self._settings.weights == self._own.weights:
@@ -126,18 +125,18 @@ class LiveSession(NeverCopied):
             return None
         return self._ahead(after.controller)
 
-    def handle(self, request: object) -> Answer:
+    def handle(self, request: object) -> LiveAnswer:
         """Do what a viewer asks for, between two periods; any value of JSON may come."""
-        answer: Answer = {}
+        answer: LiveAnswer = {}
         try:
             self._do(asked(request), answer)
         except StillwakeError as error:
             answer["error"] = " ".join(str(error).split())
         return answer
 
-    def messages(self) -> list[Message | bytes]:
+    def messages(self) -> list[LiveMessage | bytes]:
         """What is new since this was asked last."""
-        run, out = self._run, list[Message | bytes]()
+        run, out = self._run, list[LiveMessage | bytes]()
         if self._hello_due:
             out.append(
                 present.hello(run, self._bundle, self._config, self._settings, choices=self._choices, kept=self._kept)
@@ -156,7 +155,7 @@ class LiveSession(NeverCopied):
 
     # What viewers ask for.
 
-    def _do(self, request: Asked, answer: Answer) -> None:
+    def _do(self, request: Asked, answer: LiveAnswer) -> None:
         match request.action:
             case "set":
                 self._apply(self._changed(request.value), enable=request.value.get("enable"))
@@ -227,7 +226,7 @@ class LiveSession(NeverCopied):
     # Beginning.
 
     def _start(self, settings: LiveSettings) -> None:
-        """From the plant's start, with these settings; if that cannot be, an error, and all is as it was."""
+        """Begin at the plant's start, with these settings; if that cannot be, an error, and all is as it was."""
         is_off = settings.controller == OFF
         wake = self._wake(settings.plant)
         # What can be refused is, before the ECU that runs may be the one that is powered on.
@@ -256,7 +255,7 @@ class LiveSession(NeverCopied):
         self._now_due = False
 
     def _ecu(self, controller: str, settings: LiveSettings, *, powered_on: bool = False) -> LoopEcu:
-        """With the weights of these settings; it may be the one that runs."""
+        """The ECU with the weights of these settings; it may be the one that runs."""
         if controller not in self._made:
             made = self._make_ecu(controller)
             self._made[controller] = made, made.ecu.state
@@ -278,9 +277,9 @@ class LiveSession(NeverCopied):
 
     # What is new.
 
-    def _present(self, latest: Period) -> list[Message | bytes]:
+    def _present(self, latest: LivePeriod) -> list[LiveMessage | bytes]:
         run = self._run
-        out: list[Message | bytes] = [
+        out: list[LiveMessage | bytes] = [
             present.now(
                 run,
                 latest,

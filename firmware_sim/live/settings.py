@@ -108,7 +108,7 @@ class LiveSettings:
     def changed(
         self, given: Mapping[str, Any], sensors: Sequence[str], own: Calibration, limits: CalibrationLimits
     ) -> Self:
-        """With other values in place of some. Raises ConfigError naming what is not known, of another type or out of
+        """Put other values in place of some. Raises ConfigError naming what is not known, of another type or out of
         its bounds.
 
         Args:

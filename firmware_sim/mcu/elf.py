@@ -13,7 +13,7 @@ _BITS: Final = 32
 
 
 @dataclass(frozen=True, kw_only=True)
-class Segment:
+class ElfSegment:
     """Content to be put at an address."""
 
     address: int
@@ -30,7 +30,7 @@ class Firmware:
         symbols: address by name.
     """
 
-    segments: tuple[Segment, ...]
+    segments: tuple[ElfSegment, ...]
     sections: dict[str, int]
     symbols: dict[str, int]
 
@@ -46,7 +46,7 @@ def read_elf(image: bytes) -> Firmware:
         loaded = (item for item in elf.iter_segments("PT_LOAD") if item["p_filesz"])
         tables = elf.iter_sections("SHT_SYMTAB")
         return Firmware(
-            segments=tuple(Segment(address=item["p_paddr"], content=item.data()) for item in loaded),
+            segments=tuple(ElfSegment(address=item["p_paddr"], content=item.data()) for item in loaded),
             sections={item.name: item["sh_size"] for item in elf.iter_sections()},
             symbols={item.name: item["st_value"] for table in tables for item in table.iter_symbols()},
         )

@@ -52,7 +52,7 @@ class Measurement:
     cost_difference: float
 
     def rows(self) -> Iterator[tuple[str, str]]:
-        """For people: what it is, and the figure with its unit."""
+        """The rows for people: what it is, and the figure with its unit."""
         yield "library", f"{self.precision}, {self.program_sha256[:12]}"
         for name, size in (("flash", self.flash_bytes), ("RAM with stack", self.ram_bytes)):
             yield name, f"{size / 1024:.1f} KiB"

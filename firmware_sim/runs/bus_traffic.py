@@ -26,7 +26,7 @@ class NodeErrors:
 
     @classmethod
     def of(cls, health: BusHealth, refused: int) -> "NodeErrors":
-        """From what the controller reports."""
+        """Take what the controller reports."""
         return cls(**{**asdict(health), "state": health.state.name}, refused=refused)
 
 
@@ -63,7 +63,7 @@ class WaitingTimes:
         self._longest_ns[frame_id] = max(waited_ns, self._longest_ns.get(frame_id, 0))
 
     def traffic(self, activity: BusActivity, nodes: Mapping[str, NodeErrors]) -> BusTraffic:
-        """With what the bus and the nodes counted."""
+        """The traffic with what the bus and the nodes counted."""
         sent = (spec for spec in self.messages.specs if spec.frame_id in self._longest_ns)
         longest = {spec.name: self._longest_ns[spec.frame_id] / 1e6 for spec in sent}
         return BusTraffic(

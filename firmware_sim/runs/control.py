@@ -18,7 +18,7 @@ KEYS_DIFFER: Final = "Frames came, but none was authentic: do both nodes have th
 
 
 @dataclass(frozen=True, kw_only=True)
-class Fault:
+class LatchedFault:
     """The first latched fault while control was requested.
 
     Attributes:
@@ -35,7 +35,7 @@ class Fault:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Control:
+class RunControl:
     """How control was held.
 
     Attributes:
@@ -49,7 +49,7 @@ class Control:
     requested: int
     modes: Mapping[str, int]
     warm_up: int
-    fault: Fault | None
+    fault: LatchedFault | None
     shut: float
 
     @property
@@ -64,13 +64,13 @@ class Control:
 
 
 def mode_names(log: RunLog) -> list[str]:
-    """Of every period; SKIPPED is one of them."""
+    """The mode of every period; SKIPPED is one of them."""
     skipped = np.isnan(log.series["step_ms"])
     modes = zip(log.series["mode"].astype(int), skipped, strict=True)
     return [SKIPPED if left_out else Mode(mode).name for mode, left_out in modes]
 
 
-def control(log: RunLog) -> Control:
+def control(log: RunLog) -> RunControl:
     """Control in a run, from the period in which control is first requested."""
     modes, names = log.series["mode"][log.enabled_at :], mode_names(log)[log.enabled_at :]
     faulted = np.flatnonzero(modes == Mode.FAULT)
@@ -78,7 +78,7 @@ def control(log: RunLog) -> Control:
     still = log.series["action"][log.enabled_at :] == 0.0
     # The sample at which control is requested comes before the jets can have moved.
     shut = float(still[1:].mean()) if len(still) > 1 else 1.0
-    return Control(
+    return RunControl(
         requested=len(names),
         modes={name: names.count(name) for name in (*Mode.__members__, SKIPPED) if name in names},
         warm_up=int(warm[0]) if len(warm) else len(names),
@@ -106,7 +106,7 @@ def trouble(log: RunLog) -> str | None:
     return f"{_not_held(log, held)} {KEYS_DIFFER}" if refused else _not_held(log, held)
 
 
-def _not_held(log: RunLog, found: Control) -> str:
+def _not_held(log: RunLog, found: RunControl) -> str:
     if found.fault is not None:
         return (
             f"ECU FAULT: {found.fault.reason} at t = {found.fault.t:.1f} t_c, {_periods(found.fault.after_enable)} "
@@ -131,9 +131,9 @@ def held_while_averaged(log: RunLog, averaged: Flags) -> bool:
     return bool(planned_steps(log)[averaged].all()) and control(log).fault is None
 
 
-def _fault(log: RunLog, after_enable: int) -> Fault:
+def _fault(log: RunLog, after_enable: int) -> LatchedFault:
     period = log.enabled_at + after_enable
-    return Fault(
+    return LatchedFault(
         reason=Reason(int(log.series["reason"][period])).name,
         t=float(log.series["t"][period]),
         period=period,

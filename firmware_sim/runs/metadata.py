@@ -1,7 +1,7 @@
 """What a run was made with: controller, plant, settings and versions, and the call that started it."""
 
 import platform
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from datetime import date
 from importlib.metadata import version
@@ -9,6 +9,7 @@ from statistics import median
 from typing import Any, Final
 
 from can_bridge.wire.messages import EcuStatus
+from contract.config import loading
 from contract.config.controller import CostWeights, MpcConfig
 from contract.config.loading import without_retired
 from contract.config.tree import Config
@@ -68,7 +69,7 @@ class RunEcu:
 
     @classmethod
     def of(cls, kind: str, clock_mhz: float | None, planned_ns: Sequence[int]) -> "RunEcu":
-        """With the compute time of every step that planned."""
+        """Take the compute time of every step that planned."""
         if clock_mhz is None or not planned_ns:
             return cls(kind=kind, clock_mhz=clock_mhz)
         milliseconds = [item / 1e6 for item in planned_ns]
@@ -155,3 +156,32 @@ class RunMetadata:
         makes no sense."""
         config, status = without_retired(tree["config"]), list(EcuStatus(**tree["status"]))
         return typed({**tree, "config": config, "status": status}, cls)
+
+
+_UNUSED: Final = ("forcing", "model", "train", "mpc")
+"""Sections of the settings that a run does not read; the bundle has its own `mpc`."""
+
+
+def settings_of(run: RunMetadata) -> dict[str, str]:
+    """Every setting of a run by its name in TOML with dots, the optimiser's as in the bundle, weights as in force."""
+    used = {name: value for name, value in loading.to_tree(run.config).items() if name not in _UNUSED}
+    tree = run.to_tree()
+    built = tree["mpc"] | {"weights": tree["weights"]}
+    return {name: str(value) for name, value in (*leaves(used), *leaves({"mpc": built}))}
+
+
+def settings_lines(run: RunMetadata) -> list[str]:
+    """The settings, then the versions, for a page."""
+    return [
+        *(f"{name} = {value}" for name, value in settings_of(run).items()),
+        *(f"{name} {value}" for name, value in run.versions.items()),
+    ]
+
+
+def leaves(tree: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, Any]]:
+    """(name with dots, value) of every value in nested mappings."""
+    for name, value in tree.items():
+        if isinstance(value, Mapping):
+            yield from leaves(value, f"{above}{name}.")
+        else:
+            yield f"{above}{name}", value

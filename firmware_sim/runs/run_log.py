@@ -113,7 +113,7 @@ class RunLog:
         traffic: BusTraffic,
         without: Mapping[str, Array] | None = None,
     ) -> "RunLog":
-        """From its rows; `without` has the series of `WITHOUT`."""
+        """Make the log of its rows; `without` has the series of `WITHOUT`."""
         columns = [row.columns(layout) for row in rows]
         series = {name: np.array([item[name] for item in columns], dtype=float) for name in COLUMNS}
         series |= without or {}

@@ -127,7 +127,7 @@ def latency(log: RunLog) -> Latency:
 
 
 def actuator_delay_ms(log: RunLog) -> float:
-    """By how much the jets follow a command late that has arrived, virtual ms."""
+    """The time by which the jets follow a command late that has arrived, virtual ms."""
     config = log.metadata.config
     return config.vehicle.actuator_delay * config.period_ns / 1e6
 
@@ -157,7 +157,7 @@ def _regime(log: RunLog, part: slice, average: CycleAverage) -> Regime:
 
 
 def rounded(value: float | None) -> float | None:
-    """For JSON: six decimals; None where there is no number."""
+    """Round for JSON: six decimals; None where there is no number."""
     if value is None or not np.isfinite(value):
         return None
     return value if isinstance(value, int) else round(value, 6)

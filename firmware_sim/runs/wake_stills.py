@@ -85,7 +85,7 @@ class WakeRecorder:
         self._kept: list[tuple[int, float, bytes]] = []
 
     def record(self, k: int, t: float, levels: Callable[[], Levels]) -> None:
-        """At the start of period k, time t in t_c; the levels are asked for only where a still is due."""
+        """Keep a still at the start of period k, time t in t_c; the levels are asked for only where a still is due."""
         if k % self._every == 0:
             self._kept.append((k, t, encode(levels())))
 

@@ -70,7 +70,7 @@ def campaign(
     Exit status 3: an invariant broke in a scenario. What is of no use to the drag is a figure, no failure.
     """
     from firmware_sim.campaign.folder import CampaignFolder
-    from firmware_sim.campaign.listing import listing
+    from firmware_sim.campaign.matrix_words import listing
 
     if output is None and not list_them:
         raise StillwakeError("name the folder to write, or give --list to see the test plan")

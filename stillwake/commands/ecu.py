@@ -16,12 +16,11 @@ from stillwake.console import options as shared
 from stillwake.console.settings import DIAGNOSIS, REAL_BUS, WEIGHTS, settings, with_bus
 from stillwake.console.stopping import until_stopped
 from stillwake.console.terminal import console, visible
-from stillwake.parts.asked_calibration import asked_calibration
 from stillwake.parts.firmware import run_firmware
-from stillwake.parts.releases import open_release, signature
+from stillwake.parts.releases import asked_calibration, open_release, signature
 
 if TYPE_CHECKING:
-    from ecu.daemon.service import Options
+    from ecu.daemon.service import ProcessOptions
 
 _USES: Final = (
     "operating_point",
@@ -107,11 +106,11 @@ def run(
 
     stillwake ecu --mcu flash.bin --library ecu_c --root root/release.pub --access access.key --bus socketcan:can0
     """
-    from ecu.daemon.events import as_json, plain
-    from ecu.daemon.service import Options
+    from ecu.daemon.reporter import as_json, plain
+    from ecu.daemon.service import ProcessOptions
     from ecu.real_time.privileges import Wanted
 
-    options = Options(
+    options = ProcessOptions(
         wanted=Wanted(priority=priority, processor=processor),
         spin_ns=round(spin * 1e3),
         periods=periods,
@@ -174,7 +173,7 @@ def provision(
 
 
 def _run_release(
-    given: list[str], bundle: Path | None, trust: str | None, library: Path | None, options: "Options"
+    given: list[str], bundle: Path | None, trust: str | None, library: Path | None, options: "ProcessOptions"
 ) -> None:
     """The ECU with one release, in this process."""
     from contract.controller.interface import RunnableController
@@ -203,7 +202,7 @@ def _run_release(
 
 
 def _run_store(
-    given: list[str], slots: Path, root: Path | None, hardware: str | None, options: "Options", *, access: Path
+    given: list[str], slots: Path, root: Path | None, hardware: str | None, options: "ProcessOptions", *, access: Path
 ) -> None:
     """The ECU with the releases in a folder."""
     from can_bridge.uds.security import AccessKey
@@ -229,7 +228,7 @@ def _run_store(
         raise KeyboardInterrupt
 
 
-def _check_freshness(config: Config, options: "Options") -> None:
+def _check_freshness(config: Config, options: "ProcessOptions") -> None:
     if options.freshness is not None and not config.bus.key:
         raise ConfigError("--freshness: goes with bus.key, which names no key")
 

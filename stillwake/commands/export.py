@@ -188,7 +188,7 @@ class _Files:
 
     @property
     def signed(self) -> str:
-        """By whom, in words."""
+        """Say by whom it is signed."""
         return "unsigned" if self.key is None else f"signed by key {public_key(self.key).fingerprint}"
 
 
@@ -210,7 +210,7 @@ def _export_model(
     with files.library() as folder, phases("export", PHASES) as (report, phase):
         sensors = tuple(model_folder.read_description(model)["sensors"]) if estimator else ()
         made = fitted_estimator(used, sensors, config.model.window, report) if estimator else None
-        done = export_all(
+        done, release = export_all(
             model,
             output,
             name=name,
@@ -218,14 +218,13 @@ def _export_model(
             config=config,
             created=date.today(),
             precision=precision,
-            library=_library(folder, output, config) if files.in_c else None,
+            library=_library(folder, config) if files.in_c else None,
             key=files.key,
             named=dataset is not None,
             estimator=made,
             notice=console.print,
             phase=phase,
         )
-        release = bundles.load(output)
         bill = write_bom(output, release_bom(release, read_files(output)))
         files.write(folder, release, config)
     print_table("check", "measured", rows=_measured(gate_figures(done)))
@@ -240,17 +239,15 @@ def _export_model(
     files.write_for_testers(release, config)
 
 
-def _library(folder: Path, output: Path, config: Config) -> "CLibrary":
-    """The C library to write into a folder, with the ECU of the bundle at `output`."""
+def _library(folder: Path, config: Config) -> "CLibrary":
+    """The C library to write into a folder, with the ECU of its release."""
     from ecu.in_c.host_library import CController
     from export.release.pipeline import CLibrary
     from export.release.sbom import folder_bom
     from stillwake.parts.c_release import ecu_files
 
-    ecu = partial(ecu_files, output, config=config, notice=console.print)
-    return CLibrary(
-        folder=folder, compiled=CController, ecu=ecu, bill=lambda files: folder_bom(files, bundles.load(output))
-    )
+    ecu = partial(ecu_files, config=config, notice=console.print)
+    return CLibrary(folder=folder, compiled=CController, ecu=ecu, bill=folder_bom)
 
 
 def _print_remarks(done: "Gated", config: Config) -> None:
@@ -285,13 +282,11 @@ def _export_shipped(files: _Files, given: list[str]) -> None:
     _check_c_settings(config)
 
     from export.release.pipeline import PHASES, gate_figures
-    from export.release.sbom import folder_bom
     from stillwake.parts.c_release import write_shipped_library
 
     release = open_release(None)
     with files.library() as folder, phases("export", PHASES) as (_, phase):
-        bill = partial(folder_bom, bundle=release)
-        done = write_shipped_library(folder, release, config, bill=bill, notice=console.print, phase=phase)
+        done = write_shipped_library(folder, release, config, billed=True, notice=console.print, phase=phase)
         files.write(folder, release, config)
     print_table("check", "measured", rows=_measured(gate_figures(done)))
     if files.c is not None:

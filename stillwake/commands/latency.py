@@ -26,8 +26,8 @@ from stillwake.console.terminal import console, print_table
 from stillwake.parts.releases import locate, open_release
 
 if TYPE_CHECKING:
-    from firmware_sim.latency.budget import Verdict
-    from firmware_sim.latency.measured import Measured
+    from firmware_sim.latency.budget import KeptLimit
+    from firmware_sim.latency.measured import MeasuredRun
 
 NOT_PASSED: Final = 3
 """Exit status of a run that is whole, but broke its budget, or whose ECU left control."""
@@ -137,11 +137,11 @@ def in_real_time(loaded: Loaded) -> Loaded:
 
 def measured(
     subjects: Sequence[Subject], loaded: Loaded, folder: Path, *, periods: int, window: int
-) -> "list[Measured]":
+) -> "list[MeasuredRun]":
     """One run after the other, each with its tables in a folder of its name."""
     from can_bridge.e2e.profiles import profile_of
     from can_bridge.wire.message_sets import message_set
-    from firmware_sim.latency.measured import Measured
+    from firmware_sim.latency.measured import MeasuredRun
     from firmware_sim.latency.running import longest_run, recorded
 
     config = loaded.config
@@ -164,7 +164,7 @@ def measured(
                 progress=lambda done, one=subject: report(one.name, done, total, one.about),  # type: ignore[misc]
             )
             periods_of = {"period_ns": config.period_ns, "counter_period": counters}
-            runs.append(Measured.of(run, name=subject.name, about=subject.about, **periods_of))
+            runs.append(MeasuredRun.of(run, name=subject.name, about=subject.about, **periods_of))
     return runs
 
 
@@ -183,7 +183,7 @@ def vehicle_command(subject: Subject, chosen: Path, *, periods: int, lead_in: fl
     return [*_STILLWAKE, "vehicle", "--bundle", str(subject.bundle), *run, "--set", str(chosen)]
 
 
-def figures(runs: "Sequence[Measured]") -> dict[str, Any]:
+def figures(runs: "Sequence[MeasuredRun]") -> dict[str, Any]:
     """The figures of a results file: counts over all runs, and each run's own under its controller's name."""
     from firmware_sim.latency.budget import COUNTS
 
@@ -231,7 +231,7 @@ def _subjects(
     return [onnx, replace(onnx, name="c", about=f"{name}, C library", library=made)]
 
 
-def _print(run: "Measured", verdicts: "Sequence[Verdict]") -> None:
+def _print(run: "MeasuredRun", verdicts: "Sequence[KeptLimit]") -> None:
     from firmware_sim.latency.report import BUDGET_HEAD, HEAD, budget_rows, notes, stage_rows
 
     console.print(f"{run.name}: {run.verdict}", style="yellow" if run.is_too_noisy else "")

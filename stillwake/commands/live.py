@@ -11,8 +11,7 @@ from stillwake.console.numbers import steps_of
 from stillwake.console.settings import WEIGHTS, settings
 from stillwake.console.stopping import until_stopped
 from stillwake.console.terminal import console
-from stillwake.parts.asked_calibration import asked_calibration
-from stillwake.parts.releases import describe, open_release
+from stillwake.parts.releases import asked_calibration, describe, open_release
 
 USES: Final = (
     "body",

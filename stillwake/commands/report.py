@@ -23,7 +23,7 @@ def report(
     """
     from firmware_sim.runs.run_folder import RunFolder
     from firmware_sim.runs.run_log import load
-    from firmware_sim.runs.run_page.compare import write_comparison
+    from firmware_sim.runs.run_page.comparison import write_comparison
     from firmware_sim.runs.run_page.report import write_picture, write_report
     from firmware_sim.runs.series_csv import write_csv
     from wake.pictures.drawing import check_suffix

@@ -19,9 +19,8 @@ from stillwake.console.outputs import check_json, save_json
 from stillwake.console.progress import progress
 from stillwake.console.settings import REAL_BUS, settings
 from stillwake.console.terminal import console, print_table, visible
-from stillwake.parts.asked_calibration import asked_calibration
 from stillwake.parts.driven import driven_at
-from stillwake.parts.releases import describe, open_release
+from stillwake.parts.releases import asked_calibration, describe, open_release
 
 if TYPE_CHECKING:
     from contract.controller.calibration import Calibration

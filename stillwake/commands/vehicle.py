@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
     from firmware_sim.bench.real_time.pressures import Pressures
     from firmware_sim.bench.real_time.running import Course
-    from firmware_sim.bench.real_time.vehicle_counts import Figures
+    from firmware_sim.bench.real_time.vehicle_counts import VehicleFigures
     from wake.plant.drive import Drive
 
 NO_COMMANDS: Final = 3
@@ -123,7 +123,7 @@ def _check_plant(*, live: bool, **given: object) -> None:
 
 def _run(
     release: Bundle, config: Config, course: "Course", made: "Callable[[ExitStack], Pressures]"
-) -> "tuple[Figures, str, bool]":
+) -> "tuple[VehicleFigures, str, bool]":
     """Be the vehicle until the course or a stop ends it: figures, the pressures in words, whether it was stopped."""
     from can_bridge.bus.backends.python_can import PythonCanBus
     from ecu.fit import check_sensors
@@ -138,7 +138,7 @@ def _run(
         is_stopped = stack.enter_context(until_stopped())
         with progress("periods") as report:
 
-            def show(figures: "Figures") -> None:
+            def show(figures: "VehicleFigures") -> None:
                 report("vehicle", figures.periods, course.periods, note_of(figures))
 
             figures = run_vehicle(
@@ -155,7 +155,7 @@ def _run(
         return figures, pressures.description, is_stopped()
 
 
-def note_of(figures: "Figures") -> str:
+def note_of(figures: "VehicleFigures") -> str:
     """How it goes, for the progress line."""
     if figures.commands == 0:
         return "no usable command yet"
@@ -213,7 +213,7 @@ def _live(stack: ExitStack, config: Config, state: Path | None, drive: "Drive | 
     return wake
 
 
-def _print_figures(figures: "Figures", pressures: str) -> None:
+def _print_figures(figures: "VehicleFigures", pressures: str) -> None:
     modes = ", ".join(f"{mode.name} {count}" for mode, count in sorted(figures.modes.items())) or "none"
 
     def quantiles(times: Any) -> str:

@@ -45,7 +45,7 @@ class ProgressBar(Progress):
         """Wait for the first update: an error before it stands alone."""
 
     def update(self, task_id: TaskID, **changes: Any) -> None:
-        """As rich's; the first one shows the bars. Raises KeyboardInterrupt if a stop was lost."""
+        """Do as rich's does; the first one shows the bars. Raises KeyboardInterrupt if a stop was lost."""
         still_wanted()
         super().update(task_id, **changes)
         if not self.live.is_started:
@@ -90,7 +90,8 @@ class ProgressLines(Progress):
                     self._print(task)
 
     def update(self, task_id: TaskID, **changes: Any) -> None:
-        """As rich's; prints a line if one is due or the task is done. Raises KeyboardInterrupt if a stop was lost."""
+        """Do as rich's does, and print a line if one is due or the task is done. Raises KeyboardInterrupt if a stop
+        was lost."""
         still_wanted()
         super().update(task_id, **changes)
         with self._lock:

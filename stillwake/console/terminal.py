@@ -25,11 +25,11 @@ class PlainConsole(Console):
     """Shows control characters in text as Python writes them; whoever wants colour gives `style` or a `Text`."""
 
     def print(self, *objects: Any, **options: Any) -> None:
-        """As rich's, but lines of text are not broken: paths and commands stay whole."""
+        """Print as rich does, but lines of text are not broken: paths and commands stay whole."""
         super().print(*objects, **{"soft_wrap": all(isinstance(one, str | Text) for one in objects), **options})
 
     def render_str(self, text: str, **options: Any) -> Text:
-        """As rich's."""
+        """Render as rich does."""
         return super().render_str(visible(text), **options)
 
 

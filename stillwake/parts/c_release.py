@@ -1,7 +1,7 @@
 """The ECU in C for the folder of a C library, that folder for the shipped bundle, and an FMU and an image of either."""
 
 import tempfile
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
@@ -17,9 +17,8 @@ from contract.config.tree import Config
 from contract.controller.c_folder import ECU_SETTINGS, read_sources
 from contract.controller.estimator import ESTIMATOR
 from contract.errors import LibraryError, StillwakeError
-from contract.release.bundle import load
 from contract.release.checks import Bundle
-from contract.shipped import BUNDLE, model, recording
+from contract.shipped import model, recording
 from stillwake.parts.descriptions import descriptions
 from stillwake.parts.releases import open_release
 
@@ -27,8 +26,8 @@ if TYPE_CHECKING:
     from export.release.gated import Gated
 
 
-def ecu_files(bundle: Path, rows: Array, *, config: Config, notice: Callable[[str], None]) -> dict[str, bytes]:
-    """The ECU for a release with its examples and its descriptions, or nothing where C cannot have it.
+def ecu_files(release: Bundle, rows: Array, *, config: Config, notice: Callable[[str], None]) -> dict[str, bytes]:
+    """Give the ECU for a release with its examples and its descriptions, or nothing where C cannot have it.
 
     Args:
         rows: recorded, of which an example plays the pressures, (n, S+1).
@@ -41,7 +40,6 @@ def ecu_files(bundle: Path, rows: Array, *, config: Config, notice: Callable[[st
     from export.to_c.estimator import estimator_files
 
     try:
-        release = load(bundle)
         used = _without_check(release, config, notice)
         sources = firmware_sources() | example_sources() | {ECU_SETTINGS: ecu_settings(release, used)}
         sources |= estimator_files(release.files[ESTIMATOR]) if used.ecu.sensor_check.enabled else {}
@@ -57,24 +55,26 @@ def write_shipped_library(
     release: Bundle,
     config: Config,
     *,
-    bill: Callable[[Mapping[str, bytes]], bytes] | None = None,
+    billed: bool = False,
     notice: Callable[[str], None] = lambda line: None,
     phase: Callable[[str], None] = lambda name: None,
 ) -> "Gated":
     """The C library and ECU of the shipped bundle, made from the shipped model and checked to be the same program.
     Raises ExportError if model and bundle do not belong together; StillwakeError if the data are not installed, or the
     folder cannot be written; BundleError or ConfigError, before the work, if C cannot have its ECU with these settings.
-    `bill`, `notice` and `phase` are as `ecu_files` and `export.release.pipeline` have them."""
+    `notice` and `phase` are as `ecu_files` and `export.release.pipeline` have them; with `billed` the folder has a bill
+    of materials."""
     from ecu.in_c.c_settings import ecu_settings
     from ecu.in_c.host_library import CController
     from export.release.pipeline import CLibrary, export_library
+    from export.release.sbom import folder_bom
 
     ecu_settings(release, _without_check(release, config, lambda line: None))
-    ecu = partial(ecu_files, BUNDLE, config=config, notice=notice)
+    ecu = partial(ecu_files, config=config, notice=notice)
     return export_library(
         model(),
         release,
-        CLibrary(folder=folder, compiled=CController, ecu=ecu, bill=bill),
+        CLibrary(folder=folder, compiled=CController, ecu=ecu, bill=folder_bom if billed else None),
         recording=recording(),
         phase=phase,
     )

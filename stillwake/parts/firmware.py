@@ -37,8 +37,7 @@ def run_firmware(
     from ecu.in_c.c_image import controller_image as image_of
     from ecu.in_c.c_image import read_packed
     from firmware_sim.mcu.board.board_ecu import BoardEcu
-    from firmware_sim.mcu.board.equipment import equipment_header
-    from firmware_sim.mcu.board.on_a_bus import read_bank, serve
+    from firmware_sim.mcu.board.on_a_bus import equipment_header, read_bank, serve
     from firmware_sim.mcu.build import EQUIPMENT
 
     config = settings("ecu --mcu", given, uses=_USES).config

@@ -35,7 +35,7 @@ _TOLD_EVERY: Final = 10.0
 
 @dataclass(frozen=True, kw_only=True)
 class LiveParts:
-    """Of one live loop; what its process is started with.
+    """The parts of one live loop; what its process is started with.
 
     Attributes:
         bundle: release bundle; the shipped one if None.
@@ -140,7 +140,7 @@ class Ecus:
 
 
 def controllers(release: Bundle, library: Path | None) -> "list[Choice]":
-    """Of the live loop with this release, in the order of `firmware_sim.live.settings.CONTROLLERS`."""
+    """The controllers of the live loop with this release, in the order of `firmware_sim.live.settings.CONTROLLERS`."""
     from ecu.in_c.compiler import host_compiler
 
     precision = release.manifest.precision
@@ -157,7 +157,7 @@ def controllers(release: Bundle, library: Path | None) -> "list[Choice]":
 
 
 def plants() -> "list[Choice]":
-    """Of the live loop, in the order of `firmware_sim.live.settings.PLANTS`."""
+    """The plants of the live loop, in the order of `firmware_sim.live.settings.PLANTS`."""
     from contract import shipped
 
     return [

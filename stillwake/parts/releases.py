@@ -1,15 +1,20 @@
-"""How a command opens a release bundle: which one, whose signature it must bear, and how it is described."""
+"""How a command opens a release bundle: which one, whose signature it must bear, how it is described and calibrated."""
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import Final
 
 from rich.text import Text
 
+from contract.config.loading import Loaded
+from contract.controller.calibration import Calibration
+from contract.errors import ConfigError
 from contract.release import bundle as bundles
 from contract.release import signing
 from contract.release.checks import UNSIGNED, Bundle
 from contract.release.signing import PublicKey
 from contract.shipped import BUNDLE
+from stillwake.console.settings import WEIGHTS
 
 PROJECT: Final = "project"
 """Stands for the key that the shipped bundle is signed with, where a key file may be named."""
@@ -49,3 +54,21 @@ def locate(path: Path | None, trust: str | None) -> tuple[Path, PublicKey | None
     else:
         trusted = None if trust is None else signing.read_public_key(Path(trust))
     return BUNDLE if path is None else path, trusted
+
+
+def asked_calibration(loaded: Loaded, release: Bundle) -> Calibration:
+    """The release's own calibration in this vehicle, with the weights that the user gave. Raises ConfigError for a
+    weight out of the limits, or another setting of the optimiser: it is fixed in the bundle."""
+    from ecu.calibrating import limits_of, release_calibration
+
+    built, given = asdict(release.manifest.mpc), asdict(loaded.config.mpc)
+    for name in sorted(item for item in loaded.given if item.startswith("mpc.") and not item.startswith(WEIGHTS)):
+        key = name.removeprefix("mpc.")
+        if name in loaded.in_overrides or given[key] != built[key]:
+            raise ConfigError(
+                f"{name} = {given[key]}: fixed when the bundle was exported, to {built[key]}; make another bundle with "
+                f"`stillwake export MODEL BUNDLE --set {name}={given[key]}`"
+            )
+    asked = [name.removeprefix(f"{WEIGHTS}.") for name in loaded.given if name.startswith(f"{WEIGHTS}.")]
+    own = release_calibration(release, loaded.config)
+    return limits_of(release, loaded.config).changed(own, {name: given["weights"][name] for name in asked})

@@ -17,7 +17,8 @@ from contract.config.loading import load_config, to_tree
 from docs import can_messages, command_line, diagnosis, settings, states
 from docs.made import PARTS, PLACE
 from ecu.fail_safe import TRANSITIONS, OperatingMode
-from firmware_sim.bench.disturbances import GLOBAL_DEVIATION, KINDS
+from firmware_sim.bench.disturbances import KINDS
+from firmware_sim.bench.sensor_faults import GLOBAL_DEVIATION
 
 ROOT = Path(__file__).resolve().parents[2]
 

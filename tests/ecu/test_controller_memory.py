@@ -9,8 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from contract.controller.interface import ControllerError, ControlStep
-from ecu.controller_memory import ControllerMemory
-from ecu.delay_line import DelayLine
+from ecu.controller_memory import ControllerMemory, DelayLine
 from tests.each import each
 
 

@@ -8,17 +8,17 @@ from hypothesis import strategies as st
 
 from can_bridge.wire.messages import Reason
 from contract.config.vehicle import EcuConfig
-from ecu.timing import LATEST_NS, Timing
+from ecu.timing import LATEST_NS, StepTiming
 from tests.each import each
 
 PERIOD = 20_000_000
 MS = 1_000_000
 
 
-def after(*elapsed_ms: float, start_ns: int = 0, **settings: Any) -> list[Timing]:
+def after(*elapsed_ms: float, start_ns: int = 0, **settings: Any) -> list[StepTiming]:
     """The timing after each of these intervals, from a first step on."""
     config = EcuConfig(**settings)
-    now_ns, timing, timings = start_ns, Timing().next(start_ns, PERIOD, config), []
+    now_ns, timing, timings = start_ns, StepTiming().next(start_ns, PERIOD, config), []
     for elapsed in elapsed_ms:
         now_ns += round(elapsed * MS)
         timing = timing.next(now_ns, PERIOD, config)
@@ -27,8 +27,8 @@ def after(*elapsed_ms: float, start_ns: int = 0, **settings: Any) -> list[Timing
 
 
 def test_steps_on_time_leave_no_trace_and_the_first_is_never_late():
-    assert set(after(*[20.0] * 5)) == {Timing(step_ns=k * PERIOD) for k in range(1, 6)}
-    assert Timing().next(10**18, PERIOD, EcuConfig()) == Timing(step_ns=10**18)
+    assert set(after(*[20.0] * 5)) == {StepTiming(step_ns=k * PERIOD) for k in range(1, 6)}
+    assert StepTiming().next(10**18, PERIOD, EcuConfig()) == StepTiming(step_ns=10**18)
 
 
 @each("elapsed, skipped", [(29.9, 0), (30.0, 1), (40.0, 1), (49.9, 1), (50.0, 2), (60.0, 2)])
@@ -95,16 +95,16 @@ def test_a_clock_that_stands_or_goes_back_is_a_fault_and_is_then_followed(back_m
 
 @each("start_ns", [None, 0, LATEST_NS - PERIOD, LATEST_NS])
 def test_a_time_out_of_the_limits_is_a_fault_until_the_clock_is_within_them_again(start_ns):
-    timing = Timing(step_ns=start_ns)
+    timing = StepTiming(step_ns=start_ns)
     for now_ns in (LATEST_NS + 1, 2**63 - 1, 10**30):
         timing = timing.next(now_ns, PERIOD, EcuConfig())
-        assert timing == Timing(step_ns=LATEST_NS, fault=Reason.CLOCK)
+        assert timing == StepTiming(step_ns=LATEST_NS, fault=Reason.CLOCK)
     back = timing.next(LATEST_NS - PERIOD, PERIOD, EcuConfig())
     assert back.fault is Reason.CLOCK
-    assert back.next(LATEST_NS, PERIOD, EcuConfig()) == Timing(step_ns=LATEST_NS)
+    assert back.next(LATEST_NS, PERIOD, EcuConfig()) == StepTiming(step_ns=LATEST_NS)
     # Before 0, even in the first step; from there to the last moment every time between two has room in 64 bits.
-    before = Timing().next(-(10**30), PERIOD, EcuConfig())
-    assert before == Timing(step_ns=-1, fault=Reason.CLOCK)
+    before = StepTiming().next(-(10**30), PERIOD, EcuConfig())
+    assert before == StepTiming(step_ns=-1, fault=Reason.CLOCK)
     assert before.next(0, PERIOD, EcuConfig()).fault is None
     longest = before.next(LATEST_NS, PERIOD, EcuConfig())
     assert longest.fault is Reason.DEADLINE
@@ -113,7 +113,7 @@ def test_a_time_out_of_the_limits_is_a_fault_until_the_clock_is_within_them_agai
 
 @given(st.lists(st.integers(-(2**63), 2**63 - 1) | st.integers(0, 10**18), max_size=20))
 def test_no_clock_raises_and_every_lag_is_under_half_a_period(times):
-    timing, last = Timing(), None
+    timing, last = StepTiming(), None
     for now_ns in times:
         timing = timing.next(now_ns, PERIOD, EcuConfig())
         assert timing.step_ns == min(max(now_ns, -1), LATEST_NS)

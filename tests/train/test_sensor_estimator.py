@@ -41,6 +41,21 @@ def test_sensors_that_follow_one_motion_are_known_by_each_other():
     assert np.all(np.array(made.figures.slow) < np.array(made.figures.fast))
 
 
+@pytest.mark.slow  # the same
+def test_in_a_gust_that_the_speed_does_not_show_the_others_tell_what_a_sensor_reads():
+    recording = Dataset(episodes=(episode("a", "train", 600), episode("test", "test", 400)))
+    network = fit_estimator(recording, CHOSEN, WINDOW, epochs=300)
+    test = recording.with_role("test")[0]
+    readings = test.series["Cp"][:, recording.layout.indices(CHOSEN)]
+    left = []
+    for factor in (1.0, 1.1**2):
+        rows = np.column_stack([factor * readings, test.previous_action])
+        windows = np.lib.stride_tricks.sliding_window_view(rows, WINDOW, axis=0).transpose(0, 2, 1)
+        estimates = network.estimates(windows)[:, : len(CHOSEN)]
+        left.append(np.abs(np.einsum("nii->ni", estimates) - windows[:, -1, :-1]).mean())
+    assert left[1] < 2.0 * left[0], left
+
+
 def test_a_recording_that_does_not_do_is_refused():
     for recording, sensors, error, named in (
         (Dataset(episodes=(episode("a", "train", 60),)), ("upper_39", "nose"), ConfigError, "nose"),

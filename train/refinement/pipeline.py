@@ -12,6 +12,7 @@ import numpy as np
 
 from contract.arrays import Array
 from contract.config.tree import Config
+from contract.differentiable import DifferentiableFlow, FlowState
 from contract.errors import DatasetError
 from contract.model import model_folder
 from contract.model.model_folder import RESTING
@@ -27,7 +28,6 @@ from train.fitting.unfinished import Identity
 from train.model_store import TrainedModel
 from train.pipeline import deployed, versions
 from train.refinement.feedback import Feedback, scales_of
-from train.refinement.flow import DifferentiableFlow, FlowState
 from train.refinement.predictor import check_pairs, predictor
 from train.refinement.refine import refine
 from train.refinement.stretches import SideBySide

@@ -18,12 +18,12 @@ from contract.arrays import Array
 from contract.config.controller import CostWeights
 from contract.config.learning import RefineConfig
 from contract.controller.goal import Goal
+from contract.differentiable import DifferentiableFlow, FlowState
 from train.fitting import checkpoint, unfinished
 from train.fitting.fit import Checkpoints
 from train.fitting.progress import Phase, Progress, silent
 from train.fitting.unfinished import Reached
 from train.refinement.feedback import Feedback
-from train.refinement.flow import DifferentiableFlow, FlowState
 from train.refinement.stretches import Done, SideBySide, Task, done
 from train.refinement.windows import Price, Readings, Stream
 

@@ -1,17 +1,17 @@
 """The stretches that an update rests on, as values: computed in this process, or side by side in others."""
 
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from multiprocessing import get_context
+from functools import partial
 
 import torch
 from torch import Tensor
 
 from contract.arrays import Array
+from contract.differentiable import DifferentiableFlow
+from contract.side_by_side import process_pool
 from train.refinement.feedback import Feedback
-from train.refinement.flow import DifferentiableFlow
 from train.refinement.windows import Price, Readings, Stream, Stretch, differentiate
 
 
@@ -65,8 +65,7 @@ def done(task: Task, flow: DifferentiableFlow) -> Done:
 @contextmanager
 def side_by_side(workers: int, flow: Callable[[], DifferentiableFlow]) -> Iterator[SideBySide]:
     """Processes that each have a plant of their own, made by `flow`."""
-    context = get_context("spawn")
-    with ProcessPoolExecutor(workers, context, initializer=_begin, initargs=(flow,)) as pool:
+    with process_pool(workers, partial(_begin, flow)) as pool:
         yield lambda tasks: list(pool.map(_run, tasks))
 
 

@@ -13,8 +13,8 @@ from torch import Tensor
 from contract.arrays import Array
 from contract.controller.goal import OWN, Goal
 from contract.controller.resampling import places
+from contract.differentiable import DifferentiableFlow, FlowState, Seen
 from train.refinement.feedback import Feedback
-from train.refinement.flow import DifferentiableFlow, FlowState, Seen
 
 ROUNDED: Final = 0.05
 """Of Cl: where the slope of its magnitude turns. A sign would let every period near zero count in full."""

@@ -1,5 +1,5 @@
 /* The fault memory: for each trouble code its status, its age and one snapshot, over resets. The twin of
- * can_bridge/uds/fault_memory.py, of fault_reports.py next to it, and of ecu/flashable/fault_watch.py.
+ * can_bridge/uds/fault_memory.py, of fault_reports.py next to it, and of ecu/flashable/watched_control.py.
  *
  * It is written only while no jet can run, and only where it differs.
  */

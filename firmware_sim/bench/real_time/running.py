@@ -20,7 +20,7 @@ from ecu.real_time.inbox import Inbox
 from ecu.real_time.privileges import Wanted, in_words, taken
 from ecu.real_time.stage_times import StageTimes, VehicleStage
 from firmware_sim.bench.real_time.pressures import Pressures
-from firmware_sim.bench.real_time.vehicle_counts import Figures
+from firmware_sim.bench.real_time.vehicle_counts import VehicleFigures
 from firmware_sim.bench.real_time.vehicle_loop import VehicleLoop
 from firmware_sim.bench.vehicle_node import VehicleNode
 from wake.plant.drive import Drive
@@ -62,8 +62,8 @@ def run_vehicle(
     *,
     is_stopped: Callable[[], bool] = lambda: False,
     report: Callable[[str], None] = lambda line: None,
-    progress: Callable[[Figures], None] = lambda figures: None,
-) -> Figures:
+    progress: Callable[[VehicleFigures], None] = lambda figures: None,
+) -> VehicleFigures:
     """Run until the course is done or a stop is asked for; then withdraw the request for control on the bus.
 
     Args:

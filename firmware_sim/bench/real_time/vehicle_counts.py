@@ -37,7 +37,7 @@ class Durations:
 
 
 @dataclass(kw_only=True, eq=False)
-class Figures:
+class VehicleFigures:
     """Counts of one run.
 
     Attributes:
@@ -84,7 +84,7 @@ class Figures:
         self.largest = max(self.largest, abs(action))
 
     def as_dict(self) -> dict[str, Any]:
-        """For a results file; None where nothing was measured."""
+        """The figures for a results file; None where nothing was measured."""
         counted = ("periods", "left_out", "unsampled", "commands", "misses", "unsent")
         measured = {
             **{name: getattr(self, name) for name in counted},

@@ -19,7 +19,7 @@ from ecu.real_time.deadlines import Deadlines
 from ecu.real_time.inbox import Inbox
 from ecu.real_time.stage_times import NOTHING, StageTimes, VehicleStage
 from firmware_sim.bench.real_time.pressures import Pressures
-from firmware_sim.bench.real_time.vehicle_counts import Figures
+from firmware_sim.bench.real_time.vehicle_counts import VehicleFigures
 from firmware_sim.bench.vehicle_node import Actuation, VehicleNode
 
 UNSENT_LIMIT: Final = 50
@@ -71,7 +71,7 @@ class VehicleLoop:
         self._unsent_in_a_row = 0
         self._has_begun = False
         self._overslept = 0
-        self.figures = Figures()
+        self.figures = VehicleFigures()
         self.heard = Heard()
 
     def period(self, *, enable_request: bool) -> None:

@@ -11,7 +11,7 @@ from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import MessageSet
 from contract.config.tree import Config
 from firmware_sim.bench.disturbing import PORT_NAMES
-from firmware_sim.live.loop.messages import Message
+from firmware_sim.live.loop.messages import LiveMessage
 from firmware_sim.runs.bus_traffic import NodeErrors
 
 ROWS: Final = 64
@@ -73,7 +73,7 @@ class BusTable:
 
     def message(
         self, run: int, *, pressures: ReceiverState, commands: ReceiverState, nodes: Mapping[str, NodeErrors]
-    ) -> Message:
+    ) -> LiveMessage:
         """The bus over the latest second of virtual time. `pressures` and `commands` are of the receivers in ECU and
         vehicle."""
         first, last = self._activity[0], self._activity[-1]
@@ -98,7 +98,9 @@ class BusTable:
     def _is_ours(self, key: tuple[int, bool]) -> bool:
         return not key[1] and key[0] in self._names
 
-    def _row(self, key: tuple[int, bool], row: _Row, receivers: Mapping[int, ReceiverState], now_ns: int) -> Message:
+    def _row(
+        self, key: tuple[int, bool], row: _Row, receivers: Mapping[int, ReceiverState], now_ns: int
+    ) -> LiveMessage:
         frame_id, ours = key[0], self._is_ours(key)
         state = receivers[frame_id] if ours else None
         seconds = len(row.lately) * self._period_ns / _NS

@@ -1,26 +1,151 @@
 """One run of the live loop, from a start of its plant: stepped period by period, disturbed and observed meanwhile."""
 
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final, cast
+
+import numpy as np
 
 from can_bridge.command_gate import Intervention
 from can_bridge.wire.message_sets import message_set
 from can_bridge.wire.messages import Reason
 from contract.config.tree import Config
+from contract.errors import PlantError
 from contract.release.checks import Bundle
 from ecu.ecu_state import EcuState
+from ecu.fail_safe import FailSafe, OperatingMode
 from ecu.stepped import LoopEcu
+from firmware_sim.bench.spans import SHEDDING_TIME
 from firmware_sim.bench.wiring import wire
 from firmware_sim.live.loop.bus_table import BusTable
-from firmware_sim.live.loop.control_request import ControlRequest
-from firmware_sim.live.loop.drag import DragMeans
 from firmware_sim.live.loop.messages import FieldPicture
-from firmware_sim.live.loop.noticing import BOOT, UNPOWERED, Seen
+from firmware_sim.live.loop.noticing import BOOT, UNPOWERED, SeenState
 from firmware_sim.live.loop.switching import LINGER_S, SwitchedDisturbances
 from firmware_sim.runs.run_log import Row
 from wake.pictures.level_picture import LevelPicture
 from wake.plant.protocol import LivePlant, LoopPlant
+from wake.plant.sample import Sample
+from wake.truck.averages import over_cycles, over_last_cycles
+
+_NEEDS_A_RISE = (OperatingMode.INIT, OperatingMode.STANDBY, OperatingMode.FAULT)
+"""States that a request which stands does not lead out of."""
+
+
+@dataclass(kw_only=True)
+class ControlRequest:
+    """The request in one run of the loop.
+
+    Attributes:
+        lead_in: periods after which control is requested.
+        rearm_frames: good frames in a row that the ECU needs before a request ends a latched fault.
+        wanted: control is, once the lead-in is over.
+        waits: the lead-in is not over; a viewer who asks for control ends it.
+        rearming: the request is low until a rise can have its effect.
+        helped_until: period up to which what latches is ended by a new request, without a viewer's doing.
+        first: period in which control was first requested; None before.
+    """
+
+    lead_in: int
+    rearm_frames: int
+    wanted: bool = False
+    waits: bool = True
+    rearming: bool = False
+    helped_until: int = 0
+    first: int | None = None
+
+    def set(self, wanted: bool) -> None:
+        """Set what a viewer wants."""
+        self.wanted, self.waits, self.rearming = wanted, False, False
+
+    def rearm(self, fail_safe: FailSafe, *, given_up: bool) -> bool:
+        """Take the request back if only a new one leads on; whether it is now."""
+        latched = given_up or fail_safe.mode in _NEEDS_A_RISE
+        self.rearming = self.rearming or (self.first is not None and self.wanted and latched)
+        return self.rearming
+
+    def begins(self, k: int) -> bool:
+        """Whether the lead-in ends with period k; asked once a period."""
+        if not (self.waits and k >= self.lead_in):
+            return False
+        self.wanted, self.waits = True, False
+        return True
+
+    def requests(self, k: int, fail_safe: FailSafe, *, is_up: bool, given_up: bool) -> bool:
+        """Whether control is requested in period k.
+
+        Args:
+            fail_safe: of the ECU after the period before.
+            given_up: the vehicle has, until its own request was low.
+        """
+        if self.rearming and is_up and not given_up and self._may_rise(fail_safe):
+            self.rearming = False
+        elif k < self.helped_until:
+            self.rearm(fail_safe, given_up=given_up)
+        requested = self.wanted and not self.rearming
+        if requested and self.first is None:
+            self.first = k
+        return requested
+
+    def _may_rise(self, fail_safe: FailSafe) -> bool:
+        """Whether the ECU has seen the request low, and takes a rise for what it is."""
+        if fail_safe.enable_request:
+            return False
+        if fail_safe.mode is OperatingMode.FAULT:
+            # The frame of the rise is a good one, too.
+            return fail_safe.good + 1 >= self.rearm_frames
+        return fail_safe.mode is OperatingMode.ARMED
+
+
+class DragMeans:
+    """Mean drag of one run of the loop.
+
+    Args:
+        control_period: t_c.
+        kept: samples that are remembered.
+
+    Attributes:
+        uncontrolled: mean Cd over the whole cycles before control was first requested; None without one.
+        now: mean Cd over the latest cycle; None before there was one.
+    """
+
+    def __init__(self, control_period: float, kept: int) -> None:
+        self._period = control_period
+        self._samples: deque[tuple[float, float, float]] = deque(maxlen=kept)
+        self._frequency = 1.0 / SHEDDING_TIME
+        self.uncontrolled: float | None = None
+        self.now: float | None = None
+
+    def add(self, sample: Sample) -> None:
+        """Add the sample of a period's start."""
+        self._samples.append((sample.t, sample.Cd, sample.Cl))
+
+    def update(self, *, without_control: bool) -> None:
+        """Average again. With `without_control` also the mean without control, up to the sample at which it is
+        requested."""
+        if without_control:
+            t, drag, lift = np.array(self._samples, dtype=float).T
+            try:
+                average = over_cycles(t, lift)
+            except PlantError:
+                self.uncontrolled = None
+            else:
+                self.uncontrolled, self._frequency = float(average.mean(drag)), average.frequency
+        needed = int(1.0 / (self._frequency * self._period)) + 3
+        latest = np.array([self._samples[at] for at in range(-min(needed, len(self._samples)), 0)], dtype=float)
+        try:
+            # Of less than two cycles: one.
+            self.now = float(over_last_cycles(latest[:, 0], self._frequency).mean(latest[:, 1]))
+        except PlantError:
+            self.now = None
+
+    @property
+    def reduction_percent(self) -> float | None:
+        """The share by which the present mean is below the uncontrolled one; None where one of them is missing."""
+        if self.uncontrolled is None or self.now is None:
+            return None
+        return 100.0 * (1.0 - self.now / self.uncontrolled)
+
 
 BOOT_S: Final = 0.2
 """Virtual time from power-on to the ECU's first step: what `reset` takes as its default."""
@@ -30,7 +155,7 @@ _AVERAGES_EVERY: Final = 5
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Period:
+class LivePeriod:
     """One control period. `planned_ns` is what a step that planned took in virtual time; None without one."""
 
     k: int
@@ -40,8 +165,8 @@ class Period:
 
 
 class LiveRun:
-    """From the plant's start on. Raises StillwakeError if the plant lacks a sensor of the bundle, or the bus cannot
-    carry virtual time.
+    """A run from the plant's start on. Raises StillwakeError if the plant lacks a sensor of the bundle, or the bus
+    cannot carry virtual time.
 
     Args:
         wake: at the start of a control period.
@@ -81,7 +206,7 @@ class LiveRun:
         self.view: Sequence[float] = () if self._levels is None else self._levels.view
         self.raster: Sequence[int] = () if self._levels is None else self._levels.size
         self.picture: FieldPicture | None = None
-        self.latest: Period | None = None
+        self.latest: LivePeriod | None = None
         self.is_off = False
         self.wired = wire(wake, sensors, config, ecu, self.disturbances, observe=self.bus_table)
         self._loop, self._bus, self.node = self.wired.loop, self.wired.bus, self.wired.node
@@ -92,7 +217,7 @@ class LiveRun:
         """When period k begins, in s of the run."""
         return k * self.period_ns / 1e9
 
-    def step(self) -> Period:
+    def step(self) -> LivePeriod:
         """One control period. Raises StillwakeError if the flow diverges."""
         k, loop = self.k, self._loop
         requested = self.request.requests(
@@ -104,7 +229,7 @@ class LiveRun:
         self.state = self.ecu.ecu.state
         planned = loop.planned_ns[-1] if loop.planned_ns else None
         loop.planned_ns.clear()
-        self.latest = Period(k=k, row=row, requested=requested, planned_ns=planned)
+        self.latest = LivePeriod(k=k, row=row, requested=requested, planned_ns=planned)
         self.k = k + 1
         self.disturbances.period_over(k)
         self.bus_table.period_over(self._bus.activity())
@@ -140,13 +265,13 @@ class LiveRun:
         self._reset(_FOR_GOOD_NS)
         self.is_off = True
 
-    def seen(self) -> Seen:
-        """As of the latest period."""
+    def seen(self) -> SeenState:
+        """The state as of the latest period."""
         state, mode = self.state, self.state.fail_safe.mode.name
         aside = state.sensors.set_aside
         # An ECU that did not step has a trace of the step before.
         gate = Intervention(0) if self.is_off or not self._loop.ecu_is_up else self.ecu.ecu.trace.interventions
-        return Seen(
+        return SeenState(
             state=UNPOWERED if self.is_off else mode if self._loop.ecu_is_up else BOOT,
             reason=Reason(state.fail_safe.reason),
             set_aside=() if aside is None else (self._sensors[aside],),

@@ -30,10 +30,10 @@ PERIOD_COLUMNS: Final = (
 )  # fmt: skip
 """Columns of `periods`: `firmware_sim.runs.run_log.Row`, with its number from 0 and whether control was requested."""
 
-Message = dict[str, Any]
+LiveMessage = dict[str, Any]
 Request = dict[str, Any]
 """From a viewer: an `id`, which the answer has, too, and one of `firmware_sim.live.settings.ACTIONS`."""
-Answer = dict[str, Any]
+LiveAnswer = dict[str, Any]
 """`id`; `error` is one line, and then nothing was changed; `note` reports what was done."""
 Choice = dict[str, Any]
 """A controller or plant: `name`, `label`, and `missing`, one line on why it cannot be chosen here, or null."""

@@ -1,4 +1,9 @@
-"""What the server answers: the page and its files, and the two sockets."""
+"""What the server answers: the page and its files, and the two sockets; and who may ask.
+
+A browser sends requests to a server on this machine for any page that asks it to. Against such pages stands the
+request's Origin, which must be this server's; and against a name that its owner lets point to this machine (DNS
+rebinding) the request's Host.
+"""
 
 import asyncio
 import json
@@ -7,17 +12,90 @@ import socket
 from contextlib import suppress
 from dataclasses import dataclass, field
 from hashlib import sha256
+from hmac import compare_digest
+from ipaddress import ip_address
 from pathlib import Path
-from typing import Any, Final
+from secrets import token_urlsafe
+from typing import Any, Final, Self
+from urllib.parse import urlsplit
 
 from tornado.web import HTTPError, RequestHandler, StaticFileHandler
 from tornado.websocket import WebSocketClosedError, WebSocketHandler
 
-from firmware_sim.live.loop.messages import Answer
-from firmware_sim.live.serving.access import Access
-from firmware_sim.live.serving.control import as_json, check
-from firmware_sim.live.serving.hub import STREAMS, Viewer
-from firmware_sim.live.serving.supervisor import Supervisor
+from firmware_sim.live.loop.messages import LiveAnswer, LiveMessage
+from firmware_sim.live.serving.supervisor import STREAMS, Supervisor, Viewer
+
+TOKEN_BYTES: Final = 24
+
+
+@dataclass(frozen=True, kw_only=True)
+class PageAccess:
+    """The access to one server. Every request must show the token; there is none for a server that only this machine
+    can reach."""
+
+    token: str | None
+
+    @classmethod
+    def to(cls, address: str) -> Self:
+        """The access to a server at this address: with a token of its own unless it is this machine's loopback."""
+        return cls(token=None if is_loopback(address) else token_urlsafe(TOKEN_BYTES))
+
+    def refusal(self, *, host: str, origin: str | None, token: str | None) -> str | None:
+        """Why a request is refused, for people; None if it is not. `origin` is None where there is none, as from a
+        program that is no browser."""
+        if self.token is None and not is_loopback(_name(host)):
+            return "this server answers to localhost alone"
+        if origin is not None and origin.lower().partition("://")[2] != host.lower():
+            return "a page of another server may not use this one"
+        if self.token is None or compare_digest((token or "").encode(), self.token.encode()):
+            return None
+        return "open the link that `stillwake live` printed: it has the token"
+
+
+def is_loopback(address: str) -> bool:
+    """Whether only this machine can reach it."""
+    try:
+        return ip_address(address).is_loopback
+    except ValueError:
+        return address.lower() == "localhost"
+
+
+def _name(host: str) -> str:
+    """Name in a Host header, without its port; empty if it is none."""
+    try:
+        return urlsplit(f"//{host}").hostname or ""
+    except ValueError:
+        return ""
+
+
+LONGEST_REQUEST: Final = 16 * 1024
+"""Bytes; a longer message ends its connection."""
+
+
+def check(text: str | bytes) -> LiveAnswer | None:
+    """None for a request that the loop can be asked; otherwise the answer with its error."""
+    if isinstance(text, bytes):
+        return {"error": "a request is text, and not bytes"}
+    try:
+        value = json.loads(text, parse_constant=_refuse)
+    except (ValueError, RecursionError) as error:
+        return {"error": f"a request is JSON: {error}"}
+    if not isinstance(value, dict):
+        return {"error": 'a request is an object, such as {"id": 1, "set": {"enable": true}}'}
+    return None if type(value.get("id", 0)) is int else {"error": "id: must be a whole number"}
+
+
+def as_json(message: LiveMessage | LiveAnswer) -> str:
+    """A message as it is sent; what JSON has no number for is null."""
+    try:
+        return json.dumps(message, allow_nan=False, separators=(",", ":"))
+    except ValueError:
+        return json.dumps(json.loads(json.dumps(message), parse_constant=lambda _: None), separators=(",", ":"))
+
+
+def _refuse(constant: str) -> None:
+    raise ValueError(f"{constant} is no number")
+
 
 MOST_VIEWERS: Final = 32
 BATCHES_A_SECOND: Final = 30.0
@@ -51,13 +129,13 @@ _log = logging.getLogger("tornado.application")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Served:
+class ServedPage:
     """What the handlers share."""
 
     supervisor: Supervisor
-    access: Access
+    access: PageAccess
     stalled_s: float
-    viewers: set["Stream"] = field(default_factory=set)
+    viewers: set["StreamSocket"] = field(default_factory=set)
 
     @property
     def cookie(self) -> str:
@@ -66,9 +144,9 @@ class Served:
 
 
 class Guarded(RequestHandler):
-    """Refuses whom `Access` refuses, before anything else."""
+    """Refuses whom `PageAccess` refuses, before anything else."""
 
-    def initialize(self, served: Served, **_others: Any) -> None:
+    def initialize(self, served: ServedPage, **_others: Any) -> None:
         self.served = served
 
     def set_default_headers(self) -> None:
@@ -100,10 +178,10 @@ class Guarded(RequestHandler):
             _log.error("%s %s", self.request.method, self.request.path, exc_info=(typ, value, tb))
 
 
-class Files(Guarded, StaticFileHandler):
+class PageFiles(Guarded, StaticFileHandler):
     """The page's files."""
 
-    def initialize(self, served: Served, path: str, default_filename: str | None = None) -> None:  # type: ignore[override]
+    def initialize(self, served: ServedPage, path: str, default_filename: str | None = None) -> None:  # type: ignore[override]
         Guarded.initialize(self, served)
         StaticFileHandler.initialize(self, path, default_filename)
 
@@ -154,8 +232,8 @@ class Socket(Guarded, WebSocketHandler):
         await sent
 
 
-class Stream(Socket):
-    """From the loop to one viewer: one message under way, and whatever is newest when it has been taken."""
+class StreamSocket(Socket):
+    """The stream from the loop to one viewer: one message under way, and whatever is newest when it has been taken."""
 
     _sending: "asyncio.Task[None] | None" = None
 
@@ -195,7 +273,7 @@ class Stream(Socket):
         return is_any
 
 
-class Control(Socket):
+class ControlSocket(Socket):
     """Requests of one viewer, and an answer to each. One that does not read its answers is read no further."""
 
     def open(self, *_arguments: str) -> None:
@@ -218,6 +296,6 @@ class Control(Socket):
     async def _ask(self, text: str, number: int | None) -> None:
         await self._answer(await self.served.supervisor.ask(text), number)
 
-    async def _answer(self, answer: Answer, number: int | None) -> None:
+    async def _answer(self, answer: LiveAnswer, number: int | None) -> None:
         with suppress(WebSocketClosedError):
             await self.send(as_json(answer if number is None else {**answer, "id": number}))

@@ -1,18 +1,158 @@
-"""The loop in a process of its own, behind a pipe. A thread receives its messages, and waits for no viewer."""
+"""The loop in a process of its own: it waits for no one, and a thread here receives its messages.
 
+Between two periods the process does what it was asked.
+"""
+
+import json
 import multiprocessing
 import os
+import pickle
 import signal
 import socket
+import time
+import traceback
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from multiprocessing import resource_tracker
-from threading import Thread
-from typing import Final
+from multiprocessing.connection import Connection
+from queue import Queue
+from threading import Lock, Thread
+from typing import TYPE_CHECKING, Any, Final
 
 from contract.errors import StillwakeError
-from firmware_sim.live.loop.messages import Answer, Message
-from firmware_sim.live.serving.stepping import MakeSession, run
+from firmware_sim.live.loop.messages import LiveAnswer, LiveMessage, Request
+
+if TYPE_CHECKING:
+    from firmware_sim.live.session import LiveSession
+
+IDLE_S: Final = 0.02
+"""Between two looks at a session that makes no periods, such as one that is paused."""
+
+
+MakeSession = Callable[[Callable[[str], None]], "LiveSession"]
+"""Makes it, in the loop's process. Its argument shows viewers one line on what is waited for, as long as the session
+lasts."""
+
+
+def run(pipe: Connection, make: MakeSession, *, fast: bool) -> None:
+    """The process, to its end: the pipe is closed, or the session fails.
+
+    What it sends are pairs: ("messages", list), ("answer", (number, Answer)) and, last, ("ended", error). It gets pairs
+    of a number and a request as JSON. `fast` states whether a period may take less time than it does on a vehicle.
+    """
+    # At once, and not by an exception: one that a callback of the interpreter raises is only printed.
+    signal.signal(signal.SIGTERM, lambda *_: os._exit(0))
+    # It was started with both blocked; Ctrl-C stays so.
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, (signal.SIGTERM,))
+    outbox = Outbox(pipe)
+    try:
+        session = make(lambda text: outbox.report("busy", text))
+        outbox.report("running")
+        _step(session, pipe, outbox, fast=fast)
+    except (EOFError, BrokenPipeError, ConnectionResetError):
+        return
+    except Exception as error:  # noqa: BLE001  (whatever it is: the server reports it, and decides what becomes of it)
+        if not isinstance(error, StillwakeError):
+            traceback.print_exc()
+        outbox.send("ended", _that_travels(error))
+
+
+def _step(session: "LiveSession", pipe: Connection, outbox: "Outbox", *, fast: bool) -> None:
+    requests = Requests(session, outbox)
+    period_s = 0.0
+    due = time.monotonic()
+    while True:
+        session.step()
+        new = session.messages()
+        if new:
+            outbox.send("messages", new)
+        for message in new:
+            if not isinstance(message, bytes) and message["type"] == "hello":
+                period_s = message["period_ms"] / 1e3
+        has_stepped = any(not isinstance(message, bytes) and message["type"] == "periods" for message in new)
+        now = time.monotonic()
+        # A period that came late is not made up for: the wake would seem to run away.
+        due = max(due + (0.0 if fast else period_s), now) if has_stepped else now + IDLE_S
+        requests.go_on()
+        while pipe.poll(max(0.0, due - time.monotonic())):
+            number, text = pipe.recv()
+            requests.take(number, json.loads(text))
+
+
+class Requests:
+    """Between two periods: those that can be handled at once, and one for which something is made meanwhile."""
+
+    def __init__(self, session: "LiveSession", outbox: "Outbox") -> None:
+        self._session, self._outbox = session, outbox
+        self._waiting: tuple[int, Request] | None = None
+        self._made: Queue[StillwakeError | None] = Queue()
+
+    def take(self, number: int, request: Request) -> None:
+        """One that has come."""
+        work = self._session.before(request)
+        if work is None:
+            self._answer(number, self._session.handle(request))
+        elif self._waiting is not None:
+            self._answer(number, {"error": "something is being made already: ask again when it is there"})
+        else:
+            self._waiting = number, request
+            Thread(target=self._make, args=(work,), name="making", daemon=True).start()
+
+    def go_on(self) -> None:
+        """Handle the one that waited, if what it needs is there."""
+        if self._waiting is None or self._made.empty():
+            return
+        (number, request), self._waiting = self._waiting, None
+        error = self._made.get()
+        failed = {"error": " ".join(str(error).split())}
+        self._answer(number, self._session.handle(request) if error is None else failed)
+
+    def _answer(self, number: int, answer: LiveAnswer) -> None:
+        self._outbox.send("answer", (number, answer))
+        if self._waiting is None:
+            self._outbox.report("running")
+
+    def _make(self, work: Callable[[], None]) -> None:
+        try:
+            work()
+        except StillwakeError as error:
+            self._made.put(error)
+        except Exception as error:  # noqa: BLE001  (a fault of ours: it is not to end the loop)
+            traceback.print_exc()
+            self._made.put(StillwakeError(str(error)))
+        else:
+            self._made.put(None)
+
+
+class Outbox:
+    """Sends, from any thread; at the server one does nothing but receive. Where the server is gone, the loop sees it at
+    the pipe."""
+
+    def __init__(self, pipe: Connection) -> None:
+        self._pipe, self._lock = pipe, Lock()
+        self._state: LiveMessage = {}
+
+    def send(self, kind: str, content: object) -> None:
+        """One of the pairs of `run`."""
+        with self._lock, suppress(OSError):
+            self._pipe.send((kind, content))
+
+    def report(self, state: str, text: str = "") -> None:
+        """What this process does, where it is another thing than before."""
+        now = {"type": "loop", "state": state, "text": text}
+        if now != self._state:
+            self._state = now
+            self.send("messages", [now])
+
+
+def _that_travels(error: Exception) -> Exception:
+    """The error, or its text where another process could not make it again."""
+    try:
+        copy: Any = pickle.loads(pickle.dumps(error))
+    except Exception:  # noqa: BLE001  (pickle raises what the error's class raises)
+        copy = None
+    return error if type(copy) is type(error) and str(copy) == str(error) else StillwakeError(str(error))
+
 
 LONGEST_END_S: Final = 3.0
 """What the process is given to end by itself, before it is terminated and then killed."""
@@ -34,8 +174,8 @@ class LoopProcess:
         make: MakeSession,
         *,
         fast: bool,
-        hear: Callable[[Sequence[Message | bytes]], None],
-        answered: Callable[[int, Answer], None],
+        hear: Callable[[Sequence[LiveMessage | bytes]], None],
+        answered: Callable[[int, LiveAnswer], None],
         ended: Callable[[Exception], None],
     ) -> None:
         self._hear, self._answered, self._ended = hear, answered, ended

@@ -14,10 +14,17 @@ from tornado.netutil import bind_sockets
 from tornado.web import Application
 
 from contract.errors import StillwakeError
-from firmware_sim.live.serving.access import Access
-from firmware_sim.live.serving.control import LONGEST_REQUEST
-from firmware_sim.live.serving.handlers import STALLED_S, Control, Files, Guarded, Served, Stream
-from firmware_sim.live.serving.stepping import MakeSession
+from firmware_sim.live.serving.handlers import (
+    LONGEST_REQUEST,
+    STALLED_S,
+    ControlSocket,
+    Guarded,
+    PageAccess,
+    PageFiles,
+    ServedPage,
+    StreamSocket,
+)
+from firmware_sim.live.serving.process import MakeSession
 from firmware_sim.live.serving.supervisor import Supervisor
 
 PAGE: Final = Path(str(files("firmware_sim.live").joinpath("page")))
@@ -33,16 +40,16 @@ MOST_CONNECTIONS: Final = 128
 """Two of each viewer, and as many that load files; half of the file descriptors that any system gives a process."""
 
 
-def application(supervisor: Supervisor, access: Access, *, stalled_s: float = STALLED_S) -> Application:
+def application(supervisor: Supervisor, access: PageAccess, *, stalled_s: float = STALLED_S) -> Application:
     """What is answered where. A viewer that takes no message for `stalled_s` is closed."""
-    served = Served(supervisor=supervisor, access=access, stalled_s=stalled_s)
+    served = ServedPage(supervisor=supervisor, access=access, stalled_s=stalled_s)
     own: dict[str, Any] = {"served": served}
     return Application(
         [
-            (r"/()", Files, {**own, "path": str(PAGE), "default_filename": "index.html"}),
-            (r"/static/([A-Za-z0-9._/-]+)", Files, {**own, "path": str(PAGE)}),
-            (r"/stream", Stream, own),
-            (r"/control", Control, own),
+            (r"/()", PageFiles, {**own, "path": str(PAGE), "default_filename": "index.html"}),
+            (r"/static/([A-Za-z0-9._/-]+)", PageFiles, {**own, "path": str(PAGE)}),
+            (r"/stream", StreamSocket, own),
+            (r"/control", ControlSocket, own),
         ],
         default_handler_class=NotFound,
         default_handler_args=own,
@@ -108,7 +115,7 @@ async def serve(
         StillwakeError: the port or the address cannot be had, or the loop fails shortly after its start.
     """
     sockets = _bound(address, port)
-    access = Access.to(address)
+    access = PageAccess.to(address)
     supervisor = Supervisor(make, fast=fast, report=report)
     server = BoundedServer(application(supervisor, access))
     server.add_sockets(sockets)
@@ -128,7 +135,7 @@ async def serve(
         raise error
 
 
-def page_url(address: str, port: int, access: Access) -> str:
+def page_url(address: str, port: int, access: PageAccess) -> str:
     """Address of the page for a browser."""
     is_any = address in ("", "0.0.0.0", "::")
     host = socket.gethostname() if is_any else f"[{address}]" if ":" in address else address

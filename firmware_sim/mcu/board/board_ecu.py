@@ -13,7 +13,7 @@ from typing import Any, Final, Unpack
 from can_bridge.bus.interface import HEALTHY, BusHealth
 from can_bridge.wire.frame import Frame
 from contract.errors import McuError
-from ecu.ecu_state import Around
+from ecu.ecu_state import Surroundings
 from ecu.in_c.c_ecu import CEcuState, bundle_hash_of
 from ecu.in_c.c_structs import Structs, c_time
 from ecu.in_c.compiler import zig_compiler
@@ -88,7 +88,7 @@ class BoardEcu(CEcuState):
         return self.waited_ns + round(self.cycles * 1e3 / self._clock_mhz)
 
     def step(
-        self, now_ns: int, frames: Sequence[Frame], health: BusHealth = HEALTHY, **around: Unpack[Around]
+        self, now_ns: int, frames: Sequence[Frame], health: BusHealth = HEALTHY, **around: Unpack[Surroundings]
     ) -> list[Frame]:
         """One control period; as `Ecu.step`, but for `around`, which the firmware finds by itself. Raises McuError if
         the core stopped."""
@@ -121,7 +121,7 @@ class BoardEcu(CEcuState):
         return left + self.board.can.taken(self.board.counter.now_ns)
 
     def _bring(self, frames: Sequence[Frame]) -> None:
-        """As many as its FIFO takes; on a real bus the core, which sleeps, is quicker than frames come."""
+        """Bring as many as its FIFO takes; on a real bus the core, which sleeps, is quicker than frames come."""
         waiting = list(frames)
         while True:
             board = self.board

@@ -217,5 +217,5 @@ class CanController:
         return not self._kept[_GFC] >> 4 & 2
 
     def _time_stamp(self, at_ns: int) -> int:
-        """Of 16 bits."""
+        """The time stamp of 16 bits."""
         return int(at_ns * self.bit_rates[0] // 1_000_000_000) & 0xFFFF if self._kept[_NBTP] else 0

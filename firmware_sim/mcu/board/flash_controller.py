@@ -39,8 +39,8 @@ class PowerCut(Exception):  # noqa: N818
 
 @dataclass(frozen=True, kw_only=True)
 class FlashTimes:
-    """Of an operation, in ns. Those of an STM32H743 by its datasheet (DS12110, flash memory programming, parallelism of
-    64 bits): typically as here, at most twice as long."""
+    """The times of an operation, in ns. Those of an STM32H743 by its datasheet (DS12110, flash memory programming,
+    parallelism of 64 bits): typically as here, at most twice as long."""
 
     erase_ns: int = 1_000_000_000
     word_ns: int = 100_000
@@ -62,12 +62,12 @@ class FlashBank:
         self.programmed = bytearray(SECTOR * SECTORS // WORD)
 
     def pack(self) -> bytes:
-        """For a file."""
+        """Pack the bank for a file."""
         return bytes(self.programmed + self.content)
 
     @classmethod
     def unpack(cls, packed: bytes) -> "FlashBank":
-        """From `pack`; raises McuError for another size."""
+        """Read what `pack` made; raises McuError for another size."""
         bank, words = cls(), SECTOR * SECTORS // WORD
         if len(packed) != words * (WORD + 1) or max(packed[:words]) > 2:
             raise McuError(f"a flash of {len(packed)} bytes: must be {words * (WORD + 1)}, as a board left it")

@@ -8,8 +8,26 @@ from typing import Final
 from can_bridge.bus.interface import Bus
 from contract.atomic import replacing
 from contract.errors import McuError
+from contract.release.signing import PublicKey
 from firmware_sim.mcu.board.board_ecu import BoardEcu
 from firmware_sim.mcu.board.flash_controller import FlashBank
+
+
+def equipment_header(root: PublicKey, access_key: bytes, vehicle: bytes, hardware: str, serial: str) -> bytes:
+    """The header that switches the loader on.
+
+    Args:
+        root: signs key lists.
+        access_key: of security access, 16 bytes.
+        vehicle: `contract.release.controller_image.ImageFacts.vehicle` of every image that fits.
+        hardware, serial: of the board; printable ASCII without quotes.
+    """
+    numbers = {"ROOT": root.raw, "ACCESS_KEY": access_key, "VEHICLE": vehicle}
+    found = {name: "{" + ", ".join(map(str, value)) + "}" for name, value in numbers.items()} | {
+        "LOADER": "1", "HARDWARE": f'"{hardware}"', "SERIAL": f'"{serial}"', "SOFTWARE": '"board"',
+    }  # fmt: skip
+    return "".join(f"#define SW_BOARD_{name} {value}\n" for name, value in found.items()).encode()
+
 
 LONGEST_NS: Final = 20_000_000
 """Of the board's time that passes between two looks at the bus, however long the emulation takes."""
@@ -32,8 +50,8 @@ def serve(
     wait: Callable[[], None],
     is_stopped: Callable[[], bool],
 ) -> None:
-    """Until it is stopped; the flash is written to the file whenever it has changed. Raises BusError if the bus failed;
-    McuError if the core stopped.
+    """Run the board until it is stopped; the flash is written to the file whenever it has changed. Raises BusError if
+    the bus failed; McuError if the core stopped.
 
     Args:
         wait: for a moment, between two looks at the bus.

@@ -75,7 +75,7 @@ class TransmitBuffers:
         self._drop(bits)
 
     def switch(self, now_ns: int, *, is_on: bool) -> None:
-        """On the bus or off; what is on the wire then is lost there, and waits again."""
+        """Switch on the bus or off; what is on the wire then is lost there, and waits again."""
         self.progress(now_ns)
         if is_on and not self.is_on:
             self._free_ns = max(self._free_ns, now_ns)

@@ -1,4 +1,4 @@
-"""Several runs next to each other: names, figures with their differences, and what their settings differ in."""
+"""Several runs as one self-contained HTML page: figures with differences, settings that differ, wakes side by side."""
 
 import os
 from collections.abc import Mapping, Sequence
@@ -6,8 +6,15 @@ from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 from contract.errors import StillwakeError
+from firmware_sim.runs import pages
+from firmware_sim.runs.control import trouble
+from firmware_sim.runs.metadata import settings_of
+from firmware_sim.runs.run_folder import RunFolder
 from firmware_sim.runs.run_log import RunLog
-from firmware_sim.runs.run_page.settings_list import settings_of
+from firmware_sim.runs.run_page.inlined import as_json, inlined
+from firmware_sim.runs.run_page.report import read_run, wake_of
+from firmware_sim.runs.run_page.run_data import run_data
+from firmware_sim.runs.run_tables import headline
 from firmware_sim.runs.summary import summary
 
 MOST: Final = 6
@@ -103,3 +110,32 @@ def _made_with(log: RunLog) -> Mapping[str, str]:
         **settings_of(run),
         **{f"version: {name}": text for name, text in run.versions.items()},
     }
+
+
+def write_comparison(folders: Sequence[RunFolder], target: Path) -> Path:
+    """Write the page and return its path. Raises StillwakeError if the runs cannot be compared, a folder does not hold
+    one, or the page cannot be written."""
+    names = names_of([folder.path for folder in folders])
+    runs = [read_run(folder) for folder in folders]
+    logs = [run.log for run in runs]
+    wakes = [wake_of(folder, run.log) for folder, run in zip(folders, runs, strict=True)]
+    return pages.write(
+        target,
+        "compare.html.j2",
+        title=f"stillwake: {', '.join(names)}",
+        inlined=inlined("compare.js"),
+        runs=[
+            {
+                "name": name,
+                "metadata": run.log.metadata,
+                "headline": headline(run.log),
+                "trouble": trouble(run.log) is not None,
+                "picture": pages.data_uri(run.controlled),
+                "filmed": wake is not None,
+            }
+            for name, run, wake in zip(names, runs, wakes, strict=True)
+        ],
+        figure_rows=figure_rows(logs),
+        differing=differing(logs),
+        replays=as_json([run_data(log, wake, name) for log, wake, name in zip(logs, wakes, names, strict=True)]),
+    )

@@ -29,7 +29,7 @@ _FORBIDDEN: Final = ("</script", "</style", "<!--")
 
 @dataclass(frozen=True, kw_only=True)
 class Inlined:
-    """For a template. `policy` is the content security policy: no address at all, and these scripts only."""
+    """The parts for a template. `policy` is the content security policy: no address at all, and these scripts only."""
 
     policy: str
     styles: Markup
@@ -48,7 +48,7 @@ def inlined(main: str) -> Inlined:
 
 
 def as_json(values: Any) -> Markup:
-    """For a script element of type application/json: no text in it can end the element."""
+    """Write values for a script element of type application/json: no text in it can end the element."""
     text = json.dumps(values, allow_nan=False, separators=(",", ":"))
     return Markup(text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026"))
 

@@ -7,12 +7,12 @@ from contract.atomic import replacing
 from contract.errors import StillwakeError
 from firmware_sim.runs import pages, run_log, wake_stills
 from firmware_sim.runs.control import trouble
+from firmware_sim.runs.metadata import settings_lines
 from firmware_sim.runs.pictures import overview_figure
 from firmware_sim.runs.run_folder import RunFolder
 from firmware_sim.runs.run_log import RunLog
 from firmware_sim.runs.run_page.inlined import as_json, inlined
 from firmware_sim.runs.run_page.run_data import run_data
-from firmware_sim.runs.run_page.settings_list import settings_lines
 from firmware_sim.runs.run_tables import drag_rows, headline, service_rows
 from firmware_sim.runs.statistics import NoAverages, averages
 from firmware_sim.runs.wake_stills import WakeStills

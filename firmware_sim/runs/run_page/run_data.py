@@ -1,6 +1,7 @@
 """A run as plain values for the script of its page: what stays, the series, the events, the recorded wake."""
 
 import base64
+import re
 from collections.abc import Iterator
 from typing import Any, Final, NamedTuple
 
@@ -13,10 +14,49 @@ from firmware_sim.runs.control import SKIPPED, set_aside
 from firmware_sim.runs.pictures import mode_spans
 from firmware_sim.runs.reasons import BECAUSE, DOES
 from firmware_sim.runs.run_log import WALL, RunLog
-from firmware_sim.runs.run_page.disturbed import disturbed
 from firmware_sim.runs.statistics import NoAverages, averages, latency, planned_steps, rounded, sample_to_jets_ms
 from firmware_sim.runs.wake_stills import WakeStills
 from wake.pictures.drawing import outline
+
+_SENSOR: Final = re.compile(r"^(\w+):(?:.*,)?sensor=([^,]+)")
+
+
+class Disturbed(NamedTuple):
+    """A disturbance over a stretch of a run.
+
+    Attributes:
+        what: its text without its time.
+        first, after: first period that it may act in, and the one after the last.
+    """
+
+    what: str
+    first: int
+    after: int
+
+    @property
+    def sensor(self) -> tuple[str, str] | None:
+        """(name, kind) of the one sensor that it is of; None for every other disturbance."""
+        match = _SENSOR.match(self.what)
+        return None if match is None else (match[2], match[1])
+
+
+def disturbed(log: RunLog) -> Iterator[Disturbed]:
+    """List them in the order in which they were given. One without a time lasts from the begin to the end."""
+    count = len(log.series["t"])
+    for fault in log.metadata.faults:
+        what, _, span = fault.text.partition("@")
+        begin, _, end = span.partition("..")
+        first, after = _period(log, begin), _period(log, end)
+        yield Disturbed(what, 0 if first is None else min(first, count - 1), count if after is None else after)
+
+
+def _period(log: RunLog, seconds: str) -> int | None:
+    """The first one at or after a time of the run; None where the text has none."""
+    try:
+        return max(0, int(-(-float(seconds) * 1e9 // log.metadata.config.period_ns)))
+    except (ValueError, OverflowError):
+        return None
+
 
 MOST: Final = 400
 """Events of a page: a bus that loses frames changes the mode again and again."""
@@ -24,8 +64,8 @@ MOST: Final = 400
 _DOES: Final = {**DOES, SKIPPED: "the ECU was still computing, and left the period out"}
 
 
-class Event(NamedTuple):
-    """At the start of a control period.
+class RunEvent(NamedTuple):
+    """An event at the start of a control period.
 
     Attributes:
         period: its index in the run's series.
@@ -37,34 +77,36 @@ class Event(NamedTuple):
     text: str
 
 
-def events(log: RunLog) -> list[Event]:
-    """In order; the first `MOST`."""
+def events(log: RunLog) -> list[RunEvent]:
+    """List the events in order; the first `MOST`."""
     happened = sorted([*_set(log), *_states(log)], key=lambda event: event.period)
     if len(happened) <= MOST:
         return happened
     rest = f"and {len(happened) - MOST + 1} events more"
-    return [*happened[: MOST - 1], Event(happened[MOST - 1].period, "state", rest)]
+    return [*happened[: MOST - 1], RunEvent(happened[MOST - 1].period, "state", rest)]
 
 
-def _set(log: RunLog) -> Iterator[Event]:
+def _set(log: RunLog) -> Iterator[RunEvent]:
     last = len(log.series["t"]) - 1
     if log.enabled_at <= last:
-        yield Event(log.enabled_at, "set", "control is requested")
+        yield RunEvent(log.enabled_at, "set", "control is requested")
     for what, first, after in disturbed(log):
-        yield Event(first, "set", f"disturbed by {what}")
+        yield RunEvent(first, "set", f"disturbed by {what}")
         if after <= last:
-            yield Event(after, "set", f"no longer disturbed by {what}")
+            yield RunEvent(after, "set", f"no longer disturbed by {what}")
 
 
-def _states(log: RunLog) -> Iterator[Event]:
+def _states(log: RunLog) -> Iterator[RunEvent]:
     reasons = log.series["reason"].astype(int)
     for name, period in set_aside(log):
-        yield Event(period, "state", f"{name} is set aside: it contradicts the others, which stand in for it")
+        yield RunEvent(period, "state", f"{name} is set aside: it contradicts the others, which stand in for it")
     before = None
     for mode, first, _ in mode_spans(log):
         because = BECAUSE[Reason(int(reasons[first]))]
         change = mode if before is None else f"{before} to {mode}"
-        yield Event(first, "state", f"{change}: {f'{because}; ' if because and mode != SKIPPED else ''}{_DOES[mode]}")
+        yield RunEvent(
+            first, "state", f"{change}: {f'{because}; ' if because and mode != SKIPPED else ''}{_DOES[mode]}"
+        )
         before = mode
 
 
@@ -75,7 +117,7 @@ _BINS: Final = 60
 
 
 def run_data(log: RunLog, wake: WakeStills | None, name: str) -> dict[str, Any]:
-    """For `firmware_sim/runs/run_page/page`: JSON without NaN. `wake` are its stills; None where they were not
+    """The data for `firmware_sim/runs/run_page/page`: JSON without NaN. `wake` are its stills; None where they were not
     recorded."""
     config, means = log.metadata.config, averages(log)
     return {

@@ -334,8 +334,8 @@ def _check_zone(log: Path, series: "LogSeries", force: "TimeSeries", fill: int) 
 
 
 def _room(series: "LogSeries", fill: int) -> dict[str, float]:
-    """For `TimeSeries.at`, as a table of one's own with times has it; and a gap of `fill` rows, with as much room for
-    jitter."""
+    """The room for `TimeSeries.at`, as a table of one's own with times has it; and a gap of `fill` rows, with as much
+    room for jitter."""
     from contract.recording.findings import STEP_TOLERANCE
 
     return {"slack": STEP_TOLERANCE * series.period_s, "longest_gap": (fill + 1.5) * series.period_s}

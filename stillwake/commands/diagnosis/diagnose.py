@@ -112,7 +112,7 @@ def _from_folder(slots: Path) -> "tuple[dict[str, str | int], StoreReport]":
 
 
 def _rows(report: "StoreReport") -> list[tuple[str, str]]:
-    """Of a store, for people."""
+    """The rows of a store, for people."""
     from can_bridge.flashing.backing import Slot
 
     rows = []

@@ -9,7 +9,7 @@ from threading import Event, Thread
 from can_bridge.bus.backends.python_can import PythonCanBus
 from can_bridge.isotp.endpoint import Endpoint
 from contract.config.vehicle import BusConfig
-from ecu.flashable.diagnostic_link import isotp_settings
+from ecu.flashable.links import isotp_settings
 from tests.can_bridge.tester.line import Ecu
 
 

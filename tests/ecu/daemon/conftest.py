@@ -21,8 +21,7 @@ from ecu.daemon.connection import Connection
 from ecu.daemon.control_loop import ControlLoop, RealTime
 from ecu.daemon.reception import Reception
 from ecu.ecu import Ecu
-from ecu.real_time.stage_times import EcuStage, StageTimes
-from ecu.real_time.timed_controller import TimedController
+from ecu.real_time.stage_times import EcuStage, StageTimes, TimedController
 from firmware_sim.bench.vehicle_node import VehicleNode
 
 CHANNELS = count()

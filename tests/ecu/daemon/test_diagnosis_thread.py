@@ -16,7 +16,7 @@ from can_bridge.isotp.endpoint import Endpoint
 from can_bridge.isotp.settings import IsoTpSettings
 from can_bridge.wire.frame import Frame
 from contract.config.tree import Config
-from ecu.daemon.diagnosis_thread import DiagnosisThread
+from ecu.daemon.store_service import DiagnosisThread
 from ecu.flashable.flashable_ecu import FlashableEcu
 from ecu.real_time import clock
 from tests.can_bridge.flashing.store_ecu import KEY

@@ -23,8 +23,8 @@ from contract.release import bundle as bundles
 from contract.release.checks import Bundle
 from contract.runtime.onnx_session import OnnxController
 from ecu.daemon.counters import Counters
-from ecu.daemon.events import as_json
-from ecu.daemon.service import Options, freshness_file, serve
+from ecu.daemon.reporter import as_json
+from ecu.daemon.service import ProcessOptions, freshness_file, serve
 from ecu.real_time.privileges import Wanted
 from ecu.real_time.stage_times import EcuStage, load
 from tests.ecu.daemon.driving import PATIENCE_S, Vehicle
@@ -55,7 +55,7 @@ class Running:
 
 
 def run(release: Bundle, config: Config, write=lambda line: None, *, is_stopped, **options) -> Counters:
-    wanted = Options(**{"wanted": PLAIN, "environment": {}, "as_line": as_json, **options})
+    wanted = ProcessOptions(**{"wanted": PLAIN, "environment": {}, "as_line": as_json, **options})
     return serve(
         release, OnnxController.of(release), config, wanted, is_stopped=is_stopped, write=write, signature="unsigned"
     )
@@ -125,9 +125,11 @@ def test_with_a_key_a_restart_is_accepted_and_a_lost_file_is_not(release, config
 
 def test_a_key_needs_a_place_for_what_outlives_a_restart(tmp_path):
     with pytest.raises(ConfigError, match="--freshness FILE"):
-        freshness_file(Options(environment={}))
-    assert freshness_file(Options(environment={"STATE_DIRECTORY": f"{tmp_path}:/b"})) == tmp_path / "freshness.json"
-    assert freshness_file(Options(freshness=Path("x"), environment={"STATE_DIRECTORY": "/b"})) == Path("x")
+        freshness_file(ProcessOptions(environment={}))
+    assert (
+        freshness_file(ProcessOptions(environment={"STATE_DIRECTORY": f"{tmp_path}:/b"})) == tmp_path / "freshness.json"
+    )
+    assert freshness_file(ProcessOptions(freshness=Path("x"), environment={"STATE_DIRECTORY": "/b"})) == Path("x")
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ from contract.config.diagnosis import DiagnosisConfig
 from contract.config.tree import Config
 from contract.config.vehicle import BusConfig
 from contract.release import signing
-from ecu.daemon.options import Options
+from ecu.daemon.options import ProcessOptions
 from ecu.daemon.store_service import serve_store
 from ecu.flashable.ecu_folder import EcuFolder
 from ecu.flashable.flashable_ecu import FlashableEcu
@@ -38,7 +38,7 @@ def serve(tmp_path: Path, is_stopped: Callable[[PythonCanBus], bool], ids: Diagn
             EcuFolder(folder=tmp_path / "ecu", root=signing.public_key(ROOT), hardware="bench", serial="42"),
             KEY,
             Config(bus=bus),
-            Options(wanted=Wanted(priority=0, lock_memory=False, without_collector=False), environment={}),
+            ProcessOptions(wanted=Wanted(priority=0, lock_memory=False, without_collector=False), environment={}),
             software="0.7.0",
             is_stopped=lambda: is_stopped(tester),
             write=lines.append,

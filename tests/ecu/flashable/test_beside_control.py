@@ -10,7 +10,7 @@ from can_bridge.wire.messages import Mode, Reason
 from contract.release.checks import Bundle
 from contract.runtime.onnx_session import OnnxController
 from ecu.ecu import Ecu
-from ecu.flashable.diagnostic_link import MOST_FRAMES
+from ecu.flashable.links import MOST_FRAMES
 from tests.can_bridge.uds.addresses import REQUEST_ID
 from tests.ecu.flashable.vehicle_ecu import UNCHECKED, Rig, image, provision
 

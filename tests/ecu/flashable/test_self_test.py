@@ -12,8 +12,7 @@ from contract.controller.estimator import ESTIMATOR
 from contract.controller.interface import Controller, ControllerError, ControlStep
 from contract.release.checks import CONTROLLER, Bundle
 from contract.runtime.onnx_session import OnnxController
-from ecu.flashable.self_test import self_test
-from ecu.flashable.vehicle_fit import VehicleFit
+from ecu.flashable.vehicle_fit import VehicleFit, self_test
 from tests.ecu.conftest import RecordingController
 from tests.ecu.flashable.vehicle_ecu import (
     CONFIRM_ROUTINE,

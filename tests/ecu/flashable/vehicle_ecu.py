@@ -24,9 +24,9 @@ from contract.release import signing
 from contract.release.checks import Bundle
 from contract.release.image import image_of
 from contract.shipped import BUNDLE
-from ecu.flashable.diagnostic_link import isotp_settings
 from ecu.flashable.equipment import Equipment
 from ecu.flashable.flashable_ecu import FlashableEcu
+from ecu.flashable.links import isotp_settings
 from tests.can_bridge.flashing import releases
 from tests.can_bridge.flashing.releases import RELEASE, ROOT
 from tests.can_bridge.flashing.store_ecu import KEY, FlashingSteps

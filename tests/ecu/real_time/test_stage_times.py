@@ -8,8 +8,7 @@ import pytest
 
 from contract.controller.interface import ControllerError, ControlStep
 from contract.errors import StillwakeError
-from ecu.real_time.stage_times import NOTHING, EcuStage, StageTimes, VehicleStage, load
-from ecu.real_time.timed_controller import TimedController
+from ecu.real_time.stage_times import NOTHING, EcuStage, StageTimes, TimedController, VehicleStage, load
 
 
 def test_what_was_noted_is_read_back_and_the_rest_is_nothing(tmp_path):

@@ -104,7 +104,7 @@ def export(model, recording, tmp_path, monkeypatch) -> Export:
         }
         if library:
             arguments["library"] = pipeline.CLibrary(folder=tmp_path / "c", compiled=CController)
-        return pipeline.export_all(model, tmp_path / "bundle", **{**arguments, **changes})
+        return pipeline.export_all(model, tmp_path / "bundle", **{**arguments, **changes})[0]
 
     return run
 

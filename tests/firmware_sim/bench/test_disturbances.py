@@ -13,32 +13,34 @@ from contract.errors import ConfigError
 from contract.recording import dataset
 from contract.shipped import RECORDING
 from firmware_sim.bench import disturbances as kinds
-from firmware_sim.bench.disturbances import GLOBAL_DEVIATION, Disturbance, Disturbances, parse_disturbance
+from firmware_sim.bench import sensor_faults as sensed
+from firmware_sim.bench.disturbances import Disturbance, Disturbances, parse_disturbance
 from firmware_sim.bench.run_faults import NodeFault, parse_node_fault
+from firmware_sim.bench.sensor_faults import GLOBAL_DEVIATION
 from tests.examples import examples
 
 SENSORS = ("lower_36", "base_7", "upper_39", "base_0")
 
 EXAMPLES: dict[str, Disturbance] = {
-    "noise:level=0.5": kinds.Noise(level=0.5),
-    "bias:sensor=base_7,level=-0.5@1..2": kinds.Bias(sensor="base_7", level=-0.5, start_s=1.0, end_s=2.0),
-    "drift:sensor=base_7,level=1,over_s=2@1..": kinds.Drift(sensor="base_7", level=1.0, over_s=2.0, start_s=1.0),
-    "stuck:sensor=upper_39": kinds.Stuck(sensor="upper_39"),
-    "dead:sensor=base_7": kinds.Dead(sensor="base_7"),
-    "swap:sensors=base_0+base_7": kinds.Swap(sensors=("base_0", "base_7")),
-    "quantise:step=5": kinds.Quantise(step=5.0),
+    "noise:level=0.5": sensed.Noise(level=0.5),
+    "bias:sensor=base_7,level=-0.5@1..2": sensed.Bias(sensor="base_7", level=-0.5, start_s=1.0, end_s=2.0),
+    "drift:sensor=base_7,level=1,over_s=2@1..": sensed.Drift(sensor="base_7", level=1.0, over_s=2.0, start_s=1.0),
+    "stuck:sensor=upper_39": sensed.Stuck(sensor="upper_39"),
+    "dead:sensor=base_7": sensed.Dead(sensor="base_7"),
+    "swap:sensors=base_0+base_7": sensed.Swap(sensors=("base_0", "base_7")),
+    "quantise:step=5": sensed.Quantise(step=5.0),
     "wire_errors:bit_error_rate=0.001,node=ecu,at=receive": kinds.WireNoise(
         bit_error_rate=0.001, node="ecu", at="receive"
     ),
     "reset@4": kinds.Reset(start_s=4.0),
     "reset:boot_s=0.5@4": kinds.Reset(boot_s=0.5, start_s=4.0),
-    "clock:ppm=-200": kinds.Clock(ppm=-200.0),
-    "clock:offset_s=0.1@1..2": kinds.Clock(offset_s=0.1, start_s=1.0, end_s=2.0),
+    "clock:ppm=-200": kinds.WrongClock(ppm=-200.0),
+    "clock:offset_s=0.1@1..2": kinds.WrongClock(offset_s=0.1, start_s=1.0, end_s=2.0),
     "no_request@2..2.1": kinds.NoRequest(start_s=2.0, end_s=2.1),
     "reynolds=700": kinds.Reynolds(reynolds=700.0),
     "body:length=1": kinds.OtherBody(length=1.0),
     "body:length=3,leading_edge_radius=0.25": kinds.OtherBody(length=3.0, leading_edge_radius=0.25),
-    "gust:amplitude=0.1,period=20": kinds.Gust(amplitude=0.1, period=20.0),
+    "gust:amplitude=0.1,period=20": kinds.GustyWind(amplitude=0.1, period=20.0),
     "operating_point:speed=30": kinds.VehiclePoint(speed=30.0),
     "operating_point:speed=30,density=1.3@1..": kinds.VehiclePoint(speed=30.0, density=1.3, start_s=1.0),
     "action_limit=0.5": kinds.ActionLimit(action_limit=0.5),
@@ -59,7 +61,7 @@ SECONDS = st.floats(0, 1e6).filter(lambda s: s == 0 or s > 1e-45)
 @examples(50)
 @given(st.lists(st.sampled_from(list(EXAMPLES.values()))), SECONDS, st.floats(0, 1e3), st.floats(1e-5, 1e9))
 def test_many_are_read_back_from_their_texts_and_from_a_pickle(items, start_s, lasts_s, ppm):
-    odd = kinds.Clock(ppm=ppm, start_s=start_s, end_s=start_s + lasts_s)
+    odd = kinds.WrongClock(ppm=ppm, start_s=start_s, end_s=start_s + lasts_s)
     several = Disturbances(items=(*items, odd))
     assert Disturbances.parse(several.texts) == several
     assert pickle.loads(pickle.dumps(several)) == several

@@ -3,7 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from firmware_sim.bench.echo import EchoTracker
+from firmware_sim.bench.heard_commands import EchoTracker
 from tests.each import each
 
 

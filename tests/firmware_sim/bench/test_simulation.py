@@ -10,7 +10,7 @@ from can_bridge.wire.message_specs import JET_COMMAND, PRESSURE
 from can_bridge.wire.messages import Mode, Reason
 from contract.config.tree import Config
 from contract.errors import ConfigError, StillwakeError
-from firmware_sim.bench.disturbances import GLOBAL_DEVIATION
+from firmware_sim.bench.sensor_faults import GLOBAL_DEVIATION
 from firmware_sim.bench.spans import Spans
 from firmware_sim.runs.run_log import RunLog
 from tests.firmware_sim.bench.harness import NAMES, LiveOscillator, Oscillator, Run

@@ -6,12 +6,12 @@ from dataclasses import replace
 import pytest
 
 from firmware_sim.campaign import conduct as conducting
-from firmware_sim.campaign.judgement import Phase, Row, judged
-from firmware_sim.campaign.outcome import Course, Figures, Outcome, Service
+from firmware_sim.campaign.judgement import PhaseOutcomes, ScenarioRow, judged
+from firmware_sim.campaign.outcome import KeptCourse, MeanFigures, RunOutcome, RunService
 from firmware_sim.campaign.scenario import UNDISTURBED, Place, Scenario
 from wake.truck.state import State
 
-FREE = Figures(Cd=1.0, abs_Cl=0.9, mean_Cl=0.0, rms_action=0.0)
+FREE = MeanFigures(Cd=1.0, abs_Cl=0.9, mean_Cl=0.0, rms_action=0.0)
 
 
 def scenario_of(name: str, group: str = "a group", **fields) -> Scenario:
@@ -26,12 +26,12 @@ def phase_of(
     latches: int = 0,
     broken: Sequence[str] = (),
     failure: str = "",
-) -> Phase:
+) -> PhaseOutcomes:
     """A run of 100 periods against a free flow with Cd = 1 and |Cl| = 0.9."""
-    course = Course(
+    course = KeptCourse(
         t=[0.0, 0.2, 0.4], Cd=[1.0, Cd, Cd], Cl=[0.9, abs_Cl, -abs_Cl], action=[0.0, 0.01, 0.02], enabled_t=0.2
     )
-    service = Service(
+    service = RunService(
         requested=100,
         in_control=in_control,
         latches=latches,
@@ -42,15 +42,20 @@ def phase_of(
         violations=len(broken),
         broken=list(broken),
     )
-    under = Outcome(
-        key="k", figures=Figures(Cd=Cd, abs_Cl=abs_Cl, mean_Cl=0.01, rms_action=0.03), course=course, service=service
+    under = RunOutcome(
+        key="k",
+        figures=MeanFigures(Cd=Cd, abs_Cl=abs_Cl, mean_Cl=0.01, rms_action=0.03),
+        course=course,
+        service=service,
     )
     if failure:
-        under = Outcome(key="k", failure=failure)
-    return Phase(under=under, free=Outcome(key="f", figures=FREE, course=replace(course, action=[0.0] * 3)))
+        under = RunOutcome(key="k", failure=failure)
+    return PhaseOutcomes(under=under, free=RunOutcome(key="f", figures=FREE, course=replace(course, action=[0.0] * 3)))
 
 
-def rows_of(*others: tuple[Scenario, Sequence[Phase]], undisturbed: Sequence[Phase] | None = None) -> tuple[Row, ...]:
+def rows_of(
+    *others: tuple[Scenario, Sequence[PhaseOutcomes]], undisturbed: Sequence[PhaseOutcomes] | None = None
+) -> tuple[ScenarioRow, ...]:
     """The undisturbed scenario, 20 % less drag without other phases, and others."""
     first = (scenario_of(UNDISTURBED, "Undisturbed"), undisturbed or [phase_of(), phase_of()])
     everything = [first, *others]
@@ -81,7 +86,7 @@ class Worker:
         self.started: dict[str, State] = {}
         self.drag, self.stop_after, self.failing, self.unsafe = drag, 10**6, "", ""
         start = developed_state()
-        monkeypatch.setattr(conducting, "execute", self)
+        monkeypatch.setattr(conducting, "spread", self)
         # Of another body's wake, as far as a hash can tell.
         other = replace(start, flat=2.0 * start.flat)
         monkeypatch.setattr(
@@ -90,9 +95,9 @@ class Worker:
             lambda folder, config, phases, scenario, progress: (other if scenario else start,) * phases,
         )
 
-    def __call__(self, tasks, bundle, starts, *, workers, scheduler, finished) -> None:
+    def __call__(self, tasks, call, *, finished, **_) -> None:
         for task in tasks:
-            self.started[task.name] = starts[task.plant][task.phase]
+            *_, self.started[task.name] = call(task)
             if len(self.ran) == self.stop_after:
                 raise KeyboardInterrupt
             self.ran.append(task.name)
@@ -100,4 +105,4 @@ class Worker:
             broken = ["period 3: jets_shut"] if scenario == self.unsafe else []
             phase = phase_of(self.drag.get(scenario, 0.8), broken=broken)
             outcome = phase.under if task.controlled else phase.free
-            finished(task, Outcome(key="", failure="it fell over") if task.name == self.failing else outcome)
+            finished(task, RunOutcome(key="", failure="it fell over") if task.name == self.failing else outcome)

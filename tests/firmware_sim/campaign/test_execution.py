@@ -4,17 +4,15 @@ from pathlib import Path
 
 import pytest
 
+from contract import side_by_side
 from contract.config.tree import Config
 from contract.errors import StillwakeError
 from contract.release import bundle
 from firmware_sim.bench.spans import Spans
 from firmware_sim.campaign import conduct as conducting
 from firmware_sim.campaign.conduct import Campaign, conduct
-from firmware_sim.campaign.execution import execute
 from firmware_sim.campaign.folder import CampaignFolder
-from firmware_sim.campaign.running import run_task
 from tests.firmware_sim.campaign.conftest import scenario_of
-from wake.recording import parallel
 
 pytestmark = pytest.mark.processes  # starts dask workers, which run the real wake
 
@@ -41,9 +39,10 @@ def files(folder: Path) -> dict[str, bytes]:
 
 
 def test_a_worker_writes_the_bytes_of_runs_in_this_process(campaign, coarse, tmp_path, monkeypatch) -> None:
-    def here(tasks, bundle, starts, *, workers, scheduler, finished) -> None:
+    def here(tasks, call, *, finished, **_) -> None:
         for task in reversed(tasks):
-            finished(task, run_task(task, bundle, starts[task.plant][task.phase]))
+            work, *given = call(task)
+            finished(task, work(*given))
 
     campaign.check()
     monkeypatch.setattr(
@@ -51,25 +50,16 @@ def test_a_worker_writes_the_bytes_of_runs_in_this_process(campaign, coarse, tmp
     )
     together, alone = tmp_path / "together", tmp_path / "alone"
     by_workers = conduct(campaign, CampaignFolder(together), workers=1)
-    monkeypatch.setattr(conducting, "execute", here)
+    monkeypatch.setattr(conducting, "spread", here)
     assert conduct(campaign, CampaignFolder(alone), workers=1).rows == by_workers.rows
     assert files(alone) == files(together)
     assert {"campaign.json", "runs/rough.phase0.json", "runs/rough.uncontrolled.phase0.json"} <= files(alone).keys()
     assert by_workers.safe
 
 
-def test_a_scheduler_that_is_not_there_is_an_error(campaign, monkeypatch) -> None:
-    from tests.firmware_sim.campaign.test_task import TASK
-    from wake.truck.state import developed_state
-
+def test_a_scheduler_that_is_not_there_is_an_error(campaign, tmp_path, monkeypatch) -> None:
     # dask asks again and again until then.
-    monkeypatch.setattr(parallel, "_CONNECT_S", 1.0)
+    monkeypatch.setattr(side_by_side, "_CONNECT_S", 1.0)
     with pytest.raises(StillwakeError, match="cannot reach scheduler"):
-        execute(
-            [TASK],
-            campaign.bundle,
-            {TASK.plant: [developed_state()]},
-            workers=1,
-            scheduler="tcp://127.0.0.1:1",
-            finished=lambda task, outcome: None,
-        )
+        conduct(campaign, CampaignFolder(tmp_path / "out"), workers=1, scheduler="tcp://127.0.0.1:1")
+    assert not (tmp_path / "out").exists()

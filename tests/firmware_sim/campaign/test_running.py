@@ -12,9 +12,9 @@ from contract.release.checks import Bundle
 from firmware_sim.bench.spans import Spans
 from firmware_sim.bench.vehicle_node import VehicleNode
 from firmware_sim.campaign import running
-from firmware_sim.campaign.outcome import Course, Outcome, Service
+from firmware_sim.campaign.outcome import KeptCourse, RunOutcome, RunService
 from firmware_sim.campaign.running import flow_disturbances, run_task
-from firmware_sim.campaign.task import Task
+from firmware_sim.campaign.task import RunTask
 from wake.truck.develop import start_from_rest
 from wake.truck.truck_wake import TruckWake
 
@@ -31,19 +31,21 @@ def release(short_release) -> Bundle:
 
 @pytest.fixture(scope="module")
 def task_of(coarse):
-    def made(*disturb: str, controlled: bool = True) -> Task:
+    def made(*disturb: str, controlled: bool = True) -> RunTask:
         config = Config(flow=coarse.flow)
-        return Task(name="one", disturb=disturb, config=config, controlled=controlled, phase=0, seed=1, timing=TIMING)
+        return RunTask(
+            name="one", disturb=disturb, config=config, controlled=controlled, phase=0, seed=1, timing=TIMING
+        )
 
     return made
 
 
-def course_of(outcome: Outcome) -> Course:
+def course_of(outcome: RunOutcome) -> KeptCourse:
     assert outcome.course is not None, outcome.failure
     return outcome.course
 
 
-def service_of(outcome: Outcome) -> Service:
+def service_of(outcome: RunOutcome) -> RunService:
     assert outcome.service is not None, outcome.failure
     return outcome.service
 

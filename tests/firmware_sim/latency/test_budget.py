@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from contract.errors import ConfigError
-from firmware_sim.latency.budget import Verdict, read_budget, verdicts
+from firmware_sim.latency.budget import KeptLimit, read_budget, verdicts
 from firmware_sim.latency.measured import Quantiles
 from firmware_sim.latency.stages import Stage
 
@@ -21,16 +21,16 @@ def test_each_limit_with_what_was_measured(tmp_path):
     measured[Stage.GATE] = Quantiles.of(np.array([]))
     judged = verdicts(budget_of(tmp_path, text + "\n[gate]\nmax_ms = 1"), {"misses": 3, "misses_ours": 1}, measured)
     assert judged == [
-        Verdict("misses_ours", 0, 1),
-        Verdict("plan.p50_ms", 5.0, 5.0),
-        Verdict("plan.max_ms", 10.0, 10.0),
-        Verdict("gate.max_ms", 1.0, None),
-        Verdict("all.p99_ms", 9.9, 9.9),
-        Verdict("all.p99_9_ms", 9.98, 9.99),
+        KeptLimit("misses_ours", 0, 1),
+        KeptLimit("plan.p50_ms", 5.0, 5.0),
+        KeptLimit("plan.max_ms", 10.0, 10.0),
+        KeptLimit("gate.max_ms", 1.0, None),
+        KeptLimit("all.p99_ms", 9.9, 9.9),
+        KeptLimit("all.p99_9_ms", 9.98, 9.99),
     ]
     # A stage that did not happen keeps no limit, nor does a command that never came.
     assert [verdict.is_kept for verdict in judged] == [False, True, True, False, True, False]
-    assert not Verdict("all.max_ms", 1e300, float("inf")).is_kept
+    assert not KeptLimit("all.max_ms", 1e300, float("inf")).is_kept
 
 
 def test_a_wrong_file_is_one_line_with_its_name_and_place(tmp_path):

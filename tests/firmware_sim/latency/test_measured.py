@@ -10,7 +10,7 @@ from ecu.real_time.stage_times import EcuStage
 from firmware_sim.latency import idle_loop
 from firmware_sim.latency.budget import verdicts
 from firmware_sim.latency.idle_loop import IdleStage, lateness
-from firmware_sim.latency.measured import NEEDED_FOR_P99_9, Measured, Quantiles
+from firmware_sim.latency.measured import NEEDED_FOR_P99_9, MeasuredRun, Quantiles
 from firmware_sim.latency.report import PAGE, stage_rows, write_report
 from firmware_sim.latency.running import Recorded
 from firmware_sim.latency.stages import Stage
@@ -19,7 +19,7 @@ from tests.firmware_sim.latency.tables import COUNTERS, MS, PERIOD, TOOK, Tables
 SLACK_MS = 20.0 - sum(TOOK.values())
 
 
-def judged(run: Tables, name: str = "onnx") -> Measured:
+def judged(run: Tables, name: str = "onnx") -> MeasuredRun:
     recorded = Recorded(
         vehicle=run.vehicle,
         ecu=run.ecu,
@@ -27,7 +27,7 @@ def judged(run: Tables, name: str = "onnx") -> Measured:
         privileges="memory locked",
         fault="FAULT, IMPLAUSIBLE",
     )
-    return Measured.of(recorded, name=name, about="a release", period_ns=PERIOD, counter_period=COUNTERS)
+    return MeasuredRun.of(recorded, name=name, about="a release", period_ns=PERIOD, counter_period=COUNTERS)
 
 
 def test_percentiles_are_measured_values_by_nearest_rank():

@@ -11,7 +11,7 @@ from contract.config.tree import Config
 from contract.errors import LibraryError
 from ecu.ecu import Ecu
 from ecu.stepped import LoopEcu
-from firmware_sim.live.loop.messages import PERIOD_COLUMNS, Answer
+from firmware_sim.live.loop.messages import PERIOD_COLUMNS, LiveAnswer
 from firmware_sim.live.session import LiveSession
 from tests.ecu.conftest import make_bundle
 from tests.firmware_sim.bench.harness import LiveOscillator, Waves
@@ -105,7 +105,7 @@ class Live:
                 self.events += [item["text"] for item in message["items"]]
             self.heard[message["type"]] = message
 
-    def ask(self, **request: Any) -> Answer:
+    def ask(self, **request: Any) -> LiveAnswer:
         return self.session.handle(request)
 
     def set(self, **values: Any) -> "Live":

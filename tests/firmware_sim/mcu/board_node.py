@@ -16,13 +16,13 @@ from can_bridge.wire.message_sets import message_set
 from contract.config.tree import Config
 from contract.config.vehicle import BusConfig
 from contract.release import controller_image, signing
-from ecu.flashable.diagnostic_link import isotp_settings
+from ecu.flashable.links import isotp_settings
 from ecu.in_c.c_ecu import ecu_sources
 from ecu.in_c.c_image import controller_image as image_of
 from ecu.in_c.c_image import read_packed
 from firmware_sim.mcu.board.board_ecu import BoardEcu
-from firmware_sim.mcu.board.equipment import equipment_header
 from firmware_sim.mcu.board.flash_controller import STM32H743, FlashBank, FlashTimes
+from firmware_sim.mcu.board.on_a_bus import equipment_header
 from firmware_sim.mcu.build import EQUIPMENT
 from firmware_sim.mcu.elf import Firmware
 from tests.can_bridge.flashing.releases import RELEASE, ROOT

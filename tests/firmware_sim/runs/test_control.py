@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from can_bridge.wire.messages import Mode, Reason
-from firmware_sim.runs.control import Fault, control, held_while_averaged, trouble
+from firmware_sim.runs.control import LatchedFault, control, held_while_averaged, trouble
 from firmware_sim.runs.statistics import Averages, averages
 
 
@@ -30,7 +30,9 @@ def test_a_fault_is_named_with_reason_time_and_period(shedding):
     )
     # The jets moved in three of the 99 samples after the request.
     log.series["action"][64:] = 0.0
-    assert control(log).fault == Fault(reason="DEADLINE", t=float(log.series["t"][62]), period=62, after_enable=2)
+    assert control(log).fault == LatchedFault(
+        reason="DEADLINE", t=float(log.series["t"][62]), period=62, after_enable=2
+    )
     assert trouble(log) == (
         "ECU FAULT: DEADLINE at t = 12.4 t_c, 2 periods after enable; the jets were shut for 97 % of the controlled "
         "time."

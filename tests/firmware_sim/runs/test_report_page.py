@@ -13,7 +13,7 @@ from firmware_sim.runs import run_log, wake_stills
 from firmware_sim.runs.metadata import InjectedFault
 from firmware_sim.runs.run_folder import RunFolder
 from firmware_sim.runs.run_log import WALL
-from firmware_sim.runs.run_page.compare import write_comparison
+from firmware_sim.runs.run_page.comparison import write_comparison
 from firmware_sim.runs.run_page.report import write_report
 from firmware_sim.runs.wake_stills import Scene, WakeRecorder, WakeStills
 from tests.browser import PHONE, Visit, chromium, visit

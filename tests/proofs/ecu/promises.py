@@ -12,7 +12,7 @@ from typing import Any, Final, NamedTuple
 
 from can_bridge.wire.frame import Frame
 from contract.config.tree import Config
-from firmware_sim.bench.invariants import Commands, Heard, Jets
+from firmware_sim.bench.invariants import Commands, HeardCommand, Jets
 from tests.proofs.ecu import wire_witness as wire
 
 PROMISES: Final = {
@@ -258,7 +258,7 @@ class VehicleJudge:
         self._jets.heard([self._read(item, seen.period) for item in seen.commands], requested=seen.request)
         yield from (_OF_INVARIANTS[name] for name, _ in self._jets.broken(seen.action))
 
-    def _read(self, item: Delivered, period: int) -> Heard | None:
+    def _read(self, item: Delivered, period: int) -> HeardCommand | None:
         command = wire.read(item.frame, wire.COMMAND)
         if command is None:
             return None
@@ -266,7 +266,7 @@ class VehicleJudge:
         just_reset = self._reset_at is not None and period - self._reset_at <= 2 * self._jets.oldest
         oldest = self._jets.oldest * (2 if just_reset else 1)
         echoes = command["PressureCounterValid"] and item.sampled is not None
-        return Heard(
+        return HeardCommand(
             counter=command["E2E_Counter"],
             wanted=command["Mode"] not in (wire.OFF, wire.FAULT),
             drives=command["Enable"] and command["Mode"] in wire.DRIVING,

@@ -15,8 +15,8 @@ from ecu import controller_memory, ecu, ecu_state, fail_safe
 from ecu.ecu_state import EcuState
 from ecu.fail_safe import FailSafe, OperatingMode
 from ecu.pressure_reception import PressureReception
-from ecu.timing import Timing
-from firmware_sim.bench.echo import EchoTracker
+from ecu.timing import StepTiming
+from firmware_sim.bench.heard_commands import EchoTracker
 from firmware_sim.bench.vehicle_node import VehicleNode
 from tests.proofs.ecu import hostile
 from tests.proofs.ecu.hostile_world import Events, RandomEvents, World
@@ -127,7 +127,7 @@ HOLD, DECAY, CONTROL, FAULT = OperatingMode.HOLD, OperatingMode.DECAY, Operating
 TAKEN_AWAY: tuple[tuple[str, *tuple[tuple[Any, str, Any], ...]], ...] = (
     (
         "clock",
-        (Timing, "next", lambda self, *args, after=Timing.next: replace(after(self, *args), fault=None)),
+        (StepTiming, "next", lambda self, *args, after=StepTiming.next: replace(after(self, *args), fault=None)),
         (ecu, "gate", no_gate),
     ),
     ("bus-off", (ecu, "_bus_fault", lambda before, now: None)),

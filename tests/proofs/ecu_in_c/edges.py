@@ -16,7 +16,7 @@ from can_bridge.wire.message_specs import FLOW_RESOLUTION_M2_PER_S
 from can_bridge.wire.messages import Reason
 from contract.config.tree import Config
 from ecu.benefit_check import MOVED, PATIENCE, BenefitCheckState
-from ecu.delay_line import DelayLine
+from ecu.controller_memory import DelayLine
 from ecu.ecu_state import EcuState
 from ecu.fail_safe import OperatingMode
 from ecu.other_ecu import SILENCE_NS, OtherEcu
@@ -180,7 +180,7 @@ class Edges:
         measured_ns = now_ns - rng.choice((0, oldest_ns(self._config.ecu.speed.oldest_ms))) + rng.randrange(-2, 3)
         changed = replace(
             state.speed,
-            ratio=rng.choice((None, 1.0, 1.0, 1.3, 0.7, *edges(self._config))),
+            believed=rng.choice((None, 1.0, 1.0, 1.3, 0.7, *edges(self._config))),
             density=rng.choice((1.2, 0.9)),
             measured_ns=max(-(10**9), min(2**63 - 1, measured_ns)),
             is_off=rng.random() < 0.3,

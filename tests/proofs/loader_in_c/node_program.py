@@ -9,7 +9,7 @@ from can_bridge.isotp import control_info
 from can_bridge.isotp.endpoint import Endpoint
 from can_bridge.wire.frame import CLASSIC_LENGTHS, FD_LENGTHS, Frame
 from contract.config.diagnosis import CanId
-from ecu.flashable.diagnostic_link import isotp_settings
+from ecu.flashable.links import isotp_settings
 from tests.proofs.loader_in_c.node_plans import Plan, any_of, confirmations
 from tests.proofs.loader_in_c.node_requests import any_noise
 from tests.proofs.loader_in_c.node_twin import MS, Twins, World, as_in_c

@@ -12,7 +12,7 @@ from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import message_set
 from can_bridge.wire.messages import Pressure
 from contract.config.diagnosis import CanId
-from ecu.flashable.diagnostic_link import isotp_settings
+from ecu.flashable.links import isotp_settings
 from tests.can_bridge.flashing.releases import keys
 from tests.can_bridge.flashing.store_ecu import KEY, SECRET
 from tests.proofs.loader_in_c.node_library import BUSY, DRIVES_JETS, WAITS, WANTS_RESET, WRITES, Host

@@ -32,7 +32,7 @@ from contract.release.controller_image import ImageFacts
 from ecu.flashable import power_cycle
 from ecu.flashable.equipment import Equipment
 from ecu.flashable.flashable_ecu import FlashableEcu
-from ecu.flashable.self_test import self_test
+from ecu.flashable.vehicle_fit import self_test
 from tests.can_bridge.flashing import plain_backing, releases
 from tests.can_bridge.flashing.plain_backing import PlainBacking
 from tests.can_bridge.flashing.releases import HARDWARE, RELEASE, ROOT, SECOND, STRANGER, keys

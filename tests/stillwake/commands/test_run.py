@@ -18,7 +18,7 @@ from contract.release.checks import Bundle
 from firmware_sim.runs import run_log
 from firmware_sim.runs.run_folder import RunFolder
 from stillwake.commands.run import exit_with
-from stillwake.parts.asked_calibration import asked_calibration
+from stillwake.parts.releases import asked_calibration
 from tests.conftest import SIGNING_KEY
 from tests.firmware_sim.runs.conftest import shedding_log
 

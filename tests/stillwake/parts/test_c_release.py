@@ -20,7 +20,7 @@ ROWS = np.zeros((10, 5))
 def test_an_ecu_checks_no_sensors_without_an_estimator_or_int8_and_says_so(random_release):
     """The shipped release has an estimator, and says that it is int8."""
     lines: list[str] = []
-    found = ecu_files(random_release, ROWS, config=Config(), notice=lines.append)
+    found = ecu_files(load(random_release), ROWS, config=Config(), notice=lines.append)
     assert b"#define SW_SENSOR_CHECK 0\n" in found[ECU_SETTINGS]
     release = load(BUNDLE)
     assert c_release._without_check(release, Config(), lines.append) == Config()
@@ -33,16 +33,16 @@ def test_an_ecu_checks_no_sensors_without_an_estimator_or_int8_and_says_so(rando
 def test_what_c_cannot_do_leaves_the_control_step_alone_and_is_said(random_release):
     lines: list[str] = []
     keyed = replace(Config(), bus=replace(Config().bus, key="bus.key"))
-    assert ecu_files(random_release, ROWS, config=keyed, notice=lines.append) == {}
+    assert ecu_files(load(random_release), ROWS, config=keyed, notice=lines.append) == {}
     assert "no ECU in C" in lines[-1]
     assert "bus.key" in lines[-1]
     other = replace(Config(), operating_point=replace(Config().operating_point, width=2.6))
-    assert ecu_files(random_release, ROWS, config=other, notice=lines.append) == {}
+    assert ecu_files(load(random_release), ROWS, config=other, notice=lines.append) == {}
     assert "operating point" in lines[-1]
 
 
 def test_examples_are_written_below_the_library_and_not_compiled_into_it(tmp_path, random_release):
-    found = ecu_files(random_release, ROWS, config=Config(), notice=lambda line: None)
+    found = ecu_files(load(random_release), ROWS, config=Config(), notice=lambda line: None)
     library = c_library(random_program(0, model=MODEL, mpc=MPC))
     write_folder(tmp_path / "c", library | found)
     examples = {name for name in found if name.startswith("examples/")}

@@ -6,7 +6,7 @@ import pytest
 
 from contract.config.plant import FlowConfig
 from contract.errors import PlantError
-from firmware_sim.bench.real_time.speed import Speed, measured
+from firmware_sim.bench.real_time.live_wake import Speed, measured
 from wake.truck.state import State
 from wake.truck.truck_wake import TruckWake
 

@@ -9,17 +9,17 @@ from pathlib import Path
 from typing import Any
 
 from contract.errors import PlantError, StillwakeError
-from firmware_sim.live.loop.messages import PERIOD_COLUMNS, Answer, Message, Request
+from firmware_sim.live.loop.messages import PERIOD_COLUMNS, LiveAnswer, LiveMessage, Request
 
 KEPT = 50
 PICTURE_BYTES = 90_000
 
 
-def hello(run: int = 1, kept: int = KEPT) -> Message:
+def hello(run: int = 1, kept: int = KEPT) -> LiveMessage:
     return {"type": "hello", "run": run, "kept": kept, "period_ms": 5.0}
 
 
-def periods(*numbers: int, run: int = 1) -> Message:
+def periods(*numbers: int, run: int = 1) -> LiveMessage:
     return {"type": "periods", "run": run, "columns": {name: [float(k) for k in numbers] for name in PERIOD_COLUMNS}}
 
 
@@ -38,7 +38,7 @@ class MakeFake:
 class FakeSession:
     def __init__(self, show: Callable[[str], None]) -> None:
         self.show = show
-        self.new: list[Message | bytes] = [hello()]
+        self.new: list[LiveMessage | bytes] = [hello()]
         self.k = 0
         self.paused = False
         self.order = ""
@@ -53,7 +53,7 @@ class FakeSession:
             self.new += [{"type": "now", "k": self.k, "t": float("nan")}]
             self.k += 1
 
-    def handle(self, request: Request) -> Answer:
+    def handle(self, request: Request) -> LiveAnswer:
         given = request.get("set", {})
         if "order" in given:
             self.order = given["order"]
@@ -62,7 +62,7 @@ class FakeSession:
             _until_there_is(given["wait"])
         if "pause" in request:
             self.paused = request["pause"]
-        return Answer(note=f"at {self.k}")
+        return LiveAnswer(note=f"at {self.k}")
 
     def before(self, request: Request) -> Callable[[], None] | None:
         awaited = request.get("set", {}).get("make")
@@ -77,7 +77,7 @@ class FakeSession:
 
         return make
 
-    def messages(self) -> list[Message | bytes]:
+    def messages(self) -> list[LiveMessage | bytes]:
         new, self.new = self.new, []
         return new
 

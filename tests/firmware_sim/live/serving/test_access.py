@@ -2,16 +2,15 @@
 
 import json
 
-from firmware_sim.live.serving.access import Access
-from firmware_sim.live.serving.control import as_json, check
+from firmware_sim.live.serving.handlers import PageAccess, as_json, check
 
-HERE = Access(token=None)
-FAR = Access(token="right")
+HERE = PageAccess(token=None)
+FAR = PageAccess(token="right")
 
 
 def test_only_the_loopback_goes_without_a_token():
-    assert [Access.to(address).token for address in ("127.0.0.1", "::1", "localhost", "127.8.0.1")] == [None] * 4
-    tokens = [Access.to(address).token for address in ("0.0.0.0", "::", "192.168.0.7", "truck.example", "0.0.0.0")]
+    assert [PageAccess.to(address).token for address in ("127.0.0.1", "::1", "localhost", "127.8.0.1")] == [None] * 4
+    tokens = [PageAccess.to(address).token for address in ("0.0.0.0", "::", "192.168.0.7", "truck.example", "0.0.0.0")]
     assert len(set(tokens)) == 5
     # 128 random bits are 22 characters of base64.
     assert all(token is not None and len(token) >= 22 for token in tokens)

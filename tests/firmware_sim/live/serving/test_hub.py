@@ -3,18 +3,18 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from firmware_sim.live.loop.messages import Message
-from firmware_sim.live.serving.hub import MOST_ROWS, STREAMS, Hub, Viewer
+from firmware_sim.live.loop.messages import LiveMessage
+from firmware_sim.live.serving.supervisor import MOST_ROWS, STREAMS, Hub, Viewer
 from tests.examples import examples
 from tests.firmware_sim.live.serving.fake_session import hello, periods
 
 
-def rows_of(message: Message | bytes | None) -> list[float]:
+def rows_of(message: LiveMessage | bytes | None) -> list[float]:
     assert not isinstance(message, bytes)
     return [] if message is None else list(message["columns"]["k"])
 
 
-NOW: list[Message] = [{"type": "now", "k": k} for k in range(3)]
+NOW: list[LiveMessage] = [{"type": "now", "k": k} for k in range(3)]
 
 
 @given(st.lists(st.integers(0, 3), max_size=30))

@@ -18,16 +18,20 @@ from tornado.websocket import WebSocketClientConnection, websocket_connect
 
 from contract.errors import StillwakeError
 from firmware_sim.live.serving import handlers, server
-from firmware_sim.live.serving.access import Access
-from firmware_sim.live.serving.control import LONGEST_REQUEST
-from firmware_sim.live.serving.handlers import MOST_UNANSWERED, SEND_BUFFER, TRY_AGAIN_LATER
+from firmware_sim.live.serving.handlers import (
+    LONGEST_REQUEST,
+    MOST_UNANSWERED,
+    SEND_BUFFER,
+    TRY_AGAIN_LATER,
+    PageAccess,
+)
 from firmware_sim.live.serving.server import BoundedServer, application, serve
 from firmware_sim.live.serving.supervisor import Supervisor
 from tests.firmware_sim.live.serving.fake_session import PICTURE_BYTES, MakeFake
 
 PATIENCE_S = 60.0
 """A process is started on a machine that does other things."""
-OPEN = Access(token=None)
+OPEN = PageAccess(token=None)
 
 
 @dataclass(frozen=True)
@@ -46,7 +50,7 @@ class Place:
 @asynccontextmanager
 async def placed(
     make: MakeFake | None = None,
-    access: Access = OPEN,
+    access: PageAccess = OPEN,
     *,
     stalled_s: float = 30.0,
     short_life_s: float = 30.0,
@@ -122,7 +126,7 @@ async def test_the_page_has_its_files_and_no_other_can_be_had() -> None:
 
 @in_a_loop
 async def test_who_has_not_the_token_or_is_another_page_is_refused() -> None:
-    async with placed(access=Access(token="right")) as place:
+    async with placed(access=PageAccess(token="right")) as place:
         evil = {"Origin": "http://evil.example"}
         for path in ("/", "/static/ring.js", "/stream", "/control", "/none"):
             for query, origin in (("", {}), ("?token=wrong", {}), ("?token=right", evil)):

@@ -3,8 +3,7 @@
 from can_bridge.wire.messages import Mode, Reason
 from firmware_sim.runs.metadata import InjectedFault
 from firmware_sim.runs.run_page import run_data as listing
-from firmware_sim.runs.run_page.disturbed import disturbed
-from firmware_sim.runs.run_page.run_data import MOST, events
+from firmware_sim.runs.run_page.run_data import MOST, disturbed, events
 
 
 def test_request_states_and_disturbances_are_listed_in_order(shedding):

@@ -1,15 +1,45 @@
-"""From control periods to the fault memory: when a fault begins to stand, when control begins, and how it was then."""
+"""What the control periods tell diagnosis: whether the vehicle wants control, and which faults there were."""
 
 import struct
-from typing import Final
+from dataclasses import dataclass, replace
+from typing import Final, Self
 
 import numpy as np
 
 from can_bridge.uds.fault_codes import CODES
 from can_bridge.uds.fault_memory import FaultMemory
+from can_bridge.uds.services import Nrc
 from can_bridge.wire.messages import COUNT_LIMIT, SENSORS
 from ecu.ecu_state import EcuState
 from ecu.fail_safe import OperatingMode
+
+REMEMBERED_NS: Final = 1_000_000_000
+"""For which a request counts after the frame that carried it: what a lost bus or a lying sensor leaves open."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class VehicleRequest:
+    """The request as seen in the control steps.
+
+    Attributes:
+        asked_ns: of the latest step with usable pressures that asked for control; None before the first.
+        drives_jets: whether the jets could run after the latest step.
+    """
+
+    asked_ns: int | None = None
+    drives_jets: bool = False
+
+    def seen(self, before: EcuState, after: EcuState, now_ns: int) -> Self:
+        """Look at one more control step."""
+        usable = after.missed == before.missed
+        asks = usable and after.fail_safe.enable_request
+        return replace(self, asked_ns=now_ns if asks else self.asked_ns, drives_jets=after.fail_safe.mode.drives_jets)
+
+    def refusal(self, now_ns: int) -> Nrc | None:
+        """CONDITIONS_NOT_CORRECT while the jets may run, or the vehicle asked for control in the last second."""
+        asks = self.asked_ns is not None and now_ns - self.asked_ns < REMEMBERED_NS
+        return Nrc.CONDITIONS_NOT_CORRECT if self.drives_jets or asks else None
+
 
 _NUMBERS: Final = struct.Struct(">IBHH")
 _MOST_MS: Final = 0xFFFF_FFFF
@@ -23,7 +53,7 @@ class FaultWatch:
         self._power_on_ns: int | None = None
 
     def seen(self, before: EcuState, after: EcuState, now_ns: int) -> None:
-        """After one more control period."""
+        """Look at one more control period."""
         is_first, now_ns = self._power_on_ns is None, max(0, now_ns)
         self._power_on_ns = now_ns if self._power_on_ns is None else self._power_on_ns
         was, now = before.fail_safe.mode, after.fail_safe.mode

@@ -6,13 +6,12 @@ from typing import Final
 
 from can_bridge.bus.interface import HEALTHY, BusHealth
 from can_bridge.command_gate import Intervention
-from can_bridge.e2e.sender import protected_frame
-from can_bridge.secoc.node import Authentication, key_of, secured
+from can_bridge.secoc.node import Authentication, key_of
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import message_set
 from can_bridge.wire.messages import SENSORS, EcuStatus, JetCommand, Reason
 from contract.config.tree import Config
-from ecu.ecu_state import EcuState, Trace
+from ecu.ecu_state import EcuState, Trace, answers
 from ecu.fail_safe import FailSafe, OperatingMode
 
 NO_BUNDLE: Final = 0
@@ -35,14 +34,11 @@ class ShutEcu:
         self._key = key_of(authentication, config.bus)
         self._next_period = config.ecu.plan_ahead
         start = EcuState.power_on(window=1, sensors=SENSORS, horizon=1, delay=0)
-        if authentication is not None:
-            verifier = authentication.verifier(self._messages.pressure.spec)
-            start = replace(start, verifier=verifier, freshness=authentication.freshness)
-        self.restore(start)
+        self.restore(start.authenticated(authentication, self._messages))
 
     @property
     def state(self) -> EcuState:
-        """After the latest step."""
+        """The state after the latest step."""
         return self._state
 
     @property
@@ -75,29 +71,14 @@ class ShutEcu:
             freshness=before.freshness.next(),
             health=health,
         )
-        return self._answers(before, now_ns)
+        command = JetCommand(
+            flow_m2_per_s=0.0, mode=self.trace.mode, enable=False, pressure_counter=None, next_period=self._next_period
+        )
+        return answers(before, self._state, command, now_ns, self._messages, self._key, NO_BUNDLE)
 
     def status(self) -> EcuStatus:
         """Health counters as of the latest step."""
         return self._state.status(NO_BUNDLE)
-
-    def _answers(self, before: EcuState, now_ns: int) -> list[Frame]:
-        command = JetCommand(
-            flow_m2_per_s=0.0, mode=self.trace.mode, enable=False, pressure_counter=None, next_period=self._next_period
-        )
-        messages = (
-            (before.commands, self._messages.command.spec, self._messages.command.emit(command)),
-            (before.statuses, self._messages.status.spec, self._messages.status.emit(self.status())),
-        )
-        return [
-            secured(
-                protected_frame(sender, data, spec=spec, now_ns=max(0, now_ns)),
-                spec=spec,
-                key=self._key,
-                freshness=before.freshness,
-            )
-            for sender, spec, data in messages
-        ]
 
 
 _NO_RELEASE: Final = FailSafe(mode=OperatingMode.FAULT, reason=Reason.NO_RELEASE, enable_request=False)

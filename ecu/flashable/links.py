@@ -1,19 +1,28 @@
-"""Diagnosis on the bus: ISO-TP frames in and out, and the server behind them.
+"""What a tester says on the bus, to the server of diagnosis and to the calibration of the release that runs.
 
 A functional request goes to every ECU, so that it has one frame alone (ISO 15765-2, table 4): others would ask for flow
 control. It is another conversation than the physical one, of which it interrupts nothing.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Final
 
+from can_bridge.calibration.segment import Segment
+from can_bridge.calibration.xcp_slave import XcpSlave
+from can_bridge.flashing.store import Store
 from can_bridge.isotp import control_info
 from can_bridge.isotp.endpoint import Endpoint
 from can_bridge.isotp.settings import IsoTpSettings, classic
+from can_bridge.uds.calibration_service import CalibrationService
 from can_bridge.uds.server import UdsServer
-from can_bridge.uds.services import BESIDE
+from can_bridge.uds.services import BESIDE, Nrc, Refused
 from can_bridge.wire.frame import Frame
+from contract.config.tree import Config
 from contract.config.vehicle import BusConfig
+from contract.release.checks import Bundle
+from ecu.calibrating import limits_of
+from ecu.flashable.equipment import Equipment
+from ecu.stepped import CalibratedEcu
 
 MOST_FRAMES: Final = 128
 """That an ECU looks at in one call. A control period of CAN FD at 2 Mbit/s holds a third of them; the rest of a flood
@@ -30,7 +39,7 @@ def isotp_settings(config: BusConfig, *, is_tester: bool = False) -> IsoTpSettin
 
 
 class DiagnosticLink:
-    """After power-on.
+    """The link after power-on.
 
     Args:
         config: of the bus: CAN FD or classic frames, identifiers.
@@ -81,3 +90,65 @@ class DiagnosticLink:
     def _send(self, answers: Sequence[bytes]) -> None:
         for answer in answers:
             self._endpoint.send(answer)
+
+
+class CalibrationLink:
+    """Calibrates the ECU of one release, from its boot on, whatever computes it.
+
+    Args:
+        bundle: that runs.
+        ecu: that runs it.
+        refusal: why nothing may be stored now; values in force can always be changed.
+    """
+
+    def __init__(
+        self,
+        bundle: Bundle,
+        ecu: CalibratedEcu,
+        store: Store,
+        config: Config,
+        equipment: Equipment,
+        *,
+        refusal: Callable[[], Nrc | None],
+    ) -> None:
+        self._ecu = ecu
+        self._segment = Segment(ecu.calibration, limits_of(bundle, config))
+        self._is_fd, self._response = config.bus.frames == "fd", config.bus.diagnosis.xcp_response
+        self._xcp = XcpSlave(self._segment, equipment.access, equipment.random_bytes)
+        self.service = CalibrationService(
+            self._segment,
+            kept=lambda: store.records.calibration(bundle.digest),
+            keep=store.keep_calibration,
+            refusal=refusal,
+        )
+        if (error := self.service.restore()) is not None:
+            equipment.log("calibration_dropped", f"stored calibration not used: {error}")
+
+    def hand_over(self) -> None:
+        """Give the ECU other values at the beginning of a control period, if others are in force now."""
+        if (calibration := self._segment.take()) is not None:
+            self._ecu.calibrate(calibration)
+
+    def xcp(self, now_ns: int, frames: Sequence[Frame]) -> list[Frame]:
+        """Take the tool's frames; those to it. Storing that is asked for waits until it is allowed."""
+        packets = [packet for frame in frames for packet in self._xcp.command(now_ns, frame.data)]
+        if (calibration := self._xcp.to_store(now_ns)) is not None:
+            try:
+                self.service.store(calibration)
+            except Refused as refused:
+                if refused.code is not Nrc.CONDITIONS_NOT_CORRECT:
+                    # To try again in every period would wear out a memory that fails.
+                    self._xcp.not_stored()
+            else:
+                packets += self._xcp.stored()
+        number, is_extended = self._response
+        return [
+            Frame(
+                frame_id=number,
+                data=packet,
+                timestamp_ns=max(0, now_ns),
+                is_fd=self._is_fd,
+                is_extended=is_extended,
+            )
+            for packet in packets
+        ]

@@ -1,0 +1,166 @@
+"""Work side by side: processes of this machine, or workers of dask where others may help and may be lost.
+
+None is left behind, nor what it wrote, however the work ends.
+"""
+
+import logging
+import multiprocessing
+import signal
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
+from multiprocessing import resource_tracker
+from typing import TYPE_CHECKING, Any, Final, TypeVar
+
+from contract.errors import StillwakeError
+
+if TYPE_CHECKING:
+    from distributed import Client, Future, LocalCluster
+
+J = TypeVar("J")
+
+_STOPS: Final = (signal.SIGINT, signal.SIGTERM)
+"""They reach every process of a terminal or a service, and only the parent decides what they mean."""
+_POLL_S: Final = 0.2
+_CONNECT_S: Final = 10.0
+
+
+@contextmanager
+def process_pool(workers: int, initializer: Callable[[], None] | None = None) -> Iterator[ProcessPoolExecutor]:
+    """A pool of fresh processes; an error or a stop ends them in the middle of their work.
+
+    Args:
+        workers: so many.
+        initializer: called in each of them before its work.
+    """
+    context = multiprocessing.get_context("spawn")
+    with tempfile.TemporaryDirectory(prefix="stillwake-", ignore_cleanup_errors=True) as scratch:
+        pool = ProcessPoolExecutor(workers, mp_context=context, initializer=_begin, initargs=(scratch, initializer))
+        before = multiprocessing.active_children()
+        try:
+            yield pool
+            pool.shutdown()
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            for child in multiprocessing.active_children():
+                if child not in before:
+                    child.kill()
+                    child.join()
+            raise
+
+
+def spread(
+    jobs: Sequence[J],
+    call: Callable[[J], tuple[Any, ...]],
+    *,
+    workers: int,
+    scheduler: str | None,
+    names: Callable[[J], tuple[str, str]],
+    finished: Callable[[J, Any], None],
+    looked: Callable[[Mapping[str, int]], None] = lambda threads: None,
+    slots: Callable[[Mapping[str, int]], int] = len,
+) -> None:
+    """Let workers of dask do the jobs, in their order, one to a slot at a time; a local worker that dies is replaced.
+
+    Args:
+        call: a job's function and its arguments, as they travel to the worker; made when a slot is free.
+        workers: local processes to start; at most one a job.
+        scheduler: address of a running scheduler to use instead.
+        names: of a job, and of what is kept of it if its workers die, for the message.
+        finished: called in this process with every job that is done and its result, in the order they finish.
+        looked: called at every look with the threads of each worker by its address.
+        slots: how many jobs run on these workers at once.
+
+    Raises:
+        StillwakeError: the scheduler cannot be reached or has no worker, a worker died too often over one job, or what
+            the job raised of that kind.
+    """
+    if not jobs:
+        return
+    waiting = list(reversed(jobs))
+    running: dict[Future, J] = {}
+    with _dask_client(min(workers, len(jobs)), scheduler) as client:
+        while waiting or running:
+            # What a job takes along may be megabytes: no more are under way than are being worked on.
+            threads: Mapping[str, int] = client.nthreads()
+            looked(threads)
+            while waiting and len(running) < max(1, slots(threads)):
+                job = waiting.pop()
+                running[client.submit(*call(job), pure=False)] = job
+            time.sleep(_POLL_S)
+            for future in [future for future in running if future.done()]:
+                job = running.pop(future)
+                finished(job, _result(future, *names(job)))
+
+
+def _begin(scratch: str, initializer: Callable[[], None] | None) -> None:
+    for number in _STOPS:
+        signal.signal(number, signal.SIG_IGN)
+    tempfile.tempdir = scratch
+    if initializer is not None:
+        initializer()
+
+
+def _result(future: "Future", name: str, kept: str) -> Any:
+    # Needed only here, as below: a vehicle has no dask.
+    from distributed import KilledWorker
+
+    if future.status == "finished":
+        return future.result()
+    error: BaseException | None = future.exception() if future.status == "error" else None
+    if isinstance(error, StillwakeError):
+        raise error
+    if isinstance(error, KilledWorker):
+        died = f"{error.allowed_failures + 1} workers died over it, killed or out of memory"
+        raise StillwakeError(f"{name}: {died}; {kept}") from error
+    raise StillwakeError(f"{name}: lost by its worker ({error or future.status}); {kept}") from error
+
+
+@contextmanager
+def _dask_client(workers: int, scheduler: str | None) -> "Iterator[Client]":
+    """A client of the scheduler, or of a new local cluster of single-threaded processes."""
+    import dask.config
+    from distributed import Client
+
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)
+    if scheduler is None:
+        # Of its own: what dask writes into the shared temporary folder, it leaves there.
+        with (
+            tempfile.TemporaryDirectory(prefix="stillwake-", ignore_cleanup_errors=True) as scratch,
+            dask.config.set({"temporary-directory": scratch}),
+            _local_cluster(workers) as cluster,
+            Client(cluster) as client,
+        ):
+            yield client
+        return
+    try:
+        client = Client(scheduler, timeout=_CONNECT_S)
+    except (OSError, ValueError) as error:
+        raise StillwakeError(f"cannot reach scheduler {scheduler}: {error}") from error
+    with client:
+        try:
+            client.wait_for_workers(1, timeout=_CONNECT_S)
+        except TimeoutError as error:
+            raise StillwakeError(f"scheduler {scheduler} has no worker") from error
+        yield client
+
+
+def _local_cluster(workers: int) -> "LocalCluster":
+    from distributed import LocalCluster
+
+    # The cluster's thread and the workers it starts, now or later, inherit the blocked signals; here they are only put
+    # off until they stand. Python's resource tracker would unblock them again if it were started meanwhile.
+    resource_tracker.ensure_running()
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, _STOPS)
+    try:
+        return LocalCluster(
+            n_workers=workers,
+            threads_per_worker=1,
+            memory_limit=0,
+            dashboard_address=":0",
+            silence_logs=logging.CRITICAL,
+        )
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
