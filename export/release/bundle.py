@@ -11,8 +11,9 @@ from contract.config.tree import Config
 from contract.model.model_folder import Provenance
 from contract.release import bundle
 from contract.release.bundle import MadeEstimator, with_estimator
-from contract.release.checks import CONTROLLER
+from contract.release.checks import CONTROLLER, Bundle
 from contract.release.manifest import FIRST_SECURITY_VERSION, Manifest, RestingWake, SpeedRange
+from contract.runtime.onnx_estimator import OnnxEstimator
 from export.release.gated import Gated
 
 
@@ -63,7 +64,7 @@ def write_release(
     estimator: MadeEstimator | None = None,
 ) -> None:
     """Write a release bundle, whole or not at all. Raises StillwakeError if the path cannot be written, or holds
-    something else.
+    something else; BundleControllerError if the estimator is of other sensors or another window.
 
     Args:
         provenance: of the training; the gates' figures are added under `export`.
@@ -99,4 +100,5 @@ def write_release(
     contents = {CONTROLLER: lowered.graph}
     if estimator is not None:
         manifest = with_estimator(manifest, contents, estimator)
+        OnnxEstimator.of(Bundle(manifest=manifest, files=contents, digest=""))
     bundle.write(path, manifest, contents, key)

@@ -203,13 +203,16 @@ def _export_model(
     precision: str,
     estimator: bool,
 ) -> None:
+    from export.program.controller_program import program_of
     from export.release.pipeline import PHASES, export_all, gate_figures
     from export.release.sbom import release_bom, write_bom
 
     used = recording() if dataset is None else dataset
     with files.library() as folder, phases("export", PHASES) as (report, phase):
-        sensors = tuple(model_folder.read_description(model)["sensors"]) if estimator else ()
-        made = fitted_estimator(used, sensors, config.model.window, report) if estimator else None
+        made = None
+        if estimator:
+            program = program_of(model_folder.read(model), config.mpc)
+            made = fitted_estimator(used, program.sensors, program.window, report)
         done, release = export_all(
             model,
             output,

@@ -11,7 +11,7 @@ from contract.config.controller import MpcConfig
 from contract.config.learning import ModelConfig
 from contract.config.tree import Config
 from contract.controller.estimator import ESTIMATOR
-from contract.errors import BundleManifestError, ExportError
+from contract.errors import BundleControllerError, BundleManifestError, ExportError
 from contract.model.model_folder import Provenance
 from contract.release import bundle, signing
 from contract.release.bundle import MadeEstimator
@@ -80,13 +80,23 @@ def test_the_speeds_that_a_prior_was_trained_at_are_the_releases(tmp_path, progr
         replace(manifest, speeds=SpeedRange(slowest=1.1, fastest=1.4))
 
 
-def test_a_sensor_estimator_is_written_with_its_manifest(tmp_path, program):
-    network = random_network(window=5, sensors=len(program.sensors))
-    graph = build_estimator(rounded_estimator(network)).SerializeToString()
-    made = MadeEstimator(graph=graph, figures=FIGURES, provenance={"judged_on": ["test"]})
+def test_a_sensor_estimator_of_the_controllers_window_is_written_with_its_manifest(tmp_path, program):
+    other, made = (
+        MadeEstimator(
+            graph=build_estimator(
+                rounded_estimator(random_network(window=window, sensors=len(program.sensors)))
+            ).SerializeToString(),
+            figures=FIGURES,
+            provenance={"judged_on": ["test"]},
+        )
+        for window in (program.window + 1, program.window)
+    )
+    with pytest.raises(BundleControllerError, match="'window' has shape"):
+        release(tmp_path / "release", gated(program, "float32"), estimator=other)
+    assert not (tmp_path / "release").exists()
     release(tmp_path / "release", gated(program, "float32"), estimator=made)
     loaded = bundle.load(tmp_path / "release")
-    assert loaded.files[ESTIMATOR] == graph
+    assert loaded.files[ESTIMATOR] == made.graph
     assert loaded.manifest.sensor_estimator == FIGURES
     assert loaded.manifest.provenance["sensor_estimator"] == {"judged_on": ["test"]}
 
