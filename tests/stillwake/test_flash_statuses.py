@@ -106,7 +106,7 @@ def test_silence(call: Flash, flash: Flash, ecu: EcuToFlash, monkeypatch: pytest
         )
     monkeypatch.setattr(asking, "P2_S", 0.2)
     monkeypatch.setattr("can_bridge.tester.transport.FLOW_CONTROL_MS", 200)
-    monkeypatch.setattr("can_bridge.tester.transfer.START_S", 0.2)
+    monkeypatch.setattr("can_bridge.tester.transfer.STARTING_S", 0.2)
     ecu.memory.on_written = lambda received: setattr(ecu, "is_dead", received >= 40_000)
     ends(flash(), 3, f"of {len(SHIPPED)} bytes and still the release from before: the same command goes on from there")
     ecu.is_dead, ecu.memory.on_written = False, lambda received: None

@@ -16,10 +16,10 @@ typedef struct {
     sw_ecu *ecu;
     sw_store *store;
     const sw_vehicle_request *request;
-    sw_calibration working; /* in force from the next control period on */
-    sw_calibration release; /* the release's own */
     uint8_t is_changed;     /* whether the ECU has others yet */
     uint8_t is_kept;        /* whether values are stored */
+    sw_calibration working; /* in force from the next control period on */
+    sw_calibration release; /* the release's own */
 } sw_calibrating;
 
 /* Puts stored values in force, if they are in the limits: after a boot, once the ECU has the release's own values. */

@@ -26,11 +26,11 @@ typedef struct {
     uint8_t *whole;   /* where the message is that has come last */
     uint8_t is_held;  /* `message` is still read: another one for it is refused as too much */
     /* Reception. */
-    uint16_t wanted; /* bytes of the message on its way; 0 without one */
-    uint16_t received;
     uint8_t frame_length; /* of its first frame */
     uint8_t next_number;
-    uint8_t answer; /* flow status that is due, or SW_ISOTP_NO_ANSWER */
+    uint8_t answer;  /* flow status that is due, or SW_ISOTP_NO_ANSWER */
+    uint16_t wanted; /* bytes of the message on its way; 0 without one */
+    uint16_t received;
     int64_t next_until_ns;
     /* Transmission. */
     uint8_t state;

@@ -130,10 +130,10 @@ static uint8_t identifier(const sw_services *services, uint32_t number, sw_answe
         sw_answer_number(answer, SW_SLOT_BYTES, 4);
         break;
     case SW_DID_KEY_LIST:
-        sw_answer_number(answer, sw_key_list_version(services->store->keys), 4);
+        sw_answer_number(answer, sw_key_list_version(services->uds.store->keys), 4);
         break;
     case SW_DID_STORE:
-        sw_answer_bytes(answer, report, sw_store_report(services->store, report));
+        sw_answer_bytes(answer, report, sw_store_report(services->uds.store, report));
         break;
     case SW_DID_CALIBRATION:
     case SW_DID_CALIBRATION_LIMITS:
@@ -172,11 +172,11 @@ static uint8_t give_access(sw_services *services, const uint8_t *body, uint32_t 
     if (length != (is_answer ? 1u + SW_ANSWER_BYTES : 1u)) return SW_NRC_INCORRECT_LENGTH;
     sw_answer_byte(answer, body[0]);
     if (is_answer) {
-        return sw_access_unlock(&services->access, services->store, services->uds.now_ns, level,
+        return sw_access_unlock(&services->uds.access, services->uds.store, services->uds.now_ns, level,
                                 services->equipment->access_key, &body[1]);
     }
     uint8_t seed[SW_SEED_BYTES];
-    const uint8_t code = sw_access_seed(&services->access, services->uds.now_ns, level, services->equipment->random,
+    const uint8_t code = sw_access_seed(&services->uds.access, services->uds.now_ns, level, services->equipment->random,
                                         services->equipment->context, seed);
     sw_answer_bytes(answer, seed, SW_SEED_BYTES);
     return code;
@@ -264,7 +264,7 @@ static uint8_t block_written(sw_transfer *transfer, uint8_t code)
 static uint8_t write_on(sw_services *services, sw_answer *answer)
 {
     sw_answer_byte(answer, services->transfer.last);
-    return block_written(&services->transfer, sw_store_refusal(sw_store_go_on(services->store)));
+    return block_written(&services->transfer, sw_store_refusal(sw_store_go_on(services->uds.store)));
 }
 
 static uint8_t take_block(sw_services *services, const uint8_t *body, uint32_t length, sw_answer *answer)
@@ -284,7 +284,7 @@ static uint8_t take_block(sw_services *services, const uint8_t *body, uint32_t l
     transfer->has_last = 1;
     transfer->last = body[0];
     sw_bytes_copy(transfer->last_digest, digest, SW_SHA256_BYTES);
-    return block_written(transfer, sw_store_refusal(sw_store_append(services->store, &body[1], bytes)));
+    return block_written(transfer, sw_store_refusal(sw_store_append(services->uds.store, &body[1], bytes)));
 }
 
 /* All bytes came; the routine that checks finds out whether they are the announced ones. */
@@ -343,7 +343,7 @@ static void end_session(sw_services *services, uint8_t next)
 {
     sw_uds *uds = &services->uds;
     if (uds->session != SW_SESSION_DEFAULT) {
-        sw_store_drop(services->store);
+        sw_store_drop(services->uds.store);
         if (services->programming.is_updating) uds->wants_reset = 1;
     }
     if (next == SW_SESSION_DEFAULT) services->faults.is_off = 0;
@@ -355,11 +355,9 @@ void sw_services_init(sw_services *services, const sw_equipment *equipment, sw_s
 {
     static const sw_service_table table = {rows, COUNT(rows), end_session};
     services->equipment = equipment;
-    services->store = store;
     services->uds.table = &table;
     services->uds.services = services;
     services->uds.isotp = isotp;
-    services->uds.access = &services->access;
     services->uds.store = store;
     services->uds.session = SW_SESSION_DEFAULT;
     services->programming.ecu = ecu;

@@ -40,11 +40,9 @@ typedef struct {
 
 struct sw_services {
     const sw_equipment *equipment;
-    sw_store *store;
+    sw_programming programming; /* beside a pointer: no byte is lost to alignment */
     sw_vehicle_request request;
     sw_uds uds;
-    sw_access access;
-    sw_programming programming;
     sw_calibrating calibrating;
     sw_faults faults;
     sw_transfer transfer;

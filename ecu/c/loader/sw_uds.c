@@ -21,11 +21,11 @@ int sw_uds_holds_message(const sw_uds *uds)
 
 int sw_uds_waits(const sw_uds *uds) { return uds->under_way != NULL && sw_store_is_erasing(uds->store); }
 
-int sw_uds_is_locked(const sw_uds *uds, uint8_t level) { return level != 0u && uds->access->unlocked != level; }
+int sw_uds_is_locked(const sw_uds *uds, uint8_t level) { return level != 0u && uds->access.unlocked != level; }
 
 static void see_time(sw_uds *uds, int64_t now_ns)
 {
-    if (!uds->has_time) sw_access_power_on(uds->access, uds->store, now_ns);
+    if (!uds->has_time) sw_access_power_on(&uds->access, uds->store, now_ns);
     if (!uds->has_time || now_ns > uds->now_ns) uds->now_ns = now_ns;
     uds->has_time = 1;
 }
@@ -33,7 +33,7 @@ static void see_time(sw_uds *uds, int64_t now_ns)
 void sw_uds_change_session(sw_uds *uds, uint8_t session)
 {
     uds->table->end_session(uds->services, session);
-    sw_access_lock(uds->access);
+    sw_access_lock(&uds->access);
     if (session == SW_SESSION_DEFAULT) uds->is_silent = 0;
     uds->session = session;
     uds->heard_ns = uds->now_ns;

@@ -47,7 +47,6 @@ typedef struct {
     const sw_service_table *table;
     sw_services *services;
     sw_isotp *isotp; /* answers are written into its queue */
-    sw_access *access;
     sw_store *store;
     const sw_service *under_way; /* the service that is worked on, or NULL */
     uint8_t session;  /* SW_SESSION_ */
@@ -58,6 +57,7 @@ typedef struct {
     uint8_t is_quiet; /* the tester wants no positive answer to it */
     uint8_t is_functional; /* every ECU has the request: what others may serve is passed over in silence */
     uint16_t waiting; /* bytes of a request that waits for the memory to be erased; 0: none does */
+    sw_access access;
     int64_t now_ns;   /* a clock that goes back stands still here */
     int64_t heard_ns; /* since when the tester has been silent */
     int64_t pending_ns;

@@ -21,6 +21,9 @@ from export.program.windows import random_windows
 from export.release.lowering import int8_library
 from export.to_c.library import documents
 
+START = ("sw_board_start.h", "sw_board_start.c", "sw_board_libc.c")
+"""What the bare core starts with; a program with an operating system has its own."""
+
 MODEL = ModelConfig(latent=3, lstm_width=8, dynamics_width=16, decoder_width=8)
 """Of the random release."""
 
@@ -51,6 +54,5 @@ def exported(built_for, random_release) -> dict[str, bytes]:
 def folder(exported) -> dict[str, bytes]:
     """The same flat and without documents: the tests' compiler takes no folders in folders."""
     names = [name for name in exported if name.endswith((".c", ".h", ".ld")) and name.split("/")[0] not in BOARD]
-    start = [f"board/sw_board_{name}" for name in ("start.h", "start.c", "libc.c")]
-    taken = {name: exported[name] for name in (*names, *start)}
+    taken = {name: exported[name] for name in (*names, *(f"board/{name}" for name in START))}
     return without({Path(name).name: text for name, text in taken.items()}, "replay.c")

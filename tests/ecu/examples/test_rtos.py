@@ -11,9 +11,9 @@ from can_bridge.wire.frame import Frame
 from can_bridge.wire.messages import Mode
 from contract.config.learning import ModelConfig
 from ecu.in_c.compiler import host_compiler
-from tests.ecu.examples.conftest import without
+from tests.ecu.examples.conftest import START, without
 
-RTOS = Path(__file__).parents[5] / "examples" / "rtos"
+RTOS = Path(__file__).parents[3] / "examples" / "rtos"
 C = Path(__file__).with_name("c")
 SYSTEMS = {
     "freertos": ["FreeRTOS.h", "freertos.c"],
@@ -34,7 +34,7 @@ def test_every_period_has_a_command_and_the_jets_are_driven(system, folder, buil
     if config.bus.frames != "fd":
         pytest.skip("one of the sets shows it")
     stand_ins = {name: (C / name).read_text() for name in ("board.h", "board.c", *SYSTEMS[system])}
-    contents = without(folder, "main_socketcan.c", "systick.c")
+    contents = without(folder, "main_socketcan.c", "systick.c", *START)
     files = {name: (RTOS / name).read_text() for name in ("ecu_port.h", "ecu_task.c", f"port_{system}.c")}
     port = re.sub(r"^#include <zephyr/.*>$", '#include "zephyr.h"', files[f"port_{system}.c"], flags=re.MULTILINE)
     files |= {f"port_{system}.c": port} | stand_ins

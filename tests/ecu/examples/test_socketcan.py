@@ -20,7 +20,7 @@ from can_bridge.wire.message_sets import MessageSet
 from can_bridge.wire.messages import Mode
 from ecu.in_c.compiler import host_compiler
 from tests.ecu.daemon.driving import Vehicle
-from tests.ecu.examples.conftest import without
+from tests.ecu.examples.conftest import START, without
 
 BUS = Path(__file__).with_name("c").joinpath("bus.c").read_bytes()
 WRAPPED = ("-Wl,--wrap=socket", "-Wl,--wrap=bind", "-Wl,--wrap=ioctl", "-Wl,--wrap=setsockopt")
@@ -35,7 +35,7 @@ def linux_program(folder, tmp_path_factory, shared_builds) -> Callable[..., Path
     """`main_socketcan.c` with a bus in place of the kernel's, or without."""
     if not sys.platform.startswith("linux"):
         pytest.skip("SocketCAN is Linux's")
-    contents = without(folder, "systick.c", "pressures.h", "mps2_an500.ld")
+    contents = without(folder, "systick.c", "pressures.h", "mps2_an500.ld", *START)
     place = tmp_path_factory.mktemp("socketcan")
 
     def build(name: str, *flags: str, **others: bytes) -> Path:

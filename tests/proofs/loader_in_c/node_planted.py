@@ -14,7 +14,7 @@ PLANTED: Final = (
     ("sw_access.c", "if (access->asked != level) return SW_NRC_SEQUENCE_ERROR;\n    access->asked = 0;", ""),
     ("sw_uds.c", "uds->now_ns + FIRST_PENDING_NS;", "uds->now_ns + NEXT_PENDING_NS;"),
     ("sw_services.c", "if (uds->session != SW_SESSION_DEFAULT) {", "if (0) {"),
-    ("sw_uds.c", "sw_access_lock(uds->access);", ""),
+    ("sw_uds.c", "sw_access_lock(&uds->access);", ""),
     ("sw_uds.c", "sw_isotp_is_receiving(uds->isotp) || ", ""),
     ("sw_uds.c", " || sw_isotp_is_sending(uds->isotp)", ""),
     ("sw_access.c", "if (count < SW_ACCESS_ATTEMPTS)", "if (count <= SW_ACCESS_ATTEMPTS)"),

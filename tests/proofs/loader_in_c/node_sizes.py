@@ -72,6 +72,7 @@ def _deepest(image: bytes) -> tuple[int, list[str]]:
     machine.skipdata = True
     frames, calls = dict[int, int](), defaultdict[int, set[int]](set)
     pointed_at = {address for address, (name, _) in functions.items() if _POINTED_AT.fullmatch(name)}
+    ending = {address for address in pointed_at if functions[address][0] == "end_session"}
     for address, (name, size) in functions.items():
         start = address - text["sh_addr"]
         frames[address] = 0
@@ -84,7 +85,7 @@ def _deepest(image: bytes) -> tuple[int, list[str]]:
             elif line.op_str.startswith("#") and (target := int(line.op_str[1:], 0) & ~1) in functions:
                 calls[address] |= {target} - {address}
             elif kind in ("blx", "bx") and line.op_str != "lr" and name.startswith("sw_uds"):
-                calls[address] |= pointed_at
+                calls[address] |= ending if name == "sw_uds_change_session" else pointed_at - ending
 
     @cache
     def below(address: int) -> tuple[int, tuple[str, ...]]:

@@ -41,7 +41,7 @@ def test_a_value_comes_with_its_unit_and_its_source(cli, tmp_path):
     assert found["ecu.hold_periods"] == ["2", "1", "periods", "file"]
     assert found["ecu.compute_time_ms"] == ["4.5", "8", "ms", "--set"]
     assert found["ecu.decay_periods"] == ["2", "periods", "default"]
-    assert found["mpc.weights.lift"] == ["0", "0.01", "release"]
+    assert found["mpc.weights.lift"] == ["0.04", "0.01", "release"]
     assert found["flow.control_period"] == ["0.2", "t_c", "default"]
 
 

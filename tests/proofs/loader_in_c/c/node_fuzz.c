@@ -50,9 +50,9 @@ static uint32_t drawn(uint32_t below)
 static void look(void)
 {
     const sw_store *store = &ecu->node.store;
-    if (ecu->node.services.access.unlocked != 0u && (offered & 1u << ecu->node.services.access.unlocked) == 0u) counted.unlocked_without_key++;
-    if (ecu->node.services.access.unlocked == 0u) offered = 0;
-    if (ecu->node.services.uds.session == SW_SESSION_DEFAULT && ecu->node.services.access.unlocked != 0u) counted.unlocked_without_key++;
+    if (ecu->node.services.uds.access.unlocked != 0u && (offered & 1u << ecu->node.services.uds.access.unlocked) == 0u) counted.unlocked_without_key++;
+    if (ecu->node.services.uds.access.unlocked == 0u) offered = 0;
+    if (ecu->node.services.uds.session == SW_SESSION_DEFAULT && ecu->node.services.uds.access.unlocked != 0u) counted.unlocked_without_key++;
     for (uint32_t slot = 0; slot < 2u; slot++) {
         const sw_slot_state *standing = &store->state.slots[slot];
         uint32_t found = 0;

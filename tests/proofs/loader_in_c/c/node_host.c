@@ -158,7 +158,7 @@ uint32_t host_fact(const host *of, int which)
 {
     const sw_node *node = &of->node;
     const uint32_t facts[] = {(uint32_t)sw_node_is_busy(node), (uint32_t)sw_node_wants_reset(node),
-                              (uint32_t)sw_node_needs_reset(node), node->services.uds.session, node->services.access.unlocked,
+                              (uint32_t)sw_node_needs_reset(node), node->services.uds.session, node->services.uds.access.unlocked,
                               node->store.reason, node->store.running, of->worst,
                               (uint32_t)sw_node_waits(node), node->services.request.drives_jets, of->writes};
     return facts[which];
