@@ -316,7 +316,7 @@ class FailSafe:
 
 
 _NO_LIMITS: Final = EcuConfig()
-"""For the rows of a fault of the ECU's own, which look at no setting."""
+"""The settings for rows of a fault of the ECU's own, which look at none."""
 
 
 def taken(mode: OperatingMode, period: Period) -> Transition:

@@ -93,12 +93,12 @@ class ControllerImage:
 
     @property
     def name(self) -> str:
-        """Of the release."""
+        """The release's name."""
         return self.facts.name
 
     @property
     def security_version(self) -> int:
-        """Of the release."""
+        """The release's security version."""
         return self.facts.security_version
 
     @property

@@ -15,7 +15,7 @@ from ecu.daemon.reporter import LogEvent, plain
 from ecu.real_time.privileges import Wanted
 
 FRESHNESS: Final = "freshness.json"
-"""In the state directory that systemd gives a service."""
+"""The file's name in the state directory that systemd gives a service."""
 
 
 @dataclass(frozen=True, kw_only=True)

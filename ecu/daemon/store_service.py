@@ -90,7 +90,7 @@ class DiagnosisThread:
 
 
 SWITCH_INTERVAL_S: Final = 0.0005
-"""For which a thread may keep the interpreter from the control that has just woken; Python's own is 5 ms."""
+"""The time for which a thread may keep the interpreter from the control that has just woken; Python's own is 5 ms."""
 NO_RELEASE: Final = "none"
 
 Fields = str | int | float

@@ -18,7 +18,7 @@ from contract.errors import StillwakeError
 from contract.npz import read_npz
 
 NOTHING: Final = -1
-"""As a counter of the E2E header, which may be 0: there was no frame."""
+"""Stands for a counter of the E2E header, which may be 0, where there was no frame."""
 LONGEST: Final = 180_000
 """Periods kept without a stated number: an hour at 20 ms."""
 

@@ -57,7 +57,7 @@ WANTED: Final = DRIVING | {Mode.WARMUP}
 AGE_TOLERANCE: Final = 0.01
 """Share of a period. Two clocks 200 ppm apart, and the wait until the bus is read, cost far less."""
 _LONGEST_S: Final = 1e6
-"""Of a span that has no end."""
+"""The length of a span that has no end."""
 ROUNDING: Final = 1e-9
 """Tolerance for the rounding of floating-point numbers that are compared with a limit."""
 

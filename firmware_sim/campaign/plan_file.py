@@ -33,7 +33,7 @@ BUILT_IN: Final = ("paper", "sensors", "bus", "flow")
 """Names of the files in `plans/`, in the plan's order."""
 MOST_SCENARIOS: Final = 1000
 SENSORS: Final = "sensors"
-"""In place of a list of values: the release's sensors."""
+"""Stands for the release's sensors in place of a list of values."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -19,7 +19,7 @@ from ecu.in_c.compiler import compile_c, host_compiler
 from firmware_sim.fmu.ecu_variables import IDENTIFIER, ecu_variables, model_description, wrapper_settings, xml_bytes
 
 PLATFORM: Final = f"{platform.machine()}-{sys.platform}"
-"""As FMI names it: x86_64-linux."""
+"""The platform as FMI names it: x86_64-linux."""
 FLAGS: Final = ("-O3", "-ffp-contract=off", "-fPIC", "-shared", "-fvisibility=hidden", "-Wl,--no-undefined")
 """No -march: an FMU is passed on to other machines. What the ECU decides does not depend on it."""
 SETTINGS: Final = "sw_fmu_settings.h"

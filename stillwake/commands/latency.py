@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 NOT_PASSED: Final = 3
 """Exit status of a run that is whole, but broke its budget, or whose ECU left control."""
 LEAD_IN_S: Final = 2.0
-"""Until control is requested: by then the ECU's deadlines follow the vehicle's sampling."""
+"""The time until control is requested: by then the ECU's deadlines follow the vehicle's sampling."""
 SPARE_PERIODS: Final = 25
 """Besides, before the first plan and after the last one that counts."""
 INTERFACE: Final = "udp_multicast"

@@ -26,7 +26,7 @@ USES: Final = (
     "vehicle",
     WEIGHTS,
 )
-"""As `run`, but for authentication and another goal than the release's cost can have."""
+"""The settings of `run` but for authentication and another goal than the release's cost can have."""
 
 Host = Annotated[str, typer.Option(help="Address to listen at; another needs the token in the link.")]
 Port = Annotated[int, typer.Option(help="Port to listen at; 0: any that is free.", min=0, max=65535)]

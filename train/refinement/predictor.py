@@ -17,7 +17,7 @@ from contract.errors import DatasetError, StillwakeError
 from contract.sensor_layout import SensorLayout
 
 RIDGE: Final = 1e-6
-"""Of the regression, as part of the regressors' mean squares."""
+"""The ridge of the regression, as a part of the regressors' mean squares."""
 _CHUNK: Final = 20_000
 """Regressors that are held at once."""
 

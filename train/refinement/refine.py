@@ -228,7 +228,7 @@ def _readings(settings: RefineConfig, deviations: Array, speeds: Array, rng: np.
 
 
 def _next_speed(stream: Stream, settings: RefineConfig, rng: np.random.Generator) -> float:
-    """At which a stretch ends: any at first, then mostly about the same."""
+    """The speed at which a stretch ends: any at first, then mostly about the same."""
     # Beyond the ends too, and back to them: so that these are met as often as what lies between.
     beyond = 0.3 * (settings.fastest - settings.slowest)
     anywhere = rng.uniform(settings.slowest - beyond, settings.fastest + beyond)

@@ -70,7 +70,7 @@ def side_by_side(workers: int, flow: Callable[[], DifferentiableFlow]) -> Iterat
 
 
 _FLOW: list[DifferentiableFlow] = []
-"""Of a worker's process."""
+"""The flow of a worker's process."""
 
 
 def _begin(flow: Callable[[], DifferentiableFlow]) -> None:

@@ -17,7 +17,7 @@ from contract.differentiable import DifferentiableFlow, FlowState, Seen
 from train.refinement.feedback import Feedback
 
 ROUNDED: Final = 0.05
-"""Of Cl: where the slope of its magnitude turns. A sign would let every period near zero count in full."""
+"""The Cl at which the slope of its magnitude turns. A sign would let every period near zero count in full."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -80,7 +80,7 @@ class Stream:
 
     @classmethod
     def begun(cls, state: FlowState, feedback: Feedback, slowest: float = 1.0) -> Self:
-        """From a flow without jets at the design speed; `slowest` is the least speed to come."""
+        """A window of a flow without jets at the design speed; `slowest` is the least speed to come."""
         rows = ceil(feedback.memory / slowest) + (slowest < 1.0)
         row = np.concatenate([np.zeros(feedback.pairs), feedback.middles.numpy(), [0.0]])
         return cls(state=state, rows=np.tile(row, (rows, 1)), speeds=np.ones(rows))

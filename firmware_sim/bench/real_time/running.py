@@ -26,7 +26,7 @@ from firmware_sim.bench.vehicle_node import VehicleNode
 from wake.plant.drive import Drive
 
 LEAD_IN_NS: Final = 50_000_000
-"""From the loop's making to its first sampling instant."""
+"""The time from the loop's making to its first sampling instant."""
 ROOM: Final = 4096
 """Frames kept for a period: a second of a full classic bus."""
 WRITTEN_EVERY: Final = 500

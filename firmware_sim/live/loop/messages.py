@@ -32,7 +32,7 @@ PERIOD_COLUMNS: Final = (
 
 LiveMessage = dict[str, Any]
 Request = dict[str, Any]
-"""From a viewer: an `id`, which the answer has, too, and one of `firmware_sim.live.settings.ACTIONS`."""
+"""A viewer's request: an `id`, which the answer has, too, and one of `firmware_sim.live.settings.ACTIONS`."""
 LiveAnswer = dict[str, Any]
 """`id`; `error` is one line, and then nothing was changed; `note` reports what was done."""
 Choice = dict[str, Any]

@@ -12,7 +12,7 @@ from firmware_sim.runs.reasons import BECAUSE, DOES
 
 UNPOWERED: Final = "UNPOWERED"
 BOOT: Final = "BOOT"
-"""In place of an `OperatingMode`: the ECU has no supply; it starts."""
+"""The words in place of an `OperatingMode`: the ECU has no supply; it starts."""
 
 _DOES: Final[Mapping[str, str]] = {
     UNPOWERED: "no supply: the ECU is silent",

@@ -24,7 +24,7 @@ from firmware_sim.mcu.build import MISSING, compile_board
 from firmware_sim.mcu.elf import Firmware, read_elf
 
 _SCRATCH: Final = SRAM + SRAM_BYTES - 16384
-"""Of the debugger, behind everything that is linked."""
+"""The debugger's memory, behind everything that is linked."""
 
 
 class BoardEcu(CEcuState):

@@ -30,7 +30,7 @@ def equipment_header(root: PublicKey, access_key: bytes, vehicle: bytes, hardwar
 
 
 LONGEST_NS: Final = 20_000_000
-"""Of the board's time that passes between two looks at the bus, however long the emulation takes."""
+"""The most of the board's time that passes between two looks at the bus, however long the emulation takes."""
 
 
 def read_bank(path: Path) -> FlashBank:

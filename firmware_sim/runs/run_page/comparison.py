@@ -21,7 +21,7 @@ MOST: Final = 6
 """Runs on a page: more curves cannot be distinguished."""
 NONE: Final = "\N{EN DASH}"
 SAME: Final = "="
-"""In place of a difference that the format does not show."""
+"""Stands for a difference that the format does not show."""
 
 _FIGURES: Final = (
     ("mean Cd (wall), uncontrolled", "Cd_uncontrolled", ".4f"),
