@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from firmware_sim.latency.budget import KeptLimit
     from firmware_sim.latency.measured import MeasuredRun
 
-NOT_PASSED: Final = 3
+_NOT_PASSED: Final = 3
 """Exit status of a run that is whole, but broke its budget, or whose ECU left control."""
 LEAD_IN_S: Final = 2.0
 """The time until control is requested: by then the ECU's deadlines follow the vehicle's sampling."""
@@ -113,7 +113,7 @@ def latency(
     if broken:
         console.print(f"over budget: {', '.join(verdict.name for verdict in broken)}", style="bold red")
     if broken or uncontrolled:
-        raise typer.Exit(NOT_PASSED)
+        raise typer.Exit(_NOT_PASSED)
 
 
 def in_real_time(loaded: Loaded) -> Loaded:

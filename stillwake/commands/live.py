@@ -8,7 +8,7 @@ import typer
 
 from stillwake.console import options as shared
 from stillwake.console.numbers import steps_of
-from stillwake.console.settings import WEIGHTS, settings
+from stillwake.console.settings import COST_WEIGHTS, settings
 from stillwake.console.stopping import until_stopped
 from stillwake.console.terminal import console
 from stillwake.parts.releases import asked_calibration, describe, open_release
@@ -24,7 +24,7 @@ USES: Final = (
     "bus.e2e",
     "ecu",
     "vehicle",
-    WEIGHTS,
+    COST_WEIGHTS,
 )
 """The settings of `run` but for authentication and another goal than the release's cost can have."""
 

@@ -36,7 +36,7 @@ class Price:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Readings:
+class StretchReadings:
     """What stands between the flow and the feedback in a stretch of n periods.
 
     Attributes:
@@ -106,7 +106,7 @@ def differentiate(
     feedback: Feedback,
     stream: Stream,
     price: Price,
-    readings: Readings,
+    readings: StretchReadings,
     *,
     speeds: Array | None = None,
     action_limit: float = inf,

@@ -21,7 +21,7 @@ from typing import Any, Final, NamedTuple
 
 from wake.pictures.level_picture import Levels
 
-SCHEMA: Final = "stillwake-live/1"
+LIVE_SCHEMA: Final = "stillwake-live/1"
 _FIELD: Final = struct.Struct("<IfHH")
 
 PERIOD_COLUMNS: Final = (
