@@ -24,15 +24,15 @@ MOST_LINES = {
 MOST_WORDS = 83_300
 """Of the documents, as wc counts them, with what is made in them."""
 STAND_TWICE = {
-    "an option of a command, beside the class of the value that it gives or names": """Board Bundle Bus Counter Drive
-        Episode Freshness Key KeyList Layout Period Periods PlantName Precision Priority Role Settings State StageTimes
-        Store""",
-    "an option beside another one: help and default are each command's own": """Controlled DataSet Duration EcuName
-        Hardware NoAverages Settle Values""",
-    "the settings that a command reads, one line at the top of its file": "USES",
+    "an option, by its word, beside the class or type of what it gives": """Board Bundle Bus Drive Episode Freshness Key
+        KeyList PlantName Precision Role Settings State StageTimes""",
+    "an option, by its word, beside another thing of a room": "Counter Layout NoAverages Period Periods Priority Store",
+    "options of one word in several commands, with help and default of each": """Controlled DataSet Duration EcuName
+        Hardware Settle Values""",
+    "the settings that a command reads, at the top of its file": "USES",
     "a TypeVar, which says nothing": "S T",
 }
-"""Public names in two files or more, by the reason for which they stay; each other one says which it is."""
+"""Public names in several files by the reason for which they stay; every other one says which it is."""
 _INCLUDED = re.compile(r'^#include "(\w+\.h)"', re.MULTILINE)
 
 
@@ -139,9 +139,9 @@ def test_no_folder_is_a_long_list():
 def _public(path: Path) -> Iterator[str]:
     """Classes and constants at the top of a file that others may use."""
     for node in ast.parse(path.read_text(encoding="utf-8")).body:
-        found: list[Any] = [node] if isinstance(node, ast.ClassDef | ast.AnnAssign) else getattr(node, "targets", [])
-        names = [getattr(one, "name", None) or getattr(getattr(one, "target", one), "id", "_") for one in found]
-        yield from (name for name in names if name[0].isupper())
+        match node:
+            case ast.ClassDef(name) | ast.AnnAssign(ast.Name(name)) | ast.Assign([ast.Name(name)]) if name[0].isupper():
+                yield name
 
 
 def test_no_public_name_stands_twice():
@@ -151,7 +151,7 @@ def test_no_public_name_stands_twice():
             files.setdefault(name, set()).add(path)
     twice = {name: sorted(map(str, found)) for name, found in files.items() if len(found) > 1}
     listed = " ".join(STAND_TWICE.values()).split()
-    assert len(listed) <= 35
+    assert len(listed) <= 31, "give it another name"
     assert {name: found for name, found in twice.items() if name not in listed} == {}, "say in the name which it is"
     assert [name for name in listed if name not in twice] == [], "stands in one file: take it off the list"
 

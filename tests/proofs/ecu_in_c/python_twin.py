@@ -100,7 +100,7 @@ class Networks:
         return ControlStep(plan=self.answers.plan, forces=self.answers.forces, terms=np.zeros(len(TERMS)), cost=0.0)
 
     def estimates(self, window: Array) -> Array:
-        """See `Estimator`."""
+        """See `EstimatorModel`."""
         self.estimated_on.append(window.copy())
         return self.answers.estimates
 
