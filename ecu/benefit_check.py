@@ -27,7 +27,7 @@ from contract.release.manifest import Manifest
 from contract.sensor_layout import SAME_PLACE
 from ecu.fit import positions_of
 
-ON_BASE: Final = "base_"
+_ON_BASE: Final = "base_"
 """How the names of sensors on a body's base begin."""
 MOVED: Final = 0.1
 """Change of the speed that ends a test, in design speeds: the wake has become another one."""
@@ -88,7 +88,7 @@ class BenefitCheck:
     @classmethod
     def of(cls, manifest: Manifest, config: BenefitCheckConfig) -> "BenefitCheck | None":
         """The check of a release; None where none of its sensors is on the base, or none has its mirror image."""
-        base = tuple(place for place, name in enumerate(manifest.sensors) if name.startswith(ON_BASE))
+        base = tuple(place for place, name in enumerate(manifest.sensors) if name.startswith(_ON_BASE))
         pairs = mirrored_pairs(manifest)
         if not (config.enabled and base and pairs):
             return None

@@ -139,14 +139,14 @@ def _unless_refused(reason: Reason) -> Callable[[Period], Reason]:
     return lambda period: Reason.NOT_AUTHENTIC if _missing(period) is Reason.NOT_AUTHENTIC else reason
 
 
-NO_REASON: Final = Because("NONE", lambda period: Reason.NONE)
-WRITING: Final = Because("UPDATING", lambda period: Reason.UPDATING)
-QUIET: Final = Because("NONE; NOT_AUTHENTIC if no frame is", _unless_refused(Reason.NONE))
-STANDS: Final = Because("NOT_ARMED; NOT_AUTHENTIC if no frame is", _unless_refused(Reason.NOT_ARMED))
-MISSING: Final = Because("why pressures are missing", _missing)
-WAITING: Final = Because("NONE; OFF_SPEED at such a speed; NOT_HELPING in a test; why pressures are missing", _waiting)
-OWN: Final = Because("of the fault", lambda period: period.inputs.fault or Reason.INTERNAL)
-FIRST: Final = Because("the first one stays", lambda period: period.kept)
+_NO_REASON: Final = Because("NONE", lambda period: Reason.NONE)
+_WRITING: Final = Because("UPDATING", lambda period: Reason.UPDATING)
+_QUIET: Final = Because("NONE; NOT_AUTHENTIC if no frame is", _unless_refused(Reason.NONE))
+_STANDS: Final = Because("NOT_ARMED; NOT_AUTHENTIC if no frame is", _unless_refused(Reason.NOT_ARMED))
+_MISSING: Final = Because("why pressures are missing", _missing)
+_WAITING: Final = Because("NONE; OFF_SPEED at such a speed; NOT_HELPING in a test; why pressures are missing", _waiting)
+_OWN: Final = Because("of the fault", lambda period: period.inputs.fault or Reason.INTERNAL)
+_FIRST: Final = Because("the first one stays", lambda period: period.kept)
 
 ALWAYS: Final = Condition("in any other case", lambda period: True)
 UPDATING: Final = Condition("a release is to be written", lambda period: period.inputs.updating)
@@ -213,35 +213,35 @@ _WANTED: Final = "WARMUP CONTROL HOLD DECAY"
 """Where control is wanted and no fault stands."""
 
 TRANSITIONS: Final = (
-    _row("UPDATE", ALWAYS, _S.UPDATE, WRITING),
-    _row("INIT STANDBY ARMED WARMUP FAULT", UPDATING, _S.UPDATE, WRITING),
-    _row(f"INIT STANDBY ARMED {_WANTED}", OWN_FAULT, _S.FAULT, OWN),
-    _row("FAULT", OWN_FAULT, _S.FAULT, FIRST),
+    _row("UPDATE", ALWAYS, _S.UPDATE, _WRITING),
+    _row("INIT STANDBY ARMED WARMUP FAULT", UPDATING, _S.UPDATE, _WRITING),
+    _row(f"INIT STANDBY ARMED {_WANTED}", OWN_FAULT, _S.FAULT, _OWN),
+    _row("FAULT", OWN_FAULT, _S.FAULT, _FIRST),
     # Power-on, and no request.
-    _row("INIT", NEVER_YET, _S.INIT, QUIET),
-    _row("INIT", LOW_AND_USABLE, _S.ARMED, QUIET),
-    _row("INIT", STANDING, _S.STANDBY, STANDS),
-    _row(f"STANDBY ARMED {_WANTED}", LOW, _S.ARMED, QUIET),
-    _row("STANDBY", ALWAYS, _S.STANDBY, STANDS),
+    _row("INIT", NEVER_YET, _S.INIT, _QUIET),
+    _row("INIT", LOW_AND_USABLE, _S.ARMED, _QUIET),
+    _row("INIT", STANDING, _S.STANDBY, _STANDS),
+    _row(f"STANDBY ARMED {_WANTED}", LOW, _S.ARMED, _QUIET),
+    _row("STANDBY", ALWAYS, _S.STANDBY, _STANDS),
     # The request rises, or it stands and control is wanted.
-    _row(f"INIT ARMED {_WANTED}", INVALID, _S.FAULT, MISSING),
-    _row(f"INIT ARMED {_WANTED}", TOO_LONG, _S.FAULT, MISSING, "hold_periods + decay_periods + 1"),
-    _row(f"INIT ARMED {_WANTED}", TOO_MANY, _S.FAULT, MISSING, "loss_limit"),
-    _row("INIT", ALWAYS, _S.WARMUP, WAITING),
-    _row(f"ARMED {_WANTED}", FILLING, _S.WARMUP, WAITING),
-    _row(f"ARMED {_WANTED}", USABLE, _S.CONTROL, NO_REASON),
-    _row("ARMED WARMUP CONTROL HOLD", SHORT, _S.HOLD, MISSING),
-    _row(f"ARMED {_WANTED}", ALWAYS, _S.DECAY, MISSING, "hold_periods + 1"),
+    _row(f"INIT ARMED {_WANTED}", INVALID, _S.FAULT, _MISSING),
+    _row(f"INIT ARMED {_WANTED}", TOO_LONG, _S.FAULT, _MISSING, "hold_periods + decay_periods + 1"),
+    _row(f"INIT ARMED {_WANTED}", TOO_MANY, _S.FAULT, _MISSING, "loss_limit"),
+    _row("INIT", ALWAYS, _S.WARMUP, _WAITING),
+    _row(f"ARMED {_WANTED}", FILLING, _S.WARMUP, _WAITING),
+    _row(f"ARMED {_WANTED}", USABLE, _S.CONTROL, _NO_REASON),
+    _row("ARMED WARMUP CONTROL HOLD", SHORT, _S.HOLD, _MISSING),
+    _row(f"ARMED {_WANTED}", ALWAYS, _S.DECAY, _MISSING, "hold_periods + 1"),
     # A latched fault.
     _row(
         "FAULT",
         Condition(f"{REARMED.text}; {FILLING.text}", lambda p: REARMED.holds(p) and FILLING.holds(p)),
         _S.WARMUP,
-        WAITING,
+        _WAITING,
         "rearm_frames",
     ),
-    _row("FAULT", REARMED, _S.CONTROL, NO_REASON, "rearm_frames"),
-    _row("FAULT", ALWAYS, _S.FAULT, FIRST),
+    _row("FAULT", REARMED, _S.CONTROL, _NO_REASON, "rearm_frames"),
+    _row("FAULT", ALWAYS, _S.FAULT, _FIRST),
 )
 """All that can happen, in the order in which it is looked at; see `Transition`."""
 
@@ -316,7 +316,7 @@ class FailSafe:
 
 
 _NO_LIMITS: Final = EcuConfig()
-"""For the rows of a fault of the ECU's own, which look at no setting."""
+"""The settings for rows of a fault of the ECU's own, which look at none."""
 
 
 def taken(mode: OperatingMode, period: Period) -> Transition:

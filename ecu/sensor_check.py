@@ -59,7 +59,7 @@ ASIDE_ALLOWED: Final = 2.0
 Sound ones reach 28 then, in a gust that the speed on the bus does not show."""
 
 
-class Estimator(Protocol):
+class EstimatorModel(Protocol):
     """What computes `sensors.onnx`."""
 
     def estimates(self, window: Array) -> Array:
@@ -142,7 +142,7 @@ class SensorCheck:
     """The check of one bundle's pressures. `fast` and `slow` are (S + P, S) deviations of sound sensors' residuals in
     Cp."""
 
-    estimator: Estimator
+    estimator: EstimatorModel
     fast: Array
     slow: Array
     config: SensorCheckConfig
@@ -155,7 +155,7 @@ class SensorCheck:
         object.__setattr__(self, "_sound", float(self.fast[:sensors].diagonal().mean()))
 
     @classmethod
-    def of(cls, figures: SensorEstimator, estimator: Estimator, config: SensorCheckConfig) -> "SensorCheck":
+    def of(cls, figures: SensorEstimator, estimator: EstimatorModel, config: SensorCheckConfig) -> "SensorCheck":
         """The check with a manifest's figures."""
         fast, slow = (_with_swaps(np.array(table)) for table in (figures.fast, figures.slow))
         return cls(estimator=estimator, fast=fast, slow=slow, config=config)

@@ -76,24 +76,24 @@ def _root(
     """A learned flow controller for truck wakes, from wall pressures to an ECU on the CAN bus."""
 
 
-CONTROL: Final = "Run a controller"
-MODEL: Final = "Make a controller from a recording"
-WAKE: Final = "Study the wake"
-SETTINGS: Final = "Settings of every command"
+_CONTROL: Final = "Run a controller"
+_MODEL: Final = "Make a controller from a recording"
+_WAKE: Final = "Study the wake"
+_SETTINGS: Final = "Settings of every command"
 
 PANELS: Final[Mapping[str, Sequence[Callable[..., None]]]] = {
-    CONTROL: (run, report, live, campaign, latency, vehicle, flash, calibrate, diagnose, mcu, keygen),
-    MODEL: (record, train, refine, export),
-    WAKE: (develop, picture, plant_fmu),
-    SETTINGS: (config,),
+    _CONTROL: (run, report, live, campaign, latency, vehicle, flash, calibrate, diagnose, mcu, keygen),
+    _MODEL: (record, train, refine, export),
+    _WAKE: (develop, picture, plant_fmu),
+    _SETTINGS: (config,),
 }
 for panel, commands in PANELS.items():
     for command in commands:
         app.command(rich_help_panel=panel)(command)
-app.add_typer(bundle, name="bundle", rich_help_panel=CONTROL)
-app.add_typer(can, name="can", rich_help_panel=CONTROL)
-app.add_typer(ecu, name="ecu", rich_help_panel=CONTROL)
-app.add_typer(dataset, name="dataset", rich_help_panel=MODEL)
+app.add_typer(bundle, name="bundle", rich_help_panel=_CONTROL)
+app.add_typer(can, name="can", rich_help_panel=_CONTROL)
+app.add_typer(ecu, name="ecu", rich_help_panel=_CONTROL)
+app.add_typer(dataset, name="dataset", rich_help_panel=_MODEL)
 
 
 def _let_paragraphs_flow(group: typer.Typer) -> None:

@@ -23,14 +23,24 @@ MOST_LINES = {
 """Of Python, but for C and JavaScript without the code of others; a ratchet, lowered with every line that goes."""
 MOST_WORDS = 83_300
 """Of the documents, as wc counts them, with what is made in them."""
+STAND_TWICE = {
+    "an option, by its word, beside the class or type of what it gives": """Board Bundle Bus Drive Episode Freshness Key
+        KeyList PlantName Precision Role Settings State StageTimes""",
+    "an option, by its word, beside another thing of a room": "Counter Layout NoAverages Period Periods Priority Store",
+    "options of one word in several commands, with help and default of each": """Controlled DataSet Duration EcuName
+        Hardware Settle Values""",
+    "the settings that a command reads, at the top of its file": "USES",
+    "a TypeVar, which says nothing": "S T",
+}
+"""Public names in several files by the reason for which they stay; every other one says which it is."""
 _INCLUDED = re.compile(r'^#include "(\w+\.h)"', re.MULTILINE)
 
 
-def _sources(*folders: str) -> list[Path]:
+def sources(*folders: str) -> list[Path]:
     return [path for folder in folders for path in (ROOT / folder).rglob("*.py")]
 
 
-def _others(*suffixes: str) -> list[Path]:
+def others(*suffixes: str) -> list[Path]:
     """Files of other languages, without the code of others."""
     found = (path for folder in (*ROOMS, "examples") for path in (ROOT / folder).rglob("*"))
     return [path for path in found if path.suffix in suffixes and "vendor" not in path.parts]
@@ -38,7 +48,7 @@ def _others(*suffixes: str) -> list[Path]:
 
 def _modules() -> dict[str, Path]:
     found = {}
-    for path in _sources(*ROOMS, "benchmarks"):
+    for path in sources(*ROOMS, "benchmarks"):
         name = ".".join(path.relative_to(ROOT).with_suffix("").parts)
         found[name.removesuffix(".__init__")] = path
     return found
@@ -67,7 +77,7 @@ def _arrows(modules: dict[str, Path]) -> set[tuple[str, str]]:
 def _c_arrows() -> set[tuple[Path, Path]]:
     """(including module, included module) in C, where a module is its `.c` with its `.h`. A header that several folders
     have is each of them, but for one next to the file; one that is generated is none."""
-    sources = _others(".c", ".h")
+    sources = others(".c", ".h")
     arrows = set()
     for path in sources:
         for name in _INCLUDED.findall(path.read_text(encoding="utf-8")):
@@ -116,19 +126,39 @@ def test_a_circle_is_seen():
 
 def test_no_folder_is_a_long_list():
     listed: dict[Path, int] = {}
-    for path in _sources(*ROOMS):
+    for path in sources(*ROOMS):
         if path.name != "__init__.py":
             listed[path.parent] = listed.get(path.parent, 0) + 1
     assert {str(path.relative_to(ROOT)): count for path, count in listed.items() if count > MOST_MODULES} == {}
     modules: dict[Path, set[str]] = {}
-    for path in _others(".c", ".h"):
+    for path in others(".c", ".h"):
         modules.setdefault(path.parent, set()).add(path.stem)
     assert {str(path): len(found) for path, found in modules.items() if len(found) > MOST_C_MODULES} == {}
 
 
+def _public(path: Path) -> Iterator[str]:
+    """Classes and constants at the top of a file that others may use."""
+    for node in ast.parse(path.read_text(encoding="utf-8")).body:
+        match node:
+            case ast.ClassDef(name) | ast.AnnAssign(ast.Name(name)) | ast.Assign([ast.Name(name)]) if name[0].isupper():
+                yield name
+
+
+def test_no_public_name_stands_twice():
+    files: dict[str, set[Path]] = {}
+    for path in sources(*ROOMS):
+        for name in _public(path):
+            files.setdefault(name, set()).add(path)
+    twice = {name: sorted(map(str, found)) for name, found in files.items() if len(found) > 1}
+    listed = " ".join(STAND_TWICE.values()).split()
+    assert len(listed) <= 31, "give it another name"
+    assert {name: found for name, found in twice.items() if name not in listed} == {}, "say in the name which it is"
+    assert [name for name in listed if name not in twice] == [], "stands in one file: take it off the list"
+
+
 def test_nothing_grows_over_its_ceiling():
-    weights = {"source": _sources(*ROOMS), "own C": _others(".c", ".h"), "JavaScript": _others(".js")}
-    weights |= {name: _sources(name) for name in ("benchmarks", "tests", "docs", "examples")}
+    weights = {"source": sources(*ROOMS), "own C": others(".c", ".h"), "JavaScript": others(".js")}
+    weights |= {name: sources(name) for name in ("benchmarks", "tests", "docs", "examples")}
     for name, paths in weights.items():
         lines = sum(len(path.read_text(encoding="utf-8").splitlines()) for path in paths)
         assert lines <= MOST_LINES[name], f"{name}: {lines} lines, {MOST_LINES[name]} are allowed"

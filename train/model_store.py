@@ -11,7 +11,7 @@ from contract.arrays import Array
 from contract.config.tree import Config
 from contract.errors import ConfigError, ModelError
 from contract.model import model_folder
-from contract.model.model_folder import DESCRIPTION, PRIOR, WEIGHTS, Description, Tensors
+from contract.model.model_folder import DESCRIPTION, MODEL_WEIGHTS, PRIOR, Description, Tensors
 from contract.release.manifest import Scaling
 from contract.sensor_layout import SensorLayout
 from contract.sensors import TRUCK
@@ -125,10 +125,14 @@ def _fill(path: Path, parts: Mapping[str, nn.Module], tensors: Tensors) -> None:
     expected = {f"{name}.{key}": value for name, part in parts.items() for key, value in part.state_dict().items()}
     for key in sorted(expected.keys() | tensors.keys()):
         if key not in tensors or key not in expected:
-            raise ModelError(f"model {path}: {WEIGHTS}: {key} is {'missing' if key in expected else 'not expected'}")
+            raise ModelError(
+                f"model {path}: {MODEL_WEIGHTS}: {key} is {'missing' if key in expected else 'not expected'}"
+            )
         if tensors[key].shape != tuple(expected[key].shape):
             shape, needed = tuple(tensors[key].shape), tuple(expected[key].shape)
-            raise ModelError(f"model {path}: {WEIGHTS}: {key} has shape {shape}, the configuration needs {needed}")
+            raise ModelError(
+                f"model {path}: {MODEL_WEIGHTS}: {key} has shape {shape}, the configuration needs {needed}"
+            )
     for name, network in parts.items():
         network.load_state_dict({key: torch.tensor(tensors[f"{name}.{key}"]) for key in network.state_dict()})
         network.eval()

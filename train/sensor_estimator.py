@@ -18,7 +18,7 @@ from contract.errors import DatasetError
 from contract.recording.dataset import Dataset
 from train.fitting.threads import torch_threads
 
-WIDTHS: Final = (64, 64)
+_WIDTHS: Final = (64, 64)
 """Width of the hidden layers. With 192 the residuals are slightly smaller, and no microcontroller has room for it."""
 EPOCHS: Final = 60.0
 BATCH: Final = 1024
@@ -95,7 +95,7 @@ def _fit(
         flags[list(view.left_out)] = 1.0
     unit = torch.tensor(np.sqrt(np.square(std[:-1]).mean()) / std[:-1], dtype=torch.float32)
     middle = torch.tensor(mean[:-1] / std[:-1], dtype=torch.float32)
-    sizes = (window * (sensors + 1) + sensors, *WIDTHS, sensors)
+    sizes = (window * (sensors + 1) + sensors, *_WIDTHS, sensors)
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(SEED)
         linear = [nn.Linear(before, after) for before, after in pairwise(sizes)]

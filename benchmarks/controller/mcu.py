@@ -28,7 +28,7 @@ from contract.config.controller import MpcConfig
 from contract.config.learning import ModelConfig
 from contract.config.loading import load_config
 from contract.config.tree import Config
-from contract.controller.c_folder import Rows, read_recorded, read_sources
+from contract.controller.c_folder import ProgramRows, read_recorded, read_sources
 from contract.model import model_folder
 from contract.recording import dataset
 from contract.release.bundle import load as load_bundle
@@ -123,7 +123,7 @@ def _windows(count: int) -> list[Array]:
     return recorded + [random_window(program, rng) for _ in range(count - len(recorded))]
 
 
-def _periods(config: Config, rows: Rows, count: int) -> Iterator[tuple[int, list[Frame]]]:
+def _periods(config: Config, rows: ProgramRows, count: int) -> Iterator[tuple[int, list[Frame]]]:
     """Pressures and a speed at which the past is read between its rows; the request rises in the second period."""
     messages, ratio = message_set(config.bus), 0.9
     pressure, speed = messages.pressure, messages.speed

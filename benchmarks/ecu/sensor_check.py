@@ -80,7 +80,7 @@ class Ahead:
         self.at = 0
 
     def estimates(self, window: Array) -> Array:
-        """See `ecu.sensor_check.Estimator`."""
+        """See `ecu.sensor_check.EstimatorModel`."""
         del window
         found: Array = self._found[self.at]
         return found

@@ -16,7 +16,7 @@ from typing import Final
 from benchmarks.common.commands import ROOT
 from contract.atomic import replacing
 from contract.errors import BundleError
-from contract.model.model_folder import DESCRIPTION, WEIGHTS, read
+from contract.model.model_folder import DESCRIPTION, MODEL_WEIGHTS, read
 from contract.release import bundle as bundles
 from contract.release.signing import project_key
 
@@ -45,7 +45,9 @@ def ship(model: Path, release: Path, *, command: str, on: date, data: Path = DAT
     records["model"] = {
         "command": command,
         "date": on.isoformat(),
-        "sha256": {name: hashlib.sha256((model / name).read_bytes()).hexdigest() for name in (DESCRIPTION, WEIGHTS)},
+        "sha256": {
+            name: hashlib.sha256((model / name).read_bytes()).hexdigest() for name in (DESCRIPTION, MODEL_WEIGHTS)
+        },
         "recording_sha256": trained.description.dataset_sha256,
         "versions": dict(trained.description.versions),
     }

@@ -43,7 +43,7 @@ from wake.truck.truck_wake import TruckWake
 
 SPANS: Final = Spans(lead_in=15.0, controlled=85.0, settle=35.0)
 SHARES: Final = (np.arange(7) / 6) ** 2
-"""Of the dearest weight: the prior takes its root, so these are equal steps of what it reads."""
+"""The shares of the dearest weight: the prior takes its root, so these are equal steps of what it reads."""
 DEAREST: Final = {"lift": DEAREST_LIFT, "effort": DEAREST_EFFORT}
 EFFECTS: Final = {"lift": ("abs_Cl_controlled",), "effort": ("rms_action", "jet_power_controlled")}
 """What each weight is called after."""

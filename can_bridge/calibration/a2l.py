@@ -11,7 +11,7 @@ from typing import Final
 
 from can_bridge.calibration.segment import Segment
 from contract.config.vehicle import BusConfig
-from contract.controller.calibration import NAMES
+from contract.controller.calibration import CALIBRATION_NAMES
 
 _CAN_FD: Final = """
         /begin CAN_FD
@@ -27,7 +27,7 @@ _EXTENDED: Final = 1 << 31
 def a2l_text(segment: Segment, *, release: str, bus: BusConfig) -> str:
     """The file's contents, for an ECU on this bus."""
     ids = {"master": bus.diagnosis.xcp_command, "slave": bus.diagnosis.xcp_response}
-    limits = zip(NAMES, segment.limits.least.values, segment.limits.greatest.values, strict=True)
+    limits = zip(CALIBRATION_NAMES, segment.limits.least.values, segment.limits.greatest.values, strict=True)
     return Template(files(__package__).joinpath("stillwake.a2l").read_text(encoding="ascii")).substitute(
         {name: f"{least:.9g} {greatest:.9g}" for name, least, greatest in limits},
         module=_text(f"ECU with release {release}"),

@@ -31,7 +31,7 @@ from can_bridge.uds.services import (
 from can_bridge.wire.messages import SENSORS, Mode, Reason
 from contract.config.diagnosis import CanId
 from contract.config.vehicle import BusConfig
-from contract.controller.calibration import NAMES
+from contract.controller.calibration import CALIBRATION_NAMES
 
 CODED: Final = (
     '<DIAG-CODED-TYPE BASE-DATA-TYPE="A_UINT32" xsi:type="STANDARD-LENGTH-TYPE">'
@@ -264,7 +264,10 @@ def _code(reason: Reason, code: int, text: str) -> str:
 
 
 def _structures() -> Iterator[str]:
-    values = (*(value(name, "f32_little") for name in NAMES[:-1]), value(NAMES[-1], "u32_little"))
+    values = (
+        *(value(name, "f32_little") for name in CALIBRATION_NAMES[:-1]),
+        value(CALIBRATION_NAMES[-1], "u32_little"),
+    )
     yield message("STRUCTURE", "calibration", values)
     limits = (value(name, "calibration") for name in ("least", "greatest", "release"))
     yield message("STRUCTURE", "calibration_limits", limits)

@@ -16,7 +16,7 @@ NO_ACCESS: Final = 4
 NOT_NOW: Final = 5
 WRONG_RELEASE: Final = 6
 REFUSED: Final = 7
-NOT_PASSED: Final = 8
+_NOT_PASSED: Final = 8
 
 
 class NoAnswerError(FlashError):
@@ -78,7 +78,7 @@ class ImageRefusedError(WrongReleaseError):
 class NotPassedError(FlashError):
     """The new release did not pass its trial."""
 
-    status: ClassVar[int] = NOT_PASSED
+    status: ClassVar[int] = _NOT_PASSED
 
 
 class RefusedError(FlashError):

@@ -17,6 +17,7 @@ from udsoncan.exceptions import TimeoutException
 
 import isotp
 from can_bridge.bus.backends.python_can import PythonCanBus
+from can_bridge.isotp.control_info import PADDING
 from can_bridge.uds.fault_codes import CODE_BYTES
 from can_bridge.uds.fault_memory import FaultReport
 from can_bridge.uds.services import MAX_REQUEST, NEGATIVE, POSITIVE, Service
@@ -54,7 +55,6 @@ def answers(request: bytes, response: bytes) -> bool:
     return response[0] == request[0] + POSITIVE and (same is None or request[same] == response[same])
 
 
-PADDING: Final = 0xCC
 SEND_S: Final = 10.0
 """The time for all frames of a request: 4 kB take 0.3 s on classic CAN at 500 kbit/s, and more next to other
 traffic."""

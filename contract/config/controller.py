@@ -12,23 +12,23 @@ class CostWeights(Settings, section="mpc.weights", source=paper("section 2.4.1")
     """Weights of the MPC cost J (paper, section 2.4.1); forces and actions in physical units."""
 
     drag_mean: Annotated[NonNegative[float], paper("equation 13", "the term has no factor")] = 1.0
-    """On the horizon's mean C_d, less `mpc.drag_reference`."""
+    """Weighs the horizon's mean C_d, less `mpc.drag_reference`."""
     drag_fluctuation: NonNegative[float] = 0.1
-    """On the largest C_d of the horizon less the smallest."""
+    """Weighs the largest C_d of the horizon less the smallest."""
     lift: NonNegative[float] = 0.01
-    """On the horizon's mean |C_l|."""
+    """Weighs the horizon's mean |C_l|."""
     lift_mean: Annotated[NonNegative[float], paper("equation 14", "without this term")] = 0.0
-    """On the square of the horizon's mean C_l. The horizon is one shedding cycle, so this mean is the steady
+    """Weighs the square of the horizon's mean C_l. The horizon is one shedding cycle, so this mean is the steady
     deflection of the wake, which the paper's terms let the optimiser trade for drag."""
     smoothness: NonNegative[float] = 8.0
-    """On the mean squared step between the plan's consecutive actions."""
+    """Weighs the mean squared step between the plan's consecutive actions."""
     effort: Annotated[NonNegative[float], paper("equation 15", "without this term")] = 0.0
-    """On the plan's mean squared action."""
+    """Weighs the plan's mean squared action."""
     rate: Annotated[NonNegative[float], paper("equation 15", "without this term")] = 0.0
-    """On the squared step from the action in force to the first planned one."""
+    """Weighs the squared step from the action in force to the first planned one."""
     prior: Annotated[NonNegative[float], paper("equation 15", "without this term")] = 0.0
-    """On the plan's mean squared distance from where the optimiser starts: the prior's plan, or where a model has no
-    prior the shifted previous one."""
+    """Weighs the plan's mean squared distance from where the optimiser starts: the prior's plan, or where a model has
+    no prior the shifted previous one."""
 
     def as_tuple(self) -> tuple[float, ...]:
         """Weights in declaration order, the order of the controller's `weights` input."""

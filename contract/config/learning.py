@@ -86,13 +86,13 @@ class TrainConfig(Settings, source=paper("section 2.2.4")):
     unroll: Annotated[AtLeastOne[int], STEPS] = 5
     """k: steps that the dynamics predict from each encoded state, in the loss."""
     force_weight: NonNegative[float] = 0.25
-    """On the error of the forces read from predicted latents."""
+    """Weighs the error of the forces read from predicted latents."""
     decode_weight: Annotated[NonNegative[float], paper("equation 5", "without this term")] = 0.0
-    """On the forces read from the encoded latents themselves; the paper's loss sees predicted ones only."""
+    """Weighs the forces read from the encoded latents themselves; the paper's loss sees predicted ones only."""
     variance_weight: NonNegative[float] = 0.02
-    """On how far a latent's standard deviation over the batch is below 1."""
+    """Weighs how far a latent's standard deviation over the batch is below 1."""
     covariance_weight: NonNegative[float] = 0.02
-    """On the squared covariances between latents over the batch."""
+    """Weighs the squared covariances between latents over the batch."""
     batch_size: Annotated[int, at_least(2, "for the variance over a batch"), WINDOWS] = 512
     learning_rate: Positive[float] = 1e-3
     """Learning rate of Adam, in every phase but the finish."""
@@ -122,7 +122,7 @@ class TrainConfig(Settings, source=paper("section 2.2.4")):
     predictor_lessons: Annotated[AtLeastOne[int], _ENCODER_ALONE] = 65536
     """Roll-outs of the trained networks that these learn from (`train.distillation.lessons`), at least."""
     slope_weight: Annotated[NonNegative[float], _ENCODER_ALONE] = 0.0
-    """On the slope of the cost along the plan when these are distilled, with their latents and forces."""
+    """Weighs the cost's slope along the plan, beside latents and forces, where dynamics and decoder are distilled."""
     sensor_noise: Annotated[NonNegative[float], paper("appendix B", "noise in tests only")] = 0.0
     """Noise on the slim encoder's inputs while it is distilled, and on sensors compared by greedy and random selection:
     standard deviation in global deviations of pressure (paper, appendix B). Noise-free, a sensor far upstream that
@@ -154,7 +154,7 @@ class RefineConfig(Settings, source=ours("the paper has no prior", page="explana
     memory: Annotated[int, at_least(2), STEPS] = 64
     """Rows of sensor differences and actions that the prior reads."""
     units: AtLeastOne[int] = 24
-    """Of its hidden layer."""
+    """The width of the prior's hidden layer."""
     updates: AtLeastOne[int] = 450
     """Updates of its weights, one a stretch of closed loop."""
     shortest: Annotated[int, at_least(2), STEPS] = 75
@@ -167,18 +167,18 @@ class RefineConfig(Settings, source=ours("the paper has no prior", page="explana
     stretches: AtLeastOne[int] = 10
     """Stretches after which a stream begins again in the developed wake; 2 more for each further stream."""
     learning_rate: Positive[float] = 5e-3
-    """Of Adam, at the start."""
+    """The learning rate of Adam at the start."""
     last_rate: Positive[float] = 0.1
     """What is left of it at the end."""
     lift_price: NonNegative[float] = 0.04
-    """Of the magnitude of the lift coefficient, in units of the drag coefficient."""
+    """The price of the lift coefficient's magnitude, in units of the drag coefficient."""
     effort_price: NonNegative[float] = 0.0
-    """Of the squared action in force."""
+    """The price of the squared action in force."""
     goals: bool = False
     """Whether prices of lift and effort, and a limit of the jets, are drawn for each stream, half of each at those
     above."""
     motion_price: NonNegative[float] = 0.2
-    """Of the squared transverse velocity at the wake probe, which foretells drag beyond a stretch."""
+    """The price of the squared transverse velocity at the wake probe, which foretells drag beyond a stretch."""
     sensor_noise: NonNegative[float] = 0.3
     """Largest standard deviation of noise on the sensors, in global deviations of pressure; mostly it is far less."""
     offset: NonNegative[float] = 0.0
@@ -188,8 +188,8 @@ class RefineConfig(Settings, source=ours("the paper has no prior", page="explana
     loss: Fraction[float] = 0.0
     """Largest share of periods without pressures; half of the stretches have none."""
     refinement: Positive[float] = 0.75
-    """Of the grid that it is trained on, as `flow.refinement`: a quarter of the default one's cost, and the coarsest on
-    which a controller does what it does on the default one."""
+    """The refinement of the training's grid, as `flow.refinement`: a quarter of the default one's cost, and the
+    coarsest on which a controller does what it does on the default one."""
     substeps: AtLeastOne[int] = 15
     """Time steps a control period on that grid, at the design speed; more at higher ones."""
     single_precision: bool = True
@@ -197,9 +197,10 @@ class RefineConfig(Settings, source=ours("the paper has no prior", page="explana
     batch: AtLeastOne[int] = 1
     """Stretches that an update rests on, each of another stream."""
     slowest: Annotated[float, within(0.1, 1.0, "the design speed belongs to the range")] = 1.0
-    """Speeds at which it is trained, as ratios to the design speed, from here on."""
+    """The smallest ratio of a speed in training to the design speed."""
     fastest: Annotated[float, within(1.0, 10.0, "the design speed belongs to the range")] = 1.0
-    """To here: speeds are drawn in between, and change within stretches."""
+    """The largest ratio of a speed in training to the design speed; speeds are drawn in between, and change within
+    stretches."""
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -65,7 +65,7 @@ def _walk(group: Any, above: str) -> Iterator[tuple[str, Any]]:
             yield from _walk(hint, f"{above}{field.name}.")
 
 
-RELEASE = "release"
+_RELEASE = "release"
 """Name of the packaged settings the shipped bundle was made with."""
 PAPER = "paper"
 """Name of the bare defaults."""
@@ -105,11 +105,11 @@ def load(path: Path | None = None, overrides: Sequence[str] = (), *, base: Confi
             shells take them away.
         base: what the file and the overrides go on top of, in place of the release's settings.
     """
-    tree = _packaged(RELEASE) if base is None else to_tree(base)
+    tree = _packaged(_RELEASE) if base is None else to_tree(base)
     asked = {} if path is None else read_toml(path, "configuration")
-    chosen = asked.pop(BASE_KEY, RELEASE)
-    if chosen not in (RELEASE, PAPER):
-        raise ConfigError(f"configuration {path}: {BASE_KEY} = {_short(chosen)}: must be {PAPER!r} or {RELEASE!r}")
+    chosen = asked.pop(BASE_KEY, _RELEASE)
+    if chosen not in (_RELEASE, PAPER):
+        raise ConfigError(f"configuration {path}: {BASE_KEY} = {_short(chosen)}: must be {PAPER!r} or {_RELEASE!r}")
     if chosen == PAPER:
         tree = {}
     changes: dict[str, Any] = {}
@@ -125,7 +125,7 @@ def load(path: Path | None = None, overrides: Sequence[str] = (), *, base: Confi
 
 def training(*, quick: bool = False) -> Config:
     """The release's settings with those of a model without a prior on top, and then those of a quicker training."""
-    tree = _packaged(RELEASE)
+    tree = _packaged(_RELEASE)
     for name in ("trained", "quick") if quick else ("trained",):
         _merge(tree, _packaged(name))
     return from_tree(tree)

@@ -163,11 +163,11 @@ class BenefitCheckConfig(
     enabled: Annotated[bool, ours("off its design a controller can raise drag", page=_HELPS)] = True
     """Compare the base pressure under control with that before, and shut the jets where control does not help."""
     mean_periods: Annotated[AtLeastOne[int], PERIODS, ours("two shedding cycles")] = 50
-    """Over which pressures are averaged, with and without control."""
+    """The periods over which pressures are averaged, with and without control."""
     wake_periods: Annotated[AtLeastOne[int], PERIODS, ours("until shedding is as before", page=_HELPS)] = 150
-    """With the jets shut, after which the wake is taken to be that without control."""
+    """The periods with the jets shut after which the wake is taken to be that without control."""
     first_period: Annotated[AtLeastOne[int], PERIODS, ours("the wake needs a cycle to answer", page=_HELPS)] = 60
-    """Of control that is judged. Not before, because the wake has to answer first."""
+    """The first period of control that is judged: the wake has to answer before."""
     least_gain: NonNegative[float] = 0.04
     """Share of the base's suction that control has to take away."""
     most_swing: Positive[float] = 1.15
@@ -187,9 +187,10 @@ class SpeedConfig(
     """When the ECU believes the vehicle's speed, with a release that serves a range of speeds."""
 
     oldest_ms: Annotated[Positive[float], MILLISECONDS] = 500.0
-    """From measuring to the control step; for so long the last speed stays in force where no other one comes."""
+    """The longest time from measuring a speed to the control step. The last speed stays in force for so long where no
+    other one comes."""
     most_acceleration: Annotated[Positive[float], Unit("m/s2")] = 15.0
-    """Of a vehicle: a speed that is further from the last one is not believed."""
+    """The largest acceleration of a vehicle: a speed that is further from the last one is not believed."""
     margin: Annotated[Fraction[float], ours("a wind of a tenth and a gust", page="explanation/other-speeds.md")] = 0.12
     """Share by which the speed may leave the release's range before the jets are shut: the air's may still be in it.
     Until then it is taken for the end of the range. They come back when it is within the range."""
@@ -229,7 +230,7 @@ class EcuConfig(Settings, source=ours("our ECU; the paper has none", page=_GATE)
     step_offset_ms: Annotated[
         NonNegative[float], MILLISECONDS, ours("a fifth of a period for jitter", page="how-to/run-on-an-ecu.md")
     ] = 4.0
-    """In real time, from the expected arrival of a pressure frame to the control step that uses it. Pressures that come
+    """The real time from the expected arrival of a pressure frame to the control step that uses it. Pressures that come
     later by less than this are still used in their own period; the plan is made a period ahead, so that the waiting
     costs nothing while the step is done before the period's end."""
     delay_steps: Annotated[int, _DELAY, PERIODS, paper("appendix B", "the case without delay")] = 0

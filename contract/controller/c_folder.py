@@ -23,11 +23,11 @@ from contract.atomic import replacing
 from contract.errors import LibraryError
 from contract.printable import quoted, shown
 
-SETTINGS: Final = "sw_settings.h"
+PROGRAM_SETTINGS: Final = "sw_settings.h"
 """Sizes and settings of one program, and the hashes of the program and of the DBC that it was built for."""
 ECU_SETTINGS: Final = "sw_ecu_settings.h"
 """The DBC's messages, the release's figures, the vehicle's settings: where it stands, the ECU does."""
-WEIGHTS: Final = "sw_weights.c"
+PROGRAM_WEIGHTS: Final = "sw_weights.c"
 """The arrays that `sw_weights.h` declares."""
 REPLAY: Final = "replay.c"
 """Example program: runs control steps from recorded rows on a host; not part of the library."""
@@ -45,9 +45,9 @@ BOARD: Final = ("board", "loader")
 COMPILE_FLAGS: Final = "compile_flags.txt"
 """Flags for editors (clangd), one a line; only in sample folders."""
 
-Rows = npt.NDArray[np.float32]
+ProgramRows = npt.NDArray[np.float32]
 
-MAX_BYTES: Final = 64 * 2**20
+_MAX_BYTES: Final = 64 * 2**20
 """Bytes of all sources of a folder: the paper's weights are a few megabytes of text."""
 
 _NUMBER: Final = re.compile("[0-9]{1,9}")
@@ -55,21 +55,21 @@ _ESCAPED: Final = re.compile(r"\\(.)")
 _DEFINITION: Final = re.compile(r"^#define (SW_\w+) (\S.*)$", re.MULTILINE)
 
 
-class Settings:
+class ProgramSettings:
     """The definitions of a generated header; raises LibraryError for one that is missing or makes no sense."""
 
     def __init__(self, header: bytes) -> None:
         try:
             self._found: dict[str, str] = dict(_DEFINITION.findall(header.decode("utf-8")))
         except UnicodeDecodeError as error:
-            raise LibraryError(f"{SETTINGS}: is no text ({error})") from error
+            raise LibraryError(f"{PROGRAM_SETTINGS}: is no text ({error})") from error
 
     @classmethod
-    def of(cls, contents: Mapping[str, bytes]) -> "Settings":
+    def of(cls, contents: Mapping[str, bytes]) -> "ProgramSettings":
         """Those of a library's files; raises LibraryError if the header is not among them."""
-        if SETTINGS not in contents:
-            raise LibraryError(f"{SETTINGS} is missing: {NO_LIBRARY}")
-        return cls(contents[SETTINGS])
+        if PROGRAM_SETTINGS not in contents:
+            raise LibraryError(f"{PROGRAM_SETTINGS} is missing: {NO_LIBRARY}")
+        return cls(contents[PROGRAM_SETTINGS])
 
     @property
     def definitions(self) -> dict[str, str]:
@@ -78,14 +78,16 @@ class Settings:
 
     def text(self, name: str) -> str:
         if name not in self._found:
-            raise LibraryError(f"{SETTINGS}: {name} is missing")
+            raise LibraryError(f"{PROGRAM_SETTINGS}: {name} is missing")
         value = self._found[name]
         return _ESCAPED.sub(r"\1", value[1:-1]) if len(value) > 1 and value[0] == value[-1] == '"' else value
 
     def number(self, name: str) -> int:
         value = self.text(name)
         if not _NUMBER.fullmatch(value):
-            raise LibraryError(f"{SETTINGS}: {name} is {quoted(value)}: must be a whole number of at most nine digits")
+            raise LibraryError(
+                f"{PROGRAM_SETTINGS}: {name} is {quoted(value)}: must be a whole number of at most nine digits"
+            )
         return int(value)
 
     def multiply_accumulates(self) -> int:
@@ -103,7 +105,7 @@ class Settings:
 
 
 def settings_header(definitions: Mapping[str, int | str | np.float32]) -> bytes:
-    """`sw_settings.h` from its definitions, which `Settings` reads again; text is quoted."""
+    """`sw_settings.h` from its definitions, which `ProgramSettings` reads again; text is quoted."""
     lines = "\n".join(f"#define {name} {_literal(value)}" for name, value in definitions.items())
     return (
         "/* Generated: sizes and settings of one trained program. */\n"
@@ -147,20 +149,20 @@ def read_sources(folder: Path, *, board: bool = False) -> dict[str, bytes]:
         for item in found:
             if not item.is_file():
                 raise LibraryError(f"library {folder}: {quoted(item.name)} is not a plain file")
-        if sum(item.stat().st_size for item in found) > MAX_BYTES:
-            raise LibraryError(f"library {folder}: its sources have more than {MAX_BYTES} bytes")
+        if sum(item.stat().st_size for item in found) > _MAX_BYTES:
+            raise LibraryError(f"library {folder}: its sources have more than {_MAX_BYTES} bytes")
         return {item.relative_to(folder).as_posix(): item.read_bytes() for item in found}
     except OSError as error:
         raise LibraryError(f"library {folder}: {error.strerror or error}") from error
 
 
-def read_recorded(folder: Path) -> Rows:
+def read_recorded(folder: Path) -> ProgramRows:
     """The recorded rows of a folder, (n, S+1): pressures Cp, and the action commanded one step before in U_inf W.
     Raises LibraryError if there are none, or one of them is not made of numbers."""
     path = folder / RECORDED
     try:
-        if path.stat().st_size > MAX_BYTES:
-            raise LibraryError(f"{path}: has more than {MAX_BYTES} bytes")
+        if path.stat().st_size > _MAX_BYTES:
+            raise LibraryError(f"{path}: has more than {_MAX_BYTES} bytes")
         text = path.read_text(encoding="utf-8")
         if not text.strip():
             raise ValueError("holds no rows")
@@ -180,14 +182,14 @@ def rows_text(rows: npt.NDArray[np.floating]) -> str:
     return "".join(" ".join(f"{value:.9g}" for value in row) + "\n" for row in rows.astype(np.float64))
 
 
-def rows_from_text(text: str) -> Rows:
+def rows_from_text(text: str) -> ProgramRows:
     """Rows of numbers as the example program reads and prints them; raises ValueError."""
     return np.loadtxt(text.splitlines(), dtype=np.float32, ndmin=2)
 
 
 def check_replaceable(folder: Path) -> None:
     """Raises LibraryError if writing a library, which replaces a whole folder, would replace something else."""
-    if folder.is_dir() and any(folder.iterdir()) and not (folder / SETTINGS).is_file():
+    if folder.is_dir() and any(folder.iterdir()) and not (folder / PROGRAM_SETTINGS).is_file():
         raise LibraryError(f"{folder}: that directory holds something else; name another")
 
 

@@ -17,9 +17,9 @@ from contract.config.controller import CostWeights
 from contract.controller.interface import TERMS
 from contract.errors import ConfigError
 
-NAMES: Final = (*TERMS, "action_limit", "command_step", "delay_steps")
+CALIBRATION_NAMES: Final = (*TERMS, "action_limit", "command_step", "delay_steps")
 """Names of all values, in the order in which they are packed."""
-_PACKED: Final = struct.Struct(f"<{len(NAMES) - 1}fI")
+_PACKED: Final = struct.Struct(f"<{len(CALIBRATION_NAMES) - 1}fI")
 PACKED_BYTES: Final = _PACKED.size
 LARGEST_WEIGHT: Final = 1000.0
 """Far beyond any that makes sense: the greatest of the defaults is 8."""
@@ -57,7 +57,7 @@ class Calibration:
     delay_steps: int
 
     def __post_init__(self) -> None:
-        rounded = {name: _kept(name, value) for name, value in zip(NAMES[:-1], self.values, strict=False)}
+        rounded = {name: _kept(name, value) for name, value in zip(CALIBRATION_NAMES[:-1], self.values, strict=False)}
         if not 0 <= self.delay_steps <= _MOST_STEPS:
             raise ConfigError(f"calibration: delay_steps = {self.delay_steps}: must be in 0..{_MOST_STEPS}")
         object.__setattr__(self, "weights", CostWeights(**{name: rounded[name] for name in TERMS}))
@@ -66,14 +66,14 @@ class Calibration:
 
     @property
     def values(self) -> tuple[float, ...]:
-        """The values in the order of `NAMES`."""
+        """The values in the order of `CALIBRATION_NAMES`."""
         return (*self.weights.as_tuple(), self.action_limit, self.command_step, float(self.delay_steps))
 
     @classmethod
     def of(cls, values: Sequence[float]) -> "Calibration":
         """The calibration of `values`; raises ConfigError for one that has no place in its 4 bytes."""
         # A weight that is no number is refused under its name here, before `CostWeights` sees it.
-        *weights, action_limit, command_step = map(_kept, NAMES, values[:-1])
+        *weights, action_limit, command_step = map(_kept, CALIBRATION_NAMES, values[:-1])
         return cls(
             weights=CostWeights.of(weights),
             action_limit=action_limit,
@@ -103,10 +103,10 @@ class CalibrationLimits:
     def changed(self, now: Calibration, values: Mapping[str, object]) -> Calibration:
         """A calibration with other values, by name: the way of every weight to an ECU, whoever gives it. Raises
         ConfigError for an unknown name, what is no number, or a value that is out of the limits."""
-        wanted = dict(zip(NAMES, now.values, strict=True))
+        wanted = dict(zip(CALIBRATION_NAMES, now.values, strict=True))
         for name, value in values.items():
-            if name not in NAMES:
-                raise ConfigError(f"calibration: {name!r} is none of {', '.join(NAMES)}")
+            if name not in CALIBRATION_NAMES:
+                raise ConfigError(f"calibration: {name!r} is none of {', '.join(CALIBRATION_NAMES)}")
             if not isinstance(value, int | float) or isinstance(value, bool):
                 raise ConfigError(f"calibration: {name} = {value!r}: must be a number")
             if name == "delay_steps" and value != value // 1:
@@ -120,8 +120,8 @@ class CalibrationLimits:
         self.check_values(calibration.values)
 
     def check_values(self, values: Sequence[float]) -> None:
-        """The same for what is to become a calibration, in the order of `NAMES`."""
-        rows = zip(NAMES, values, self.least.values, self.greatest.values, strict=True)
+        """The same for what is to become a calibration, in the order of `CALIBRATION_NAMES`."""
+        rows = zip(CALIBRATION_NAMES, values, self.least.values, self.greatest.values, strict=True)
         for name, value, least, greatest in rows:
             if not least <= value <= greatest:
                 raise ConfigError(f"calibration: {name} = {value:g}: must be in {least:g}..{greatest:g}")

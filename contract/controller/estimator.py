@@ -34,7 +34,7 @@ REACH: Final = 16.0
 estimate needs more. In integers the network has the same range."""
 
 
-class View(NamedTuple):
+class WindowView(NamedTuple):
     """A way to look at a window.
 
     Attributes:
@@ -59,11 +59,11 @@ def pairs(sensors: int) -> list[tuple[int, int]]:
     return list(combinations(range(sensors), 2))
 
 
-def views(sensors: int) -> list[View]:
+def views(sensors: int) -> list[WindowView]:
     """All V of them, in the order of the rows of `estimates`."""
-    single = [View((j,)) for j in range(sensors)]
-    double = [View(pair) for pair in pairs(sensors)]
-    exchanged = [View((j,), pair) for pair in pairs(sensors) for j in range(sensors)]
+    single = [WindowView((j,)) for j in range(sensors)]
+    double = [WindowView(pair) for pair in pairs(sensors)]
+    exchanged = [WindowView((j,), pair) for pair in pairs(sensors) for j in range(sensors)]
     return single + double + exchanged
 
 
@@ -85,11 +85,12 @@ class Hypotheses:
         """Those for so many sensors."""
         place = {item: row for row, item in enumerate(views(sensors))}
         liars = [
-            [place[View((i,) if i == j else (min(i, j), max(i, j)))] for i in range(sensors)] for j in range(sensors)
+            [place[WindowView((i,) if i == j else (min(i, j), max(i, j)))] for i in range(sensors)]
+            for j in range(sensors)
         ]
-        swaps = [[place[View((i,), pair)] for i in range(sensors)] for pair in pairs(sensors)]
+        swaps = [[place[WindowView((i,), pair)] for i in range(sensors)] for pair in pairs(sensors)]
         own = [list(range(sensors))] * sensors
-        crossed = [View((), pair).order(sensors)[:-1] for pair in pairs(sensors)]
+        crossed = [WindowView((), pair).order(sensors)[:-1] for pair in pairs(sensors)]
         return cls(view=np.array(liars + swaps), reading=np.array(own + crossed))
 
     def residuals(self, readings: Array, estimates: Array) -> Array:

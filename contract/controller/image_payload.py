@@ -19,7 +19,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from contract.controller.c_folder import ECU_SETTINGS, Settings
+from contract.controller.c_folder import ECU_SETTINGS, ProgramSettings
 from contract.errors import BundleContainerError
 
 LEAST_FIGURE: Final = 1e-9
@@ -165,9 +165,9 @@ def _together(arrays: Mapping[str, npt.NDArray[Any]], layout: Mapping[str, str])
 
 LAYOUT: Final = "sw_layout.h"
 """Generated from the other generated headers."""
-RELEASE: Final = "sw_release.bin"
-WEIGHTS: Final = "sw_weights.bin"
-ESTIMATOR: Final = "sw_estimator_weights.bin"
+RELEASE_PART: Final = "sw_release.bin"
+WEIGHTS_PART: Final = "sw_weights.bin"
+ESTIMATOR_PART: Final = "sw_estimator_weights.bin"
 """Parts of a payload; the last one where there is a sensor check."""
 _ESTIMATOR_SETTINGS: Final = "sw_estimator_settings.h"
 _IDENTITY: Final = "SW_PROGRAM_SHA256"
@@ -183,10 +183,10 @@ _STRUCTS: Final = ("SW_RELEASE", "SW_WEIGHTS", "SW_HOT", "SW_ESTIMATOR")
 
 def layout_of(files: Mapping[str, bytes]) -> str:
     """The layout of a library with its ECU, by the names of its files."""
-    ecu = Settings(files[ECU_SETTINGS]).definitions
-    found = Settings.of(files).definitions | {name: ecu[name] for name in _OF_ECU}
+    ecu = ProgramSettings(files[ECU_SETTINGS]).definitions
+    found = ProgramSettings.of(files).definitions | {name: ecu[name] for name in _OF_ECU}
     if ecu["SW_SENSOR_CHECK"] != "0":
-        found |= Settings(files[_ESTIMATOR_SETTINGS]).definitions
+        found |= ProgramSettings(files[_ESTIMATOR_SETTINGS]).definitions
     return _TITLE + "".join(f"{name} {found[name]}\n" for name in sorted(found) if name != _IDENTITY)
 
 
@@ -213,8 +213,8 @@ def sha256_of(layout: str) -> bytes:
 
 def payload_of(files: Mapping[str, bytes]) -> bytes:
     """The payload of a library's release: `sw_release.bin`, and what else the folder has of it."""
-    alignment, content = Settings.of(files).number("SW_ALIGNMENT"), b""
-    for name in (RELEASE, WEIGHTS, ESTIMATOR):
+    alignment, content = ProgramSettings.of(files).number("SW_ALIGNMENT"), b""
+    for name in (RELEASE_PART, WEIGHTS_PART, ESTIMATOR_PART):
         content += files.get(name, b"")
         content += bytes(-len(content) % alignment)
     return content + layout_of(files).encode()

@@ -32,11 +32,11 @@ from contract.sensor_layout import SensorLayout
 from contract.sensors import TRUCK
 from contract.typed import typed
 
-SCHEMA: Final = "stillwake-model/2"
-SCHEMA_1: Final = "stillwake-model/1"
+MODEL_SCHEMA: Final = "stillwake-model/2"
+MODEL_SCHEMA_1: Final = "stillwake-model/1"
 """Still read: a model of the truck's 90 sensors."""
 DESCRIPTION: Final = "model.json"
-WEIGHTS: Final = "model.safetensors"
+MODEL_WEIGHTS: Final = "model.safetensors"
 TEACHER: Final = "encoder"
 SLIM: Final = "slim"
 PRIOR: Final = "prior"
@@ -169,7 +169,7 @@ def write(path: Path, description: Description, tensors: Tensors) -> None:
     check_free(path)
     weights = safetensors.numpy.save({key: np.ascontiguousarray(value) for key, value in tensors.items()})
     body = {
-        "schema": SCHEMA,
+        "schema": MODEL_SCHEMA,
         **vars(description),
         "config": to_tree(description.config),
         "scaling": asdict(description.scaling),
@@ -178,7 +178,7 @@ def write(path: Path, description: Description, tensors: Tensors) -> None:
     }
     with replacing(path) as temporary:
         temporary.mkdir()
-        (temporary / WEIGHTS).write_bytes(weights)
+        (temporary / MODEL_WEIGHTS).write_bytes(weights)
         text = json.dumps(body, indent=2, allow_nan=False) + "\n"
         (temporary / DESCRIPTION).write_text(text, encoding="utf-8")
 
@@ -190,9 +190,9 @@ def read_description(path: Path) -> dict[str, Any]:
     except ValueError as error:
         raise ModelError(f"model {path}: {DESCRIPTION}: not JSON ({error})") from error
     schema = body.get("schema") if isinstance(body, dict) else None
-    if not isinstance(body, dict) or schema not in (SCHEMA, SCHEMA_1):
-        raise ModelError(f"model {path}: {DESCRIPTION}: schema {schema!r}, this version reads {SCHEMA!r}")
-    for entry in _ENTRIES if schema == SCHEMA_1 else (*_ENTRIES, "layout"):
+    if not isinstance(body, dict) or schema not in (MODEL_SCHEMA, MODEL_SCHEMA_1):
+        raise ModelError(f"model {path}: {DESCRIPTION}: schema {schema!r}, this version reads {MODEL_SCHEMA!r}")
+    for entry in _ENTRIES if schema == MODEL_SCHEMA_1 else (*_ENTRIES, "layout"):
         if entry not in body:
             raise ModelError(f"model {path}: {DESCRIPTION} lacks {entry!r}")
     return body
@@ -204,17 +204,17 @@ def read(path: Path) -> ModelFolder:
     import safetensors
     import safetensors.numpy
 
-    body, raw = read_description(path), _read_bytes(path, WEIGHTS)
+    body, raw = read_description(path), _read_bytes(path, MODEL_WEIGHTS)
     if hashlib.sha256(raw).hexdigest() != body[_HASH]:
-        raise ModelError(f"model {path}: {WEIGHTS} was altered (SHA-256 does not match {DESCRIPTION})")
+        raise ModelError(f"model {path}: {MODEL_WEIGHTS} was altered (SHA-256 does not match {DESCRIPTION})")
     try:
         tensors = safetensors.numpy.load(raw)
     except (safetensors.SafetensorError, ValueError) as error:
-        raise ModelError(f"model {path}: {WEIGHTS}: not a safetensors file ({error})") from error
+        raise ModelError(f"model {path}: {MODEL_WEIGHTS}: not a safetensors file ({error})") from error
     description = _describe(path, body)
     for key in sorted(tensors):
         if key.split(".")[0] not in _NETWORKS:
-            raise ModelError(f"model {path}: {WEIGHTS}: unknown tensor {key}")
+            raise ModelError(f"model {path}: {MODEL_WEIGHTS}: unknown tensor {key}")
     return ModelFolder(description=description, tensors=tensors, weights_sha256=body[_HASH], config_tree=body["config"])
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from contract.errors import DatasetError
-from contract.recording.dataset import SCHEMA, SCHEMA_1, Dataset, Episode, read, schema_of, write
+from contract.recording.dataset import DATASET_SCHEMA, DATASET_SCHEMA_1, Dataset, Episode, read, schema_of, write
 from contract.sensor_layout import SensorLayout
 from contract.sensors import TRUCK
 
@@ -27,8 +27,10 @@ def _to_append(path: Path, facts: Mapping[str, Any], layout: SensorLayout) -> Da
         return Dataset(episodes=(), layout=layout)
     there = read(path)
     schema = schema_of(path)
-    if schema == SCHEMA_1:
-        raise DatasetError(f"{path}: schema {schema!r}, episodes can only be added to {SCHEMA!r} and the one before")
+    if schema == DATASET_SCHEMA_1:
+        raise DatasetError(
+            f"{path}: schema {schema!r}, episodes can only be added to {DATASET_SCHEMA!r} and the one before"
+        )
     difference = there.layout.difference(layout)
     if difference is not None:
         raise DatasetError(f"{path}: its sensors differ from those of what would be added, in {difference}")

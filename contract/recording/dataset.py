@@ -53,14 +53,14 @@ def unpack(integers: npt.NDArray[np.int16], quantum: float) -> Array:
     return integers.astype(np.float64) * quantum
 
 
-SCHEMA: Final = "stillwake-dataset/3"
-SCHEMA_2: Final = "stillwake-dataset/2"
+DATASET_SCHEMA: Final = "stillwake-dataset/3"
+DATASET_SCHEMA_2: Final = "stillwake-dataset/2"
 """Still read: the truck's 90 sensors by name alone, all ten series, facts in the episodes' provenance."""
-SCHEMA_1: Final = "stillwake-dataset/1"
+DATASET_SCHEMA_1: Final = "stillwake-dataset/1"
 """Still read: float32 series, and one `Cd_slot` where pressure and viscous force now stand apart."""
-SCHEMAS: Final = (SCHEMA, SCHEMA_2, SCHEMA_1)
+SCHEMAS: Final = (DATASET_SCHEMA, DATASET_SCHEMA_2, DATASET_SCHEMA_1)
 
-EXACT: Final = frozenset({"t", "action"})
+_EXACT: Final = frozenset({"t", "action"})
 """Stored in double precision: they are set, not measured."""
 QUANTUM: Final = 2.0**-15
 CP_QUANTUM: Final = 2.0**-13
@@ -152,7 +152,7 @@ def write(path: Path, dataset: Dataset) -> None:
     # In memory first: HDF5 gives no clear error when a disk is full.
     image = io.BytesIO()
     with h5py.File(image, "w", track_order=True) as file:
-        file.attrs["schema"] = SCHEMA
+        file.attrs["schema"] = DATASET_SCHEMA
         for name, value in dataset.plant.as_dict().items():
             if value is not None:
                 file.attrs[name] = value
@@ -167,7 +167,7 @@ def write(path: Path, dataset: Dataset) -> None:
 def _schema(path: Path, file: h5py.File) -> str:
     schema = file.attrs.get("schema")
     if schema not in SCHEMAS:
-        raise DatasetError(f"{path}: schema {schema!r}, this version reads {SCHEMA!r}")
+        raise DatasetError(f"{path}: schema {schema!r}, this version reads {DATASET_SCHEMA!r}")
     return str(schema)
 
 
@@ -175,7 +175,7 @@ def _surveyed(path: Path, problems: list[str]) -> Dataset | None:
     with opened(path) as file:
         schema = _schema(path, file)
         layout, facts = TRUCK, None
-        if schema == SCHEMA:
+        if schema == DATASET_SCHEMA:
             layout, facts = _read_layout(path, file), _read_facts(path, file)
         elif json.loads(file.attrs["sensors"]) != list(TRUCK.names):
             raise DatasetError(f"{path}: recorded with other sensors, or in another order")
@@ -249,7 +249,7 @@ def _write_episode(node: h5py.Group, episode: Episode) -> None:
             continue
         values: npt.NDArray[Any] = episode.series[name]
         attributes: dict[str, Any] = {"units": unit}
-        if name not in EXACT:
+        if name not in _EXACT:
             finest = CP_QUANTUM if name == "Cp" else QUANTUM
             try:
                 values, attributes["quantum"] = pack(values, finest, COARSEST_QUANTUM)
@@ -272,9 +272,9 @@ def _read_episode(name: str, node: h5py.Group | h5py.Dataset, schema: str, probl
             array = _read_series(name, field, fields[field], found)
             if array is not None:
                 series[field] = array
-        elif field in REQUIRED or schema != SCHEMA:
+        elif field in REQUIRED or schema != DATASET_SCHEMA:
             found.append(f"episode {name}: field {field!r} is missing")
-    if schema == SCHEMA_1 and "Cd_slot" in series:
+    if schema == DATASET_SCHEMA_1 and "Cd_slot" in series:
         # The one recorded force stands under pressure, which is nearly all of it; the sum is as recorded.
         series["Cd_slot_pressure"] = series.pop("Cd_slot")
         series["Cd_slot_viscous"] = np.zeros_like(series["Cd_slot_pressure"])
@@ -317,7 +317,7 @@ _ATTRIBUTES: Final = {
 
 
 def _fields_of(schema: str) -> tuple[str, ...]:
-    if schema != SCHEMA_1:
+    if schema != DATASET_SCHEMA_1:
         return tuple(UNITS)
     return tuple("Cd_slot" if field == "Cd_slot_pressure" else field for field in UNITS if field != "Cd_slot_viscous")
 

@@ -34,11 +34,11 @@ from contract.release import signing
 from contract.release.signing import PublicKey
 
 SUFFIX: Final = ".swi"
-HEADER: Final = 512
+HEADER_BYTES: Final = 512
 """Bytes."""
 VEHICLE: Final = slice(148, 192)
 """What is compared with the vehicle: control period, operating point, action limit, number of sensors."""
-MAX_NAME: Final = 64
+_MAX_NAME: Final = 64
 """Bytes."""
 _MAGIC: Final = b"SWCTRL01"
 _FACTS: Final = struct.Struct("<8sII32s32s32s32sI44s64s64s96s")
@@ -93,12 +93,12 @@ class ControllerImage:
 
     @property
     def name(self) -> str:
-        """Of the release."""
+        """The release's name."""
         return self.facts.name
 
     @property
     def security_version(self) -> int:
-        """Of the release."""
+        """The release's security version."""
         return self.facts.security_version
 
     @property
@@ -111,8 +111,8 @@ def seal(payload: bytes, facts: ImageFacts, key: Ed25519PrivateKey | None) -> by
     """The image of a payload, signed if there is a key; raises BundleContainerError for a name that it cannot hold."""
     header = _FACTS.pack(
         _MAGIC,
-        HEADER + len(payload),
-        HEADER,
+        HEADER_BYTES + len(payload),
+        HEADER_BYTES,
         hashlib.sha256(payload).digest(),
         facts.layout,
         facts.dbc,
@@ -136,16 +136,18 @@ def signer_of(image: bytes) -> PublicKey | None:
         BundleContainerError: it is no whole image.
         BundleSignatureError: the signature is not that of the key in it.
     """
-    if len(image) < HEADER:
-        raise BundleContainerError(f"image of {len(image)} bytes: must have {HEADER} or more")
+    if len(image) < HEADER_BYTES:
+        raise BundleContainerError(f"image of {len(image)} bytes: must have {HEADER_BYTES} or more")
     magic, length, header = struct.unpack_from("<8sII", image)
     if magic != _MAGIC:
         raise BundleContainerError(f"image begins with {magic.hex()}: must begin with {_MAGIC.hex()}")
-    if (length, header) != (len(image), HEADER):
-        raise BundleContainerError(f"image of {len(image)} bytes states {length}, with {header} of a header: {HEADER}")
-    if image[_FACTS.size : HEADER] == _UNSIGNED:
+    if (length, header) != (len(image), HEADER_BYTES):
+        raise BundleContainerError(
+            f"image of {len(image)} bytes states {length}, with {header} of a header: {HEADER_BYTES}"
+        )
+    if image[_FACTS.size : HEADER_BYTES] == _UNSIGNED:
         return None
-    key, signature = image[_FACTS.size : _SIGNED], image[_SIGNED:HEADER]
+    key, signature = image[_FACTS.size : _SIGNED], image[_SIGNED:HEADER_BYTES]
     if not signing.is_good(signature, key, image[:_SIGNED]):
         raise BundleSignatureError("image: bad signature: its header was altered")
     return PublicKey(key)
@@ -158,7 +160,7 @@ def read(image: bytes) -> ControllerImage:
         BundleContainerError: it is damaged, or no image.
         BundleSignatureError: the signature is not that of the key in it.
     """
-    signer, payload = signer_of(image), image[HEADER:]
+    signer, payload = signer_of(image), image[HEADER_BYTES:]
     _, _, _, sha256, layout, dbc, digest, version, vehicle, hardware, name, reserved = _FACTS.unpack_from(image)
     period, width, speed, density, limit, sensors = _VEHICLE.unpack(vehicle)
     if sha256 != hashlib.sha256(payload).digest():
@@ -183,7 +185,7 @@ def read(image: bytes) -> ControllerImage:
 def _packed(what: str, text: str) -> bytes:
     raw = text.encode()
     if not _is_name(raw):
-        raise BundleContainerError(f"image: {what} {quoted(text)}: must be 1 to {MAX_NAME} printable ASCII characters")
+        raise BundleContainerError(f"image: {what} {quoted(text)}: must be 1 to {_MAX_NAME} printable ASCII characters")
     return raw
 
 
@@ -195,4 +197,4 @@ def _unpacked(what: str, field: bytes) -> str:
 
 
 def _is_name(raw: bytes) -> bool:
-    return 0 < len(raw) <= MAX_NAME and all(0x20 <= byte < 0x7F for byte in raw)
+    return 0 < len(raw) <= _MAX_NAME and all(0x20 <= byte < 0x7F for byte in raw)

@@ -19,7 +19,7 @@ from contract.release.controller_image import SUFFIX, ControllerImage, read
 from contract.release.manifest import MANIFEST, open_manifest
 from contract.release.signing import PublicKey
 
-MAX_BYTES: Final = 64 * 2**20
+_MAX_BYTES: Final = 64 * 2**20
 _FEW: Final = 8
 """So many numbers are shown as they are; of more, the type, the sides and the hash."""
 
@@ -38,8 +38,8 @@ def opened(path: Path, trusted: PublicKey | None = None) -> ControllerImage:
         BundleSignerError: it is not signed by the key that is to be trusted.
     """
     try:
-        if path.stat().st_size > MAX_BYTES:
-            raise BundleContainerError(f"{path}: has more than {MAX_BYTES} bytes")
+        if path.stat().st_size > _MAX_BYTES:
+            raise BundleContainerError(f"{path}: has more than {_MAX_BYTES} bytes")
         image = read(path.read_bytes())
     except OSError as error:
         raise BundleContainerError(f"{path}: {error.strerror or error}") from error
@@ -84,7 +84,7 @@ def _of_image(image: ControllerImage) -> dict[str, str]:
     return {**described(image), **settings, **arrays}
 
 
-MISSING: Final = "-"
+_MISSING: Final = "-"
 """Stands for what one of the two lacks."""
 
 
@@ -139,4 +139,4 @@ def _compared(name: str, a: object, b: object) -> Iterator[Difference]:
 
 
 def _text(value: object) -> str:
-    return MISSING if value is None else shown(value)
+    return _MISSING if value is None else shown(value)

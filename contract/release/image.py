@@ -21,7 +21,7 @@ from contract.release.container import MAX_BYTES, MAX_FILES, is_plain_name
 from contract.release.manifest import MANIFEST
 
 MAGIC: Final = b"SWIMAGE1"
-HEADER: Final = struct.Struct(">8sII")
+_HEADER: Final = struct.Struct(">8sII")
 _ENTRY: Final = struct.Struct(">HI")
 _FIRST: Final = (MANIFEST, SIGNATURE)
 
@@ -33,21 +33,21 @@ def image_of(files: Mapping[str, bytes]) -> bytes:
     names = sorted(files, key=lambda name: (_FIRST.index(name) if name in _FIRST else len(_FIRST), name))
     entries = b"".join(_ENTRY.pack(len(name.encode()), len(files[name])) + name.encode() for name in names)
     contents = b"".join(files[name] for name in names)
-    return HEADER.pack(MAGIC, HEADER.size + len(entries) + len(contents), len(names)) + entries + contents
+    return _HEADER.pack(MAGIC, _HEADER.size + len(entries) + len(contents), len(names)) + entries + contents
 
 
 def files_of(image: bytes) -> dict[str, bytes]:
     """The files in an image by name; raises BundleContainerError if it is no whole image of plain files."""
-    if len(image) < HEADER.size:
-        raise BundleContainerError(f"image of {len(image)} bytes: must have {HEADER.size} or more")
-    magic, length, count = HEADER.unpack_from(image)
+    if len(image) < _HEADER.size:
+        raise BundleContainerError(f"image of {len(image)} bytes: must have {_HEADER.size} or more")
+    magic, length, count = _HEADER.unpack_from(image)
     if magic != MAGIC:
         raise BundleContainerError(f"image begins with {magic.hex()}: must begin with {MAGIC.hex()}")
     if length != len(image):
         raise BundleContainerError(f"image of {len(image)} bytes states {length}")
     if count > MAX_FILES:
         raise BundleContainerError(f"image of {count} files: at most {MAX_FILES}")
-    names, sizes, at = [], [], HEADER.size
+    names, sizes, at = [], [], _HEADER.size
     for _ in range(count):
         if at + _ENTRY.size > length:
             raise BundleContainerError("image ends within its list of files")

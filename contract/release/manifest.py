@@ -24,7 +24,7 @@ from contract.release.strict_json import digest_of
 from contract.sensor_layout import SensorLayout
 from contract.typed import typed
 
-SCHEMA: Final = "stillwake-bundle/8"
+_SCHEMA: Final = "stillwake-bundle/8"
 """The one that is read: older ones do not state what the wake is without jets at their speeds."""
 FIRST_SECURITY_VERSION: Final = 1
 """Security version of a release that nothing was raised for: the least that an ECU with a store takes."""
@@ -34,9 +34,9 @@ MAX_STEPS: Final = 10_000
 """Longest window and horizon: hundreds of times the release's, and still no burden to allocate."""
 MAX_RESTING: Final = 100
 """Most speeds of the wake without jets: the ECU looks through them in every period."""
-Precision = Literal["float32", "int8"]
+WeightPrecision = Literal["float32", "int8"]
 """Type of the weights; arithmetic is float32 in either `controller.onnx`."""
-PRECISIONS: Final[tuple[Precision, ...]] = get_args(Precision)
+PRECISIONS: Final[tuple[WeightPrecision, ...]] = get_args(WeightPrecision)
 
 _SHA256: Final = re.compile("[0-9a-f]{64}")
 _DATE: Final = re.compile("[0-9]{4}-[0-9]{2}-[0-9]{2}")
@@ -146,7 +146,7 @@ class Manifest:
 
     name: str
     created: str
-    precision: Precision
+    precision: WeightPrecision
     sensors: tuple[str, ...]
     window: int
     control_period: float
@@ -280,7 +280,7 @@ def is_sha256(value: object) -> bool:
 def encode(manifest: Manifest, hashes: Mapping[str, str], dbc: str) -> bytes:
     """The file's content, its own hash included. Raises BundleManifestError for a provenance that JSON has no words
     for, such as a figure that is not finite."""
-    body = {"schema": SCHEMA, **asdict(manifest), "dbc_sha256": dbc, "files": dict(hashes)}
+    body = {"schema": _SCHEMA, **asdict(manifest), "dbc_sha256": dbc, "files": dict(hashes)}
     try:
         body["manifest_sha256"] = digest_of(body)
         return strict_json.encode(body)
@@ -301,9 +301,9 @@ def open_manifest(path: Path, raw: bytes) -> Opened:
         found = digest_of({"schema": schema, **body, "files": hashes, "dbc_sha256": dbc})
     except (ValueError, KeyError, TypeError) as error:
         raise BundleManifestError(f"bundle {path}: {MANIFEST} is damaged ({shown(error)})") from error
-    if schema != SCHEMA:
+    if schema != _SCHEMA:
         raise BundleManifestError(
-            f"bundle {path}: schema {quoted(schema)}, this version reads {SCHEMA!r}: export its model again"
+            f"bundle {path}: schema {quoted(schema)}, this version reads {_SCHEMA!r}: export its model again"
         )
     if found != digest:
         raise BundleManifestError(f"bundle {path}: {MANIFEST} was altered (its own hash does not match)")

@@ -9,7 +9,7 @@ graph they stand, and no export writes one with it. Whoever signs a graph judges
 
 from typing import Final
 
-MAX_BYTES: Final = 16 * 2**20
+MAX_GRAPH_BYTES: Final = 16 * 2**20
 """Size of the file: a hundred times the paper's controller in int8."""
 FORBIDDEN: Final = {
     b"location": "a constant is kept in another file: must be in this one",
@@ -21,8 +21,8 @@ FORBIDDEN: Final = {
 
 def check_graph(content: bytes) -> None:
     """Raise ValueError for a file that is too large, reads others, or has operators that are not ONNX's own."""
-    if len(content) > MAX_BYTES:
-        raise ValueError(f"it has {len(content)} bytes: at most {MAX_BYTES}")
+    if len(content) > MAX_GRAPH_BYTES:
+        raise ValueError(f"it has {len(content)} bytes: at most {MAX_GRAPH_BYTES}")
     for text, wording in FORBIDDEN.items():
         if text in content:
             raise ValueError(wording)

@@ -23,7 +23,7 @@ FIRST_PAUSE_S: Final = 0.1
 LONGEST_PAUSE_S: Final = 5.0
 """Between two attempts to open a bus again: each pause is twice the one before."""
 SEND_TIMEOUT_S: Final = 0.003
-"""For one frame. The two of a period then leave two thirds of it to everything else, whatever the bus does."""
+"""The most time to send a frame. The two of a period leave two thirds of it to all else, whatever the bus does."""
 
 
 @dataclass(frozen=True, kw_only=True)

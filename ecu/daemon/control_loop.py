@@ -19,7 +19,7 @@ from contract.config.tree import Config
 from contract.errors import ConfigError
 from ecu.daemon.connection import Back, Connection, Lost
 from ecu.daemon.counters import Counters
-from ecu.daemon.reception import Reception
+from ecu.daemon.reception import FrameReception
 from ecu.fail_safe import FailSafe
 from ecu.other_ecu import OtherEcu
 from ecu.real_time import clock
@@ -59,7 +59,7 @@ class ControlLoop:
         ecu: SteppedEcu,
         times: PlanTimes,
         connection: Connection,
-        reception: Reception,
+        reception: FrameReception,
         config: Config,
         *,
         tell: Tell,

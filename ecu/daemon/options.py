@@ -11,11 +11,11 @@ from can_bridge.secoc.key import read_key
 from can_bridge.secoc.node import Authentication
 from contract.config.tree import Config
 from contract.errors import ConfigError
-from ecu.daemon.reporter import LogEvent, plain
+from ecu.daemon.reporter import DatedEvent, plain
 from ecu.real_time.privileges import Wanted
 
 FRESHNESS: Final = "freshness.json"
-"""In the state directory that systemd gives a service."""
+"""The file's name in the state directory that systemd gives a service."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,7 +36,7 @@ class ProcessOptions:
     stage_times: Path | None = None
     metrics: Path | None = None
     freshness: Path | None = None
-    as_line: Callable[[LogEvent], str] = plain
+    as_line: Callable[[DatedEvent], str] = plain
     environment: Mapping[str, str] = field(default_factory=lambda: dict(os.environ))
 
 

@@ -17,12 +17,12 @@ from ecu.daemon.connection import Connection
 from ecu.daemon.control_loop import ControlLoop, RealTime, check_offset
 from ecu.daemon.counters import Counters
 from ecu.daemon.options import ProcessOptions
-from ecu.daemon.reception import Reception
+from ecu.daemon.reception import FrameReception
 from ecu.daemon.reporter import Reporter
 from ecu.daemon.systemd import Notifier
 from ecu.real_time import clock
 from ecu.real_time.privileges import in_words, taken
-from ecu.real_time.stage_times import LONGEST, EcuStage, PlanTimes, StageTimes
+from ecu.real_time.stage_times import USUAL_PERIODS, EcuStage, PlanTimes, StageTimes
 from ecu.stepped import SteppedEcu
 
 Beside = Callable[[Connection, Reporter], AbstractContextManager[object]]
@@ -67,10 +67,10 @@ def run(
     cannot be opened, or a file cannot be written."""
     messages = message_set(config.bus)
     pressure, speed = messages.pressure.spec, messages.speed.spec
-    reception = Reception(messages=messages, interface=config.bus.interface)
+    reception = FrameReception(messages=messages, interface=config.bus.interface)
     stages = None
     if options.stage_times is not None:
-        stages = StageTimes(EcuStage, LONGEST if options.periods is None else options.periods)
+        stages = StageTimes(EcuStage, USUAL_PERIODS if options.periods is None else options.periods)
 
     def opened() -> PythonCanBus:
         # The other sets' frames show why none of its own come.

@@ -42,7 +42,7 @@ def received_ns(stamp_ns: int, *, monotonic_ns: int, date_ns: int) -> int:
     return max(0, monotonic_ns - age_ns)
 
 
-class Reception:
+class FrameReception:
     """Frames of the ECU's messages for the control step. `heard` has everything received since it was set, for a silent
     bus's line."""
 

@@ -22,7 +22,7 @@ from ecu.real_time.privileges import step_back
 
 
 @dataclass(frozen=True, kw_only=True)
-class LogEvent:
+class DatedEvent:
     """One of them; `date_ns` counts from the epoch."""
 
     date_ns: int
@@ -31,19 +31,19 @@ class LogEvent:
     fields: Mapping[str, str | int | float] = field(default_factory=dict)
 
 
-def plain(event: LogEvent) -> str:
+def plain(event: DatedEvent) -> str:
     """A line for people: `12:34:56.789 ecu: bus lost: ...`, UTC."""
     text = " ".join(event.text.split())
     return f"{_moment(event):%H:%M:%S}.{event.date_ns // 1_000_000 % 1000:03d} ecu: {text}"
 
 
-def as_json(event: LogEvent) -> str:
+def as_json(event: DatedEvent) -> str:
     """A line of JSON: `time` (RFC 3339, UTC), `event`, `text`, and the event's fields."""
     stamp = f"{_moment(event):%Y-%m-%dT%H:%M:%S}.{event.date_ns // 1000 % 1_000_000:06d}Z"
     return json.dumps({"time": stamp, "event": event.name, "text": event.text, **event.fields})
 
 
-def _moment(event: LogEvent) -> datetime:
+def _moment(event: DatedEvent) -> datetime:
     return datetime.fromtimestamp(event.date_ns // 1_000_000_000, UTC)
 
 
@@ -68,7 +68,7 @@ class Reporter:
     def __init__(
         self,
         write: Callable[[str], object],
-        as_line: Callable[[LogEvent], str],
+        as_line: Callable[[DatedEvent], str],
         *,
         bundle: str,
         metrics: Path | None = None,
@@ -78,7 +78,7 @@ class Reporter:
         self._write, self._as_line = write, as_line
         self._metrics, self._keep, self._interval_s = metrics, keep, interval_s
         self.bundle = bundle
-        self._events = SimpleQueue[LogEvent | None]()
+        self._events = SimpleQueue[DatedEvent | None]()
         self._thread = Thread(target=self._run, name="report", daemon=True)
         self._trouble: dict[str, str] = {}
         self._left_out = self._not_sent = 0
@@ -86,7 +86,7 @@ class Reporter:
 
     def tell(self, name: str, line: str, **fields: str | int | float) -> None:
         """An event, now; returns at once."""
-        self._events.put(LogEvent(date_ns=time.time_ns(), name=name, text=line, fields=fields))
+        self._events.put(DatedEvent(date_ns=time.time_ns(), name=name, text=line, fields=fields))
 
     def __enter__(self) -> Self:
         self._thread.start()
@@ -114,7 +114,7 @@ class Reporter:
             while (event := self._events.get_nowait()) is not None:
                 self._write_line(event)
 
-    def _write_line(self, event: LogEvent) -> None:
+    def _write_line(self, event: DatedEvent) -> None:
         with suppress(OSError, ValueError):
             self._write(self._as_line(event))
 

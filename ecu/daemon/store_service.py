@@ -33,7 +33,7 @@ from ecu.real_time.inbox import Inbox
 from ecu.real_time.privileges import step_back
 from ecu.real_time.stage_times import PlanTimes, TimedController
 
-ROOM: Final = 1024
+_ROOM: Final = 1024
 """Frames that wait: seven longest requests of CAN FD. In a flood the oldest give way."""
 PAUSE_S: Final = 0.05
 """Without a frame between two looks: what time alone ends is seen so late."""
@@ -58,7 +58,7 @@ class DiagnosisThread:
         failed: Callable[[BaseException], None],
     ) -> None:
         self._ecu, self._send, self._now_ns, self._failed = ecu, send, now_ns, failed
-        self._inbox = Inbox(lambda frame: now_ns(), room=ROOM)
+        self._inbox = Inbox(lambda frame: now_ns(), room=_ROOM)
         self._wakes, self._stop = Event(), Event()
         self._thread = Thread(target=self._run, name="diagnosis", daemon=True)
 
@@ -90,22 +90,22 @@ class DiagnosisThread:
 
 
 SWITCH_INTERVAL_S: Final = 0.0005
-"""For which a thread may keep the interpreter from the control that has just woken; Python's own is 5 ms."""
+"""The time for which a thread may keep the interpreter from the control that has just woken; Python's own is 5 ms."""
 NO_RELEASE: Final = "none"
 
-Fields = str | int | float
+_Fields = str | int | float
 
 
-class Log:
+class _EarlyLog:
     """Keeps events from before there is a log, and knows what was booted last. `release` is what is booted, in
     words."""
 
     def __init__(self) -> None:
-        self._early: list[tuple[str, str, dict[str, Fields]]] = []
+        self._early: list[tuple[str, str, dict[str, _Fields]]] = []
         self._reporter: Reporter | None = None
         self.release = NO_RELEASE
 
-    def tell(self, event: str, line: str, **fields: Fields) -> None:
+    def tell(self, event: str, line: str, **fields: _Fields) -> None:
         """Log as `Equipment.log` does."""
         if event == "no_release":
             self.release = NO_RELEASE
@@ -144,7 +144,7 @@ def serve_store(
         is_stopped, write: as for `ecu.daemon.service.serve`.
     """
     check(config, options)
-    times, log = PlanTimes(), Log()
+    times, log = PlanTimes(), _EarlyLog()
 
     def controller_of(release: Bundle) -> Controller:
         controller = OnnxController.of(release)

@@ -25,9 +25,9 @@ from contract.printable import is_name, quoted
 from contract.release import signing, strict_json
 from contract.release.signing import PublicKey
 
-ROOT: Final = "root.pub"
+_ROOT: Final = "root.pub"
 IDENTITY: Final = "ecu.json"
-SCHEMA: Final = "stillwake-ecu/1"
+_SCHEMA: Final = "stillwake-ecu/1"
 _LOCK: Final = "lock"
 
 
@@ -66,14 +66,14 @@ def read_folder(folder: Path, *, root: Path | None = None, hardware: str | None 
         ) from error
     try:
         identity = strict_json.decode(raw)
-        if identity.keys() != {"schema", "hardware", "serial"} or identity["schema"] != SCHEMA:
-            raise ValueError(f"must have schema {SCHEMA!r}, hardware and serial")
+        if identity.keys() != {"schema", "hardware", "serial"} or identity["schema"] != _SCHEMA:
+            raise ValueError(f"must have schema {_SCHEMA!r}, hardware and serial")
         found, serial = (_name(identity[name], name) for name in ("hardware", "serial"))
     except (ValueError, ConfigError) as error:
         raise ConfigError(f"{folder / IDENTITY}: {error}; provision a new folder") from error
     return EcuFolder(
         folder=folder,
-        root=signing.read_public_key(folder / ROOT if root is None else root),
+        root=signing.read_public_key(folder / _ROOT if root is None else root),
         hardware=found if hardware is None else _name(hardware, "hardware"),
         serial=serial,
     )
@@ -99,10 +99,10 @@ def provision(
     if os.path.lexists(folder) and not (folder.is_dir() and not any(folder.iterdir())):
         raise OutputError(f"{folder}: is there already; an ECU's memory is never overwritten, name another folder")
     public = signing.read_public_key(root)
-    identity = {"schema": SCHEMA, "hardware": _name(hardware, "hardware"), "serial": _name(serial, "serial")}
+    identity = {"schema": _SCHEMA, "hardware": _name(hardware, "hardware"), "serial": _name(serial, "serial")}
     with replacing(folder) as temporary:
         Store.provision(FolderBacking(temporary), root=public, keys=keys, image=image, hardware=hardware, fits=fits)
-        copyfile(root, temporary / ROOT)
+        copyfile(root, temporary / _ROOT)
         (temporary / IDENTITY).write_bytes(strict_json.encode(identity))
     return read_folder(folder)
 

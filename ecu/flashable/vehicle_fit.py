@@ -60,7 +60,7 @@ AMPLITUDE_CP: Final = 0.3
 """Amplitude of the made-up pressures: what a shedding wake brings at the rear edges."""
 SHEDDING_CYCLE_TC: Final = 5.0
 LIMIT_SLACK: Final = 1e-5
-"""By which a plan in float32 may exceed the action limit."""
+"""The amount by which a plan in float32 may exceed the action limit."""
 
 
 def self_test(bundle: Bundle, controller: Controller) -> Long[None]:

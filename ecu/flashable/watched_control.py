@@ -14,7 +14,7 @@ from ecu.ecu_state import EcuState
 from ecu.fail_safe import OperatingMode
 
 REMEMBERED_NS: Final = 1_000_000_000
-"""For which a request counts after the frame that carried it: what a lost bus or a lying sensor leaves open."""
+"""The time that a request counts after the frame that carried it: what a lost bus or a lying sensor leaves open."""
 
 
 @dataclass(frozen=True, kw_only=True)

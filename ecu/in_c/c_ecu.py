@@ -16,7 +16,7 @@ from can_bridge.wire.frame import Frame
 from can_bridge.wire.messages import EcuStatus
 from contract.config.tree import Config
 from contract.controller.c_folder import library_sources, read_sources
-from contract.controller.calibration import NAMES, Calibration
+from contract.controller.calibration import CALIBRATION_NAMES, Calibration
 from contract.controller.image_payload import with_layout
 from contract.errors import ConfigError, LibraryError
 from contract.release.checks import Bundle
@@ -27,13 +27,13 @@ from ecu.in_c.c_structs import Structs, c_time
 from ecu.in_c.compiler import compile_c, compiler_version, host_compiler
 from ecu.in_c.library_controller import check_program
 
-EXACT: Final = ("-O3", "-march=native", "-ffp-contract=off")
+_EXACT: Final = ("-O3", "-march=native", "-ffp-contract=off")
 """Flags with which the ECU decides to the bit as the one in Python: GCC reads no pragma against contraction."""
 _BUNDLE_HASH: Final = re.compile(rb"^#define SW_BUNDLE_HASH UINT32_C\((0x[0-9a-f]+)\)$", re.MULTILINE)
 _UNDEFINED: Final = re.compile(r"undefined symbol: (\w+)")
 _ALIGNMENT: Final = 64
 _Answer = Callable[[Any], int]
-ESTIMATOR: Final = "sw_estimator_settings.h"
+_ESTIMATOR: Final = "sw_estimator_settings.h"
 """Generated for a release with a sensor estimator."""
 
 
@@ -81,7 +81,7 @@ class CEcuState(NeverCopied):
     def calibrate(self, calibration: Calibration) -> None:
         """Calibrate as `Ecu.calibrate` does; C judges."""
         if (number := self._calibrate(calibration.pack())) != 0:
-            name, value = NAMES[number - 1], calibration.values[number - 1]
+            name, value = CALIBRATION_NAMES[number - 1], calibration.values[number - 1]
             raise ConfigError(f"calibration: {name} = {value:g}: out of the limits of this release and vehicle")
 
     def saved(self) -> bytes:
@@ -124,7 +124,7 @@ class CEcu(CEcuState):
         sources: Mapping[str, bytes],
         *,
         compiler: Sequence[str] | None = None,
-        flags: Sequence[str] = EXACT,
+        flags: Sequence[str] = _EXACT,
         library: Path | None = None,
     ) -> None:
         command = host_compiler() if compiler is None else list(compiler)
@@ -199,6 +199,6 @@ def ecu_sources(folder: Path, bundle: Bundle, config: Config) -> dict[str, bytes
     if bundle.manifest.sensor_estimator is None and check.enabled:
         # As the ECU in Python.
         config = replace(config, ecu=replace(config.ecu, sensor_check=replace(check, enabled=False)))
-    elif check.enabled and ESTIMATOR not in sources:
+    elif check.enabled and _ESTIMATOR not in sources:
         raise LibraryError(f"library {folder}: it has no sensor estimator; export it again, or switch off sensor_check")
     return with_layout(sources | {c_settings.HEADER: c_settings.ecu_settings(bundle, config)})

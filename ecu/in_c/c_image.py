@@ -6,11 +6,11 @@ from pathlib import Path
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
 from contract.config.tree import Config
-from contract.controller.c_folder import ECU_SETTINGS, Settings
+from contract.controller.c_folder import ECU_SETTINGS, ProgramSettings
 from contract.controller.image_payload import (
-    ESTIMATOR,
-    RELEASE,
-    WEIGHTS,
+    ESTIMATOR_PART,
+    RELEASE_PART,
+    WEIGHTS_PART,
     check_numbers,
     layout_of,
     payload_of,
@@ -25,7 +25,9 @@ from ecu.in_c.c_settings import release_numbers
 def read_packed(folder: Path) -> dict[str, bytes]:
     """The packed numbers in a library's folder; raises LibraryError if they cannot be read."""
     try:
-        return {name: (folder / name).read_bytes() for name in (WEIGHTS, ESTIMATOR) if (folder / name).is_file()}
+        return {
+            name: (folder / name).read_bytes() for name in (WEIGHTS_PART, ESTIMATOR_PART) if (folder / name).is_file()
+        }
     except OSError as error:
         raise LibraryError(f"library {folder}: {error.strerror or error}") from error
 
@@ -37,11 +39,11 @@ def controller_image(
     of another program, or an old one without packed numbers; BundleContainerError if the release has a name that no
     image can hold, or a number that no ECU opens. `files` is its library with its ECU, and its packed numbers."""
     manifest = bundle.manifest
-    if ECU_SETTINGS not in files or WEIGHTS not in files:
+    if ECU_SETTINGS not in files or WEIGHTS_PART not in files:
         raise LibraryError(
-            f"no image: {ECU_SETTINGS if WEIGHTS in files else WEIGHTS} is missing, so it has no ECU in C"
+            f"no image: {ECU_SETTINGS if WEIGHTS_PART in files else WEIGHTS_PART} is missing, so it has no ECU in C"
         )
-    if Settings.of(files).text("SW_PROGRAM_SHA256") != manifest.program_sha256:
+    if ProgramSettings.of(files).text("SW_PROGRAM_SHA256") != manifest.program_sha256:
         raise LibraryError(f"no image: the library is not of the program of bundle {manifest.name!r}")
     point, layout = manifest.operating_point, sha256_of(layout_of(files))
     facts = ImageFacts(
@@ -56,6 +58,6 @@ def controller_image(
         hardware=manifest.hardware,
         name=manifest.name,
     )
-    payload = payload_of({**files, RELEASE: release_numbers(bundle, config).packed()})
+    payload = payload_of({**files, RELEASE_PART: release_numbers(bundle, config).packed()})
     check_numbers(payload, layout)
     return seal(payload, facts, key)

@@ -32,8 +32,8 @@ from ecu.sensor_check import SensorCheckState
 from ecu.speed_reception import SpeedState
 from ecu.timing import StepTiming
 
-HEADER: Final = "sw_ecu.h"
-LARGEST: Final = {"int64": 2**63 - 1, "uint64": 2**64 - 1, "uint32": 2**32 - 1}
+_HEADER: Final = "sw_ecu.h"
+_LARGEST: Final = {"int64": 2**63 - 1, "uint64": 2**64 - 1, "uint32": 2**32 - 1}
 # Scratch memory is the ECU's last member: whatever it is, the members before it stand where they stand.
 _STANDING_IN: Final = {
     "sw_workspace.h": b"typedef struct { char not_shown; } sw_workspace;\n",
@@ -57,9 +57,9 @@ class Structs:
         header: that is read; one that includes the ECU's, if there is more to be known than that.
     """
 
-    def __init__(self, sources: Mapping[str, bytes], compiler: Sequence[str], header: str = HEADER) -> None:
-        if HEADER not in sources:
-            raise LibraryError(f"{HEADER} is missing: this library has the control step alone, and no ECU around it")
+    def __init__(self, sources: Mapping[str, bytes], compiler: Sequence[str], header: str = _HEADER) -> None:
+        if _HEADER not in sources:
+            raise LibraryError(f"{_HEADER} is missing: this library has the control step alone, and no ECU around it")
         self.ffi: Any = cffi.FFI()
         headers = {name: content for name, content in sources.items() if name.endswith(".h") and "/" not in name}
         with tempfile.TemporaryDirectory() as folder:
@@ -69,7 +69,7 @@ class Structs:
         try:
             self.ffi.cdef(text)
         except (cffi.CDefError, cffi.FFIError, NotImplementedError) as error:
-            raise LibraryError(f"{HEADER}: {str(error).splitlines()[0]}") from error
+            raise LibraryError(f"{_HEADER}: {str(error).splitlines()[0]}") from error
 
     def size(self, name: str) -> int:
         """Bytes of a type; of `sw_ecu` without its workspace."""
@@ -80,7 +80,7 @@ class Structs:
         """An array of `sw_frame`. A time that C has no room for is the latest that it has."""
         found = self.ffi.new("sw_frame[]", len(frames))
         for place, frame in zip(found, frames, strict=True):
-            place.timestamp_ns = min(frame.timestamp_ns, LARGEST["int64"])
+            place.timestamp_ns = min(frame.timestamp_ns, _LARGEST["int64"])
             place.id, place.is_extended, place.is_fd = frame.frame_id, frame.is_extended, frame.is_fd
             place.length = len(frame.data)
             place.data[0 : len(frame.data)] = frame.data
@@ -312,7 +312,7 @@ def as_c_has_it(state: EcuState) -> dict[str, Any]:
     found["speed.receiver.counts"] = tuple(map(_count, state.speed.receiver.counts))
     for name in _COUNTED:
         found[name] = _count(found[name])
-    found["sensors.flat"] = np.minimum(state.sensors.flat, LARGEST["uint32"])
+    found["sensors.flat"] = np.minimum(state.sensors.flat, _LARGEST["uint32"])
     return found
 
 
@@ -341,9 +341,9 @@ def _same(one: Any, other: Any) -> bool:
 
 
 def _count(value: int) -> int:
-    return min(value, LARGEST["uint32"])
+    return min(value, _LARGEST["uint32"])
 
 
 def c_time(value: int) -> int:
     """A time as C takes it: one that it has no room for is the nearest that it has, and a fault of the clock."""
-    return max(-LARGEST["int64"] - 1, min(value, LARGEST["int64"]))
+    return max(-_LARGEST["int64"] - 1, min(value, _LARGEST["int64"]))

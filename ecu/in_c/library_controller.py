@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from contract.controller.c_folder import SETTINGS, Settings, read_sources
+from contract.controller.c_folder import PROGRAM_SETTINGS, ProgramSettings, read_sources
 from contract.errors import LibraryError
 from contract.release.checks import Bundle, dbc_sha256
 from ecu.in_c.compiler import OPTIMISED
@@ -39,7 +39,7 @@ def check_program(folder: Path, sources: dict[str, bytes], bundle: Bundle) -> st
     """The library's precision, once its header shows it to be the bundle's; raises LibraryError if it does not."""
     manifest = bundle.manifest
     try:
-        header = Settings.of(sources)
+        header = ProgramSettings.of(sources)
         program, precision = header.text("SW_PROGRAM_SHA256"), header.text("SW_PRECISION")
         # The hash covers the sizes, but the caller's structures are laid out by them: an edited header must not pass.
         sizes = [header.text(name) for name in ("SW_WINDOW", "SW_HORIZON", "SW_SENSOR_NAMES", "SW_SENSORS")]
@@ -53,7 +53,7 @@ def check_program(folder: Path, sources: dict[str, bytes], bundle: Bundle) -> st
         )
     expected = [manifest.window, manifest.mpc.horizon, " ".join(manifest.sensors), len(manifest.sensors)]
     if sizes != [str(size) for size in expected]:
-        raise LibraryError(f"library {folder}: {SETTINGS} was altered: its sizes are not the program's")
+        raise LibraryError(f"library {folder}: {PROGRAM_SETTINGS} was altered: its sizes are not the program's")
     if dbc != dbc_sha256():
         raise LibraryError(f"library {folder}: built for another stillwake.dbc")
     return precision

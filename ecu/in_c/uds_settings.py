@@ -15,7 +15,7 @@ from contract.release.checks import dbc_sha256
 from ecu.flashable.links import MOST_FRAMES, isotp_settings
 from ecu.flashable.watched_control import REMEMBERED_NS
 
-HEADER: Final = "sw_uds_settings.h"
+UDS_SETTINGS: Final = "sw_uds_settings.h"
 _ISOTP: Final = isotp_settings(BusConfig())
 _NUMBERED: Final[Mapping[str, type[IntEnum]]] = {
     "SERVICE": Service, "SESSION": Session, "NRC": Nrc, "ROUTINE": Routine, "DID": Did, "LEVEL": Level,

@@ -18,8 +18,8 @@ from contract.errors import StillwakeError
 from contract.npz import read_npz
 
 NOTHING: Final = -1
-"""As a counter of the E2E header, which may be 0: there was no frame."""
-LONGEST: Final = 180_000
+"""Stands for a counter of the E2E header, which may be 0, where there was no frame."""
+USUAL_PERIODS: Final = 180_000
 """Periods kept without a stated number: an hour at 20 ms."""
 
 
@@ -68,7 +68,7 @@ class VehicleStage(IntEnum):
 class StageTimes:
     """A table of one node. It has `periods` rows; when all are used, the oldest ones are used again."""
 
-    def __init__(self, stages: type[IntEnum], periods: int = LONGEST) -> None:
+    def __init__(self, stages: type[IntEnum], periods: int = USUAL_PERIODS) -> None:
         if periods < 1:
             raise ValueError(f"periods = {periods}: must be at least 1")
         self._stages = stages

@@ -26,7 +26,7 @@ import numpy as np
 from rich import print
 
 from contract.config.loading import load_config
-from contract.controller.c_folder import EXPECTED, Settings, read_recorded, read_sources
+from contract.controller.c_folder import EXPECTED, ProgramSettings, read_recorded, read_sources
 from stillwake.parts.c_release import write_shipped_library
 from stillwake.parts.releases import open_release
 
@@ -52,7 +52,7 @@ from firmware_sim.mcu.cores import CORTEX_M7
 from firmware_sim.mcu.elf import read_elf
 from firmware_sim.mcu.emulator import Machine
 
-settings = Settings.of(sources)
+settings = ProgramSettings.of(sources)
 firmware = read_elf(compile_for_cortex_m7(sources))
 machine = Machine(firmware)
 counter = machine.block_counter(CORTEX_M7)

@@ -26,7 +26,7 @@ it."""
 LIMITS: Final = (1.0, 0.8, 0.3, 1.2, 0.55)
 """The same of the bound on |a|, in shares of the program's."""
 BEYOND: Final = 100.0
-"""By which every fourth case has effort and lift dearer than a prior was trained for, of the range of other cases."""
+"""The factor by which every fourth case has effort and lift dearer than other cases: a prior was not trained for it."""
 
 
 @dataclass(frozen=True, kw_only=True)

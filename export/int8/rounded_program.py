@@ -18,7 +18,7 @@ import numpy.typing as npt
 
 from contract.arrays import Array
 from contract.controller.estimator import EstimatorNetwork
-from contract.release.manifest import Precision
+from contract.release.manifest import WeightPrecision
 from export.program.controller_program import ControllerProgram, map_matrices
 from export.program.float32 import as_float32
 
@@ -93,7 +93,7 @@ def effective(program: Program) -> ControllerProgram:
     return program.program if isinstance(program, RoundedProgram) else program
 
 
-def precision_of(program: Program) -> Precision:
+def precision_of(program: Program) -> WeightPrecision:
     """Its name in manifests and headers."""
     return "int8" if isinstance(program, RoundedProgram) else "float32"
 

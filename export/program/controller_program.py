@@ -20,7 +20,7 @@ from contract.controller.interface import FORCES, Sizes
 from contract.errors import ExportError
 from contract.model.model_folder import SLIM, ModelFolder
 from contract.release.manifest import Scaling
-from export.program.weights import DecoderWeights, DynamicsWeights, EncoderWeights, Linear, PriorWeights, State
+from export.program.weights import DecoderWeights, DynamicsWeights, EncoderWeights, Linear, PriorWeights, StateDict
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -75,15 +75,15 @@ class ControllerProgram:
     def from_state(
         cls,
         *,
-        encoder: State,
-        dynamics: State,
-        decoder: State,
+        encoder: StateDict,
+        dynamics: StateDict,
+        decoder: StateDict,
         scaling: Scaling,
         mpc: MpcConfig,
         action_limit: float,
         sensors: tuple[str, ...],
         encoder_rows: int,
-        prior: State | None = None,
+        prior: StateDict | None = None,
     ) -> "ControllerProgram":
         """Build a program from the tensors of the trained networks, named as in their state dicts. Raises ExportError
         if a tensor is missing, unknown, not finite or of the wrong shape, or the parts do not fit each other; the

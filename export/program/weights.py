@@ -16,7 +16,7 @@ from contract.controller.goal import SCHEDULED, SPEED_SCALE
 from contract.controller.interface import FORCES
 from contract.errors import ExportError
 
-State = Mapping[str, npt.NDArray[Any]]
+StateDict = Mapping[str, npt.NDArray[Any]]
 """Tensors by name, as in a PyTorch state dict."""
 
 LAYER_NORM_EPSILON: Final = 1e-5
@@ -64,7 +64,7 @@ class EncoderWeights:
     output: Linear
 
     @classmethod
-    def from_state(cls, state: State) -> "EncoderWeights":
+    def from_state(cls, state: StateDict) -> "EncoderWeights":
         """Read a state dict; raises ExportError naming the tensor that is missing, unknown or does not fit."""
         tensors = _Tensors("encoder", state)
         width = tensors.size("lstm.weight_hh_l0", axis=1)
@@ -106,7 +106,7 @@ class DynamicsWeights:
     output: Linear
 
     @classmethod
-    def from_state(cls, state: State) -> "DynamicsWeights":
+    def from_state(cls, state: StateDict) -> "DynamicsWeights":
         """Read a state dict; raises ExportError naming the tensor that is missing, unknown or does not fit."""
         tensors = _Tensors("dynamics", state)
         latent = tensors.size("output.weight", axis=0)
@@ -128,7 +128,7 @@ class DynamicsWeights:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class ResidualBlock:
+class ResidualWeights:
     """x + ELU(LayerNorm(W x + b)); dropout is inactive at inference."""
 
     linear: Linear
@@ -140,11 +140,11 @@ class DecoderWeights:
     """Linear, residual blocks, linear to the scaled forces."""
 
     input: Linear
-    blocks: tuple[ResidualBlock, ...]
+    blocks: tuple[ResidualWeights, ...]
     output: Linear
 
     @classmethod
-    def from_state(cls, state: State) -> "DecoderWeights":
+    def from_state(cls, state: StateDict) -> "DecoderWeights":
         """Read a state dict; raises ExportError naming the tensor that is missing, unknown or does not fit."""
         tensors = _Tensors("decoder", state)
         width = tensors.size("input.weight", axis=0)
@@ -153,7 +153,7 @@ class DecoderWeights:
         weights = cls(
             input=tensors.linear("input", width, latent),
             blocks=tuple(
-                ResidualBlock(
+                ResidualWeights(
                     linear=tensors.linear(f"blocks.{i}.linear", width, width),
                     norm=tensors.norm(f"blocks.{i}.norm", width),
                 )
@@ -193,7 +193,7 @@ class PriorWeights:
     predictor: Array
 
     @classmethod
-    def from_state(cls, state: State) -> "PriorWeights":
+    def from_state(cls, state: StateDict) -> "PriorWeights":
         """Read a state dict; raises ExportError naming the tensor that is missing, unknown or does not fit.
 
         A model of 1.0.0 knows the speed at most: it has "slope", what "first" (n, F, p + 1) gains for each design speed
@@ -252,7 +252,7 @@ class PriorWeights:
 class _Tensors:
     """Hands out the tensors of one network once each, checked, and remembers what is left."""
 
-    def __init__(self, network: str, state: State) -> None:
+    def __init__(self, network: str, state: StateDict) -> None:
         self._network = network
         self._state = state
         self._left = set(state)

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from contract.arrays import Array
-from contract.release.manifest import Precision
+from contract.release.manifest import WeightPrecision
 from export.int8.calibrate import rounded_on
 from export.int8.layer_inputs import activation_ranges
 from export.int8.rounded_program import Program, RoundedProgram, effective, precision_of
@@ -28,7 +28,7 @@ class Lowered:
         return effective(self.program)
 
     @property
-    def precision(self) -> Precision:
+    def precision(self) -> WeightPrecision:
         return precision_of(self.program)
 
     @property

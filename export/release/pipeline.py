@@ -38,7 +38,7 @@ from export.release.c_folder import rows_of, write_c_release
 from export.release.gated import Gated, gate
 from export.release.lowering import Lowered, lower
 
-PHASES: Final = ("read", "round weights", "make and check", "write")
+EXPORT_PHASES: Final = ("read", "round weights", "make and check", "write")
 """The phases of an export, in order."""
 
 
@@ -138,7 +138,7 @@ def export_all(
         named: whether someone asked for that recording; if not, it must be the one that the model was fitted to.
         estimator: a sensor estimator for the bundle; it has none without.
         notice: called with a line if the recording is not the model's.
-        phase: called with each of `PHASES` when it begins.
+        phase: called with each of `EXPORT_PHASES` when it begins.
 
     Raises:
         ModelError: the model directory is not sound.
@@ -197,7 +197,7 @@ def export_library(
         model: directory written by `train`.
         release: with the settings of its controller.
         recording: data set that the model was fitted to.
-        phase: called with each of `PHASES` when it begins.
+        phase: called with each of `EXPORT_PHASES` when it begins.
     """
     c_folder_format.check_replaceable(library.folder)
     manifest = release.manifest

@@ -14,8 +14,8 @@ from contract.controller.c_numbers import Numbers, numbers_source
 from contract.controller.estimator import ESTIMATOR, REACH
 from contract.errors import ExportError
 from export.int8.rounded_program import RoundedEstimator
-from export.to_c.float32_arrays import Values
-from export.to_c.int8_format import FULL_RANGE_WIDTH, INT16_QMAX, LANES, packed
+from export.to_c.float32_arrays import ArrayValues
+from export.to_c.int8_format import FULL_RANGE_WIDTH, INT8_LANES, INT16_QMAX, packed
 from export.to_c.library import ALIGNMENTS, numbers
 from export.to_onnx.sensor_estimator import read_estimator
 
@@ -33,7 +33,7 @@ def estimator_files(content: bytes) -> dict[str, bytes]:
     _check(rounded)
     found = numbers("sw_estimator_weights", _arrays(rounded), ALIGNMENTS["int8"])
     source = numbers_source("the numbers of a release's sensor estimator", ['"sw_ecu.h"'], {"sw_own_estimator": found})
-    return {SIZES: _sizes(rounded, found), NUMBERS: source, image_payload.ESTIMATOR: found.packed()}
+    return {SIZES: _sizes(rounded, found), NUMBERS: source, image_payload.ESTIMATOR_PART: found.packed()}
 
 
 def _check(rounded: RoundedEstimator) -> None:
@@ -44,8 +44,8 @@ def _check(rounded: RoundedEstimator) -> None:
     if shapes != [(width, inputs), (width, width), (network.sensors, width)]:
         raise ExportError(f"{ESTIMATOR}: layers of shapes {shapes}: the C library takes two hidden ones of equal width")
     for name, size in (("its hidden layers are", width), ("the window is", network.window)):
-        if size % LANES:
-            raise ExportError(f"{ESTIMATOR}: {name} {size} long: the C library takes multiples of {LANES}")
+        if size % INT8_LANES:
+            raise ExportError(f"{ESTIMATOR}: {name} {size} long: the C library takes multiples of {INT8_LANES}")
     if max(inputs, width) > FULL_RANGE_WIDTH:
         raise ExportError(
             f"{ESTIMATOR}: {max(inputs, width)} inputs of a layer: the C library takes {FULL_RANGE_WIDTH}"
@@ -69,7 +69,7 @@ def _sizes(rounded: RoundedEstimator, found: Numbers) -> bytes:
     ).encode()
 
 
-def _arrays(rounded: RoundedEstimator) -> Mapping[str, Values]:
+def _arrays(rounded: RoundedEstimator) -> Mapping[str, ArrayValues]:
     network, (first, second, last) = rounded.network, rounded.matrices
     sensors, columns = network.sensors, network.sensors + 1
     by_row = first.values[:, : network.window * columns].reshape(-1, network.window, columns)

@@ -20,17 +20,17 @@ from export.program.weights import PriorWeights
 from export.reference.mpc import ADAM_BETAS
 
 Integers = npt.NDArray[np.int32]
-Values = Array | npt.NDArray[np.int8] | Integers | npt.NDArray[np.uint32]
+ArrayValues = Array | npt.NDArray[np.int8] | Integers | npt.NDArray[np.uint32]
 """Numbers of an array in C, where float64 becomes float."""
 
-LANES = 16
+FLOAT32_LANES = 16
 """float32 numbers in the widest vector register that compilers are to fill; narrower ones take two or more."""
 
 PRIOR_UNITS_AT_A_TIME = 8
 """Weights of the prior as `sw_prior.c` computes with them."""
 
 
-def float_arrays(program: ControllerProgram) -> dict[str, Values]:
+def float_arrays(program: ControllerProgram) -> dict[str, ArrayValues]:
     """Every array of `sw_weights.h` by its C name. Raises ExportError for a program without residual blocks in its
     decoder."""
     return {
@@ -44,8 +44,8 @@ def float_arrays(program: ControllerProgram) -> dict[str, Values]:
 
 
 def padded(values: Array) -> Array:
-    """Zeros after the last axis's end, up to a multiple of `LANES`."""
-    missing = -values.shape[-1] % LANES
+    """Zeros after the last axis's end, up to a multiple of `FLOAT32_LANES`."""
+    missing = -values.shape[-1] % FLOAT32_LANES
     return np.pad(values, [(0, 0)] * (values.ndim - 1) + [(0, missing)])
 
 
@@ -134,7 +134,7 @@ def optimiser_arrays(program: ControllerProgram) -> dict[str, Array]:
     }
 
 
-def prior_arrays(program: ControllerProgram, integers: Mapping[str, Int8Matrix]) -> dict[str, Values]:
+def prior_arrays(program: ControllerProgram, integers: Mapping[str, Int8Matrix]) -> dict[str, ArrayValues]:
     """The prior's filters, each from its first row to its last, and its layers; nothing where there is no prior.
 
     Args:

@@ -14,11 +14,11 @@ from export.int8.layer_inputs import ActivationRanges
 from export.int8.rounded_program import Int8Matrix, RoundedProgram
 from export.program.weights import LAYER_NORM_EPSILON, DecoderWeights, Norm
 from export.to_c import int8_format as form
-from export.to_c.float32_arrays import Integers, Values, optimiser_arrays, prior_arrays, scaling_arrays
-from export.to_c.int8_format import LANES, packed, padded_size, qmax
+from export.to_c.float32_arrays import ArrayValues, Integers, optimiser_arrays, prior_arrays, scaling_arrays
+from export.to_c.int8_format import INT8_LANES, packed, padded_size, qmax
 
 
-def int8_arrays(rounded: RoundedProgram, ranges: ActivationRanges) -> dict[str, Values]:
+def int8_arrays(rounded: RoundedProgram, ranges: ActivationRanges) -> dict[str, ArrayValues]:
     """Every array of `sw_weights.h` by its C name: matrices in int8, tables in uint32, constants of layers with a norm
     in int32, all else in float64. Raises ExportError for a decoder without residual blocks, a layer so wide that
     nothing is left of an activation, one whose ELU outputs come near the end of their range, or an LSTM with absurdly
@@ -44,16 +44,16 @@ def int8_arrays(rounded: RoundedProgram, ranges: ActivationRanges) -> dict[str, 
 
 def _inverse_scale(largest: float, width: int) -> float:
     """Integers per unit of an activation; a range of zero is any range."""
-    return qmax(padded_size(width)) / (form.MARGIN * largest if largest > 0 else 1.0)
+    return qmax(padded_size(width)) / (form.ACTIVATION_MARGIN * largest if largest > 0 else 1.0)
 
 
 def _channels(*columns: Array) -> Array:
     """Constants of every output in eights, (n / 8, constants, 8), zeros in the padding."""
-    rows = np.pad(np.stack(columns, axis=-1), [(0, -len(columns[0]) % LANES), (0, 0)])
-    return rows.reshape(-1, LANES, len(columns)).transpose(0, 2, 1)
+    rows = np.pad(np.stack(columns, axis=-1), [(0, -len(columns[0]) % INT8_LANES), (0, 0)])
+    return rows.reshape(-1, INT8_LANES, len(columns)).transpose(0, 2, 1)
 
 
-def _layer(name: str, matrix: Int8Matrix, bias: Array, norm: Norm, inverse_scale: float) -> Mapping[str, Values]:
+def _layer(name: str, matrix: Int8Matrix, bias: Array, norm: Norm, inverse_scale: float) -> Mapping[str, ArrayValues]:
     """Constants of a layer with norm and ELU, `sw_NAME_channel`, `sw_NAME_adjoint` and `sw_NAME_layer`.
 
     Integers of a sum times its scale are of a unit as fine as these allow: a factor of C's sw_scaled is below 1/2, and
@@ -92,10 +92,10 @@ def _plain(matrix: Int8Matrix, bias: Array, inverse_scale: float) -> Array:
 
 
 def _scales(matrix: Int8Matrix) -> Array:
-    return np.pad(matrix.scales.astype(np.float64), (0, -len(matrix.scales) % LANES))
+    return np.pad(matrix.scales.astype(np.float64), (0, -len(matrix.scales) % INT8_LANES))
 
 
-def _encoder(rounded: RoundedProgram, ranges: ActivationRanges) -> Mapping[str, Values]:
+def _encoder(rounded: RoundedProgram, ranges: ActivationRanges) -> Mapping[str, ArrayValues]:
     weights, matrices = rounded.program.encoder, rounded.matrices
     lstm = weights.lstm
     by_input, by_hidden = matrices["lstm.weight_input"], matrices["lstm.weight_recurrent"]
@@ -104,9 +104,13 @@ def _encoder(rounded: RoundedProgram, ranges: ActivationRanges) -> Mapping[str, 
     # The hidden state never leaves [-1, 1].
     cell = float(qmax(padded_size(lstm.width)))
     middle = _inverse_scale(ranges.head, lstm.width)
-    reach = np.abs(lstm.weight_input).sum(axis=1) * form.MARGIN * ranges.row + np.abs(lstm.weight_recurrent).sum(axis=1)
+    reach = np.abs(lstm.weight_input).sum(axis=1) * form.ACTIVATION_MARGIN * ranges.row + np.abs(
+        lstm.weight_recurrent
+    ).sum(axis=1)
     _stay_below(form.GATE_MAX, reach + np.abs(lstm.bias_input + lstm.bias_recurrent), "the LSTM's gates")
-    of_head = np.abs(weights.hidden.weight).sum(axis=1) * form.MARGIN * ranges.head + np.abs(weights.hidden.bias)
+    of_head = np.abs(weights.hidden.weight).sum(axis=1) * form.ACTIVATION_MARGIN * ranges.head + np.abs(
+        weights.hidden.bias
+    )
     _stay_below(form.ELU_ARGUMENT_MAX, of_head, "the encoder's ELUs")
     _fed_by_elu(weights.output.weight)
     # tanh(x) = 2 logistic(2 x) - 1, for gate g.
@@ -121,8 +125,8 @@ def _encoder(rounded: RoundedProgram, ranges: ActivationRanges) -> Mapping[str, 
         "sw_lstm_input_rows": packed(_gates(by_input.values)),
         "sw_lstm_hidden_rows": packed(_gates(by_hidden.values)),
         "sw_lstm_channel": np.concatenate([_channels(*gate) for gate in channels]),
-        "sw_encoder_gain": np.pad(weights.norm.weight, (0, -lstm.width % LANES)),
-        "sw_encoder_offset": np.pad(weights.norm.bias, (0, -lstm.width % LANES)),
+        "sw_encoder_gain": np.pad(weights.norm.weight, (0, -lstm.width % INT8_LANES)),
+        "sw_encoder_offset": np.pad(weights.norm.bias, (0, -lstm.width % INT8_LANES)),
         "sw_head_rows": packed(head.values),
         "sw_head_channel": _plain(head, weights.hidden.bias, middle),
         "sw_latent_rows": packed(output.values),
@@ -148,10 +152,10 @@ def _fed_by_elu(weight: Array) -> None:
 
 def _gates(stacked: npt.NDArray[np.int8]) -> npt.NDArray[np.int8]:
     """Rows of the four gates, each gate padded by itself."""
-    return np.concatenate([np.pad(gate, [(0, -len(gate) % LANES), (0, 0)]) for gate in np.split(stacked, 4)])
+    return np.concatenate([np.pad(gate, [(0, -len(gate) % INT8_LANES), (0, 0)]) for gate in np.split(stacked, 4)])
 
 
-def _dynamics(rounded: RoundedProgram, ranges: ActivationRanges) -> Mapping[str, Values]:
+def _dynamics(rounded: RoundedProgram, ranges: ActivationRanges) -> Mapping[str, ArrayValues]:
     weights, matrices = rounded.program.dynamics, rounded.matrices
     first, second = matrices["dynamics.input.weight"], matrices["dynamics.hidden.weight"]
     third = matrices["dynamics.output.weight"]
@@ -173,7 +177,7 @@ def _dynamics(rounded: RoundedProgram, ranges: ActivationRanges) -> Mapping[str,
     }
 
 
-def _decoder(rounded: RoundedProgram, ranges: ActivationRanges) -> Mapping[str, Values]:
+def _decoder(rounded: RoundedProgram, ranges: ActivationRanges) -> Mapping[str, ArrayValues]:
     weights, matrices = rounded.program.decoder, rounded.matrices
     width = len(weights.input.bias)
     first, last = matrices["decoder.input.weight"], matrices["decoder.output.weight"]

@@ -13,13 +13,13 @@ import numpy.typing as npt
 from contract.arrays import Array
 from contract.errors import ExportError
 
-WORD: Final = 4
+_WORD: Final = 4
 """int8 weights in a 32-bit word; a tile is a word by as many rows."""
 
-LANES: Final = 2 * WORD
+INT8_LANES: Final = 2 * _WORD
 """Every length is padded to whole pairs of words, and constants of outputs stand in eights."""
 
-MARGIN: Final = 1.5
+ACTIVATION_MARGIN: Final = 1.5
 """How far an activation may exceed its calibrated range before it saturates."""
 
 AHEAD: Final = 16
@@ -80,7 +80,7 @@ GATE_MAX: Final = 6e4
 def c_constants() -> dict[str, int | np.float32]:
     """The definitions of `sw_settings.h` that the int8 sources need, besides sizes."""
     return {
-        "SW_LANES": LANES,
+        "SW_LANES": INT8_LANES,
         "SW_AHEAD": AHEAD,
         "SW_INT16_QMAX": INT16_QMAX,
         "SW_SUM_QMAX": SUM_QMAX,
@@ -107,15 +107,15 @@ def qmax(width: int) -> int:
 
 def padded_size(size: int) -> int:
     """A length rounded up to whole pairs of words."""
-    return size + -size % LANES
+    return size + -size % INT8_LANES
 
 
 def packed(values: npt.NDArray[np.int8]) -> npt.NDArray[np.int8]:
     """Pack a matrix for `sw_dots`: tiles of 4 x 4, those of the same rows one behind the other; within a tile's row 0,
     2, 1, 3."""
-    whole = np.pad(values, [(0, -size % LANES) for size in values.shape])
+    whole = np.pad(values, [(0, -size % INT8_LANES) for size in values.shape])
     outputs, inputs = whole.shape
-    tiles = whole.reshape(outputs // WORD, WORD, inputs // WORD, WORD)[..., [0, 2, 1, 3]]
+    tiles = whole.reshape(outputs // _WORD, _WORD, inputs // _WORD, _WORD)[..., [0, 2, 1, 3]]
     return np.append(tiles.transpose(0, 2, 1, 3).ravel(), np.zeros(AHEAD, np.int8))
 
 

@@ -14,18 +14,25 @@ import numpy.typing as npt
 
 from contract.arrays import Array
 from contract.controller import image_payload
-from contract.controller.c_folder import DOCUMENTS, SETTINGS, WEIGHTS, Settings, c_files, settings_header
+from contract.controller.c_folder import (
+    DOCUMENTS,
+    PROGRAM_SETTINGS,
+    PROGRAM_WEIGHTS,
+    ProgramSettings,
+    c_files,
+    settings_header,
+)
 from contract.controller.c_numbers import Numbers, numbers_source, table
 from contract.controller.interface import FORCES, TERMS, Controller
 from contract.release.checks import dbc_sha256
-from contract.release.manifest import Precision
+from contract.release.manifest import WeightPrecision
 from export.int8.layer_inputs import ActivationRanges
 from export.int8.rounded_program import Program, RoundedProgram, effective, precision_of
 from export.program.controller_program import ControllerProgram, program_sha256
 from export.program.float32 import as_float32
 from export.program.weights import LAYER_NORM_EPSILON
 from export.reference.mpc import ADAM_BETAS
-from export.to_c.float32_arrays import LANES, Values, float_arrays, prior_settings
+from export.to_c.float32_arrays import FLOAT32_LANES, ArrayValues, float_arrays, prior_settings
 from export.to_c.int8_arrays import int8_arrays
 from export.to_c.int8_format import c_constants
 
@@ -64,7 +71,7 @@ def c_library(program: Program, ranges: ActivationRanges | None = None) -> dict[
 
 
 def weights_files(
-    arrays: Mapping[str, Values], definitions: Mapping[str, int | str | np.float32], alignment: int
+    arrays: Mapping[str, ArrayValues], definitions: Mapping[str, int | str | np.float32], alignment: int
 ) -> dict[str, bytes]:
     """`sw_settings.h` with these definitions, and a program's numbers by their names in C: as a source, and packed."""
     rest = {name: values for name, values in arrays.items() if name not in (*_HOT, *_TABLES)}
@@ -76,13 +83,15 @@ def weights_files(
         sizes |= constants["sw_own_hot"].settings("SW_HOT")
     tables = "\n\n".join(table(name, arrays[name]) for name in _TABLES if name in arrays)
     return {
-        SETTINGS: settings_header({**definitions, "SW_ALIGNMENT": alignment, **sizes}),
-        WEIGHTS: numbers_source("the numbers of one program", ['"stillwake.h"', '"sw_weights.h"'], constants, tables),
-        image_payload.WEIGHTS: b"".join(each.packed() for each in constants.values()),
+        PROGRAM_SETTINGS: settings_header({**definitions, "SW_ALIGNMENT": alignment, **sizes}),
+        PROGRAM_WEIGHTS: numbers_source(
+            "the numbers of one program", ['"stillwake.h"', '"sw_weights.h"'], constants, tables
+        ),
+        image_payload.WEIGHTS_PART: b"".join(each.packed() for each in constants.values()),
     }
 
 
-def numbers(struct: str, arrays: Mapping[str, Values], alignment: int) -> Numbers:
+def numbers(struct: str, arrays: Mapping[str, ArrayValues], alignment: int) -> Numbers:
     """A struct in C; raises ExportError for a value that float32 cannot hold."""
     return Numbers(
         struct=struct,
@@ -91,11 +100,11 @@ def numbers(struct: str, arrays: Mapping[str, Values], alignment: int) -> Number
     )
 
 
-def _in_c(name: str, values: Values) -> npt.NDArray[Any]:
+def _in_c(name: str, values: ArrayValues) -> npt.NDArray[Any]:
     return np.asarray(values if np.issubdtype(values.dtype, np.integer) else as_float32(values, name))
 
 
-def static_sources(precision: Precision) -> dict[str, bytes]:
+def static_sources(precision: WeightPrecision) -> dict[str, bytes]:
     """The control step's sources that are the same for every program."""
     folders = ("common", precision, "step")
     return {name: text for folder in folders for name, text in sources_in(folder).items()}
@@ -106,7 +115,7 @@ def sources_in(folder: str) -> dict[str, bytes]:
     return c_files(files("export.to_c").joinpath("sources", folder))
 
 
-def settings(program: ControllerProgram, precision: Precision) -> dict[str, int | str | np.float32]:
+def settings(program: ControllerProgram, precision: WeightPrecision) -> dict[str, int | str | np.float32]:
     """Everything of `sw_settings.h`: numbers that C shares with Python stand here, and nowhere in C."""
     mpc = program.mpc
     beta1, beta2 = ADAM_BETAS
@@ -136,7 +145,7 @@ def settings(program: ControllerProgram, precision: Precision) -> dict[str, int 
         "SW_PRIOR_UNITS": 0 if program.prior is None else len(program.prior.output),
         "SW_PRIOR_MEMORY": 1 if program.prior is None else program.prior.memory,
         **({} if program.prior is None else prior_settings(program.prior)),
-        **({"SW_LANES": LANES} if precision == "float32" else c_constants()),
+        **({"SW_LANES": FLOAT32_LANES} if precision == "float32" else c_constants()),
     }
 
 
@@ -148,7 +157,7 @@ def documents(library: Mapping[str, bytes]) -> dict[str, bytes]:
     root = files("export.to_c").joinpath("folder")
     found = {name: root.joinpath(name).read_bytes() for name in DOCUMENTS}
     text = found["README.md"].decode("utf-8")
-    for name, value in _facts(Settings.of(library)).items():
+    for name, value in _facts(ProgramSettings.of(library)).items():
         text = text.replace(f"@{name}@", str(value))
     return {**found, "README.md": text.encode("utf-8")}
 
@@ -167,7 +176,7 @@ def replay(controller: Controller, windows: Sequence[Array], horizon: int) -> Ar
     return np.array([[step.plan[0], *step.forces.mean(axis=0), step.cost] for step in steps])
 
 
-def _facts(settings: Settings) -> dict[str, str | int]:
+def _facts(settings: ProgramSettings) -> dict[str, str | int]:
     window, sensors, horizon = (settings.number(f"SW_{name}") for name in ("WINDOW", "SENSORS", "HORIZON"))
     return {
         "PRECISION": settings.text("SW_PRECISION"),

@@ -25,8 +25,8 @@ from export.program.controller_program import ControllerProgram
 from export.program.float32 import float32_within
 from export.reference.mpc import ADAM_BETAS
 from export.to_onnx.cost import Cost
-from export.to_onnx.decoder import Decoder
-from export.to_onnx.dynamics import Dynamics
+from export.to_onnx.decoder import DecoderGraph
+from export.to_onnx.dynamics import DynamicsGraph
 from export.to_onnx.encoder import lower_encoder
 from export.to_onnx.graph_builder import Graph, store_for
 from export.to_onnx.prior import lower_beyond, lower_prior, lower_schedule
@@ -44,7 +44,7 @@ def build_controller(lowered: Program) -> onnx.ModelProto:
     reach = graph.constant(float32_within(program.action_limit))
     bound = graph.op("Min", graph.default("limit", float32_within(program.action_limit)), reach)
 
-    dynamics, decoder = Dynamics(graph, program, store), Decoder(graph, program, store)
+    dynamics, decoder = DynamicsGraph(graph, program, store), DecoderGraph(graph, program, store)
     start, iterated = shifted(graph, plan, program.mpc.horizon), weights
     if program.prior is not None:
         schedule, share = lower_schedule(graph, weights, speed, graph.op("Div", bound, reach))

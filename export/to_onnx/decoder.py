@@ -10,8 +10,8 @@ import numpy as np
 
 from contract.arrays import Array
 from export.program.controller_program import ControllerProgram
-from export.program.weights import Linear, ResidualBlock
-from export.to_onnx.graph_builder import Graph, NormNames, Store, centred, centred_bias, transposed
+from export.program.weights import Linear, ResidualWeights
+from export.to_onnx.graph_builder import Graph, NormNames, PutMatrix, centred, centred_bias, transposed
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -22,10 +22,10 @@ class BlockTape:
     slope: str
 
 
-class Decoder:
+class DecoderGraph:
     """f_dec in a graph, with matrices prepared once."""
 
-    def __init__(self, graph: Graph, program: ControllerProgram, store: Store) -> None:
+    def __init__(self, graph: Graph, program: ControllerProgram, store: PutMatrix) -> None:
         weights, scaling = program.decoder, program.scaling
         self._input = store(graph, "decoder.input.weight")
         self._input_bias = graph.constant(weights.input.bias, "decoder.input.bias")
@@ -67,7 +67,7 @@ class Decoder:
 
 
 class _Block:
-    def __init__(self, graph: Graph, block: ResidualBlock, number: int, store: Store) -> None:
+    def __init__(self, graph: Graph, block: ResidualWeights, number: int, store: PutMatrix) -> None:
         name = f"decoder.blocks.{number}"
         self._backward = centred(graph, store(graph, f"{name}.linear.weight"))
         self._forward = transposed(graph, self._backward)

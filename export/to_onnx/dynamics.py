@@ -25,7 +25,7 @@ import numpy as np
 
 from export.program.controller_program import ControllerProgram
 from export.program.weights import Linear
-from export.to_onnx.graph_builder import Graph, NormNames, Store, centred, centred_bias, transposed
+from export.to_onnx.graph_builder import Graph, NormNames, PutMatrix, centred, centred_bias, transposed
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,10 +38,10 @@ class Rollout:
     after: tuple[str, str]
 
 
-class Dynamics:
+class DynamicsGraph:
     """f_dyn in a graph: matrices prepared once, used by any number of roll-outs and adjoints."""
 
-    def __init__(self, graph: Graph, program: ControllerProgram, store: Store) -> None:
+    def __init__(self, graph: Graph, program: ControllerProgram, store: PutMatrix) -> None:
         weights = program.dynamics
         latent = weights.latent
         self._latent, self._horizon = latent, program.mpc.horizon

@@ -4,10 +4,10 @@ import numpy as np
 
 from contract.arrays import Array, Index
 from export.program.controller_program import ControllerProgram
-from export.to_onnx.graph_builder import Graph, NormNames, Store
+from export.to_onnx.graph_builder import Graph, NormNames, PutMatrix
 
 
-def lower_encoder(graph: Graph, program: ControllerProgram, window: str, store: Store) -> str:
+def lower_encoder(graph: Graph, program: ControllerProgram, window: str, store: PutMatrix) -> str:
     """z_t as a row (1, n_z) from the window (L, S+1)."""
     weights, scaling = program.encoder, program.scaling
     width = weights.lstm.width

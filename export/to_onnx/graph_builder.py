@@ -140,7 +140,7 @@ class Graph:
         return self._stored[key]
 
 
-class Store(Protocol):
+class PutMatrix(Protocol):
     """Puts a matrix (outputs, inputs) of the program into the graph and returns the name of its float32 value."""
 
     def __call__(self, graph: Graph, name: str, *, rows: Index | None = None, leading: int = 0) -> str:
@@ -181,7 +181,7 @@ class Int8Store:
         return graph.op("DequantizeLinear", values, scales, zero_points, axis=leading)
 
 
-def store_for(program: Program) -> Store:
+def store_for(program: Program) -> PutMatrix:
     """The way to store a program's matrices."""
     return Int8Store(program) if isinstance(program, RoundedProgram) else Float32Store(program)
 

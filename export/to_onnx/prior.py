@@ -12,7 +12,7 @@ import numpy as np
 from contract.controller.goal import DEAREST_EFFORT, DEAREST_LIFT, NARROWEST, SPEED_SCALE
 from contract.controller.interface import TERMS, Sizes
 from export.program.weights import PriorWeights
-from export.to_onnx.graph_builder import Graph, Store, transposed
+from export.to_onnx.graph_builder import Graph, PutMatrix, transposed
 
 
 def lower_schedule(graph: Graph, weights: str, speed: str | None, share: str) -> tuple[str, str]:
@@ -57,7 +57,7 @@ def lower_beyond(graph: Graph, weights: str, *, knows_goal: bool) -> str:
 def lower_prior(
     graph: Graph,
     prior: PriorWeights,
-    store: Store,
+    store: PutMatrix,
     sizes: Sizes,
     *,
     window: str,
@@ -101,7 +101,7 @@ def lower_prior(
     return graph.op("Reshape", actions, graph.index([1, sizes.horizon]))
 
 
-def _units(graph: Graph, prior: PriorWeights, store: Store, schedule: str) -> str:
+def _units(graph: Graph, prior: PriorWeights, store: PutMatrix, schedule: str) -> str:
     """(M (p + 1), n): what the units multiply the past with, the sum over the schedule."""
     scheduled, units, count, columns = prior.first.shape
     by_row = graph.op("Mul", schedule, graph.constant(np.ones((1, units))))
@@ -114,7 +114,7 @@ def _units(graph: Graph, prior: PriorWeights, store: Store, schedule: str) -> st
     return graph.op("Reshape", by_age, graph.index([prior.memory * columns, units]))
 
 
-def _gates(graph: Graph, prior: PriorWeights, store: Store, sizes: Sizes, window: str, schedule: str) -> str:
+def _gates(graph: Graph, prior: PriorWeights, store: PutMatrix, sizes: Sizes, window: str, schedule: str) -> str:
     """(n, 1)."""
     both = np.repeat(np.eye(prior.pairs), 2, axis=0)
     newest = graph.slice(window, sizes.window - prior.memory, sizes.window, 0)

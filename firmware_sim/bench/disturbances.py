@@ -54,7 +54,7 @@ class Reset(Instant, section="reset"):
 
     node: Literal["ecu"] = "ecu"
     boot_s: NonNegative[float] = 0.2
-    """From the reset to the first step."""
+    """The time from the reset to the first step."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,9 +66,9 @@ class WrongClock(Span, section="clock"):
 
     node: Literal["ecu"] = "ecu"
     ppm: Annotated[float, Rule(wording="above -10^6", holds=lambda value: value > -1e6)] = 0.0
-    """By which it is fast."""
+    """The rate by which the clock is fast."""
     offset_s: Finite[float] = 0.0
-    """By which it is ahead at the start of the span."""
+    """The time by which the clock is ahead at the start of the span."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -144,7 +144,7 @@ class StuckJets(Span, section="stuck_jets"):
     """The jets' actuator stands still, whatever it is commanded."""
 
     stuck_jets: Annotated[Finite[float], Rule(wording="between -1 and 1", holds=lambda value: -1 <= value <= 1)]
-    """Of `flow.action_limit` at which it stands; 0 is shut."""
+    """The share of `flow.action_limit` at which the jets stand; 0 is shut."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -191,7 +191,7 @@ KINDS: Final[dict[str, type[Span]]] = {
         *(SpeedScale, SpeedLate, SpeedFrozen, NoSpeed, Density),
     )
 }
-"""By the name that texts use; what begins with the name of a node is a `NodeFault`."""
+"""The kinds by the name that texts use; what begins with the name of a node is a `NodeFault`."""
 
 Disturbance = NodeFault | Span
 

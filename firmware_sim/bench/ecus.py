@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from importlib import import_module
 from typing import Final
 
-from contract.controller.c_folder import Settings
+from contract.controller.c_folder import ProgramSettings
 from contract.errors import ConfigError
 from ecu.in_c.c_ecu import CEcu
 from ecu.in_c.compiler import host_compiler
@@ -47,7 +47,7 @@ def loop_ecu(kind: str, sources: Mapping[str, bytes], *, clock_mhz: float = 480.
         LibraryError: there is no compiler, or the sources are no ECU.
         McuError: they do not compile for the core.
     """
-    precision = Settings.of(sources).text("SW_PRECISION")
+    precision = ProgramSettings.of(sources).text("SW_PRECISION")
     if kind == C:
         host = CEcu(sources)
         return LoopEcu(ecu=host, kind=kind, computed_by=f"C99 {precision}, {host.description}")

@@ -51,13 +51,13 @@ from wake.plant.sample import Sample
 T = TypeVar("T")
 
 DRIVING: Final = frozenset({Mode.CONTROL, Mode.HOLD, Mode.DECAY})
-WANTED: Final = DRIVING | {Mode.WARMUP}
+_WANTED: Final = DRIVING | {Mode.WARMUP}
 """Modes of an ECU that has been asked for control and has no fault."""
 
 AGE_TOLERANCE: Final = 0.01
 """Share of a period. Two clocks 200 ppm apart, and the wait until the bus is read, cost far less."""
 _LONGEST_S: Final = 1e6
-"""Of a span that has no end."""
+"""The length of a span that has no end."""
 ROUNDING: Final = 1e-9
 """Tolerance for the rounding of floating-point numbers that are compared with a limit."""
 
@@ -306,7 +306,7 @@ class Invariants:
         sampled = self._sampled.get(-1 if command.pressure_counter is None else command.pressure_counter)
         return HeardCommand(
             counter=profile_of(self._command.spec).counter_of(frame.data),
-            wanted=command.mode in WANTED,
+            wanted=command.mode in _WANTED,
             drives=command.enable and command.mode in DRIVING,
             in_time=sampled is not None and self._period - sampled[0] <= self._jets.oldest,
         )
@@ -322,7 +322,7 @@ class Invariants:
             self._broken("bus_bounds" if name == "bus_shut" else name, f"{command.mode.name}: {detail}")
         if flow != 0.0 and drives and command.enable:
             self._judge_age(command, now_ns)
-        wanted = command.mode in WANTED
+        wanted = command.mode in _WANTED
         if wanted and not self._was_wanted and not self._edge_heard:
             self._broken("enable_edge", f"{command.mode.name} without a request that was low before")
         if wanted:

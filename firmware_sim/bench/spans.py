@@ -7,7 +7,7 @@ from contract.errors import StillwakeError
 
 SHEDDING_TIME: Final = 5.0
 """t_c: a shedding cycle of the truck's wake, by its Strouhal number of 0.2."""
-LONGEST: Final = 1e6
+_LONGEST: Final = 1e6
 """t_c: a run of a day."""
 CYCLES: Final = 2
 """A span of two cycles holds a whole one wherever in a cycle it begins."""
@@ -31,8 +31,8 @@ class Spans:
     def __post_init__(self) -> None:
         for name in ("lead_in", "controlled", "settle"):
             value = getattr(self, name)
-            if not 0.0 <= value <= LONGEST:
-                raise StillwakeError(f"{_option(name)} = {value}: must be a number of t_c in 0..{LONGEST:g}")
+            if not 0.0 <= value <= _LONGEST:
+                raise StillwakeError(f"{_option(name)} = {value}: must be a number of t_c in 0..{_LONGEST:g}")
         if not self.averages:
             return
         least = CYCLES * SHEDDING_TIME

@@ -13,7 +13,7 @@ from contract.release.checks import Bundle
 from contract.runtime.onnx_session import OnnxController
 from contract.side_by_side import spread
 from firmware_sim.bench.spans import Spans
-from firmware_sim.campaign.folder import SCHEMA, CampaignFolder
+from firmware_sim.campaign.folder import CAMPAIGN_SCHEMA, CampaignFolder
 from firmware_sim.campaign.judgement import PhaseOutcomes, ScenarioRow, judged
 from firmware_sim.campaign.outcome import RunOutcome
 from firmware_sim.campaign.running import check_run, flow_disturbances, run_task
@@ -56,7 +56,7 @@ class Campaign:
     def label(self) -> dict[str, Any]:
         """What makes it this campaign and no other, as plain JSON; its scenarios may change."""
         return {
-            "schema": SCHEMA,
+            "schema": CAMPAIGN_SCHEMA,
             "version": version("stillwake"),
             "bundle": self.bundle.digest,
             "seed": self.seed,

@@ -16,7 +16,7 @@ from contract.atomic import check_writable, replacing
 from contract.errors import OutputError
 from firmware_sim.campaign.outcome import RunOutcome, load, save
 
-SCHEMA: Final = "stillwake-campaign/1"
+CAMPAIGN_SCHEMA: Final = "stillwake-campaign/1"
 
 
 class CampaignFolder:
@@ -87,7 +87,7 @@ class CampaignFolder:
             label: Any = json.loads(self._label_file.read_text(encoding="utf-8"))
         except (OSError, ValueError, RecursionError):
             return None
-        return label if isinstance(label, dict) and label.get("schema") == SCHEMA else None
+        return label if isinstance(label, dict) and label.get("schema") == CAMPAIGN_SCHEMA else None
 
 
 def _plain(label: Mapping[str, Any]) -> Any:

@@ -38,12 +38,12 @@ def criteria_text(criteria: Criteria) -> str:
     )
 
 
-HEADS: Final = ("scenario", "safe", "use", "less drag, %", "mean |Cl|", "in control, %", "latched")
+MATRIX_HEADS: Final = ("scenario", "safe", "use", "less drag, %", "mean |Cl|", "in control, %", "latched")
 """Heads of `cells`."""
 
 
 def cells(row: ScenarioRow) -> tuple[str, ...]:
-    """A row of the matrix in words, by `HEADS`."""
+    """A row of the matrix in words, by `MATRIX_HEADS`."""
     return (
         row.scenario.name,
         "safe" if row.safe else "UNSAFE",  # a word needs no colour

@@ -13,7 +13,7 @@ from contract.atomic import replacing
 from contract.errors import ConfigError
 from contract.typed import typed
 
-SCHEMA: Final = "stillwake-campaign-run/1"
+_SCHEMA: Final = "stillwake-campaign-run/1"
 COURSE: Final = ("t", "Cd", "Cl", "action")
 """The series that are kept, a value a control period."""
 DECIMALS: Final = 6
@@ -109,7 +109,7 @@ class RunOutcome:
 
 def save(path: Path, outcome: RunOutcome) -> None:
     """Write as JSON, whole or not at all, the same bytes for the same outcome."""
-    content = {"schema": SCHEMA, **asdict(outcome)}
+    content = {"schema": _SCHEMA, **asdict(outcome)}
     with replacing(path) as temporary:
         temporary.write_text(json.dumps(content, sort_keys=True) + "\n", encoding="utf-8")
 
@@ -118,7 +118,7 @@ def load(path: Path) -> RunOutcome | None:
     """What `save` wrote; None for a file that is missing, damaged or of another version: it is made again."""
     try:
         tree: Any = json.loads(path.read_text(encoding="utf-8"))
-        if not isinstance(tree, dict) or tree.pop("schema", None) != SCHEMA:
+        if not isinstance(tree, dict) or tree.pop("schema", None) != _SCHEMA:
             return None
         return typed(tree, RunOutcome)
     except (OSError, ValueError, RecursionError, ConfigError):

@@ -32,8 +32,8 @@ from firmware_sim.campaign.scenario import LONGEST_NAME, Criteria, Place, Scenar
 BUILT_IN: Final = ("paper", "sensors", "bus", "flow")
 """Names of the files in `plans/`, in the plan's order."""
 MOST_SCENARIOS: Final = 1000
-SENSORS: Final = "sensors"
-"""In place of a list of values: the release's sensors."""
+_SENSORS: Final = "sensors"
+"""Stands for the release's sensors in place of a list of values."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -109,10 +109,10 @@ def _made(raw: Mapping[str, Any], group: _GroupForm, criteria: Criteria, place: 
 def _values(form: _ScenarioForm, place: Place) -> Sequence[int | float | str]:
     if form.each is None:
         return ("",)
-    if form.each == SENSORS:
+    if form.each == _SENSORS:
         return place.sensors
     if isinstance(form.each, str) or not form.each:
-        raise ConfigError(f"each = {form.each!r}: must be a list of values, or {SENSORS!r}")
+        raise ConfigError(f"each = {form.each!r}: must be a list of values, or {_SENSORS!r}")
     return form.each
 
 

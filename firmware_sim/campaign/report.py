@@ -56,7 +56,7 @@ def write_report(folder: CampaignFolder, campaign: Campaign, result: Result, day
         reynolds=campaign.config.flow.reynolds,
         safe=result.safe,
         headline=matrix_words.headline(result.rows),
-        heads=matrix_words.HEADS,
+        heads=matrix_words.MATRIX_HEADS,
         criteria=criteria_text(Criteria()),
         words_of=criteria_text,
         groups=[

@@ -23,7 +23,7 @@ PAPERS_UNCONTROLLED_CD: Final = 1.051
 PAPERS_DELAYED_CD: Final = {0: 0.918, 12: 0.950}
 """Mean Cd under control by the actuator's delay in control periods, compensated (appendix B)."""
 PAPERS_NOISE: Final = "consistent drag reduction across all tested noise levels"
-"""On noise of 10 to 90 % of the global deviation, without figures (appendix B)."""
+"""The paper's words on noise of 10 to 90 % of the global deviation, without figures (appendix B)."""
 
 
 def papers_reduction_percent(Cd: float) -> float:

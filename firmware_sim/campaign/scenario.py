@@ -12,7 +12,7 @@ from contract.errors import ConfigError
 UNDISTURBED: Final = "undisturbed"
 """Name of the scenario that all others are held against; every plan has it."""
 UNCONTROLLED: Final = "uncontrolled"
-"""In the name of a run without control: of the undisturbed flow, or behind the name of a scenario that changes it."""
+"""Names a run without control: of the undisturbed flow, or behind the name of a scenario that changes it."""
 _NAME: Final = re.compile(r"[a-z0-9][a-z0-9_.]*")
 LONGEST_NAME: Final = 80
 """Characters; a name is also part of a file's."""

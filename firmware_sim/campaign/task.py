@@ -14,12 +14,12 @@ from firmware_sim.bench.disturbances import Disturbances
 from firmware_sim.bench.spans import Spans
 from firmware_sim.campaign.scenario import Scenario
 
-SETTINGS: Final = ("operating_point", "bus", "ecu", "vehicle", "flow.reynolds", "flow.substeps")
+_SETTINGS: Final = ("operating_point", "bus", "ecu", "vehicle", "flow.reynolds", "flow.substeps")
 """Sections and settings that a scenario may set: the controller, and its period in the flow's time, are the release's.
 """
 PlantKey = tuple[FlowConfig, BodyConfig]
 
-MARGIN: Final = 2
+MARGIN_PERIODS: Final = 2
 """Periods without control beyond the controller's window: the first frame only starts the end-to-end check."""
 
 
@@ -76,9 +76,9 @@ def settings_of(scenario: Scenario, config: Config) -> Config:
     except ConfigError as error:
         raise ConfigError(f"scenario {scenario.name!r}: {error}") from error
     for name in sorted(loaded.in_overrides):
-        if not {name, name.partition(".")[0]} & set(SETTINGS):
+        if not {name, name.partition(".")[0]} & set(_SETTINGS):
             raise ConfigError(
-                f"scenario {scenario.name!r}: {name}: a scenario may set {', '.join(SETTINGS)}; give --set for all runs"
+                f"scenario {scenario.name!r}: {name}: a scenario sets {', '.join(_SETTINGS)}; give --set for all runs"
             )
     return plant
 

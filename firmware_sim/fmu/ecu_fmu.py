@@ -19,10 +19,10 @@ from ecu.in_c.compiler import compile_c, host_compiler
 from firmware_sim.fmu.ecu_variables import IDENTIFIER, ecu_variables, model_description, wrapper_settings, xml_bytes
 
 PLATFORM: Final = f"{platform.machine()}-{sys.platform}"
-"""As FMI names it: x86_64-linux."""
+"""The platform as FMI names it: x86_64-linux."""
 FLAGS: Final = ("-O3", "-ffp-contract=off", "-fPIC", "-shared", "-fvisibility=hidden", "-Wl,--no-undefined")
 """No -march: an FMU is passed on to other machines. What the ECU decides does not depend on it."""
-SETTINGS: Final = "sw_fmu_settings.h"
+_SETTINGS: Final = "sw_fmu_settings.h"
 _DAY: Final = (1980, 1, 1, 0, 0, 0)
 
 
@@ -40,7 +40,7 @@ def ecu_fmu(ecu: Mapping[str, bytes], wrapper: Mapping[str, bytes], bundle: Bund
     made_from = hashlib.sha256(repr(sorted(sources.items())).encode()).digest()
     token = f"{{{uuid.UUID(bytes=made_from[:16])}}}"
     variables = ecu_variables(bundle.manifest.sensors, config)
-    sources[SETTINGS] = wrapper_settings(variables, token, config)
+    sources[_SETTINGS] = wrapper_settings(variables, token, config)
     with tempfile.TemporaryDirectory() as folder:
         binary = Path(folder, f"{IDENTIFIER}.so")
         compile_c(sources, binary, compiler=host_compiler(), flags=FLAGS)

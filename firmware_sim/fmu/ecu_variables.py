@@ -17,7 +17,7 @@ from contract.config.tree import Config
 from contract.release.checks import Bundle, dbc_bytes
 
 IDENTIFIER: Final = "stillwake_ecu"
-UNITS: Final[Mapping[str, Mapping[str, str]]] = {
+_UNITS: Final[Mapping[str, Mapping[str, str]]] = {
     "Pa": {"kg": "1", "m": "-1", "s": "-2"},
     "m/s": {"m": "1", "s": "-1"},
     "m2/s": {"m": "2", "s": "-1"},
@@ -130,7 +130,7 @@ def model_description(variables: Sequence[Variable], token: str, bundle: Bundle,
     )
     add(root, "CoSimulation", can, modelIdentifier=IDENTIFIER, fixedInternalStepSize=period)
     units = add(root, "UnitDefinitions")
-    for unit, exponents in UNITS.items():
+    for unit, exponents in _UNITS.items():
         add(add(units, "Unit", name=unit), "BaseUnit", dict(exponents))
     types = add(root, "TypeDefinitions")
     for title, values in ENUMERATIONS.items():

@@ -17,7 +17,7 @@ from ecu.in_c.compiler import compile_c, host_compiler
 from firmware_sim.fmu.ecu_fmu import FLAGS, PLATFORM, zipped
 from firmware_sim.fmu.ecu_variables import xml_bytes
 
-SETTINGS: Final = "sw_plant_settings.h"
+_SETTINGS: Final = "sw_plant_settings.h"
 BEHIND: Final = f"binaries/{PLATFORM}/pythonfmu.so"
 """The binary of `pythonfmu3`; as the one in front of it names it."""
 _DESCRIPTION: Final = "modelDescription.xml"
@@ -56,7 +56,7 @@ def plant_fmu(config: Config, front: Mapping[str, bytes], start: Path | None = N
             raise LibraryError(f"no FMU of the plant for {PLATFORM}: pythonfmu3 brings no binary for it")
         contents |= {_DESCRIPTION: xml_bytes(about), BEHIND: contents[binary]}
         compiled = folder / "front.so"
-        compile_c({**front, SETTINGS: _settings(about)}, compiled, compiler=host_compiler(), flags=(*FLAGS, "-ldl"))
+        compile_c({**front, _SETTINGS: _settings(about)}, compiled, compiler=host_compiler(), flags=(*FLAGS, "-ldl"))
         return zipped(contents | {binary: compiled.read_bytes()})
 
 

@@ -36,7 +36,7 @@ _Form: Final[Any] = make_dataclass(
 """The whole file."""
 
 
-Budget = Mapping[str, float]
+_Budget = Mapping[str, float]
 """What is limited, such as `misses_ours` or `all.p99_ms`, with the most that is allowed."""
 
 
@@ -59,7 +59,7 @@ class KeptLimit(NamedTuple):
         return self.measured is not None and self.measured <= self.allowed
 
 
-def read_budget(path: Path) -> Budget:
+def read_budget(path: Path) -> _Budget:
     """The budget of a file. Raises ConfigError if it cannot be read, limits something unknown or nothing, or a limit is
     out of range."""
     tree = read_toml(path, "budget")
@@ -80,7 +80,7 @@ def read_budget(path: Path) -> Budget:
     return budget
 
 
-def verdicts(budget: Budget, counts: Mapping[str, int], latencies: Mapping[Stage, Quantiles]) -> list[KeptLimit]:
+def verdicts(budget: _Budget, counts: Mapping[str, int], latencies: Mapping[Stage, Quantiles]) -> list[KeptLimit]:
     """Each limit of the budget with what was measured."""
     measured: dict[str, float | None] = dict(counts)
     for stage, found in latencies.items():

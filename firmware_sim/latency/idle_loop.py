@@ -22,7 +22,7 @@ from ecu.real_time.privileges import PRIORITY, Wanted, in_words, taken
 from ecu.real_time.stage_times import StageTimes
 from firmware_sim.latency.stages import Times
 
-WANTED: Final = Wanted(priority=PRIORITY + 1)
+_WANTED: Final = Wanted(priority=PRIORITY + 1)
 """One more of priority than the ECU: the work that it is compared with must not delay it."""
 
 
@@ -78,7 +78,7 @@ def main(arguments: Sequence[str]) -> None:
     signal.signal(signal.SIGTERM, stop)
     # Ctrl-C in a terminal reaches all its processes; the one that started this one decides what ends.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    with taken(WANTED) as privileges:
+    with taken(_WANTED) as privileges:
         sys.stdout.write(f"{in_words(privileges)}\n")
         sys.stdout.flush()
         table = run(int(period_ns), lambda: bool(stopped), longest=int(periods))

@@ -26,25 +26,26 @@ class Stage(StrEnum):
     """The way of one period's pressures, in order."""
 
     SAMPLE = "sample"
-    """From the scheduled instant to the sample: the vehicle's own lateness."""
+    """The time from the scheduled instant to the sample: the vehicle's own lateness."""
     BUS_TO_ECU = "bus_to_ecu"
     """The Pressure frame written, sent and received by the ECU's receiving thread."""
     WAIT = "wait"
-    """From there to the deadline of the step that takes it: intended, as it absorbs the jitter of the bus."""
+    """The time from that reception to the deadline of the step that takes the frame: intended, as it absorbs the jitter
+    of the bus."""
     RECEIVE = "receive"
-    """From the deadline, or the frame if that came after it, to the controller's call: waking up, checking, window."""
+    """The time from the deadline, or from a frame after it, to the controller's call: waking up, checking, window."""
     PLAN = "plan"
     """Encoder and optimiser."""
     GATE = "gate"
-    """From the plan to the frames: command gate, fail-safe, protection."""
+    """The time from the plan to the frames: command gate, fail-safe, protection."""
     BUS_TO_VEHICLE = "bus_to_vehicle"
     """The JetCommand frame sent, and received by the vehicle."""
     ALL = "all"
-    """From the scheduled instant of the sampling to the first command that rests on these pressures or newer ones, of
-    those that the vehicle took: one a period, the newest. It is due by the next sampling instant. Of a period without a
-    plan only if that was missed."""
+    """The time from the scheduled instant of the sampling to the first command that rests on these pressures or newer
+    ones, of those that the vehicle took: one a period, the newest. It is due by the next sampling instant. A period
+    without a plan has it only if that instant was missed."""
     ACTUATE = "actuate"
-    """From that instant to the jets' driver taking the command."""
+    """The time from that command's arrival to the jets' driver taking it."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -15,7 +15,7 @@ from contract.geometry import HALF_WIDTH, JET_WIDTH
 from contract.release.checks import Bundle
 from ecu.fail_safe import OperatingMode
 from firmware_sim.live.loop.live_run import LivePeriod, LiveRun
-from firmware_sim.live.loop.messages import PERIOD_COLUMNS, SCHEMA, Choice, LiveMessage
+from firmware_sim.live.loop.messages import LIVE_SCHEMA, PERIOD_COLUMNS, Choice, LiveMessage
 from firmware_sim.live.loop.noticing import UNPOWERED, SeenState
 from firmware_sim.live.settings import SLIDERS, WEIGHT, LiveSettings
 from firmware_sim.runs.reasons import BECAUSE
@@ -39,7 +39,7 @@ def hello(
     slot = HALF_WIDTH - 0.5 * JET_WIDTH
     return {
         "type": "hello",
-        "schema": SCHEMA,
+        "schema": LIVE_SCHEMA,
         "version": version("stillwake"),
         "bundle": {
             "name": manifest.name,

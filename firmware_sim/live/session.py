@@ -22,7 +22,7 @@ from firmware_sim.bench.virtual_loop import check_bit_rates
 from firmware_sim.live import present
 from firmware_sim.live.loop.live_run import LivePeriod, LiveRun
 from firmware_sim.live.loop.messages import Choice, LiveAnswer, LiveMessage, pack_field
-from firmware_sim.live.loop.noticing import START, EventLog, noticed
+from firmware_sim.live.loop.noticing import FIRST_SEEN, EventLog, noticed
 from firmware_sim.live.settings import CONTROLLERS, Asked, LiveSettings, asked, changes
 from wake.plant.protocol import LoopPlant
 
@@ -82,7 +82,7 @@ class LiveSession(NeverCopied):
         self._automatic = True
         self._paused = False
         self._hello_due = self._settings_due = self._now_due = False
-        self._seen = START
+        self._seen = FIRST_SEEN
         self._runs = 0
         self._events = EventLog()
         self._rows: list[LivePeriod] = []
@@ -247,7 +247,7 @@ class LiveSession(NeverCopied):
         run.request.waits = self._automatic
         self._run, self._runs = run, run.number
         self._settings = replace(settings, enable=False)
-        self._seen = START
+        self._seen = FIRST_SEEN
         self._rows = []
         self._ticks.clear()
         self._events.new_run()

@@ -10,12 +10,11 @@ from contract.controller.c_folder import BOARD, library_sources
 from contract.errors import LibraryError, McuError, install
 from ecu.c.sources import sources_in
 from ecu.in_c.compiler import compile_c, zig_compiler
-from ecu.in_c.uds_settings import HEADER as UDS_SETTINGS
-from ecu.in_c.uds_settings import uds_settings
+from ecu.in_c.uds_settings import UDS_SETTINGS, uds_settings
 from firmware_sim.mcu.cores import CORTEX_M7, Core
 
 LINKER_SCRIPT: Final = "cortex_m7.ld"
-MISSING: Final = f"the compiler is missing: {install('mcu')}"
+NO_COMPILER: Final = f"the compiler is missing: {install('mcu')}"
 # Contraction within an expression, as the language allows it, is the same for every target with fused operations.
 COMMON: Final = ("-O2", "-ffp-contract=on", "-g0")
 # Loops that gain by it are unrolled in the sources; the compiler would unroll the others, which costs 21 KiB of flash.
@@ -91,7 +90,7 @@ def compile_replay(sources: Mapping[str, bytes], program: Path) -> None:
 def _compile(sources: Mapping[str, bytes], output: Path, flags: Sequence[str]) -> None:
     compiler = zig_compiler()
     if compiler is None:
-        raise McuError(MISSING)
+        raise McuError(NO_COMPILER)
     try:
         compile_c(sources, output, compiler=compiler, flags=flags)
     except LibraryError as error:

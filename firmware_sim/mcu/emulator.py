@@ -16,8 +16,8 @@ from firmware_sim.mcu.pipeline import Pipeline
 FLASH: Final = 0x0800_0000
 FLASH_BYTES: Final = 1 << 20
 RAM: Final = 0x2000_0000
-RAM_BYTES: Final = 1 << 19
-STACK_BYTES: Final = 8192
+_RAM_BYTES: Final = 1 << 19
+_STACK_BYTES: Final = 8192
 _STACK: Final = 0x3000_0000
 _UNTOUCHED: Final = 0xA5
 _RETURN: Final = FLASH + FLASH_BYTES - 0x100
@@ -103,10 +103,10 @@ class Machine(EmulatedCore):
     """A core whose functions are called. The stack is a memory of its own, so that an overflow is seen."""
 
     def __init__(self, firmware: Firmware) -> None:
-        stack = (_STACK, STACK_BYTES)
-        super().__init__(firmware, ((RAM, RAM_BYTES), stack), stack)
+        stack = (_STACK, _STACK_BYTES)
+        super().__init__(firmware, ((RAM, _RAM_BYTES), stack), stack)
         self._core.reg_write(arm_const.UC_ARM_REG_FPEXC, 0x4000_0000)
-        self._core.reg_write(arm_const.UC_ARM_REG_SP, _STACK + STACK_BYTES)
+        self._core.reg_write(arm_const.UC_ARM_REG_SP, _STACK + _STACK_BYTES)
 
     def write(self, symbol: str, content: bytes) -> None:
         """Put bytes where a symbol is."""

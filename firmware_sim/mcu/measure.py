@@ -9,7 +9,14 @@ from typing import Final
 
 import numpy as np
 
-from contract.controller.c_folder import Rows, Settings, read_recorded, read_sources, rows_from_text, rows_text
+from contract.controller.c_folder import (
+    ProgramRows,
+    ProgramSettings,
+    read_recorded,
+    read_sources,
+    rows_from_text,
+    rows_text,
+)
 from contract.controller.interface import REFUSALS, TERMS
 from contract.errors import McuError
 from firmware_sim.mcu.build import compile_for_cortex_m7, compile_replay
@@ -17,7 +24,7 @@ from firmware_sim.mcu.cores import CORTEX_M7, Core
 from firmware_sim.mcu.elf import Firmware, read_elf
 from firmware_sim.mcu.emulator import Machine
 
-PHASES: Final = ("compile", "emulate", "run on this host", "count cycles")
+MCU_PHASES: Final = ("compile", "emulate", "run on this host", "count cycles")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,7 +81,7 @@ def measure_folder(folder: Path, *, phase: Callable[[str], None] = lambda begun:
 
 def measure(
     sources: Mapping[str, bytes],
-    rows: Rows,
+    rows: ProgramRows,
     *,
     core: Core = CORTEX_M7,
     phase: Callable[[str], None] = lambda begun: None,
@@ -86,22 +93,22 @@ def measure(
         sources: the library's files.
         rows: pressures Cp and the action commanded one step before, (n, S+1); at least one window of them.
         core: which one is compiled for and modelled; the emulated one is a Cortex-M7.
-        phase: called with each of `PHASES` when it begins.
+        phase: called with each of `MCU_PHASES` when it begins.
     """
-    settings = Settings.of(sources)
+    settings = ProgramSettings.of(sources)
     window, columns = settings.number("SW_WINDOW"), settings.number("SW_SENSORS") + 1
     if rows.ndim != 2 or rows.shape[1] != columns or len(rows) < window:
         raise McuError(f"recorded rows have shape {rows.shape}: must be at least {window} rows of {columns}")
-    phase(PHASES[0])
+    phase(MCU_PHASES[0])
     firmware = read_elf(compile_for_cortex_m7(sources, core=core))
     machine = Machine(firmware)
     counter = machine.block_counter(core)
-    phase(PHASES[1])
+    phase(MCU_PHASES[1])
     found = _replay(machine, rows, window, settings.number("SW_HORIZON"))
-    phase(PHASES[2])
+    phase(MCU_PHASES[2])
     expected = _on_host(sources, rows)
     stack = machine.stack_used("mcu_longest_step")
-    phase(PHASES[3])
+    phase(MCU_PHASES[3])
     counter.start()
     machine.call("mcu_longest_step")
     instructions, cycles = counter.total()
@@ -133,7 +140,7 @@ def linked_ram(firmware: Firmware) -> int:
     return sum(firmware.sections.get(name, 0) for name in (".hot", ".data", ".bss"))
 
 
-def _replay(machine: Machine, rows: Rows, window: int, horizon: int) -> Rows:
+def _replay(machine: Machine, rows: ProgramRows, window: int, horizon: int) -> ProgramRows:
     """(action, cost) of every row from the first full window on."""
     machine.call("mcu_reset")
     answers = []
@@ -148,7 +155,7 @@ def _replay(machine: Machine, rows: Rows, window: int, horizon: int) -> Rows:
     return np.array(answers, dtype=np.float32)
 
 
-def _on_host(sources: Mapping[str, bytes], rows: Rows) -> Rows:
+def _on_host(sources: Mapping[str, bytes], rows: ProgramRows) -> ProgramRows:
     with tempfile.TemporaryDirectory() as folder:
         program = Path(folder, "replay")
         compile_replay(sources, program)

@@ -11,7 +11,7 @@ from firmware_sim.runs.run_log import WITHOUT, RunLog
 from firmware_sim.runs.statistics import planned_steps, rounded
 
 _SLOW: Final = 0.1
-"""Of the design speed: below it no side force is counted in units of the present one."""
+"""The share of the design speed below which no side force is counted in units of the present one."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -14,14 +14,14 @@ from firmware_sim.runs.control import mode_names
 from firmware_sim.runs.run_log import RunLog
 from wake.pictures.drawing import BLOWING, SUCKING
 
-WIDE: Final = 10.0
+_WIDE: Final = 10.0
 """Inches."""
 
 
 def overview_figure(log: RunLog, uncontrolled: bytes, controlled: bytes) -> Figure:
     """The wake before and under control, given as PNG, over the time series of drag and action, with a key."""
     s, t = log.series, log.series["t"]
-    figure = Figure(figsize=(WIDE, 9.7), dpi=100, layout="constrained")
+    figure = Figure(figsize=(_WIDE, 9.7), dpi=100, layout="constrained")
     axes = figure.subplots(4, 1, height_ratios=(3.1, 3.1, 1.6, 1.6))
     for axis, picture in zip(axes, (uncontrolled, controlled), strict=False):
         axis.imshow(mpl.image.imread(io.BytesIO(picture), format="png"))

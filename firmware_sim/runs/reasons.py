@@ -13,7 +13,7 @@ DOES: Final[Mapping[str, str]] = {
     "DECAY": "the command is halved each period",
     "FAULT": "the jets are shut until the request falls and rises again",
 }
-"""By the name of a `can_bridge.wire.messages.Mode`."""
+"""The jets' state by the name of a `can_bridge.wire.messages.Mode`."""
 BECAUSE: Final[Mapping[Reason, str]] = {
     Reason.NONE: "",
     Reason.STREAM_LOST: "no pressures came",

@@ -23,7 +23,7 @@ from firmware_sim.runs.bus_traffic import BusTraffic
 from firmware_sim.runs.metadata import RunMetadata
 from wake.plant.sample import Sample
 
-SCHEMA: Final = "stillwake-run/3"
+_SCHEMA: Final = "stillwake-run/3"
 
 WALL: Final = "wall_Cp"
 """The series of Cp at the bundle's sensors, (n, S), in the order of the bundle."""
@@ -126,7 +126,7 @@ def save(path: Path, log: RunLog) -> None:
     """Write as .npz, whole or not at all."""
     header = json.dumps(
         {
-            "schema": SCHEMA,
+            "schema": _SCHEMA,
             "enabled_at": log.enabled_at,
             "bus": asdict(log.bus),
             "traffic": asdict(log.traffic),
@@ -143,11 +143,11 @@ def load(path: Path) -> RunLog:
     try:
         data = read_npz(path)
         header = strict_json.decode(data.text("header").encode())
-        if (schema := header.get("schema")) != SCHEMA:
+        if (schema := header.get("schema")) != _SCHEMA:
             made_by = header.get("metadata", {}).get("versions", {}).get("stillwake", "an unknown version")
             raise ValueError(
                 f"schema {schema!r}, made by stillwake {made_by}; this is stillwake {version('stillwake')}, which "
-                f"reads {SCHEMA!r}: make the run again"
+                f"reads {_SCHEMA!r}: make the run again"
             )
         log = RunLog(
             # Runs of 0.9.0 have no such columns.

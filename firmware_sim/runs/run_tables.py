@@ -31,7 +31,7 @@ _DRAG_ROWS: Final = (
 """Label, in which the wake probe's place is filled in, field of `Regime`, number format."""
 
 ENOUGH_CYCLES: Final = 2
-"""From one cycle to the next drag differs by several per cent of its mean."""
+"""The fewest cycles of an average: from one to the next drag differs by several per cent of its mean."""
 _STILL: Final = 0.01
 """Share of the action's bound below which the jets count as still, by their root mean square: a controller that works
 uses half of it."""

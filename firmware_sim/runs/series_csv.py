@@ -10,7 +10,7 @@ from contract.atomic import replacing
 from contract.ledger import LEDGER_FIELDS
 from firmware_sim.runs.run_log import COLUMNS, WALL, RunLog
 
-UNITS: Final = {
+COLUMN_UNITS: Final = {
     "t": "t_c",
     **dict.fromkeys(LEDGER_FIELDS, "1"),
     "Uy_probe": "U_inf",
@@ -39,7 +39,7 @@ def write_csv(path: Path, log: RunLog) -> None:
 def _rows(log: RunLog) -> Iterator[list[str]]:
     wall = log.series.get(WALL)
     names = [] if wall is None else [f"Cp_{name} [1]" for name in log.metadata.sensors]
-    yield [*(f"{name} [{UNITS[name]}]" for name in COLUMNS), *names]
+    yield [*(f"{name} [{COLUMN_UNITS[name]}]" for name in COLUMNS), *names]
     for k in range(len(log.series["t"])):
         row = [_text(name, float(log.series[name][k])) for name in COLUMNS]
         yield row if wall is None else [*row, *(_text("Cp", float(value)) for value in wall[k])]

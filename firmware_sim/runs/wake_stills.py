@@ -23,7 +23,7 @@ from firmware_sim.runs.run_log import RunLog
 from wake.pictures.fields import View
 from wake.pictures.level_picture import LevelPicture, Levels
 
-SCHEMA: Final = "stillwake-wake/1"
+_SCHEMA: Final = "stillwake-wake/1"
 MOST_STILLS: Final = 640
 """Stills of a recording; a longer run has them farther apart. 640 take about 2 MB."""
 MIDDLE: Final = 128
@@ -109,7 +109,7 @@ def encode(levels: Levels) -> bytes:
 
 def save(path: Path, wake: WakeStills) -> None:
     """Write as .npz; `path` is a temporary file of `contract.atomic.replacing`."""
-    header = json.dumps({"schema": SCHEMA, **asdict(wake.scene)})
+    header = json.dumps({"schema": _SCHEMA, **asdict(wake.scene)})
     with path.open("wb") as file:
         np.savez_compressed(
             file,
@@ -127,8 +127,8 @@ def load(path: Path, log: RunLog) -> WakeStills:
     try:
         data = read_npz(path)
         header = strict_json.decode(data.text("header").encode())
-        if (schema := header.pop("schema", None)) != SCHEMA:
-            raise ValueError(f"schema {schema!r}, must be {SCHEMA!r}")
+        if (schema := header.pop("schema", None)) != _SCHEMA:
+            raise ValueError(f"schema {schema!r}, must be {_SCHEMA!r}")
         ends, packed = data.numbers("ends", None).astype(np.int64), data["stills"].tobytes()
         begins = [0, *ends[:-1].tolist()]
         wake = WakeStills(

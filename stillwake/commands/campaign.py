@@ -115,7 +115,7 @@ def _planned(
     from firmware_sim.campaign.conduct import Campaign
     from firmware_sim.campaign.plan_file import whole_plan
     from firmware_sim.campaign.scenario import Place, selected
-    from firmware_sim.campaign.task import MARGIN
+    from firmware_sim.campaign.task import MARGIN_PERIODS
 
     check_flow(release, config.flow)
     layout = layout_of(config.body)
@@ -123,11 +123,11 @@ def _planned(
     sensors = release.manifest.sensors
     on_base = {layout.names[column] for column in layout.base}
     # The controller's window fills without control, with what the disturbed sensors read.
-    lead_in = (release.manifest.window + MARGIN) * config.flow.control_period
+    lead_in = (release.manifest.window + MARGIN_PERIODS) * config.flow.control_period
     place = Place(
         sensors=sensors,
         base_sensor=next((name for name in sensors if name in on_base), None),
-        enabled_s=(release.manifest.window + MARGIN) * config.period_ns / 1e9,
+        enabled_s=(release.manifest.window + MARGIN_PERIODS) * config.period_ns / 1e9,
         t_c_s=config.operating_point.convective_time,
     )
     campaign = Campaign(
@@ -164,9 +164,9 @@ def _conducted(planned: "Campaign", folder: "CampaignFolder", spread: Mapping[st
 
 def _print(result: "Result") -> None:
     """The matrix, and the headline last, where a terminal is read first."""
-    from firmware_sim.campaign.matrix_words import HEADS, cells, headline
+    from firmware_sim.campaign.matrix_words import MATRIX_HEADS, cells, headline
 
-    table = Table(*HEADS)
+    table = Table(*MATRIX_HEADS)
     for row in result.rows:
         styles = ["", "green" if row.safe else "bold red", {"useful": "blue", "marginal": "yellow"}.get(row.use, "red")]
         words = cells(row)

@@ -15,8 +15,8 @@ from stillwake.console import options as shared
 from stillwake.console.settings import read_settings
 from stillwake.console.terminal import console
 
-HEAD: Final = ("setting", "value", "default", "unit", "from")
-WIDTH: Final = 80
+_HEAD: Final = ("setting", "value", "default", "unit", "from")
+_WIDTH: Final = 80
 
 
 def config(
@@ -62,12 +62,12 @@ def chosen(listed: Sequence[Section], prefix: str, *, only_changed: bool) -> tup
 def table(listed: Sequence[Section], loaded: Loaded, *, explain: bool) -> Iterator[str]:
     """Lines of text, the columns as wide as their content; bounds, meaning and default's source below if asked for."""
     rows = [cells(one, loaded) for section in listed for one in section.settings]
-    widths = [max(map(len, column)) for column in zip(HEAD, *rows, strict=True)]
-    yield _line(HEAD, widths)
+    widths = [max(map(len, column)) for column in zip(_HEAD, *rows, strict=True)]
+    yield _line(_HEAD, widths)
     for section in listed:
         yield ""
         about = section.meaning if explain else f"{section.meaning.partition('. ')[0].rstrip('.')}."
-        yield from wrap(f"[{section.name}] {about}", WIDTH, subsequent_indent="    ")
+        yield from wrap(f"[{section.name}] {about}", _WIDTH, subsequent_indent="    ")
         for one in section.settings:
             yield _line(cells(one, loaded), widths)
             if explain:
@@ -75,7 +75,7 @@ def table(listed: Sequence[Section], loaded: Loaded, *, explain: bool) -> Iterat
                 text = f"{bounds} {one.meaning}".strip()
                 for part in filter(None, (text, _origin(one.source))):
                     yield from wrap(
-                        part, WIDTH, initial_indent="    ", subsequent_indent="    ", break_on_hyphens=False
+                        part, _WIDTH, initial_indent="    ", subsequent_indent="    ", break_on_hyphens=False
                     )
 
 

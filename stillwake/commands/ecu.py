@@ -13,7 +13,7 @@ from contract.config.tree import Config
 from contract.config.vehicle import EcuConfig
 from contract.errors import ConfigError
 from stillwake.console import options as shared
-from stillwake.console.settings import DIAGNOSIS, REAL_BUS, WEIGHTS, settings, with_bus
+from stillwake.console.settings import COST_WEIGHTS, DIAGNOSIS, REAL_BUS, settings, with_bus
 from stillwake.console.stopping import until_stopped
 from stillwake.console.terminal import console, visible
 from stillwake.parts.firmware import run_firmware
@@ -30,7 +30,7 @@ _USES: Final = (
     "bus.key",
     # In real time the step takes what it takes.
     *(f"ecu.{item.name}" for item in fields(EcuConfig) if item.name != "compute_time_ms"),
-    WEIGHTS,
+    COST_WEIGHTS,
 )
 _VEHICLE: Final = ("operating_point", "flow.control_period", "flow.action_limit", "ecu.delay_steps", "ecu.plan_ahead")
 _RUN: Final = "run"
@@ -209,7 +209,7 @@ def _run_store(
     from ecu.daemon.store_service import serve_store
     from ecu.flashable.ecu_folder import read_folder
 
-    uses = (*(name for name in _USES if name != WEIGHTS), DIAGNOSIS)
+    uses = (*(name for name in _USES if name != COST_WEIGHTS), DIAGNOSIS)
     config = settings("ecu", given, uses=uses).config
     _check_freshness(config, options)
     folder = read_folder(slots, root=root, hardware=hardware)

@@ -16,7 +16,7 @@ from can_bridge.wire.messages import SENSORS
 from contract.atomic import replacing
 from contract.config.loading import from_tree
 from contract.config.tree import Config
-from contract.controller.c_folder import SETTINGS as C_SETTINGS
+from contract.controller.c_folder import PROGRAM_SETTINGS
 from contract.errors import ConfigError, ConflictError, ModelError, OutputError, StillwakeError
 from contract.model import model_folder
 from contract.release import bundle as bundles
@@ -144,7 +144,7 @@ class _Files:
     def check(self, *, overwrite: bool) -> None:
         """Refuse their places; see `check_output`."""
         if self.c is not None:
-            check_output(self.c, overwrite=overwrite, folder=True, occupant=_LIBRARY, mark=C_SETTINGS)
+            check_output(self.c, overwrite=overwrite, folder=True, occupant=_LIBRARY, mark=PROGRAM_SETTINGS)
         if self.for_testers is not None:
             check_output(self.for_testers, overwrite=overwrite, folder=True, mark=A2L)
         for option, path, suffix in (("--fmu", self.fmu, ".fmu"), ("--image", self.image, SUFFIX)):
@@ -204,11 +204,11 @@ def _export_model(
     estimator: bool,
 ) -> None:
     from export.program.controller_program import program_of
-    from export.release.pipeline import PHASES, export_all, gate_figures
+    from export.release.pipeline import EXPORT_PHASES, export_all, gate_figures
     from export.release.sbom import release_bom, write_bom
 
     used = recording() if dataset is None else dataset
-    with files.library() as folder, phases("export", PHASES) as (report, phase):
+    with files.library() as folder, phases("export", EXPORT_PHASES) as (report, phase):
         made = None
         if estimator:
             program = program_of(model_folder.read(model), config.mpc)
@@ -284,11 +284,11 @@ def _export_shipped(files: _Files, given: list[str]) -> None:
     config = settings("export --c", given, uses=USES_IN_C).config
     _check_c_settings(config)
 
-    from export.release.pipeline import PHASES, gate_figures
+    from export.release.pipeline import EXPORT_PHASES, gate_figures
     from stillwake.parts.c_release import write_shipped_library
 
     release = open_release(None)
-    with files.library() as folder, phases("export", PHASES) as (_, phase):
+    with files.library() as folder, phases("export", EXPORT_PHASES) as (_, phase):
         done = write_shipped_library(folder, release, config, billed=True, notice=console.print, phase=phase)
         files.write(folder, release, config)
     print_table("check", "measured", rows=_measured(gate_figures(done)))
@@ -343,10 +343,10 @@ def mcu(
     config = settings("mcu", given, uses=["operating_point", "flow.control_period"]).config
     check_json(json_file)
 
-    from firmware_sim.mcu.measure import PHASES, measure_folder, verdicts
+    from firmware_sim.mcu.measure import MCU_PHASES, measure_folder, verdicts
     from stillwake.parts.c_release import library_folder
 
-    with phases("Cortex-M7", PHASES) as (_, phase), library_folder(library) as folder:
+    with phases("Cortex-M7", MCU_PHASES) as (_, phase), library_folder(library) as folder:
         measured = measure_folder(folder, phase=phase)
     rows = (*measured.rows(), *verdicts(measured.modelled_ms, config.period_ns / 1e6))
     print_table("one control step on a Cortex-M7", "", rows=rows)

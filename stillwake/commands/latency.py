@@ -29,10 +29,10 @@ if TYPE_CHECKING:
     from firmware_sim.latency.budget import KeptLimit
     from firmware_sim.latency.measured import MeasuredRun
 
-NOT_PASSED: Final = 3
+_NOT_PASSED: Final = 3
 """Exit status of a run that is whole, but broke its budget, or whose ECU left control."""
 LEAD_IN_S: Final = 2.0
-"""Until control is requested: by then the ECU's deadlines follow the vehicle's sampling."""
+"""The time until control is requested: by then the ECU's deadlines follow the vehicle's sampling."""
 SPARE_PERIODS: Final = 25
 """Besides, before the first plan and after the last one that counts."""
 INTERFACE: Final = "udp_multicast"
@@ -113,7 +113,7 @@ def latency(
     if broken:
         console.print(f"over budget: {', '.join(verdict.name for verdict in broken)}", style="bold red")
     if broken or uncontrolled:
-        raise typer.Exit(NOT_PASSED)
+        raise typer.Exit(_NOT_PASSED)
 
 
 def in_real_time(loaded: Loaded) -> Loaded:

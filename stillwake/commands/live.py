@@ -8,7 +8,7 @@ import typer
 
 from stillwake.console import options as shared
 from stillwake.console.numbers import steps_of
-from stillwake.console.settings import WEIGHTS, settings
+from stillwake.console.settings import COST_WEIGHTS, settings
 from stillwake.console.stopping import until_stopped
 from stillwake.console.terminal import console
 from stillwake.parts.releases import asked_calibration, describe, open_release
@@ -24,9 +24,9 @@ USES: Final = (
     "bus.e2e",
     "ecu",
     "vehicle",
-    WEIGHTS,
+    COST_WEIGHTS,
 )
-"""As `run`, but for authentication and another goal than the release's cost can have."""
+"""The settings of `run` but for authentication and another goal than the release's cost can have."""
 
 Host = Annotated[str, typer.Option(help="Address to listen at; another needs the token in the link.")]
 Port = Annotated[int, typer.Option(help="Port to listen at; 0: any that is free.", min=0, max=65535)]

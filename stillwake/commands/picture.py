@@ -22,9 +22,9 @@ if TYPE_CHECKING:
     from wake.recording.forcing import ForcingName
     from wake.truck.truck_wake import TruckWake
 
-USUAL_DURATION: Final = 25.0
+_USUAL_DURATION: Final = 25.0
 """t_c: five shedding cycles."""
-MOVING: Final = (".gif", ".webp")
+_MOVING: Final = (".gif", ".webp")
 """How the name of a moving picture ends."""
 FORCINGS: Final = {
     "none": (),
@@ -68,7 +68,7 @@ def picture(
     from wake.pictures.animation import check_target
     from wake.pictures.drawing import check_suffix
 
-    moves = output.suffix.lower() in MOVING
+    moves = output.suffix.lower() in _MOVING
     if moves and field == "mean":
         raise ConfigError(f"{output}: the mean flow does not move; name a file that ends in .png, .pdf or .svg")
     (check_target if moves else check_suffix)(output)
@@ -168,7 +168,7 @@ def actions_of(config: Config, duration: float | None, forcing: str) -> npt.NDAr
     StillwakeError for a forcing that does not exist, or a run that is shorter than `duration` in t_c."""
     asked = None if duration is None else steps_of("--duration", duration, config.flow.control_period)
     if forcing.partition(":")[0] in FORCINGS:
-        usual = round(USUAL_DURATION / config.flow.control_period)
+        usual = round(_USUAL_DURATION / config.flow.control_period)
         return _signal(config, usual if asked is None else asked, forcing)
     # Row k holds the action reached at t_k, and the plant is to ramp there from the one before.
     recorded: npt.NDArray[np.float64] = _run_log(Path(forcing)).series["action"][1:]

@@ -20,7 +20,7 @@ from stillwake.parts.settling import settle_into
 
 USES: Final = ("flow", "body")
 """Settings of a plant without forcing or control."""
-USUAL_DURATION: Final = 200.0
+_USUAL_DURATION: Final = 200.0
 """t_c: forty shedding cycles."""
 
 Duration = Annotated[float | None, typer.Option(help="Settling time, t_c (200).")]
@@ -48,7 +48,7 @@ def develop(
         raise ConfigError(f"--duration {duration:g}: does not go with --steady, which ends when the flow is steady")
     if json_file is not None and not steady:
         raise ConfigError("--json: goes with --steady; a developed wake is a state and no figure")
-    duration = USUAL_DURATION if duration is None else duration
+    duration = _USUAL_DURATION if duration is None else duration
     steps_of("--duration", duration, config.flow.control_period)
     check_output(output, overwrite=overwrite)
     check_json(json_file)

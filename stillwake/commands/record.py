@@ -27,9 +27,9 @@ if TYPE_CHECKING:
     from wake.recording.episode_job import PolicyFactory
 
 
-STEPS: Final = {"training": 6000, "chirp": 1500, "uncontrolled": 500}
+_STEPS: Final = {"training": 6000, "chirp": 1500, "uncontrolled": 500}
 """Control steps of the usual forced episodes."""
-KINDS: Final = (*STEPS, "controlled", "calm")
+_KINDS: Final = (*_STEPS, "controlled", "calm")
 
 Lengths = Annotated[
     list[str] | None,
@@ -90,7 +90,7 @@ def record(
     how = {**workers_of(workers), "start": state}
     if is_forced:
         _check_forced(steps, options, paper=paper)
-        _record_forced(output, config, None if paper else {**STEPS, **steps}, seed, {**how, "overwrite": overwrite})
+        _record_forced(output, config, None if paper else {**_STEPS, **steps}, seed, {**how, "overwrite": overwrite})
         return
     _check_round(steps, options, from_steady, paper=paper, overwrite=overwrite)
     of_plan = {
@@ -108,7 +108,7 @@ def record(
 def lengths_of(texts: list[str]) -> dict[str, int]:
     """Control steps by kind; raises ConfigError for what is none."""
     found = {}
-    for kind, text in shared.pairs(texts, "training=6000", KINDS):
+    for kind, text in shared.pairs(texts, "training=6000", _KINDS):
         if not (text.isascii() and text.isdigit() and len(text) < 10):
             raise ConfigError(f"{kind}={text}: must be a number of control steps")
         found[kind] = int(text)
@@ -168,7 +168,7 @@ def _record_forced(
         )
     plans = tuple(plan for plan in plans if plan.steps > 0)
     if not plans:
-        raise StillwakeError(f"nothing to record: give steps for at least one of {', '.join(STEPS)}")
+        raise StillwakeError(f"nothing to record: give steps for at least one of {', '.join(_STEPS)}")
     with _continued(output), _progress(len(plans)) as shown:
         written = record_dataset(output, plans, config, **how, **shown)
     total = sum(plan.steps for plan in plans)

@@ -20,7 +20,7 @@ from stillwake.console.settings import settings
 from stillwake.console.terminal import console
 from stillwake.parts.training_progress import TrainingProgress, check_model_output, continued
 
-SENSORS: Final = 4
+_SENSORS: Final = 4
 """How many are taken where none are named."""
 USES: Final = ("refine", "mpc", "train.seed")
 
@@ -73,7 +73,7 @@ def refine(
     from train.selection.methods import select_by_hand
 
     layout = trained.layout
-    by_hand = tuple(layout.names[index] for index in select_by_hand(SENSORS, layout))
+    by_hand = tuple(layout.names[index] for index in select_by_hand(_SENSORS, layout))
     names = shared.names_in(sensors) or by_hand
     spread = side_by_side(workers, partial(wake_of, config, names)) if workers > 1 else nullcontext()
     with continued(folder), spread as run, progress("steps", estimate_over=600.0) as report:

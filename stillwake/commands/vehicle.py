@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 NO_COMMANDS: Final = 3
 """Exit status of a run in which no usable command came."""
-RECORDING: Final = "recording"
+_RECORDING: Final = "recording"
 _USES: Final = ("body", "operating_point", "flow", *REAL_BUS, "bus.key", "ecu", "vehicle")
 
 Episode = Annotated[str | None, typer.Option(help="Episode of the recording; see above.")]
@@ -41,7 +41,7 @@ PlantName = Annotated[Literal["recording", "wake"], typer.Option("--plant", help
 
 def vehicle(
     bundle: shared.Bundle = None,
-    plant: PlantName = RECORDING,
+    plant: PlantName = _RECORDING,
     dataset: shared.DataSet = None,
     episode: Episode = None,
     state: shared.State = None,

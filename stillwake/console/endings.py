@@ -31,7 +31,7 @@ EXTRAS: Final[Mapping[str, tuple[str, ...]]] = {
     "mdf": ("asammdf",),
 }
 """Packages, by the names they are imported by, that an extra of `pyproject.toml` brings."""
-FIRST: Final = {"train": "train", "export": "c", "mcu": "c"}
+_FIRST: Final = {"train": "train", "export": "c", "mcu": "c"}
 """The extra that a command needs where a package comes with others as well."""
 REPORT: Final = "stillwake is not prepared for this, which is a fault of its own: please report it with the lines above"
 
@@ -94,7 +94,7 @@ def missing(module: str, command: str = "") -> str:
         if top in ROOMS:
             return explain(top, Path(place or "?"))
         return f"{place or top} has no module {module!r}: is it another version, or a file of that name?"
-    for extra in sorted(EXTRAS, key=lambda extra: extra != FIRST.get(command)):
+    for extra in sorted(EXTRAS, key=lambda extra: extra != _FIRST.get(command)):
         if top in EXTRAS[extra]:
             return f"this command needs {top}: {install(extra)}"
     return f"this command needs {top}, which is not installed"

@@ -12,7 +12,7 @@ from contextlib import suppress
 from typing import Final
 
 LEAST_MB: Final = 150
-"""Of address space, by hand: the least with which Python, numpy and the command line load."""
+"""The least address space, by hand, with which Python, numpy and the command line load."""
 NEEDS_MB: Final = {
     **dict.fromkeys(("run", "campaign", "vehicle", "live", "latency", "export"), 850),
     **dict.fromkeys(("train", "refine", "mcu"), 750),
@@ -21,11 +21,11 @@ NEEDS_MB: Final = {
 }
 """The same of commands that simulate, learn or draw, with one thread of BLAS: with less a short call fails."""
 _A_THREAD_MB: Final = 80
-"""For each further thread of BLAS, of which numpy and scipy have one each."""
+"""The address space of each further thread of BLAS, of which numpy and scipy have one each."""
 _DATA: Final = 0.5
 """Share of it that is data of its own, which `ulimit -d` bounds."""
 _SIGNS: Final = ("failed to map segment", "annot allocate memory", "can't start new thread", "bad_alloc", "to allocate")
-"""In the words of the loader, the system, Python, C++ and numpy."""
+"""The signs in the words of the loader, the system, Python, C++ and numpy."""
 
 
 def shortage(command: str) -> str | None:

@@ -7,20 +7,20 @@ from typing import Any, Final
 
 from contract.errors import ConfigError
 
-LONGEST: Final = 1e5
+_LONGEST: Final = 1e5
 """t_c: days of computing on any machine, and still an array that fits into its memory."""
 
 
 def steps_of(option: str, duration: float, period: float, *, least: int = 1) -> int:
     """Control periods in a duration. Raises ConfigError if the duration is not finite, shorter than needed, or longer
-    than `LONGEST`.
+    than `_LONGEST`.
 
     Args:
         duration, period: in t_c.
         least: control periods that are needed.
     """
-    if not (isfinite(duration) and duration <= LONGEST):
-        raise ConfigError(f"{option} {duration:g}: must be a number of t_c up to {LONGEST:g}")
+    if not (isfinite(duration) and duration <= _LONGEST):
+        raise ConfigError(f"{option} {duration:g}: must be a number of t_c up to {_LONGEST:g}")
     steps = round(duration / period)
     if steps < least:
         plural = "period" if least == 1 else "periods"

@@ -15,7 +15,7 @@ TESTERS_BUS: Final = (*_FRAMES, DIAGNOSIS)
 """What a tester on a real bus reads of it."""
 REAL_BUS: Final = (*_FRAMES, "bus.e2e")
 """What a node on a real bus reads of it, without the key."""
-WEIGHTS: Final = "mpc.weights"
+COST_WEIGHTS: Final = "mpc.weights"
 """The section that a released controller takes as an input."""
 _BUS: Final = ("bus.interface", "bus.channel")
 """What `--bus` names."""

@@ -9,7 +9,7 @@ from rich.console import Console
 from rich.table import Column, Table
 from rich.text import Text
 
-WIDE: Final = 10_000
+_WIDE: Final = 10_000
 """Columns where there is no terminal: a file, a pipe or a log has no right edge, and paths and hashes stay whole."""
 
 
@@ -17,7 +17,7 @@ def make_console(*, stderr: bool = False) -> Console:
     """A console that prints text as it is: brackets in a path are no markup, a control character is no command."""
     stream = sys.stderr if stderr else sys.stdout
     has_edge = (stream is not None and stream.isatty()) or "COLUMNS" in os.environ
-    width = None if has_edge else WIDE
+    width = None if has_edge else _WIDE
     return PlainConsole(stderr=stderr, markup=False, emoji=False, highlight=False, width=width)
 
 

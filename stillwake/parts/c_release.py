@@ -43,7 +43,7 @@ def ecu_files(release: Bundle, rows: Array, *, config: Config, notice: Callable[
         used = _without_check(release, config, notice)
         sources = firmware_sources() | example_sources() | {ECU_SETTINGS: ecu_settings(release, used)}
         sources |= estimator_files(release.files[ESTIMATOR]) if used.ecu.sensor_check.enabled else {}
-        sources[f"loader/{uds_settings.HEADER}"] = uds_settings.uds_settings()
+        sources[f"loader/{uds_settings.UDS_SETTINGS}"] = uds_settings.uds_settings()
         return sources | {PLAYED: played_pressures(rows, used)} | descriptions(release, used)
     except StillwakeError as error:
         notice(f"no ECU in C, the library has the control step alone: {error}")

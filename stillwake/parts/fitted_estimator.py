@@ -10,7 +10,7 @@ from stillwake.console.progress import Report
 from stillwake.console.terminal import console
 
 _THREADS: Final = 1
-"""Of torch: more are slower, and other sums."""
+"""The threads of torch: more are slower, and give other sums."""
 
 
 def fitted_estimator(dataset: Path, sensors: Sequence[str], window: int, report: Report) -> MadeEstimator:

@@ -14,7 +14,7 @@ from contract.release import signing
 from contract.release.checks import UNSIGNED, Bundle
 from contract.release.signing import PublicKey
 from contract.shipped import BUNDLE
-from stillwake.console.settings import WEIGHTS
+from stillwake.console.settings import COST_WEIGHTS
 
 PROJECT: Final = "project"
 """Stands for the key that the shipped bundle is signed with, where a key file may be named."""
@@ -62,13 +62,13 @@ def asked_calibration(loaded: Loaded, release: Bundle) -> Calibration:
     from ecu.calibrating import limits_of, release_calibration
 
     built, given = asdict(release.manifest.mpc), asdict(loaded.config.mpc)
-    for name in sorted(item for item in loaded.given if item.startswith("mpc.") and not item.startswith(WEIGHTS)):
+    for name in sorted(item for item in loaded.given if item.startswith("mpc.") and not item.startswith(COST_WEIGHTS)):
         key = name.removeprefix("mpc.")
         if name in loaded.in_overrides or given[key] != built[key]:
             raise ConfigError(
                 f"{name} = {given[key]}: fixed when the bundle was exported, to {built[key]}; make another bundle with "
                 f"`stillwake export MODEL BUNDLE --set {name}={given[key]}`"
             )
-    asked = [name.removeprefix(f"{WEIGHTS}.") for name in loaded.given if name.startswith(f"{WEIGHTS}.")]
+    asked = [name.removeprefix(f"{COST_WEIGHTS}.") for name in loaded.given if name.startswith(f"{COST_WEIGHTS}.")]
     own = release_calibration(release, loaded.config)
     return limits_of(release, loaded.config).changed(own, {name: given["weights"][name] for name in asked})

@@ -17,7 +17,7 @@ from contract.config.operating_point import OperatingPoint
 from contract.config.plant import FlowConfig
 from contract.config.tree import Config
 from contract.config.vehicle import EcuConfig
-from contract.controller.calibration import NAMES, Calibration, CalibrationLimits
+from contract.controller.calibration import CALIBRATION_NAMES, Calibration, CalibrationLimits
 from contract.controller.interface import TERMS
 from contract.errors import ConfigError
 from ecu.calibrating import limits_of, release_calibration
@@ -144,7 +144,7 @@ def test_what_the_segment_takes_the_ecu_takes(data, limit, step):
 def test_limits_are_the_vehicles_and_a_release_may_weigh_more(bundle_of):
     config = Config(ecu=EcuConfig(command_step=0.04, plan_ahead=True))
     limits = limits_of(bundle_of(mpc=MpcConfig(horizon=HORIZON, weights=CostWeights(smoothness=5000.0))), config)
-    greatest = dict(zip(NAMES, limits.greatest.values, strict=True))
+    greatest = dict(zip(CALIBRATION_NAMES, limits.greatest.values, strict=True))
     assert (greatest["command_step"], greatest["action_limit"]) == (0.04, LIMIT)
     assert (greatest["smoothness"], greatest["lift"]) == (5000.0, 1000.0)
     assert greatest["delay_steps"] == HORIZON - 2  # planning ahead settles one more

@@ -11,7 +11,7 @@ import pytest
 
 from contract.config.controller import MpcConfig
 from contract.config.learning import ModelConfig
-from contract.controller.c_folder import Rows, float_literal, library_sources
+from contract.controller.c_folder import ProgramRows, float_literal, library_sources
 from contract.controller.interface import Sizes
 from ecu.in_c.compiler import zig_compiler
 from ecu.in_c.host_library import CController
@@ -41,7 +41,7 @@ pytestmark = [
 class Library:
     sources: dict[str, bytes]
     sizes: Sizes
-    rows: Rows
+    rows: ProgramRows
 
 
 @pytest.fixture(scope="module")

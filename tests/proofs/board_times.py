@@ -15,7 +15,7 @@ from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import message_set
 from can_bridge.wire.messages import Mode, Pressure, VehicleSpeed
 from contract.config.loading import load_config
-from contract.controller.c_folder import Rows, read_recorded
+from contract.controller.c_folder import ProgramRows, read_recorded
 from contract.errors import StillwakeError
 from contract.release import bundle
 from contract.shipped import BUNDLE
@@ -84,7 +84,7 @@ def main(json_file: JsonFile = None) -> None:
         raise StillwakeError(f"a period and what diagnosis does in it take {longest} cycles together")
 
 
-def _longest(built: Built, firmware: Any, bank: FlashBank, rows: Rows, flood: int, *, asks: bool = True) -> int:
+def _longest(built: Built, firmware: Any, bank: FlashBank, rows: ProgramRows, flood: int, *, asks: bool = True) -> int:
     """Cycles of the longest period with so many requests in each, the last of them under control if that is asked."""
     board, cycles, planned = built.ecu(bank, firmware), list[int](), 0
     for number, (now_ns, frames) in enumerate(_periods(rows, asks)):
@@ -142,7 +142,7 @@ def _pieces(board: Any, image: bytes) -> dict[str, int]:
     }
 
 
-def _periods(rows: Rows, asks: bool) -> Iterator[tuple[int, list[Frame]]]:
+def _periods(rows: ProgramRows, asks: bool) -> Iterator[tuple[int, list[Frame]]]:
     """Recorded pressures and a speed at which the past is read between its rows; control is requested, or is not."""
     messages, ratio, point = message_set(CONFIG.bus), 0.9, CONFIG.operating_point
     pressure, speed = E2eSender(messages.pressure.spec), E2eSender(messages.speed.spec)

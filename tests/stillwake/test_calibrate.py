@@ -8,7 +8,7 @@ import pytest
 from udsoncan.client import Client
 
 from can_bridge.secoc.key import write_key
-from contract.controller.calibration import NAMES
+from contract.controller.calibration import CALIBRATION_NAMES
 from tests.can_bridge.flashing.store_ecu import SECRET
 from tests.can_bridge.tester.calibrated_ecu import OWN, Ecu
 from tests.can_bridge.tester.line import Line
@@ -60,7 +60,7 @@ def test_values_are_changed_and_shown_before_and_after(cli, ecu, key, tmp_path):
     in_force = ecu.segment.take()
     assert (in_force.weights.lift, in_force.delay_steps) == (0.5, 2)
     written = json.loads(figures.read_text())["figures"]
-    assert list(written["after"]) == list(NAMES)
+    assert list(written["after"]) == list(CALIBRATION_NAMES)
     assert (written["before"]["lift"], written["after"]["lift"]) == (pytest.approx(0.01), 0.5)
     assert written["stored"] is False
 

@@ -13,7 +13,7 @@ import pytest
 
 from contract.config.loading import to_tree
 from contract.config.tree import Config
-from contract.model.model_folder import DESCRIPTION, SCHEMA
+from contract.model.model_folder import DESCRIPTION, MODEL_SCHEMA
 from contract.shipped import RECORDING, developed
 from stillwake.commands import export as export_command
 from wake.truck import truck_wake
@@ -53,7 +53,7 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, random_release: Path)
     (tmp_path / "s.npz").write_text("hours of work")
     # What `export` reads of a model before it loads torch.
     names = ("scaling", "layout", "sensors", "dataset_sha256", "metrics", "ranking", "versions", "weights_sha256")
-    body = {"schema": SCHEMA, "config": to_tree(MODEL), **dict.fromkeys(names)}
+    body = {"schema": MODEL_SCHEMA, "config": to_tree(MODEL), **dict.fromkeys(names)}
     (tmp_path / "model" / DESCRIPTION).write_text(json.dumps(body))
     shutil.copytree(random_release, tmp_path / "unsigned")
     (tmp_path / "damaged").mkdir()

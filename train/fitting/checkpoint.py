@@ -13,14 +13,14 @@ from contract.atomic import replacing
 from contract.errors import ConfigError, DatasetError, StillwakeError
 from train.fitting.unfinished import Identity as Identity
 
-SCHEMA: Final = "stillwake-checkpoint/1"
+_SCHEMA: Final = "stillwake-checkpoint/1"
 _WAYS: Final = "delete it, or start over with --restart"
 
 
 def save(path: Path, identity: Identity, state: Mapping[str, Any]) -> None:
     """Write `state` (tensors and plain values) atomically; raises StillwakeError if the place cannot be written."""
     body = {
-        "schema": SCHEMA,
+        "schema": _SCHEMA,
         "settings": identity.settings,
         "dataset_sha256": identity.dataset_sha256,
         "state": dict(state),
@@ -50,8 +50,8 @@ def load(path: Path, identity: Identity) -> dict[str, Any] | None:
         schema, state = body["schema"], dict(body["state"])
     except (OSError, RuntimeError, EOFError, KeyError, TypeError, ValueError, pickle.UnpicklingError) as error:
         raise StillwakeError(f"checkpoint {path}: damaged ({type(error).__name__}); {_WAYS}") from error
-    if schema != SCHEMA:
-        raise StillwakeError(f"checkpoint {path}: schema {schema!r}, this version reads {SCHEMA!r}; {_WAYS}")
+    if schema != _SCHEMA:
+        raise StillwakeError(f"checkpoint {path}: schema {schema!r}, this version reads {_SCHEMA!r}; {_WAYS}")
     if body["settings"] != identity.settings:
         raise ConfigError(f"checkpoint {path}: made with other settings; {_WAYS}")
     if body["dataset_sha256"] != identity.dataset_sha256:

@@ -1,4 +1,4 @@
-"""From a trained model to one with a prior: encoder of the prior's sensors, training through the flow, prediction."""
+"""The way from a trained model to one with a prior: its sensors' encoder, training through the flow, prediction."""
 
 import hashlib
 import shutil

@@ -16,8 +16,8 @@ from contract.arrays import Array
 from contract.errors import DatasetError, StillwakeError
 from contract.sensor_layout import SensorLayout
 
-RIDGE: Final = 1e-6
-"""Of the regression, as part of the regressors' mean squares."""
+PREDICTOR_RIDGE: Final = 1e-6
+"""The ridge of the regression, as a part of the regressors' mean squares."""
 _CHUNK: Final = 20_000
 """Regressors that are held at once."""
 
@@ -65,5 +65,7 @@ def predictor(stretches: Sequence[Array], memory: int) -> Array:
     if not (scale > 0).all():
         raise StillwakeError(f"column {int(np.flatnonzero(scale == 0)[0]) % columns} of the rows is zero throughout")
     scaled = gram / np.outer(scale, scale) / steps
-    solved = scipy.linalg.solve(scaled + RIDGE * np.eye(size), moment / scale[:, None] / steps, assume_a="pos")
+    solved = scipy.linalg.solve(
+        scaled + PREDICTOR_RIDGE * np.eye(size), moment / scale[:, None] / steps, assume_a="pos"
+    )
     return np.asarray((solved / scale[:, None]).T).reshape(-1, memory, columns)

@@ -25,7 +25,7 @@ from train.fitting.progress import Phase, Progress, silent
 from train.fitting.unfinished import Reached
 from train.refinement.feedback import Feedback
 from train.refinement.stretches import Done, SideBySide, Task, done
-from train.refinement.windows import Price, Readings, Stream
+from train.refinement.windows import Price, Stream, StretchReadings
 
 LARGEST_GRADIENT: Final = 0.5
 """Norm to which a gradient is cut: single stretches have some that are ten times the others'."""
@@ -210,7 +210,7 @@ def _next_goal(settings: RefineConfig, rng: np.random.Generator) -> Goal:
     return Goal(*np.where(others, drawn, own).tolist()) if settings.goals else own
 
 
-def _readings(settings: RefineConfig, deviations: Array, speeds: Array, rng: np.random.Generator) -> Readings:
+def _readings(settings: RefineConfig, deviations: Array, speeds: Array, rng: np.random.Generator) -> StretchReadings:
     """Draw what the sensors, the speed and the frames of a stretch do wrong; `speeds` (n,) are the flow's own."""
     periods = len(speeds)
     # Squares of uniform draws make little noise frequent.
@@ -219,7 +219,7 @@ def _readings(settings: RefineConfig, deviations: Array, speeds: Array, rng: np.
     # Of pairs: an offset of a difference would be a steady lift that is not there.
     noise += np.repeat(settings.offset * rng.standard_normal(len(deviations) // 2), 2)
     told, share = rng.uniform(-1.0, 1.0) * (rng.random() > SOUND), rng.random() * (rng.random() > SOUND)
-    return Readings(
+    return StretchReadings(
         noise=noise,
         # As the ECU does: a speed beyond the range is taken for its end.
         told=np.clip((1.0 + settings.speed_error * told) * speeds, settings.slowest, settings.fastest) / speeds,
@@ -228,7 +228,7 @@ def _readings(settings: RefineConfig, deviations: Array, speeds: Array, rng: np.
 
 
 def _next_speed(stream: Stream, settings: RefineConfig, rng: np.random.Generator) -> float:
-    """At which a stretch ends: any at first, then mostly about the same."""
+    """The speed at which a stretch ends: any at first, then mostly about the same."""
     # Beyond the ends too, and back to them: so that these are met as often as what lies between.
     beyond = 0.3 * (settings.fastest - settings.slowest)
     anywhere = rng.uniform(settings.slowest - beyond, settings.fastest + beyond)

@@ -12,7 +12,7 @@ from contract.arrays import Array
 from contract.differentiable import DifferentiableFlow
 from contract.side_by_side import process_pool
 from train.refinement.feedback import Feedback
-from train.refinement.windows import Price, Readings, Stream, Stretch, differentiate
+from train.refinement.windows import Price, Stream, Stretch, StretchReadings, differentiate
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -28,7 +28,7 @@ class Task:
     feedback: Feedback
     stream: Stream
     price: Price
-    readings: Readings
+    readings: StretchReadings
     speeds: Array
     action_limit: float
 
@@ -70,7 +70,7 @@ def side_by_side(workers: int, flow: Callable[[], DifferentiableFlow]) -> Iterat
 
 
 _FLOW: list[DifferentiableFlow] = []
-"""Of a worker's process."""
+"""The flow of a worker's process."""
 
 
 def _begin(flow: Callable[[], DifferentiableFlow]) -> None:

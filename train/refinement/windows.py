@@ -17,7 +17,7 @@ from contract.differentiable import DifferentiableFlow, FlowState, Seen
 from train.refinement.feedback import Feedback
 
 ROUNDED: Final = 0.05
-"""Of Cl: where the slope of its magnitude turns. A sign would let every period near zero count in full."""
+"""The Cl at which the slope of its magnitude turns. A sign would let every period near zero count in full."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,7 +36,7 @@ class Price:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Readings:
+class StretchReadings:
     """What stands between the flow and the feedback in a stretch of n periods.
 
     Attributes:
@@ -80,7 +80,7 @@ class Stream:
 
     @classmethod
     def begun(cls, state: FlowState, feedback: Feedback, slowest: float = 1.0) -> Self:
-        """From a flow without jets at the design speed; `slowest` is the least speed to come."""
+        """A window of a flow without jets at the design speed; `slowest` is the least speed to come."""
         rows = ceil(feedback.memory / slowest) + (slowest < 1.0)
         row = np.concatenate([np.zeros(feedback.pairs), feedback.middles.numpy(), [0.0]])
         return cls(state=state, rows=np.tile(row, (rows, 1)), speeds=np.ones(rows))
@@ -106,7 +106,7 @@ def differentiate(
     feedback: Feedback,
     stream: Stream,
     price: Price,
-    readings: Readings,
+    readings: StretchReadings,
     *,
     speeds: Array | None = None,
     action_limit: float = inf,

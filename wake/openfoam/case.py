@@ -13,14 +13,14 @@ from wake.openfoam import foam_files, wall
 from wake.openfoam.mesh import PATCHES, Mesh
 from wake.openfoam.wall import JETS, pressure_points
 
-FORCES: Final = {"truck": "forcesTruck", "jetUpper": "forcesJetUpper", "jetLower": "forcesJetLower"}
+FORCE_OBJECTS: Final = {"truck": "forcesTruck", "jetUpper": "forcesJetUpper", "jetLower": "forcesJetLower"}
 """Function object that measures each patch's force."""
 PRESSURES: Final = "wallPressures"
-WAKE: Final = "wakeProbe"
+PROBE_OBJECT: Final = "wakeProbe"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Clock:
+class CaseClock:
     """How far icoFoam goes from the case's latest state, in t_c, and how often it writes."""
 
     end: float
@@ -55,7 +55,7 @@ def write_start(folder: Path, velocity: Array, pressure: Array) -> None:
     _write_field(folder, "p", "volScalarField", "[0 2 -2 0 0 0 0]", foam_files.scalars(pressure), pressures)
 
 
-def write_settings(folder: Path, mesh: Mesh, config: FlowConfig, clock: Clock) -> None:
+def write_settings(folder: Path, mesh: Mesh, config: FlowConfig, clock: CaseClock) -> None:
     """Write everything but mesh and fields."""
     viscosity = f"[0 2 -1 0 0 0 0] {1.0 / config.reynolds:.12g}"
     files: dict[str, dict[str, Any]] = {
@@ -91,7 +91,7 @@ _SOLVERS: Final[dict[str, Any]] = {
 }
 
 
-def _control(mesh: Mesh, clock: Clock) -> dict[str, Any]:
+def _control(mesh: Mesh, clock: CaseClock) -> dict[str, Any]:
     # Forces obey the first pair, probes the second.
     every_sample = {
         f"{what}{setting}": value
@@ -103,7 +103,7 @@ def _control(mesh: Mesh, clock: Clock) -> dict[str, Any]:
             "type": "forces", "libs": '("libforces.so")', "patches": (patch,), "rho": "rhoInf", "rhoInf": 1,
             "CofR": (0, 0, 0), "log": False, **every_sample,
         }
-        for patch, name in FORCES.items()
+        for patch, name in FORCE_OBJECTS.items()
     }  # fmt: skip
     probes = {
         name: {
@@ -112,10 +112,10 @@ def _control(mesh: Mesh, clock: Clock) -> dict[str, Any]:
         }
         for name, field, points in (
             (PRESSURES, "p", pressure_points(mesh)),
-            (WAKE, "U", np.array([WAKE_PROBE])),
+            (PROBE_OBJECT, "U", np.array([WAKE_PROBE])),
         )
     }  # fmt: skip
-    probes[WAKE]["interpolationScheme"] = "cellPoint"
+    probes[PROBE_OBJECT]["interpolationScheme"] = "cellPoint"
     return {
         "application": "icoFoam",
         "startFrom": "latestTime",

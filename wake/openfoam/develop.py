@@ -42,7 +42,7 @@ def from_own_solver(state: State, mesh: Mesh) -> tuple[Array, Array]:
     return np.column_stack([u, v]), p
 
 
-Progress = Callable[[float, float], None]
+_Progress = Callable[[float, float], None]
 
 _CHECKPOINT: Final = 5.0  # longest time between states written, t_c
 _LOOK_S: Final = 0.5
@@ -64,7 +64,7 @@ def settle(
     *,
     substeps: int,
     until: float,
-    progress: Progress = lambda t, total: None,
+    progress: _Progress = lambda t, total: None,
 ) -> None:
     """Run the case in `folder` without jets until a time; continue it from its last checkpoint if there is one. Raises
     PlantError if icoFoam is missing or fails.
@@ -89,7 +89,7 @@ def settle(
     periods = round(until / config.control_period)
     # A whole number of checkpoints, so that the last one is the end.
     every = max(n for n in range(1, round(_CHECKPOINT / config.control_period) + 1) if periods % n == 0)
-    clock = case.Clock(
+    clock = case.CaseClock(
         end=until,
         dt=config.control_period / substeps,
         steps_per_write=every * substeps,
@@ -97,7 +97,7 @@ def settle(
     )
     case.write_settings(folder, mesh, config, clock)
     (folder / LOG).unlink(missing_ok=True)
-    probe = folder / "postProcessing" / case.WAKE / ("0" if latest is None else latest.name) / "U"
+    probe = folder / "postProcessing" / case.PROBE_OBJECT / ("0" if latest is None else latest.name) / "U"
     with IcoFoam(folder) as child:
         while not child.wait(_LOOK_S):
             progress(_last_time(probe), until)
@@ -105,7 +105,7 @@ def settle(
 
 
 def developed(
-    folder: Path, config: FlowConfig, foam: OpenFoamConfig, progress: Progress = lambda t, total: None
+    folder: Path, config: FlowConfig, foam: OpenFoamConfig, progress: _Progress = lambda t, total: None
 ) -> FoamState:
     """The settled wake: `folder/developed.npz` if that was made with these settings, else made and kept there.
 

@@ -14,13 +14,13 @@ from contract import sensors
 from contract.arrays import Array
 from contract.errors import PlantError
 from contract.recording.openfoam_tables import read_foam_table
-from wake.openfoam.case import FORCES, PRESSURES, WAKE
+from wake.openfoam.case import FORCE_OBJECTS, PRESSURES, PROBE_OBJECT
 from wake.openfoam.mesh import Mesh
 from wake.openfoam.wall import JETS, sensor_weights
 from wake.plant.sample import Sample
 from wake.truck.body import MOMENTUM_FACTOR
 
-_FILES: Final = {**dict.fromkeys(FORCES.values(), "force.dat"), PRESSURES: "p", WAKE: "U"}
+_FILES: Final = {**dict.fromkeys(FORCE_OBJECTS.values(), "force.dat"), PRESSURES: "p", PROBE_OBJECT: "U"}
 
 _SAME: Final = 1e-6  # t_c by which rounded times of one instant may differ
 
@@ -126,5 +126,5 @@ def _numbers(line: bytes) -> Array:
 
 
 def _readings(rows: dict[str, Array]) -> Readings:
-    forces = [rows[name][1:].reshape(3, 3) for name in (FORCES["truck"], *(FORCES[jet] for jet in JETS))]
-    return Readings(forces=np.array(forces), pressures=rows[PRESSURES][1:], wake=rows[WAKE][1:])
+    forces = [rows[name][1:].reshape(3, 3) for name in (FORCE_OBJECTS["truck"], *(FORCE_OBJECTS[jet] for jet in JETS))]
+    return Readings(forces=np.array(forces), pressures=rows[PRESSURES][1:], wake=rows[PROBE_OBJECT][1:])

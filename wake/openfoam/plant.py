@@ -134,7 +134,7 @@ class OpenFoamWake(NeverCopied):
         put(state, self._case)
         every = self.config.substeps
         # One step more than is ever taken, so that icoFoam waits for it when the last one has been measured.
-        clock = case.Clock(end=(self._steps + 1) * self.dt, dt=self.dt, steps_per_write=every, steps_per_sample=1)
+        clock = case.CaseClock(end=(self._steps + 1) * self.dt, dt=self.dt, steps_per_write=every, steps_per_sample=1)
         case.write_settings(self._case, self.mesh, self.config, clock)
         wall.write_pipes(self._case, self.mesh, dt=self.dt, steps=self._steps + 1, action=state.action)
         self._follower = Follower(self._case)

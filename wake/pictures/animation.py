@@ -15,7 +15,7 @@ from contract.errors import ConfigError
 from wake.truck.truck_wake import TruckWake
 
 Pixels = npt.NDArray[np.uint8]
-Progress = Callable[[int, int], None]
+_Progress = Callable[[int, int], None]
 
 FASTEST: Final = 50
 """Frames per second: many viewers play a GIF with frames shorter than 20 ms slowly."""
@@ -49,7 +49,7 @@ def animate(
     every: int = 1,
     fps: int = 10,
     hold: float = 0.0,
-    progress: Progress = lambda done, total: None,
+    progress: _Progress = lambda done, total: None,
 ) -> int:
     """Run the plant from its present state and write what it shows, whole or not at all. Raises ConfigError for another
     file type, or a run without frames; PlantError for an action beyond the bound, or if the flow diverges. Returns the
@@ -85,7 +85,7 @@ def check_target(path: Path) -> None:
 
 
 def _frames(
-    picture: MovingPicture, wake: TruckWake, actions: Array, skip: int, every: int, progress: Progress
+    picture: MovingPicture, wake: TruckWake, actions: Array, skip: int, every: int, progress: _Progress
 ) -> Iterator[Pixels]:
     for k in range(len(actions) + 1):
         if k >= skip:

@@ -37,7 +37,7 @@ def field_levels(vorticity: Array) -> Levels:
     return np.asarray(np.rint(levels, out=levels), dtype=np.int8)
 
 
-WIDTH: Final = 480
+_WIDTH: Final = 480
 """Pixels."""
 _BEFORE_BASE: Final = 3.0
 _BEHIND_BASE: Final = 9.0
@@ -66,10 +66,10 @@ class LevelPicture:
     def __init__(self, wake: Drawable) -> None:
         self._wake = wake
         self.view = view_of(wake.body)
-        self._raster = Raster.of(wake.grid.xf[1:-1], wake.grid.yf[1:-1], self.view, WIDTH)
+        self._raster = Raster.of(wake.grid.xf[1:-1], wake.grid.yf[1:-1], self.view, _WIDTH)
         x, y = self._raster.x, self._raster.y
         self._flow = ((x[None, :] < 0.0) | (x[None, :] > wake.body.length)) | (np.abs(y[:, None]) > HALF_WIDTH)
-        self.size = (WIDTH, len(y))
+        self.size = (_WIDTH, len(y))
 
     def levels(self) -> Levels:
         """Levels of the present state, (height, width)."""

@@ -46,10 +46,10 @@ class Gust:
         return self.amplitude * sin(2.0 * pi * phase) if 0.0 <= phase <= self.cycles else 0.0
 
 
-HEADER: Final = ("t_s", "speed_m_per_s")
+_HEADER: Final = ("t_s", "speed_m_per_s")
 MOST_RATIO: Final = 2.0
 """Fastest of U: Re 1000. Beyond it the mesh no longer resolves the wake."""
-MOST_ROWS: Final = 100_000
+_MOST_ROWS: Final = 100_000
 DESIGN_KM_PER_H: Final = 90.0
 """Speed of the WLTC that is taken for U: at 25 m/s the profile is the cycle itself."""
 
@@ -142,17 +142,17 @@ def find_drive(text: str, point: OperatingPoint) -> Drive:
 
 
 def read_drive(path: Path, point: OperatingPoint) -> Drive:
-    """A drive from a CSV file with the columns of `HEADER`; errors as of `find_drive`."""
+    """A drive from a CSV file with the columns of `_HEADER`; errors as of `find_drive`."""
     rows = list[tuple[float, float]]()
     try:
         with path.open(newline="", encoding="utf-8-sig") as file:
             table = csv.DictReader(file, skipinitialspace=True)
-            if missing := [name for name in HEADER if name not in (table.fieldnames or ())]:
-                raise ConfigError(f"drive {path}: no column {missing[0]}; the header must be {','.join(HEADER)}")
+            if missing := [name for name in _HEADER if name not in (table.fieldnames or ())]:
+                raise ConfigError(f"drive {path}: no column {missing[0]}; the header must be {','.join(_HEADER)}")
             for row in table:
                 rows.append(_row(row, f"drive {path}, line {table.line_num}", MOST_RATIO * point.speed))
-                if len(rows) > MOST_ROWS:
-                    raise ConfigError(f"drive {path}: more than {MOST_ROWS} rows")
+                if len(rows) > _MOST_ROWS:
+                    raise ConfigError(f"drive {path}: more than {_MOST_ROWS} rows")
                 if len(rows) > 1 and not rows[-1][0] > rows[-2][0]:
                     raise ConfigError(
                         f"drive {path}, line {table.line_num}: t_s = {rows[-1][0]:g} comes after {rows[-2][0]:g}; "
@@ -168,7 +168,7 @@ def read_drive(path: Path, point: OperatingPoint) -> Drive:
 
 def _row(row: Mapping[str, str | None], where: str, fastest: float) -> tuple[float, float]:
     values = []
-    for name in HEADER:
+    for name in _HEADER:
         text = row[name]
         try:
             value = float(text or "")

@@ -56,7 +56,7 @@ class NoFeedback:
         return 0.0, memory
 
 
-Progress = Callable[[str, int, int], None]
+EpisodeProgress = Callable[[str, int, int], None]
 """Called with (episode, steps done, steps in all)."""
 
 
@@ -87,7 +87,7 @@ class EpisodeJob:
             folder=self.parts.path / self.plan.name, steps=self.plan.steps, block_steps=self.block_steps
         )
 
-    def run(self, wake: TruckWake | None = None, progress: Progress = lambda name, done, total: None) -> None:
+    def run(self, wake: TruckWake | None = None, progress: EpisodeProgress = lambda name, done, total: None) -> None:
         """Record what is missing; `wake` is built if not given. Raises StillwakeError if this process does not find the
         folder, a block cannot be written, this process has other versions or another start than the one that began the
         recording, or another call took over; PlantError if the flow diverges."""

@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 from contract.errors import StillwakeError
 from contract.side_by_side import spread
-from wake.recording.episode_job import EpisodeJob, Progress
+from wake.recording.episode_job import EpisodeJob, EpisodeProgress
 
 
 def run_parallel(
@@ -12,7 +12,7 @@ def run_parallel(
     *,
     workers: int,
     scheduler: str | None,
-    progress: Progress,
+    progress: EpisodeProgress,
     notice: Callable[[str], None],
 ) -> None:
     """Record the jobs, the longest first, one to a worker at a time; an episode whose worker dies continues from its

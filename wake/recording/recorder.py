@@ -20,7 +20,7 @@ from contract.config.tree import Config
 from contract.errors import DatasetError, OutputError
 from contract.recording.appending import append, read_to_append
 from contract.recording.dataset import Dataset, Episode, read, write
-from wake.recording.episode_job import EpisodeJob, NoFeedback, PolicyFactory, Progress, check_start, setting_of
+from wake.recording.episode_job import EpisodeJob, EpisodeProgress, NoFeedback, PolicyFactory, check_start, setting_of
 from wake.recording.episode_plan import EpisodePlan, Plan
 from wake.recording.parts_folder import PartsFolder
 from wake.truck.truck_wake import TruckWake
@@ -90,7 +90,7 @@ def record(
     *,
     workers: int = 1,
     scheduler: str | None = None,
-    progress: Progress = lambda name, done, total: None,
+    progress: EpisodeProgress = lambda name, done, total: None,
     notice: Callable[[str], None] = lambda line: None,
     block_steps: int = BLOCK_STEPS,
     start: Path | None = None,
@@ -179,7 +179,7 @@ def finished_jobs(
     *,
     workers: int,
     scheduler: str | None,
-    progress: Progress,
+    progress: EpisodeProgress,
     notice: Callable[[str], None],
 ) -> Iterator[Sequence[EpisodeJob]]:
     """Record what is missing of jobs from one call, yield them to be kept, and clear their parts away if they were.
@@ -212,7 +212,7 @@ def finished_jobs(
     parts.clear()
 
 
-FACTS = ("flow", "grid")
+_FACTS = ("flow", "grid")
 """Provenance that all episodes of a data set must share; start, versions and forcing may differ."""
 
 
@@ -231,7 +231,7 @@ def record_round(
     *,
     workers: int = 1,
     scheduler: str | None = None,
-    progress: Progress = lambda name, done, total: None,
+    progress: EpisodeProgress = lambda name, done, total: None,
     notice: Callable[[str], None] = lambda line: None,
     block_steps: int = BLOCK_STEPS,
     start: Path | None = None,
@@ -249,7 +249,7 @@ def record_round(
         workers, scheduler, progress, notice, block_steps, start: as for `wake.recording.recorder.record`.
     """
     jobs = partial(jobs_for, output, config=config, block_steps=block_steps, policy=policy, start=start)
-    facts = {name: value for name, value in setting_of(config).items() if name in FACTS}
+    facts = {name: value for name, value in setting_of(config).items() if name in _FACTS}
     layout = layout_of(config.body)
     there = read_to_append(output, facts, layout)
     number = max((int(episode.provenance.get("round", 0)) for episode in there), default=0) + 1

@@ -16,19 +16,19 @@ from contract.geometry import DOMAIN_X, DOMAIN_Y, HALF_WIDTH, JET_WIDTH, LENGTH
 
 Component = Literal["u", "v", "p"]
 
-Spacing = tuple[tuple[float, float], ...]
+_Spacing = tuple[tuple[float, float], ...]
 """The spacing to aim at, at a few stations; between them it varies linearly, beyond them it stays."""
 
 # The wall cell matches the body-fitted reference mesh (0.0125 W, 4 cells a slot); the sides and the wake are as fine as
 # its finest regions. Along x one table follows the nose, the other the base; on the body the finer of them holds.
-_FROM_NOSE: Spacing = (
+_FROM_NOSE: _Spacing = (
     (-7.0, 0.6), (-1.0, 0.1), (-0.05, 0.0125), (0.15, 0.0125), (1.0, 0.04), (2.0, 0.06), (4.5, 0.09),
 )  # fmt: skip
-_FROM_BASE: Spacing = (
+_FROM_BASE: _Spacing = (
     (-3.147, 0.09), (-0.647, 0.05), (-0.047, 0.016), (0.103, 0.016), (0.553, 0.03), (1.353, 0.045), (4.353, 0.06),
     (15.353, 0.12),
 )  # fmt: skip
-_SPACING_Y: Spacing = (
+_SPACING_Y: _Spacing = (
     (0.0, 0.03), (0.42, 0.0125), (0.58, 0.0125), (1.5, 0.075), (3.0, 0.2), (7.5, 0.8),
 )  # fmt: skip
 
@@ -134,7 +134,7 @@ def from_faces(xf: Array, yf: Array) -> Grid:
     )
 
 
-def graded_faces(spacing: Spacing, start: float, end: float, refinement: float, *others: Spacing) -> Array:
+def graded_faces(spacing: _Spacing, start: float, end: float, refinement: float, *others: _Spacing) -> Array:
     """Faces from start to end whose local spacing follows the table, the finest of them if there are others, divided
     by `refinement` and scaled to a whole number of cells."""
     x = np.linspace(start, end, 4001)

@@ -13,7 +13,7 @@ from contract.errors import PlantError
 from contract.npz import read_npz
 from contract.shipped import developed
 
-STATE_SCHEMA: Final = "stillwake-flow/2"
+_STATE_SCHEMA: Final = "stillwake-flow/2"
 _BODY: Final = ("body_length", "leading_edge_radius")
 
 
@@ -105,7 +105,7 @@ def save_state(path: Path, state: State) -> None:
     with replacing(path) as temporary, temporary.open("wb") as file:
         np.savez_compressed(
             file,
-            schema=STATE_SCHEMA,
+            schema=_STATE_SCHEMA,
             flat=state.flat,
             substep=state.substep,
             action=state.action,
@@ -120,8 +120,8 @@ def load_state(path: Path) -> State:
     """Read a saved state. Raises PlantError if the file is missing, damaged or of another schema."""
     try:
         data = read_npz(path)
-        if data.text("schema") != STATE_SCHEMA:
-            raise PlantError(f"{path}: schema {data['schema']}, this version reads {STATE_SCHEMA!r}")
+        if data.text("schema") != _STATE_SCHEMA:
+            raise PlantError(f"{path}: schema {data['schema']}, this version reads {_STATE_SCHEMA!r}")
         nx, ny = data.numbers("shape", 2)
         one = {name: float(data.numbers(name)) for name in data if not data[name].shape and name != "schema"}
         clocked = "substeps" in data

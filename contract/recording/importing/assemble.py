@@ -13,7 +13,7 @@ from contract.errors import DatasetError
 from contract.recording.dataset import CP_QUANTUM, Dataset, Episode, Role
 from contract.recording.episode import REQUIRED, UNITS, PlantFacts
 from contract.recording.findings import LIMIT_TOLERANCE, STEP_TOLERANCE, clock_problem
-from contract.recording.importing.forces import FORCES
+from contract.recording.importing.forces import FORCE_COLUMNS
 from contract.recording.importing.openfoam import case_of, read_case
 from contract.recording.importing.source_file import Contents, Reference, read_source
 from contract.recording.importing.stored import GAP, INITIAL_ACTION
@@ -25,7 +25,7 @@ _LARGEST: Final = 127.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Made:
+class MadeEpisode:
     """An episode that was made of a file rather than read as it stands: part of a CAN log, with its forces.
 
     Attributes:
@@ -41,13 +41,13 @@ class Made:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Source:
+class EpisodeSource:
     """A file and the role of the episode in it. `made` is the episode; without it, the file is read, and its name
     without the ending becomes the episode's; of a case of OpenFOAM the folder's."""
 
     path: Path
     role: Role
-    made: Made | None = None
+    made: MadeEpisode | None = None
 
     @property
     def name(self) -> str:
@@ -59,7 +59,7 @@ class Source:
 
 
 def assemble(
-    sources: Sequence[Source],
+    sources: Sequence[EpisodeSource],
     layout: SensorLayout,
     facts: PlantFacts,
     *,
@@ -85,7 +85,7 @@ def assemble(
     if "Cp" in references and references["Cp"].number < 0.0:
         raise DatasetError(f"{references['Cp'].option}: a dynamic pressure must be positive")
     for name, reference in references.items():
-        if name not in FORCES and all(source.made is not None for source in sources):
+        if name not in FORCE_COLUMNS and all(source.made is not None for source in sources):
             raise DatasetError(f"{reference.option}: has no effect on a log, whose messages have their units")
     if not sources:
         raise DatasetError("no data file is given: name at least one to train on and one to test on")
@@ -120,7 +120,7 @@ def assemble(
     return Dataset(episodes=tuple(episodes), layout=layout, facts=facts)
 
 
-def _check_names(sources: Sequence[Source]) -> None:
+def _check_names(sources: Sequence[EpisodeSource]) -> None:
     names = [source.name for source in sources]
     paths = [source.path for source in sources if source.made is None]
     for source in sources:
@@ -135,7 +135,7 @@ def _check_names(sources: Sequence[Source]) -> None:
 
 
 def _episode(
-    source: Source,
+    source: EpisodeSource,
     contents: Contents,
     layout: SensorLayout,
     facts: PlantFacts,

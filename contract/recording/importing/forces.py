@@ -15,7 +15,7 @@ from contract.recording.importing.csv_table import read_csv
 from contract.recording.importing.source_file import SUFFIXES, Reference, factor, seconds_in, split_unit
 from contract.recording.importing.stored import BINARY, stored_arrays
 
-FORCES: Final = ("Cd", "Cl")
+FORCE_COLUMNS: Final = ("Cd", "Cl")
 
 _UNIT: Final = re.compile(r"\s*\[([^\[\]]*)\]$")
 _CLOCK_OF_UNIT: Final[Mapping[str, ForcesClock]] = {"t_c": "t_c", "W/U_inf": "t_c"}
@@ -88,7 +88,7 @@ class ForcesTable:
     """The forces of a table.
 
     Attributes:
-        forces: by `FORCES`.
+        forces: by `FORCE_COLUMNS`.
         clock: of its times, as the column's own unit gives it; None if it has none.
     """
 
@@ -125,16 +125,18 @@ def read_forces(
     arrays["t"] = arrays["t"] * (seconds_in(units["t"]) or 1.0)
     arrays |= {
         name: arrays[name] * factor(path, name, inside[name], units[name], (references or {}).get(name))
-        for name in FORCES
+        for name in FORCE_COLUMNS
     }
-    for name in FORCES:
+    for name in FORCE_COLUMNS:
         if len(arrays[name]) != len(arrays["t"]):
             raise DatasetError(
                 f"{path}: {inside[name]!r} has {len(arrays[name])} rows, {inside['t']!r} has {len(arrays['t'])}"
             )
     unit = _UNIT.search(inside["t"])
     return ForcesTable(
-        forces={name: TimeSeries(path=path, name=inside[name], t=arrays["t"], values=arrays[name]) for name in FORCES},
+        forces={
+            name: TimeSeries(path=path, name=inside[name], t=arrays["t"], values=arrays[name]) for name in FORCE_COLUMNS
+        },
         clock=None if unit is None else _CLOCK_OF_UNIT.get(unit.group(1)),
     )
 
@@ -142,7 +144,7 @@ def read_forces(
 def _inside(path: Path, there: tuple[str, ...], renamed: Mapping[str, str]) -> dict[str, str]:
     """The names in the file of t, Cd and Cl."""
     found = {}
-    for name in ("t", *FORCES):
+    for name in ("t", *FORCE_COLUMNS):
         wanted = renamed.get(name, name)
         candidates = [one for one in there if one == wanted] or [one for one in there if _UNIT.sub("", one) == wanted]
         if len(candidates) != 1:

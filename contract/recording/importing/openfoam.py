@@ -16,7 +16,7 @@ from contract.recording.importing.stored import INITIAL_ACTION
 from contract.recording.openfoam_tables import FoamTable, read_foam_table
 from contract.sensor_layout import SensorLayout
 
-ACTIONS: Final = "actions.csv"
+_ACTIONS: Final = "actions.csv"
 """Beside postProcessing: t, in the case's own time, and action. Without it the case is uncontrolled."""
 _POST: Final = "postProcessing"
 _PRESSURES: Final = r"p(_[-+.\de]+)?"
@@ -78,7 +78,7 @@ def read_case(
     action, initial, files = _actions(
         case, t / second, factor(path, "action", "action", None, references.get("action"))
     )
-    none = () if files else (f"no {ACTIONS} beside {_POST}: taken as uncontrolled, with an action of 0",)
+    none = () if files else (f"no {_ACTIONS} beside {_POST}: taken as uncontrolled, with an action of 0",)
     return Contents(
         arrays={"t": t, "action": action, INITIAL_ACTION: initial, "Cp": at_periods[0]}
         | dict(zip(found, at_periods[1].T, strict=True)),
@@ -182,7 +182,7 @@ def _at(path: Path, times: Array, values: Array, t: Array, period: float) -> Arr
 
 def _actions(case: Path, t: Array, scale: float) -> tuple[Array, Array, tuple[Path, ...]]:
     """The action commanded at every time, that before the first, and the file, if there is one."""
-    path = case / ACTIONS
+    path = case / _ACTIONS
     if not path.is_file():
         return np.zeros(len(t)), np.zeros(1), ()
     table = read_csv(path)

@@ -29,9 +29,9 @@ from ecu.real_time.privileges import stay_ordinary
 from wake.plant.drive import Drive
 from wake.truck.truck_wake import TruckWake
 
-PERIODS: Final = 20
+_PERIODS: Final = 20
 """Control periods that are timed."""
-ROOM: Final = 0.9
+_ROOM: Final = 0.9
 """Share of a control period that the solver may take: what is left is for handing the pressures over, and for a
 processor that others use as well."""
 COARSE: Final = (0.75, 15)
@@ -60,7 +60,7 @@ class Speed:
         """None if the plant keeps up; a warning if it does so only just. Raises PlantError if it does not, with how
         much it lacks and what would help."""
         if self.typical_ms > period_ms:
-            lacking = self.typical_ms / (ROOM * period_ms)
+            lacking = self.typical_ms / (_ROOM * period_ms)
             coarser = f" (--set flow.refinement={COARSE[0]:g} --set flow.substeps={COARSE[1]})"
             raise PlantError(
                 f"the wake takes {self.typical_ms:.1f} ms for a control period of {period_ms:g} ms on this machine "
@@ -68,7 +68,7 @@ class Speed:
                 f"grid and longer steps{coarser if refinement > COARSE[0] else ''}, "
                 f"or a vehicle {lacking:.2g} times as slow (operating_point.speed)"
             )
-        if self.typical_ms > ROOM * period_ms or self.worst_ms > period_ms:
+        if self.typical_ms > _ROOM * period_ms or self.worst_ms > period_ms:
             return (
                 f"warning: the wake takes {self.typical_ms:.1f} ms, at worst {self.worst_ms:.1f} ms, for a control "
                 f"period of {period_ms:g} ms: periods without pressures are to be expected"
@@ -77,7 +77,7 @@ class Speed:
 
 
 def measured(
-    wake: TruckWake, periods: int = PERIODS, clock: Callable[[], float] = time.perf_counter
+    wake: TruckWake, periods: int = _PERIODS, clock: Callable[[], float] = time.perf_counter
 ) -> tuple[float, ...]:
     """Wall time in ms of so many control periods without jets, sampling included; the wake is left as it was."""
     begin = wake.state()
@@ -90,7 +90,7 @@ def measured(
     return tuple(times)
 
 
-LONGEST_END_S: Final = 5.0
+_LONGEST_END_S: Final = 5.0
 """What the process is given to end by itself: the longest control period, and Python's own end."""
 
 
@@ -163,7 +163,7 @@ class LiveWake(NeverCopied):
         try:
             word: tuple[Any, ...] = self._pipe.recv()
         except (EOFError, OSError) as error:
-            self._process.join(LONGEST_END_S)
+            self._process.join(_LONGEST_END_S)
             raise PlantError(f"the live wake's process ended with status {self._process.exitcode}") from error
         if isinstance(word[0], StillwakeError):
             raise word[0]
@@ -171,7 +171,7 @@ class LiveWake(NeverCopied):
 
     def _end(self) -> None:
         self._pipe.close()
-        self._process.join(LONGEST_END_S)
+        self._process.join(_LONGEST_END_S)
         if self._process.is_alive():
             self._process.kill()
             self._process.join()

@@ -26,8 +26,8 @@ from firmware_sim.bench.vehicle_node import VehicleNode
 from wake.plant.drive import Drive
 
 LEAD_IN_NS: Final = 50_000_000
-"""From the loop's making to its first sampling instant."""
-ROOM: Final = 4096
+"""The time from the loop's making to its first sampling instant."""
+_ROOM: Final = 4096
 """Frames kept for a period: a second of a full classic bus."""
 WRITTEN_EVERY: Final = 500
 """Commands between two writes of the freshness file: ten seconds at 20 ms."""
@@ -84,7 +84,7 @@ def run_vehicle(
     bus.receive_all()  # what came before the run
     # Arrival is when the receiving thread has the frame: a step of the computer's date does not reach it, and what the
     # frame waited for in the kernel counts as being under way.
-    inbox = Inbox(lambda frame: clock.now_ns(), room=ROOM)
+    inbox = Inbox(lambda frame: clock.now_ns(), room=_ROOM)
     with ExitStack() as stack:
         report(f"real time: {in_words(stack.enter_context(taken(course.wanted)))}")
         receiving = stack.enter_context(ReceiveThread(bus, inbox.put))

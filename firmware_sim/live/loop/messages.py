@@ -21,7 +21,7 @@ from typing import Any, Final, NamedTuple
 
 from wake.pictures.level_picture import Levels
 
-SCHEMA: Final = "stillwake-live/1"
+LIVE_SCHEMA: Final = "stillwake-live/1"
 _FIELD: Final = struct.Struct("<IfHH")
 
 PERIOD_COLUMNS: Final = (
@@ -32,7 +32,7 @@ PERIOD_COLUMNS: Final = (
 
 LiveMessage = dict[str, Any]
 Request = dict[str, Any]
-"""From a viewer: an `id`, which the answer has, too, and one of `firmware_sim.live.settings.ACTIONS`."""
+"""A viewer's request: an `id`, which the answer has, too, and one of `firmware_sim.live.settings.ACTIONS`."""
 LiveAnswer = dict[str, Any]
 """`id`; `error` is one line, and then nothing was changed; `note` reports what was done."""
 Choice = dict[str, Any]

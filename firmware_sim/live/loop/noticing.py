@@ -12,7 +12,7 @@ from firmware_sim.runs.reasons import BECAUSE, DOES
 
 UNPOWERED: Final = "UNPOWERED"
 BOOT: Final = "BOOT"
-"""In place of an `OperatingMode`: the ECU has no supply; it starts."""
+"""The words in place of an `OperatingMode`: the ECU has no supply; it starts."""
 
 _DOES: Final[Mapping[str, str]] = {
     UNPOWERED: "no supply: the ECU is silent",
@@ -50,7 +50,7 @@ class SeenState(NamedTuple):
     nodes: Mapping[str, BusState]
 
 
-START: Final = SeenState(OperatingMode.INIT.name, Reason.NONE, (), False, Intervention(0), {})
+FIRST_SEEN: Final = SeenState(OperatingMode.INIT.name, Reason.NONE, (), False, Intervention(0), {})
 
 
 def noticed(before: SeenState, now: SeenState) -> Iterator[tuple[str, str]]:
@@ -96,7 +96,7 @@ KEPT: Final = 500
 """Latest events that wait to be asked for."""
 QUIET_S: Final = 1.0
 """Virtual time without the same event; then one event has their number, and the time doubles."""
-LONGEST_S: Final = 16.0
+_LONGEST_S: Final = 16.0
 
 
 class _Repeated(NamedTuple):
@@ -132,7 +132,7 @@ class EventLog:
             if repeated.more:
                 times = "once" if repeated.more == 1 else f"{repeated.more} times"
                 self._publish(repeated.kind, f"{text} (again {times} in {repeated.quiet_s:g} s)", time_s, t)
-                self._repeated[text] = _Repeated(repeated.kind, time_s, min(2.0 * repeated.quiet_s, LONGEST_S))
+                self._repeated[text] = _Repeated(repeated.kind, time_s, min(2.0 * repeated.quiet_s, _LONGEST_S))
 
     def new_run(self) -> None:
         """Time begins again at 0."""

@@ -99,7 +99,7 @@ def _refuse(constant: str) -> None:
 
 MOST_VIEWERS: Final = 32
 BATCHES_A_SECOND: Final = 30.0
-"""To a viewer: more are not seen."""
+"""The batches to a viewer: more are not seen."""
 SEND_BUFFER: Final = 256 * 1024
 """Bytes that the machine keeps for a viewer; what it shows is as old as what is in there."""
 STALLED_S: Final = 30.0

@@ -25,7 +25,7 @@ from firmware_sim.live.loop.messages import LiveAnswer, LiveMessage, Request
 if TYPE_CHECKING:
     from firmware_sim.live.session import LiveSession
 
-IDLE_S: Final = 0.02
+_IDLE_S: Final = 0.02
 """Between two looks at a session that makes no periods, such as one that is paused."""
 
 
@@ -72,7 +72,7 @@ def _step(session: "LiveSession", pipe: Connection, outbox: "Outbox", *, fast: b
         has_stepped = any(not isinstance(message, bytes) and message["type"] == "periods" for message in new)
         now = time.monotonic()
         # A period that came late is not made up for: the wake would seem to run away.
-        due = max(due + (0.0 if fast else period_s), now) if has_stepped else now + IDLE_S
+        due = max(due + (0.0 if fast else period_s), now) if has_stepped else now + _IDLE_S
         requests.go_on()
         while pipe.poll(max(0.0, due - time.monotonic())):
             number, text = pipe.recv()
@@ -154,7 +154,7 @@ def _that_travels(error: Exception) -> Exception:
     return error if type(copy) is type(error) and str(copy) == str(error) else StillwakeError(str(error))
 
 
-LONGEST_END_S: Final = 3.0
+_LONGEST_END_S: Final = 3.0
 """What the process is given to end by itself, before it is terminated and then killed."""
 
 
@@ -220,11 +220,11 @@ class LoopProcess:
             both.shutdown(socket.SHUT_RDWR)
         self._thread.join()
         self._pipe.close()
-        self._process.join(LONGEST_END_S)
+        self._process.join(_LONGEST_END_S)
         for stop in (self._process.terminate, self._process.kill):
             if self._process.is_alive():
                 stop()
-                self._process.join(LONGEST_END_S)
+                self._process.join(_LONGEST_END_S)
 
     def _listen(self) -> None:
         error: Exception | None = None

@@ -27,14 +27,14 @@ from firmware_sim.live.serving.handlers import (
 from firmware_sim.live.serving.process import MakeSession
 from firmware_sim.live.serving.supervisor import Supervisor
 
-PAGE: Final = Path(str(files("firmware_sim.live").joinpath("page")))
+_PAGE: Final = Path(str(files("firmware_sim.live").joinpath("page")))
 LOCALHOST: Final = "127.0.0.1"
 PORT: Final = 8765
 LOOK_S: Final = 0.1
 """Between two looks at whether to stop."""
 PING_S: Final = 20.0
 """Between two questions to a viewer whether it is still there."""
-IDLE_S: Final = 10.0
+_IDLE_S: Final = 10.0
 """A connection that sends no whole request for so long is closed."""
 MOST_CONNECTIONS: Final = 128
 """Two of each viewer, and as many that load files; half of the file descriptors that any system gives a process."""
@@ -46,8 +46,8 @@ def application(supervisor: Supervisor, access: PageAccess, *, stalled_s: float 
     own: dict[str, Any] = {"served": served}
     return Application(
         [
-            (r"/()", PageFiles, {**own, "path": str(PAGE), "default_filename": "index.html"}),
-            (r"/static/([A-Za-z0-9._/-]+)", PageFiles, {**own, "path": str(PAGE)}),
+            (r"/()", PageFiles, {**own, "path": str(_PAGE), "default_filename": "index.html"}),
+            (r"/static/([A-Za-z0-9._/-]+)", PageFiles, {**own, "path": str(_PAGE)}),
             (r"/stream", StreamSocket, own),
             (r"/control", ControlSocket, own),
         ],
@@ -63,7 +63,7 @@ def application(supervisor: Supervisor, access: PageAccess, *, stalled_s: float 
 class BoundedServer(HTTPServer):
     """Bounds what those can take who have shown no token: connections, their time, and bytes."""
 
-    def initialize(self, application: Application, *, idle_s: float = IDLE_S) -> None:  # type: ignore[override]
+    def initialize(self, application: Application, *, idle_s: float = _IDLE_S) -> None:  # type: ignore[override]
         super().initialize(
             application,
             idle_connection_timeout=idle_s,

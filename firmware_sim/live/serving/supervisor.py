@@ -20,12 +20,12 @@ from firmware_sim.live.serving.process import LoopProcess, MakeSession
 
 PICTURE: Final = "picture"
 STREAMS: Final = ("loop", "hello", "settings", "events", "periods", "now", "bus", PICTURE)
-"""In the order in which a viewer gets them: `hello` names the run that the others belong to."""
+"""The order in which a viewer gets them: `hello` names the run that the others belong to."""
 MOST_ROWS: Final = 500
 """Periods, or events, in one message: what a viewer that has just come waits for stays small."""
 KEPT_EVENTS: Final = 500
 KEPT_PERIODS: Final = 3000
-"""Until a `hello` gives a number."""
+"""The periods that are kept until a `hello` gives a number."""
 _OF_A_RUN: Final = ("now", "bus", PICTURE)
 
 

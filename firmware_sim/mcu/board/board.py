@@ -32,7 +32,7 @@ BANK: Final = 0x0810_0000
 BANK_BYTES: Final = SECTOR * SECTORS
 DTCM, DTCM_BYTES = 0x2000_0000, 128 * 1024
 SRAM, SRAM_BYTES = 0x2400_0000, 512 * 1024
-STACK_BYTES: Final = 16 * 1024
+_STACK_BYTES: Final = 16 * 1024
 _PAGE: Final = 4096
 _COUNTER, _RANDOM, _CAN, _FLASH, _CORE = 0x5C00_8000, 0x4802_1800, 0x4000_A000, 0x5200_2100, 0xE000_E000
 _READABLE: Final = unicorn_const.UC_PROT_READ
@@ -69,7 +69,7 @@ class Board(EmulatedCore):
         cut_at: int = 0,
         seed: int = 0,
     ) -> None:
-        super().__init__(firmware, ((DTCM, DTCM_BYTES), (SRAM, SRAM_BYTES)), (DTCM, STACK_BYTES))
+        super().__init__(firmware, ((DTCM, DTCM_BYTES), (SRAM, SRAM_BYTES)), (DTCM, _STACK_BYTES))
         self._raised = list[Exception]()
         self.counter, self._registers = Counter(now_ns), CoreRegisters()
         self.can = CanController(lambda: self.counter.now_ns)

@@ -20,11 +20,11 @@ from ecu.in_c.compiler import zig_compiler
 from firmware_sim.mcu.board.board import SRAM, SRAM_BYTES, Board
 from firmware_sim.mcu.board.flash_controller import STM32H743, FlashBank, FlashTimes
 from firmware_sim.mcu.board.small_parts import SystemReset
-from firmware_sim.mcu.build import MISSING, compile_board
+from firmware_sim.mcu.build import NO_COMPILER, compile_board
 from firmware_sim.mcu.elf import Firmware, read_elf
 
 _SCRATCH: Final = SRAM + SRAM_BYTES - 16384
-"""Of the debugger, behind everything that is linked."""
+"""The debugger's memory, behind everything that is linked."""
 
 
 class BoardEcu(CEcuState):
@@ -61,7 +61,7 @@ class BoardEcu(CEcuState):
     ) -> None:
         compiler = zig_compiler()
         if compiler is None:
-            raise McuError(MISSING)
+            raise McuError(NO_COMPILER)
         structs = Structs(sources, compiler)
         buffer, ecu = structs.ffi.buffer, structs.ffi.new("sw_ecu *")
         super().__init__(structs, ecu, bundle_hash_of(sources),

@@ -23,7 +23,7 @@ from contract.errors import McuError
 from firmware_sim.mcu.board.transmit_buffers import TransmitBuffers
 
 MESSAGE_RAM: Final = 0xC00
-RAM_BYTES: Final = 10 * 1024
+_RAM_BYTES: Final = 10 * 1024
 CLOCK_HZ: Final = 80_000_000
 _CCCR, _ECR, _PSR, _TSCV, _IR = 0x18, 0x40, 0x44, 0x24, 0x50
 _RXF0S, _RXF0A, _TXFQS, _TXBRP, _TXBAR, _TXBCR, _TXBTO = 0xA4, 0xA8, 0xC4, 0xCC, 0xD0, 0xD4, 0xD8
@@ -50,7 +50,7 @@ class CanController:
 
     def __init__(self, clock: Callable[[], int]) -> None:
         self._clock = clock
-        self._ram = bytearray(RAM_BYTES)
+        self._ram = bytearray(_RAM_BYTES)
         self._kept = dict.fromkeys(_PLAIN, 0) | {_XIDAM: 0x1FFF_FFFF}
         self._control, self._interrupts = _INIT, 0
         self._level = self._get = 0

@@ -29,8 +29,8 @@ def equipment_header(root: PublicKey, access_key: bytes, vehicle: bytes, hardwar
     return "".join(f"#define SW_BOARD_{name} {value}\n" for name, value in found.items()).encode()
 
 
-LONGEST_NS: Final = 20_000_000
-"""Of the board's time that passes between two looks at the bus, however long the emulation takes."""
+LONGEST_UNSEEN_NS: Final = 20_000_000
+"""The most of the board's time that passes between two looks at the bus, however long the emulation takes."""
 
 
 def read_bank(path: Path) -> FlashBank:
@@ -61,7 +61,7 @@ def serve(
     while not is_stopped():
         now_ns = clock_ns()
         # The flash's own times pass within those of the bus.
-        until_ns, before_ns = until_ns + min(now_ns - before_ns, LONGEST_NS), now_ns
+        until_ns, before_ns = until_ns + min(now_ns - before_ns, LONGEST_UNSEEN_NS), now_ns
         frames = [replace(frame, timestamp_ns=ecu.board.counter.now_ns) for frame in bus.receive_all()]
         for frame in ecu.advance(until_ns, frames):
             bus.send(frame)

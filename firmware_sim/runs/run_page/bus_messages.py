@@ -9,17 +9,17 @@ from can_bridge.tools.summary import Summary
 from firmware_sim.runs.run_folder import RunFolder
 from firmware_sim.runs.run_log import RunLog
 
-MOST_FRAMES: Final = 50_000
+_MOST_FRAMES: Final = 50_000
 """Most frames of a log that is read for a page: some ten seconds."""
 
-Rows = list[tuple[str, ...]]
-HEADS: Final = ("identifier", "message", "frames", "per s", "lost", "end-to-end checks")
+_Rows = list[tuple[str, ...]]
+BUS_HEADS: Final = ("identifier", "message", "frames", "per s", "lost", "end-to-end checks")
 
 
-def bus_rows(folder: RunFolder, log: RunLog) -> Rows:
+def bus_rows(folder: RunFolder, log: RunLog) -> _Rows:
     """A row for each identifier, formatted; none where the log is missing or too long. Raises StillwakeError if the log
     is damaged."""
-    if log.traffic.frames > MOST_FRAMES or not folder.frames.is_file():
+    if log.traffic.frames > _MOST_FRAMES or not folder.frames.is_file():
         return []
     bus = log.metadata.config.bus
     found = Summary(config=bus)

@@ -17,11 +17,11 @@ from firmware_sim.runs.run_page.run_data import run_data
 from firmware_sim.runs.run_tables import headline
 from firmware_sim.runs.summary import summary
 
-MOST: Final = 6
+_MOST: Final = 6
 """Runs on a page: more curves cannot be distinguished."""
 NONE: Final = "\N{EN DASH}"
-SAME: Final = "="
-"""In place of a difference that the format does not show."""
+_SAME: Final = "="
+"""Stands for a difference that the format does not show."""
 
 _FIGURES: Final = (
     ("mean Cd (wall), uncontrolled", "Cd_uncontrolled", ".4f"),
@@ -45,7 +45,7 @@ _FIGURES: Final = (
 
 
 class Cell(NamedTuple):
-    """A figure of one run, formatted, and its difference from the first run's: `SAME`, or empty where there is none."""
+    """A figure of one run, formatted, and its difference from the first run's: `_SAME`, or empty for none."""
 
     value: str
     difference: str
@@ -55,8 +55,8 @@ def names_of(folders: Sequence[Path]) -> list[str]:
     """The folders' own names, with as many of those above as make them unique. Raises StillwakeError if there are fewer
     than two or too many, or one of them twice."""
     places = [Path(os.path.realpath(folder)) for folder in folders]
-    if not 2 <= len(places) <= MOST:
-        raise StillwakeError(f"{len(places)} runs: between 2 and {MOST} can be compared on a page")
+    if not 2 <= len(places) <= _MOST:
+        raise StillwakeError(f"{len(places)} runs: between 2 and {_MOST} can be compared on a page")
     for place, folder in zip(places, folders, strict=True):
         if places.count(place) > 1:
             raise StillwakeError(f"{folder}: given twice, and a run does not differ from itself")
@@ -87,7 +87,7 @@ def _cells(values: Sequence[Any], style: str) -> list[Cell]:
     for place, value in enumerate(values[1:], start=1):
         if value is not None and first is not None:
             same = f"{abs(value - first):{style}}" == f"{0:{style}}"
-            cells[place] = Cell(cells[place].value, SAME if same else f"{value - first:+{style}}")
+            cells[place] = Cell(cells[place].value, _SAME if same else f"{value - first:+{style}}")
     return cells
 
 

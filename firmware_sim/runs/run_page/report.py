@@ -41,7 +41,7 @@ def write_report(folder: RunFolder, target: Path | None = None) -> Path:
     """Write the page of a run and return its path: into the run folder, or where it is wanted. Raises StillwakeError if
     the folder does not hold a run, one of its files is damaged, or the page cannot be written."""
     # Through python-can it loads all that can be read, which takes a second.
-    from firmware_sim.runs.run_page.bus_messages import HEADS, bus_rows
+    from firmware_sim.runs.run_page.bus_messages import BUS_HEADS, bus_rows
 
     run = read_run(folder)
     log = run.log
@@ -57,7 +57,7 @@ def write_report(folder: RunFolder, target: Path | None = None) -> Path:
         drag_rows=drag_rows(log),
         averaged=not isinstance(averages(log), NoAverages),
         service_rows=service_rows(log),
-        bus_heads=HEADS,
+        bus_heads=BUS_HEADS,
         bus_rows=messages,
         uncontrolled_picture=pages.data_uri(run.uncontrolled),
         controlled_picture=pages.data_uri(run.controlled),

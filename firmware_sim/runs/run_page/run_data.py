@@ -58,7 +58,7 @@ def _period(log: RunLog, seconds: str) -> int | None:
         return None
 
 
-MOST: Final = 400
+MOST_EVENTS: Final = 400
 """Events of a page: a bus that loses frames changes the mode again and again."""
 
 _DOES: Final = {**DOES, SKIPPED: "the ECU was still computing, and left the period out"}
@@ -78,12 +78,12 @@ class RunEvent(NamedTuple):
 
 
 def events(log: RunLog) -> list[RunEvent]:
-    """List the events in order; the first `MOST`."""
+    """List the events in order; the first `MOST_EVENTS`."""
     happened = sorted([*_set(log), *_states(log)], key=lambda event: event.period)
-    if len(happened) <= MOST:
+    if len(happened) <= MOST_EVENTS:
         return happened
-    rest = f"and {len(happened) - MOST + 1} events more"
-    return [*happened[: MOST - 1], RunEvent(happened[MOST - 1].period, "state", rest)]
+    rest = f"and {len(happened) - MOST_EVENTS + 1} events more"
+    return [*happened[: MOST_EVENTS - 1], RunEvent(happened[MOST_EVENTS - 1].period, "state", rest)]
 
 
 def _set(log: RunLog) -> Iterator[RunEvent]:

@@ -34,7 +34,7 @@ USES: Final = (
 )
 NAMED: Final = 5
 """Messages that are named below the table; it shows all."""
-HEADS: Final = ("id", "message", "bytes", "period", "jitter", "frame", "blocking", "response", "deadline", "met")
+_HEADS: Final = ("id", "message", "bytes", "period", "jitter", "frame", "blocking", "response", "deadline", "met")
 
 
 def load(
@@ -111,7 +111,7 @@ def _figures(one: "MessageLoad") -> dict[str, Any]:
 def _table(found: "BusLoad") -> Table:
     # Without lines and edges, and with one space between columns, a terminal of 80 columns shows all of it.
     table = Table(title="worst cases, in ms; ours are bold", box=SIMPLE_HEAD, padding=0, show_edge=False)
-    for head in HEADS:
+    for head in _HEADS:
         table.add_column(head, justify="left" if head in ("message", "met") else "right", overflow="fold")
     for one in found.messages:
         message, response = one.message, one.response

@@ -20,7 +20,7 @@ Channel = Annotated[
     str | None, typer.Option(help="Channel of the log, by its name there.", metavar="NAME", show_default=False)
 ]
 
-LONGEST_S: Final = 1e7
+_LONGEST_S: Final = 1e7
 """Four months: any longer is a slip, and clocks count it without rounding."""
 
 UNCHECKED: Final = "MAC not checked: name the key with --set bus.key=FILE"
@@ -36,6 +36,6 @@ def key_of(file: str) -> "Key | None":
 
 def positive(option: str, value: float) -> float:
     """The number itself; raises ConfigError by the option's name if it is not in 0..1e7, both ends left out."""
-    if not (isfinite(value) and 0.0 < value <= LONGEST_S):
-        raise ConfigError(f"{option} {value:g}: must be a number above 0, up to {LONGEST_S:g}")
+    if not (isfinite(value) and 0.0 < value <= _LONGEST_S):
+        raise ConfigError(f"{option} {value:g}: must be a number above 0, up to {_LONGEST_S:g}")
     return value

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from can_bridge.drives.log_to_series import LogReport, LogSeries
     from can_bridge.logs.log_reader import CanLog
     from contract.recording.episode import ForcesClock, Role
-    from contract.recording.importing.assemble import Source
+    from contract.recording.importing.assemble import EpisodeSource
     from contract.recording.importing.forces import TimeSeries
     from contract.recording.importing.source_file import Reference
 
@@ -143,11 +143,11 @@ def names_of(logs: Sequence[Path]) -> dict[Path, str]:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Drive:
+class _MadeLog:
     """One log, made into sources for `contract.recording.importing.assemble`."""
 
     path: Path
-    sources: "tuple[Source, ...]"
+    sources: "tuple[EpisodeSource, ...]"
     report: "LogReport"
     log: "CanLog"
 
@@ -162,14 +162,14 @@ def read_drive(
     options: DriveOptions,
     loaded: Loaded,
     progress: Callable[[str], None],
-) -> Drive:
+) -> _MadeLog:
     """Read a log and its forces. Raises DatasetError, BusError, KeyFileError for what does not fit, by the file's name.
     `progress` is called with what is being read, and how many frames of it so far."""
     from can_bridge.drives.log_to_series import series_of
     from can_bridge.logs.log_reader import CanLog
     from can_bridge.wire.message_sets import message_set
     from can_bridge.wire.messages import SENSORS
-    from contract.recording.importing.assemble import Made, Source
+    from contract.recording.importing.assemble import EpisodeSource, MadeEpisode
 
     if len(layout) != SENSORS:
         raise DatasetError(
@@ -193,7 +193,7 @@ def read_drive(
     sources = []
     for number, piece in enumerate(series.pieces, 1):
         values = {name: one.at(piece.time_s, **_room(series, options.fill)) for name, one in forces_found.items()}
-        made = Made(
+        made = MadeEpisode(
             name=name if len(series.pieces) == 1 else f"{name} {number}",
             series={
                 "t": scales.period * (piece.first_row + np.arange(len(piece), dtype=np.float64)),
@@ -214,8 +214,8 @@ def read_drive(
                 "forces_sha256": forces_digest,
             },
         )
-        sources.append(Source(path=path, role=role, made=made))
-    return Drive(path=path, sources=tuple(sources), report=series.report, log=log)
+        sources.append(EpisodeSource(path=path, role=role, made=made))
+    return _MadeLog(path=path, sources=tuple(sources), report=series.report, log=log)
 
 
 def scales_of(facts: PlantFacts, loaded: Loaded) -> "Scales":
@@ -233,7 +233,7 @@ def scales_of(facts: PlantFacts, loaded: Loaded) -> "Scales":
     )
 
 
-def notes_on(drive: Drive) -> list[str]:
+def notes_on(drive: _MadeLog) -> list[str]:
     """What a user should know of a log that was read, line by line."""
     report = drive.report
     pressures, commands = report.frames

@@ -35,8 +35,8 @@ if TYPE_CHECKING:
     from contract.recording.importing.source_file import Reference
     from contract.sensor_layout import SensorLayout
 
-ROLES: Final = ("train", "test", "extended", "controlled")
-SAME: Final = 0.02
+_ROLES: Final = ("train", "test", "extended", "controlled")
+_SAME: Final = 0.02
 """Relative difference up to which two dynamic pressures are one: a speed on the bus has an error of one per cent."""
 _FLOW: Final = ("flow.control_period", "flow.action_limit", "flow.reynolds")
 """Settings that are facts of the plant; without the last one the Reynolds number is not known."""
@@ -137,14 +137,14 @@ def import_(
 
 def roles_of(texts: list[str]) -> "list[tuple[Path, Role]]":
     """Files with their roles, of ROLE=FILE, grouped by role. Raises DatasetError if a log comes twice."""
-    found = [(Path(file), role) for role, file in shared.pairs(texts, "train=sweep.csv", ROLES)]
+    found = [(Path(file), role) for role, file in shared.pairs(texts, "train=sweep.csv", _ROLES)]
     paths = [path for path, _ in found]
     for path in paths:
         if paths.count(path) > 1 and is_log(path):
             raise DatasetError(
                 f"{path}: given twice; an episode has one role, so cut the log in two if you have no other"
             )
-    return [(path, cast("Role", role)) for path, role in sorted(found, key=lambda one: ROLES.index(one[1]))]
+    return [(path, cast("Role", role)) for path, role in sorted(found, key=lambda one: _ROLES.index(one[1]))]
 
 
 def _check_places(output: Path, read: list[Path], *, overwrite: bool) -> None:
@@ -183,14 +183,14 @@ class _Import:
 
     def assembled(self, layout: "SensorLayout", forces: dict[Path, Path], names: dict[Path, str]) -> "Dataset":
         """The data set of all files, with progress."""
-        from contract.recording.importing.assemble import Source, assemble
+        from contract.recording.importing.assemble import EpisodeSource, assemble
 
         drives = []
         with progress("files") as report:
-            sources: list[Source] = []
+            sources: list[EpisodeSource] = []
             for number, (path, role) in enumerate(self.roles):
                 if path not in forces:
-                    sources.append(Source(path=path, role=role))
+                    sources.append(EpisodeSource(path=path, role=role))
                     continue
                 drive = read_drive(
                     path,
@@ -237,7 +237,7 @@ def _print(made: "Dataset", layout: "SensorLayout", notes: list[str]) -> None:
 
 def _check_pressure(log: Path, own: float, given: "Reference | None") -> None:
     """Refuse one that contradicts a log's."""
-    if given is not None and given.unit == "Pa" and abs(given.number / own - 1.0) > SAME:
+    if given is not None and given.unit == "Pa" and abs(given.number / own - 1.0) > _SAME:
         raise ConfigError(
             f"{given.option}: {log} has {own:g} Pa, by which its pressures are divided: put one of the two right"
         )

@@ -7,7 +7,7 @@ from rich.box import SIMPLE_HEAD
 from rich.table import Table
 from rich.text import Text
 
-from contract.controller.calibration import NAMES
+from contract.controller.calibration import CALIBRATION_NAMES
 from contract.errors import ConfigError
 from contract.results import versions
 from stillwake.console import options as shared
@@ -74,7 +74,7 @@ def calibrate(
 def parsed(texts: list[str]) -> dict[str, float]:
     """Values by name; raises ConfigError for what is none, or a name that comes twice."""
     changes: dict[str, float] = {}
-    for name, value in shared.pairs(texts, "lift=0.4", NAMES):
+    for name, value in shared.pairs(texts, "lift=0.4", CALIBRATION_NAMES):
         if name in changes:
             raise ConfigError(f"{name}={value}: {name} is given twice")
         try:
@@ -92,7 +92,7 @@ def table(before: "Calibrated", after: "Calibrated") -> Table:
     for head in heads:
         made.add_column(head, justify="left" if head == "value" else "right")
     rows = (before.in_force, after.in_force, after.limits.least, after.limits.greatest, after.release)
-    for name, was, now, *others in zip(NAMES, *(one.values for one in rows), strict=True):
+    for name, was, now, *others in zip(CALIBRATION_NAMES, *(one.values for one in rows), strict=True):
         cells = [f"{was:.6g}", f"{now:.6g}"] if is_changed else [f"{now:.6g}"]
         made.add_row(name, *cells, *(f"{value:.6g}" for value in others), style="bold" if was != now else None)
     return made
@@ -109,5 +109,5 @@ def figures(before: "Calibrated", after: "Calibrated") -> dict[str, Any]:
     """All values by name."""
     shown = {"before": before.in_force, "after": after.in_force, "release": after.release}
     shown |= {"least": after.limits.least, "greatest": after.limits.greatest}
-    values = {name: dict(zip(NAMES, one.values, strict=True)) for name, one in shown.items()}
+    values = {name: dict(zip(CALIBRATION_NAMES, one.values, strict=True)) for name, one in shown.items()}
     return {**values, "stored": after.is_stored}

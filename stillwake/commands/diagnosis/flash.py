@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 MOST_KEY_BYTES: Final = 4092
-"""Of a key list: what one UDS request carries with service and identifier."""
+"""The size of a key list: what one UDS request carries with service and identifier."""
 Keys = Annotated[Path | None, typer.Option(help="Key list to bring first (`bundle keylist`).", metavar="LIST")]
 DryRun = Annotated[bool, typer.Option("--dry-run", help="Ask the ECU, check everything, and write nothing.")]
 NoConfirm = Annotated[bool, typer.Option("--no-confirm", help="Leave the release on trial.")]

@@ -15,7 +15,7 @@ from can_bridge.calibration.segment import ADDRESS, Page
 from can_bridge.calibration.xcp import Command
 from contract.config.diagnosis import DiagnosisConfig
 from contract.config.vehicle import BusConfig
-from contract.controller.calibration import NAMES
+from contract.controller.calibration import CALIBRATION_NAMES
 from tests.can_bridge.calibration.conftest import LIMITS, REFERENCE, changed
 
 TOKEN = re.compile(r'"(?:[^"\\]|\\.)*"|/begin|/end|[^\s"]+')
@@ -81,9 +81,9 @@ def test_it_is_plain_text_of_version_1_71(text, module):
 def test_every_value_is_where_the_file_says_with_its_limits_and_unit(module):
     layouts = {block.words[0]: block.words[3] for block in module.all("RECORD_LAYOUT")}
     units = {block.words[0]: block.words[-1] for block in module.all("COMPU_METHOD")}
-    values = changed(**{name: 0.5 + index for index, name in enumerate(NAMES[:7])}, delay_steps=5)
+    values = changed(**{name: 0.5 + index for index, name in enumerate(CALIBRATION_NAMES[:7])}, delay_steps=5)
     blocks = module.all("CHARACTERISTIC")
-    assert [block.words[0] for block in blocks] == list(NAMES)
+    assert [block.words[0] for block in blocks] == list(CALIBRATION_NAMES)
     for block, value, least, greatest in zip(
         blocks, values.values, LIMITS.least.values, LIMITS.greatest.values, strict=True
     ):
@@ -95,7 +95,7 @@ def test_every_value_is_where_the_file_says_with_its_limits_and_unit(module):
         expected = {"action_limit": '"U_inf W"', "command_step": '"U_inf W"', "delay_steps": '"control periods"'}
         assert units[conversion] == expected.get(name, '""')
     groups = [name for block in module.all("GROUP") for name in block.one("REF_CHARACTERISTIC").words]
-    assert groups == list(NAMES)
+    assert groups == list(CALIBRATION_NAMES)
 
 
 def test_the_segment_and_how_a_tool_reaches_it(module, slave, segment):

@@ -9,12 +9,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from can_bridge.calibration.segment import Page, Segment
-from contract.controller.calibration import NAMES
+from contract.controller.calibration import CALIBRATION_NAMES
 from contract.errors import ConfigError
 from tests.can_bridge.calibration.conftest import LIMITS, REFERENCE, changed
 from tests.examples import examples
 
-OFFSETS = {name: 4 * index for index, name in enumerate(NAMES)}
+OFFSETS = {name: 4 * index for index, name in enumerate(CALIBRATION_NAMES)}
 
 
 def float_bytes(value: float) -> bytes:
@@ -83,7 +83,7 @@ def test_the_whole_set_may_come_in_pieces_and_only_whole_values_are_taken(weight
 
 
 def test_what_is_not_allowed_is_refused_as_a_whole(segment):
-    for name in NAMES:
+    for name in CALIBRATION_NAMES:
         too_great = (7).to_bytes(4, "little") if name == "delay_steps" else float_bytes(1000.001)
         with pytest.raises(ConfigError, match=f"calibration: {name} = .*: must be in 0"):
             segment.write(OFFSETS[name], too_great)

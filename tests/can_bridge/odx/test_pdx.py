@@ -16,7 +16,7 @@ from can_bridge.wire.messages import Mode, Reason
 from contract.config.controller import CostWeights
 from contract.config.diagnosis import DiagnosisConfig
 from contract.config.vehicle import BusConfig
-from contract.controller.calibration import NAMES, Calibration
+from contract.controller.calibration import CALIBRATION_NAMES, Calibration
 from firmware_sim.runs.reasons import BECAUSE
 from tests.can_bridge.uds.scripted_ecu import Bench
 from tests.can_bridge.uds.test_faults import SNAPSHOT, Memory
@@ -24,7 +24,7 @@ from tests.can_bridge.uds.test_faults import SNAPSHOT, Memory
 odxtools = pytest.importorskip("odxtools")
 
 VALUES = Calibration(weights=CostWeights(), action_limit=0.0625, command_step=0.03125, delay_steps=3)
-BY_NAME = dict(zip(NAMES, VALUES.values, strict=True))
+BY_NAME = dict(zip(CALIBRATION_NAMES, VALUES.values, strict=True))
 ARGUMENTS: dict[str, dict[str, Any]] = {
     "clear_faults": {"group": 0xFFFFFF},
     "faults_count": {"mask": 0x08},

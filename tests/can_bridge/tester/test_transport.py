@@ -14,7 +14,7 @@ from can_bridge.tester import asking
 from can_bridge.tester.messages import NoAnswerError
 from can_bridge.tester.sequence import End, flash
 from can_bridge.tester.transfer import BLOCK_STEP, BlockLength
-from can_bridge.tester.transport import PADDING, answers, open_client
+from can_bridge.tester.transport import answers, open_client
 from can_bridge.uds.services import MAX_BLOCK, Did
 from contract.config.diagnosis import CanId, DiagnosisConfig
 from contract.config.vehicle import BusConfig
@@ -86,7 +86,7 @@ def test_requests_fill_frames_and_other_answers_are_dropped(config: BusConfig, l
         assert message is not None
         assert CanId(message.arbitration_id, message.is_extended_id) == config.diagnosis.request
         assert message.is_fd == (config.frames == "fd")
-        assert bytes(message.data) == b"\x03\x36\x02\x00" + bytes([PADDING] * 4)
+        assert bytes(message.data) == b"\x03\x36\x02\x00" + bytes([0xCC] * 4)
         for garbage in (b"", b"\x00", b"\x10", b"\x21\x01", b"\x30", b"\x33\x00\x00", b"\xff" * 8):
             client.conn.send(b"\x3e\x00")
             say(garbage)

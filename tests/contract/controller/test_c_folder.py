@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
 
 from contract.controller.c_folder import (
+    PROGRAM_SETTINGS,
     RECORDED,
     REPLAY,
-    SETTINGS,
-    Settings,
+    ProgramSettings,
     float_literal,
     library_sources,
     read_recorded,
@@ -29,13 +29,13 @@ finite = st.floats(width=32, allow_nan=False, allow_infinity=False)
 
 def test_settings_are_read_as_they_were_written():
     header = settings_header({"SW_WINDOW": 20, "SW_ACTION_LIMIT": np.float32(0.075)})
-    settings = Settings.of({SETTINGS: header})
+    settings = ProgramSettings.of({PROGRAM_SETTINGS: header})
     assert (settings.number("SW_WINDOW"), settings.text("SW_ACTION_LIMIT")) == (20, "7.5e-02f")
     with pytest.raises(LibraryError, match=r"sw_settings\.h: SW_HORIZON is missing"):
         settings.number("SW_HORIZON")
     # A size that is none is named.
     for value in ("-1", "1.5", "x", "9" * 5000, "\x1b[2J"):
-        settings = Settings(f"#define SW_WINDOW {value}\n".encode())
+        settings = ProgramSettings(f"#define SW_WINDOW {value}\n".encode())
         with pytest.raises(LibraryError, match=r"SW_WINDOW is .*: must be a whole number") as refused:
             settings.number("SW_WINDOW")
         assert str(refused.value).isprintable()
@@ -55,15 +55,15 @@ def test_rows_are_read_to_the_bit_as_they_were_written(rows):
 
 
 def test_a_folder_is_read_as_it_was_written_and_replaces_no_other(tmp_path):
-    contents = {SETTINGS: b"", "a.c": b"int a;", REPLAY: b"int main(void);", RECORDED: b"1 2\n3 4\n"}
+    contents = {PROGRAM_SETTINGS: b"", "a.c": b"int a;", REPLAY: b"int main(void);", RECORDED: b"1 2\n3 4\n"}
     write_folder(tmp_path / "c", contents)
     sources = read_sources(tmp_path / "c")
     assert sources == {name: content for name, content in contents.items() if name != RECORDED}
-    assert set(library_sources(sources)) == {SETTINGS, "a.c"}
+    assert set(library_sources(sources)) == {PROGRAM_SETTINGS, "a.c"}
     np.testing.assert_array_equal(read_recorded(tmp_path / "c"), [[1, 2], [3, 4]])
     (tmp_path / "thesis.txt").write_text("years of work")
     with pytest.raises(LibraryError, match="holds something else"):
-        write_folder(tmp_path, {SETTINGS: b""})
+        write_folder(tmp_path, {PROGRAM_SETTINGS: b""})
     assert (tmp_path / "thesis.txt").read_text() == "years of work"
 
 
@@ -74,7 +74,7 @@ def test_what_is_missing_or_damaged_is_named(tmp_path):
     with pytest.raises(LibraryError, match=r"recorded\.txt: .*four"):
         read_recorded(tmp_path)
     with pytest.raises(LibraryError, match=r"sw_settings\.h is missing"):
-        Settings.of({})
+        ProgramSettings.of({})
 
 
 @given(st.text(st.characters(min_codepoint=32, exclude_categories=["Cs", "Cc", "Zl", "Zp"]), max_size=20))
@@ -82,7 +82,7 @@ def test_any_name_is_read_as_it_was_written(text):
     """Quotation marks, backslashes and what C99 would take for a trigraph included."""
     header = settings_header({"SW_SENSOR_NAMES": text})
     assert b"??" not in header
-    assert Settings(header).text("SW_SENSOR_NAMES") == text
+    assert ProgramSettings(header).text("SW_SENSOR_NAMES") == text
 
 
 def test_files_that_are_none_or_have_no_end_are_refused(tmp_path):

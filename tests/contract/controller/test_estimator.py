@@ -9,7 +9,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from contract.controller.estimator import EstimatorNetwork, Hypotheses, View, estimator_shapes, pairs, views
+from contract.controller.estimator import EstimatorNetwork, Hypotheses, WindowView, estimator_shapes, pairs, views
 from contract.controller.resampling import places
 
 
@@ -19,7 +19,7 @@ def test_views_leave_out_one_or_two_and_exchange_every_pair():
         assert len(found) == len(set(found)) == count
         assert estimator_shapes(7, sensors) == {"window": (7, sensors + 1), "estimates": (count, sensors)}
     # An exchange moves the readings and leaves the action.
-    assert View((0,), (1, 3)).order(4) == [0, 3, 2, 1, 4]
+    assert WindowView((0,), (1, 3)).order(4) == [0, 3, 2, 1, 4]
 
 
 def test_residuals_of_three_sensors_are_those_worked_out_by_hand():
@@ -61,9 +61,9 @@ def test_an_exchanged_view_of_exchanged_readings_is_the_plain_view():
     place = {view: row for row, view in enumerate(views(4))}
     plain = network.estimates(window)
     for pair in pairs(4):
-        crossed = network.estimates(window[:, View((), pair).order(4)])
+        crossed = network.estimates(window[:, WindowView((), pair).order(4)])
         for j in range(4):
-            np.testing.assert_array_equal(crossed[place[View((j,), pair)]], plain[place[View((j,))]])
+            np.testing.assert_array_equal(crossed[place[WindowView((j,), pair)]], plain[place[WindowView((j,))]])
 
 
 SPEEDS = st.lists(st.floats(0.3, 2.0), min_size=2, max_size=60)

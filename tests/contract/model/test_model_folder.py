@@ -13,7 +13,7 @@ from contract.config.learning import ModelConfig
 from contract.config.tree import Config
 from contract.errors import ConfigError, ModelError, StillwakeError
 from contract.model import model_folder
-from contract.model.model_folder import DESCRIPTION, WEIGHTS, Description
+from contract.model.model_folder import DESCRIPTION, MODEL_WEIGHTS, Description
 from contract.release.manifest import Scaling
 from contract.sensor_layout import SensorLayout
 
@@ -66,7 +66,7 @@ def test_what_is_written_is_read_back(folder, tmp_path):
     np.testing.assert_array_equal(read.deployed("decoder")["layer.weight"], TENSORS["slim_decoder.layer.weight"])
     # Provenance carries what a manifest holds.
     provenance = read.provenance
-    assert provenance.weights_sha256 == hashlib.sha256((folder / WEIGHTS).read_bytes()).hexdigest()
+    assert provenance.weights_sha256 == hashlib.sha256((folder / MODEL_WEIGHTS).read_bytes()).hexdigest()
     assert provenance.training().keys() == {"metrics", "versions", "config"}
     json.dumps(provenance.training())
     # A model of the first schema is the truck's.
@@ -122,12 +122,12 @@ def test_files_that_are_missing_or_something_else_are_refused(folder):
     model_folder.write(folder, description(), {**TENSORS, "critic.weight": np.zeros(2, np.float32)})
     with pytest.raises(ModelError, match=r"unknown tensor critic\.weight"):
         model_folder.read(folder)
-    (folder / WEIGHTS).write_bytes(b"not tensors")
+    (folder / MODEL_WEIGHTS).write_bytes(b"not tensors")
     rewrite(folder, weights_sha256=hashlib.sha256(b"not tensors").hexdigest())
     with pytest.raises(ModelError, match=r"model\.safetensors: not a safetensors file"):
         model_folder.read(folder)
-    (folder / WEIGHTS).unlink()
-    with pytest.raises(ModelError, match=f"{WEIGHTS} cannot be read"):
+    (folder / MODEL_WEIGHTS).unlink()
+    with pytest.raises(ModelError, match=f"{MODEL_WEIGHTS} cannot be read"):
         model_folder.read(folder)
     (folder / DESCRIPTION).write_text("{")
     with pytest.raises(ModelError, match=r"model\.json: not JSON"):

@@ -276,11 +276,11 @@ def test_episodes_come_last_and_the_old_ones_keep_every_bit(written):
 
 def test_a_data_set_is_made_or_added_to(written, tmp_path):
     with h5py.File(written, "r+") as file:
-        file.attrs["schema"] = dataset.SCHEMA_2
+        file.attrs["schema"] = dataset.DATASET_SCHEMA_2
         file.attrs["sensors"] = json.dumps(sensors.NAMES)
         del file["layout"]
     append(written, [episode("c")], FACTS)
-    assert dataset.schema_of(written) == dataset.SCHEMA
+    assert dataset.schema_of(written) == dataset.DATASET_SCHEMA
     assert [item.name for item in dataset.read(written).episodes] == ["b", "a", "c"]
     # A data set that is not there is made.
     assert read_to_append(tmp_path / "new.h5", FACTS) == ()

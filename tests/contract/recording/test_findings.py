@@ -19,7 +19,7 @@ from contract.recording.episode import PlantFacts
 from contract.recording.findings import agreeing, findings, left_out, refuse_unfit, trainable
 from contract.sensor_layout import SensorLayout
 from contract.shipped import RECORDING
-from export.to_c.int8_format import LANES
+from export.to_c.int8_format import INT8_LANES
 from tests import foreign_plant
 from tests.foreign_plant import BASE, LIMIT, NAMES, PERIOD, POSITIONS
 
@@ -62,7 +62,7 @@ def test_a_sound_data_set_has_only_notes(sound):
     mirror, window = (note.text for note in notes)
     assert "no mirror images" in mirror
     assert "model.window = 12" in window and "multiples of 8; the nearest is 16" in window
-    assert needs.WINDOW_STEP == LANES
+    assert needs.WINDOW_STEP == INT8_LANES
     refuse_unfit(notes, "a.h5")
     # The shipped recording is sound; half a deviation off at one of two mirror images, it is no symmetric flow's.
     shipped = dataset.read(RECORDING)

@@ -20,7 +20,7 @@ from contract.errors import BundleContainerError
 from contract.release import container
 from contract.release.checks import CONTROLLER
 from contract.release.container import MAX_FILES, is_plain_name, read_files
-from contract.release.onnx_graph import MAX_BYTES, check_graph
+from contract.release.onnx_graph import MAX_GRAPH_BYTES, check_graph
 from contract.shipped import BUNDLE
 from tests.contract.controller.graphs import constant, graph_of, outside
 
@@ -100,7 +100,7 @@ def test_what_reads_files_or_is_not_onnxs_own_is_refused_wherever_it_stands():
         (graph_of([helper.make_node("If", ["plan"], ["x"], then_branch=body, else_branch=body)]), "another file"),
         (graph_of([helper.make_node("Gelu", ["plan"], ["x"], domain="com.microsoft")]), "own domain"),
         (graph_of([helper.make_node("Scaler", ["plan"], ["x"], domain="ai.onnx.ml")]), "another domain"),
-        (graph_of((), [constant("c", np.zeros(MAX_BYTES // 4))]), f"at most {MAX_BYTES}"),
+        (graph_of((), [constant("c", np.zeros(MAX_GRAPH_BYTES // 4))]), f"at most {MAX_GRAPH_BYTES}"),
     ):
         with pytest.raises(ValueError, match=named):
             check_graph(content.SerializeToString())

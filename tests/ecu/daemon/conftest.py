@@ -19,7 +19,7 @@ from contract.config.tree import Config
 from contract.config.vehicle import BusConfig, EcuConfig
 from ecu.daemon.connection import Connection
 from ecu.daemon.control_loop import ControlLoop, RealTime
-from ecu.daemon.reception import Reception
+from ecu.daemon.reception import FrameReception
 from ecu.ecu import Ecu
 from ecu.real_time.stage_times import EcuStage, StageTimes, TimedController
 from firmware_sim.bench.vehicle_node import VehicleNode
@@ -59,7 +59,7 @@ class Rig:
         self.controller = controller
         self.timed = TimedController(controller, lambda: self.now)
         self.ecu = Ecu(bundle, self.timed, self.config)
-        self.inbox = Reception(messages=FD, interface="virtual", monotonic_ns=lambda: self.now)
+        self.inbox = FrameReception(messages=FD, interface="virtual", monotonic_ns=lambda: self.now)
         self.opened: list[can.BusABC] = []
         self.connection = Connection(self.open_bus, self.inbox.put, first_pause_s=0.01)
         self.connection.__enter__()

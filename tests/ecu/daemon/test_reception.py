@@ -9,7 +9,7 @@ from can_bridge.e2e.sender import E2eSender
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import FD
 from can_bridge.wire.message_specs import ECU_STATUS, JET_COMMAND, PRESSURE
-from ecu.daemon.reception import LONGEST_AGE_NS, ROOM, Reception, received_ns
+from ecu.daemon.reception import LONGEST_AGE_NS, ROOM, FrameReception, received_ns
 from tests.each import each
 from tests.examples import examples
 
@@ -17,8 +17,8 @@ HOUR = 3_600_000_000_000
 NOW, DATE = 50 * HOUR, 20_000 * 24 * HOUR
 
 
-def inbox(interface: str, *, date=lambda: DATE, monotonic=lambda: NOW) -> Reception:
-    return Reception(messages=FD, interface=interface, monotonic_ns=monotonic, date_ns=date)
+def inbox(interface: str, *, date=lambda: DATE, monotonic=lambda: NOW) -> FrameReception:
+    return FrameReception(messages=FD, interface=interface, monotonic_ns=monotonic, date_ns=date)
 
 
 def pressure(stamp_ns: int = 0) -> Frame:

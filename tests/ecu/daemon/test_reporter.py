@@ -9,14 +9,14 @@ import pytest
 
 from contract.errors import BusError
 from ecu.daemon.counters import Counters
-from ecu.daemon.reporter import LogEvent, Reporter, as_json, plain
+from ecu.daemon.reporter import DatedEvent, Reporter, as_json, plain
 from ecu.ecu_state import EcuState
 from tests.ecu.daemon.conftest import wait_for
 
 OFTEN_S = 0.01
 
 
-def by_name(event: LogEvent) -> str:
+def by_name(event: DatedEvent) -> str:
     return f"{event.name}: {event.text}"
 
 
@@ -90,10 +90,12 @@ WHEN = 1_774_746_000_000_000_000
 
 
 def test_an_event_is_a_plain_line_or_one_of_json():
-    event = LogEvent(date_ns=WHEN + 7_999_999, name="bus_lost", text="bus lost:\n  it's gone")
+    event = DatedEvent(date_ns=WHEN + 7_999_999, name="bus_lost", text="bus lost:\n  it's gone")
     assert plain(event) == "01:00:00.007 ecu: bus lost: it's gone"
     # JSON is read back by another parser.
-    event = LogEvent(date_ns=WHEN + 123_456_789, name="mode", text='a "b"\n', fields={"mode": "OFF", "n": 3, "s": 0.5})
+    event = DatedEvent(
+        date_ns=WHEN + 123_456_789, name="mode", text='a "b"\n', fields={"mode": "OFF", "n": 3, "s": 0.5}
+    )
     line = as_json(event)
     assert "\n" not in line
     read = json.loads(line)

@@ -13,7 +13,7 @@ from can_bridge.flashing.store import Store
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.messages import Mode
 from contract.config.tree import Config
-from contract.controller.calibration import NAMES
+from contract.controller.calibration import CALIBRATION_NAMES
 from contract.controller.interface import Controller
 from contract.release import bundle as bundles
 from contract.release.checks import Bundle
@@ -33,7 +33,7 @@ VALUES = struct.Struct("<10fI")
 READ, READ_STORED = b"\x22\xfd\x10", b"\x22\xfd\x12"
 WRITE, STORE, DROP = b"\x2e\xfd\x10", b"\x2e\xfd\x12\x01", b"\x2e\xfd\x12\x00"
 XCP_STORE, STORED_EVENT = b"\xf9\x01\x00\x00", b"\xfd\x03"
-OFFSETS = {name: 4 * index for index, name in enumerate(NAMES)}
+OFFSETS = {name: 4 * index for index, name in enumerate(CALIBRATION_NAMES)}
 LIMIT = 0.075
 
 
@@ -45,7 +45,7 @@ def rig(tmp_path: Path) -> Rig:
 
 
 def values(rig: Rig) -> dict[str, float]:
-    return dict(zip(NAMES, VALUES.unpack(rig.good(READ)[3:]), strict=True))
+    return dict(zip(CALIBRATION_NAMES, VALUES.unpack(rig.good(READ)[3:]), strict=True))
 
 
 def write(rig: Rig, **changes: float) -> None:

@@ -11,7 +11,7 @@ import pytest
 
 from can_bridge.wire.messages import Mode
 from contract.config.tree import Config
-from contract.controller.c_folder import ECU_SETTINGS, Settings, library_sources
+from contract.controller.c_folder import ECU_SETTINGS, ProgramSettings, library_sources
 from contract.controller.image_payload import (
     Limits,
     arrays_in,
@@ -23,7 +23,7 @@ from contract.controller.image_payload import (
 )
 from contract.errors import BundleContainerError, LibraryError
 from contract.release.bundle import load
-from contract.release.controller_image import HEADER, read
+from contract.release.controller_image import HEADER_BYTES, read
 from contract.shipped import BUNDLE
 from ecu.c.sources import firmware_sources
 from ecu.in_c.c_ecu import CEcu
@@ -62,7 +62,7 @@ def made(kind: str, seed: int, prior_memory: int = 0):
     assert estimator is not None
     manifest = replace(
         bundle.manifest,
-        program_sha256=Settings.of(files).text("SW_PROGRAM_SHA256"),
+        program_sha256=ProgramSettings.of(files).text("SW_PROGRAM_SHA256"),
         mpc=replace(mpc, weights=replace(mpc.weights, lift=0.1 * seed)),
         sensor_estimator=replace(estimator, fast=tuple(tuple(seed * value for value in row) for row in estimator.fast)),
     )
@@ -124,7 +124,7 @@ def test_an_image_is_what_the_compiler_makes_and_runs_in_any_build_of_its_layout
         wrong[place] ^= 1
         assert one.start(bytes(wrong)) == OTHER_BUILD
         wrong[place] ^= 1
-    wrong[8:12] = (HEADER + 64).to_bytes(4, "little")
+    wrong[8:12] = (HEADER_BYTES + 64).to_bytes(4, "little")
     assert one.start(bytes(wrong)) == OTHER_BUILD
     # Tools read the same numbers by their names.
     arrays = arrays_in(payload, layout)
@@ -184,7 +184,7 @@ class Altered:
         for patch in patches:
             sent += number(len(patch))
             for place, content in patch.items():
-                sent += number(HEADER + place, len(content)) + content
+                sent += number(HEADER_BYTES + place, len(content)) + content
         done = subprocess.run([self._program], input=sent, capture_output=True, check=False)
         assert (done.returncode, done.stderr[:3000]) == (0, b"")
         return [(int(status), ran == b"1") for status, ran in (line.split() for line in done.stdout.splitlines())]

@@ -196,7 +196,7 @@ def test_bundle_and_library_are_of_one_program(export, tmp_path):
         figures = dict(pipeline.gate_figures(gated))
         assert figures["graph against reference: cases"] == pipeline.GATE_WINDOWS
         assert ("int8 C against float32: cases" in figures) == (precision == "int8")
-        assert tuple(begun) == pipeline.PHASES
+        assert tuple(begun) == pipeline.EXPORT_PHASES
 
 
 def test_a_lowering_that_fails_its_gate_keeps_both_from_the_disk(export, tmp_path, monkeypatch):

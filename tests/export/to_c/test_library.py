@@ -11,7 +11,7 @@ import pytest
 
 from contract.config.controller import MpcConfig
 from contract.config.learning import ModelConfig
-from contract.controller.c_folder import SETTINGS, library_sources, write_folder
+from contract.controller.c_folder import PROGRAM_SETTINGS, library_sources, write_folder
 from ecu.in_c.compiler import host_compiler
 from examples.random_programs import random_program
 from export.gates.quantisation import QuantisationLimits
@@ -111,5 +111,5 @@ def test_sanitisers_find_nothing_in_a_recorded_sequence(tmp_path, contents, flag
         plan = solution.plan
         expected.append([plan[0], *solution.forces.mean(axis=0), solution.cost])
     # As in the parity tests of a closed loop; int8 weights change the model by some parts in a thousand.
-    integers = b'#define SW_PRECISION "int8"' in contents[SETTINGS]
+    integers = b'#define SW_PRECISION "int8"' in contents[PROGRAM_SETTINGS]
     np.testing.assert_allclose(found, expected, rtol=0, atol=0.02 if integers else 2.5e-5)

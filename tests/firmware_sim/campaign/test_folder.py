@@ -3,10 +3,10 @@
 import pytest
 
 from contract.errors import OutputError, StillwakeError
-from firmware_sim.campaign.folder import SCHEMA, CampaignFolder
+from firmware_sim.campaign.folder import CAMPAIGN_SCHEMA, CampaignFolder
 from tests.firmware_sim.campaign.conftest import phase_of
 
-LABEL = {"schema": SCHEMA, "seed": 1, "settings": {"a": [1, 2]}}
+LABEL = {"schema": CAMPAIGN_SCHEMA, "seed": 1, "settings": {"a": [1, 2]}}
 
 
 def test_a_run_is_kept_by_its_key_and_another_campaign_refused_by_what_differs(tmp_path) -> None:

@@ -15,7 +15,7 @@ from can_bridge.wire.messages import Mode, Reason
 from contract.errors import McuError
 from firmware_sim.mcu.board.board_ecu import BoardEcu
 from firmware_sim.mcu.board.flash_controller import FlashBank
-from firmware_sim.mcu.board.on_a_bus import LONGEST_NS, read_bank, serve
+from firmware_sim.mcu.board.on_a_bus import LONGEST_UNSEEN_NS, read_bank, serve
 from tests.can_bridge.flashing.releases import keys
 from tests.can_bridge.uds.addresses import REQUEST_ID, RESPONSE_ID
 from tests.ecu.in_c.exported import CONFIG, WINDOW, Feed
@@ -130,7 +130,7 @@ def test_a_board_on_a_bus_answers_and_its_flash_is_kept_in_a_file(built, fresh, 
     serve(board, OneRequest(), path, clock_ns=clock.__next__, wait=lambda: None, is_stopped=looks.__next__)
     assert [one.data[:3] for one in sent if one.frame_id == RESPONSE_ID] == [b"\x02\x7e\x00"]
     assert sum(one.frame_id == JET_COMMAND.frame_id for one in sent) in (4, 5)
-    assert board.board.counter.now_ns - began_ns == 5 * LONGEST_NS
+    assert board.board.counter.now_ns - began_ns == 5 * LONGEST_UNSEEN_NS
     assert read_bank(path).pack() == board.board.flash.bank.pack()
     path.write_bytes(b"cut")
     with pytest.raises(McuError, match="a flash of 3 bytes"):

@@ -10,7 +10,7 @@ import unicorn
 
 from contract.config.controller import MpcConfig
 from contract.config.learning import ModelConfig
-from contract.controller.c_folder import RECORDED, Settings
+from contract.controller.c_folder import RECORDED, ProgramSettings
 from contract.errors import LibraryError, McuError
 from examples.random_programs import random_program
 from export.program.controller_program import ControllerProgram
@@ -115,7 +115,7 @@ def test_multiply_accumulates_are_those_of_the_layers():
     steps."""
     program = random_program(0, model=SMALL, mpc=MpcConfig(horizon=4, iterations=2))
     expected = 6 * 20 * 10 + 25 + 15 + 5 * 4 * (228 + 168)
-    assert Settings.of(c_library(program)).multiply_accumulates() == expected
+    assert ProgramSettings.of(c_library(program)).multiply_accumulates() == expected
 
 
 @pytest.mark.mcu

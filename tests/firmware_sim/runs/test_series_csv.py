@@ -6,7 +6,7 @@ import numpy as np
 
 from can_bridge.wire.messages import Mode, Reason
 from firmware_sim.runs.run_log import COLUMNS, WALL
-from firmware_sim.runs.series_csv import UNITS, write_csv
+from firmware_sim.runs.series_csv import COLUMN_UNITS, write_csv
 
 
 def rows_of(path) -> list[dict[str, str]]:
@@ -19,7 +19,7 @@ def test_every_series_has_a_column_with_its_unit(shedding, tmp_path):
     write_csv(tmp_path / "a.csv", log)
     rows = rows_of(tmp_path / "a.csv")
     assert len(rows) == 160
-    assert tuple(UNITS) == COLUMNS
+    assert tuple(COLUMN_UNITS) == COLUMNS
     assert list(rows[0])[:3] == ["t [t_c]", "Cd [1]", "Cl [1]"]
     assert list(rows[0])[-4:] == ["Cp_upper_39 [1]", "Cp_lower_39 [1]", "Cp_base_0 [1]", "Cp_base_9 [1]"]
     assert (rows[63]["mode [name]"], rows[63]["reason [name]"]) == ("HOLD", "STREAM_LOST")

@@ -12,7 +12,7 @@ from can_bridge.wire.message_sets import message_set
 from can_bridge.wire.messages import Reason
 from contract.arrays import Array
 from contract.config.tree import Config
-from contract.controller.calibration import NAMES, Calibration
+from contract.controller.calibration import CALIBRATION_NAMES, Calibration
 from contract.controller.estimator import Hypotheses
 from contract.controller.interface import FORCES, TERMS, ControllerError, ControlStep
 from contract.errors import ConfigError
@@ -100,7 +100,7 @@ class Networks:
         return ControlStep(plan=self.answers.plan, forces=self.answers.forces, terms=np.zeros(len(TERMS)), cost=0.0)
 
     def estimates(self, window: Array) -> Array:
-        """See `Estimator`."""
+        """See `EstimatorModel`."""
         self.estimated_on.append(window.copy())
         return self.answers.estimates
 
@@ -143,7 +143,7 @@ class PythonTwin:
         if (first := next(beyond, 0)) == 0:
             self.ecu.calibrate(values)
         else:
-            with pytest.raises(ConfigError, match=NAMES[first - 1]):
+            with pytest.raises(ConfigError, match=CALIBRATION_NAMES[first - 1]):
                 self.ecu.calibrate(values)
         return first
 

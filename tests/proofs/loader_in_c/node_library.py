@@ -13,7 +13,7 @@ from contract.release.checks import Bundle
 from ecu.c.sources import loader_sources
 from ecu.in_c.c_structs import Structs
 from ecu.in_c.compiler import STANDARD, host_compiler
-from ecu.in_c.uds_settings import HEADER, uds_settings
+from ecu.in_c.uds_settings import UDS_SETTINGS, uds_settings
 from tests.proofs.ecu_in_c import library
 
 GEOMETRY: Final = ("-ffp-contract=off", "-DSW_FLASH_SECTOR=16384u", "-DSW_SLOT_SECTORS=3u")
@@ -34,7 +34,7 @@ def sources(config: Config) -> dict[str, bytes]:
     return {name: content for name, content in ecu.items() if name not in _OTHERS} | {
         **loader_sources(),
         **{name: own.joinpath(name).read_bytes() for name in _STUBS},
-        HEADER: uds_settings(),
+        UDS_SETTINGS: uds_settings(),
     }
 
 

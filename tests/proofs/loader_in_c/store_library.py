@@ -12,7 +12,7 @@ from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
 from contract.release import controller_image, signing
 from contract.release.checks import dbc_sha256
-from contract.release.controller_image import HEADER, VEHICLE, ImageFacts, seal
+from contract.release.controller_image import HEADER_BYTES, VEHICLE, ImageFacts, seal
 from ecu.c.sources import loader_sources
 from ecu.in_c import compiler
 from tests.can_bridge.flashing.releases import RELEASE, ROOT, SECOND, STRANGER
@@ -67,10 +67,10 @@ def image(
 
 def resigned(whole: bytes, at: int, value: bytes, key: Ed25519PrivateKey = RELEASE) -> bytes:
     """An image with other bytes in its header, signed again."""
-    header = bytearray(whole[:HEADER])
+    header = bytearray(whole[:HEADER_BYTES])
     header[at : at + len(value)] = value
     header[416:448] = signing.public_key(key).raw
-    return bytes(header[:448]) + key.sign(bytes(header[:448])) + whole[HEADER:]
+    return bytes(header[:448]) + key.sign(bytes(header[:448])) + whole[HEADER_BYTES:]
 
 
 def rules(like: bytes) -> bytes:

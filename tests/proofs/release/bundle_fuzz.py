@@ -24,7 +24,7 @@ import typer
 
 from contract.config.controller import MpcConfig
 from contract.config.learning import ModelConfig
-from contract.controller.c_folder import SETTINGS, Settings
+from contract.controller.c_folder import PROGRAM_SETTINGS, ProgramSettings
 from contract.errors import StillwakeError
 from contract.release import bundle
 from contract.release.checks import CONTROLLER, Bundle, read_checked
@@ -73,7 +73,7 @@ class Sound:
         )
         loaded = bundle.load(folder / "sound")
         files = {item.name: item.read_bytes() for item in (folder / "sound").iterdir()}
-        return cls(files=files, header=c_library(program)[SETTINGS], manifest=loaded.manifest)
+        return cls(files=files, header=c_library(program)[PROGRAM_SETTINGS], manifest=loaded.manifest)
 
 
 @dataclass(kw_only=True, eq=False)
@@ -194,7 +194,7 @@ def _reader(kind: str, folder: Path, sound: Sound, rng: Random) -> Callable[[], 
 
 
 def _read_header(content: bytes) -> None:
-    settings = Settings(content)
+    settings = ProgramSettings(content)
     settings.multiply_accumulates()
     for name in ("SW_PROGRAM_SHA256", "SW_DBC_SHA256", "SW_SENSOR_NAMES", "SW_PRECISION"):
         settings.text(name)

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
-from contract.controller.c_folder import ECU_SETTINGS, SETTINGS, settings_header
+from contract.controller.c_folder import ECU_SETTINGS, PROGRAM_SETTINGS, settings_header
 from contract.controller.c_numbers import Numbers
-from contract.controller.image_payload import RELEASE, WEIGHTS, layout_of, payload_of, sha256_of
+from contract.controller.image_payload import RELEASE_PART, WEIGHTS_PART, layout_of, payload_of, sha256_of
 from contract.errors import BundleContainerError
 from contract.release import signing
 from contract.release.controller_image import ImageFacts, seal
@@ -32,10 +32,10 @@ def image_of(*, first=1.5, scale=1, alignment=16, key=None, **changes):
     ecu = {**release.settings("SW_RELEASE"), "SW_PAST": 0, "SW_SENSOR_CHECK": 0, "SW_HOLD_PERIODS": 3}
     program = {"SW_PROGRAM_SHA256": f"{scale}", "SW_PRECISION": "int8", "SW_SENSOR_NAMES": "left right"}
     files = {
-        SETTINGS: settings_header({**program, "SW_ALIGNMENT": alignment, **weights.settings("SW_WEIGHTS")}),
+        PROGRAM_SETTINGS: settings_header({**program, "SW_ALIGNMENT": alignment, **weights.settings("SW_WEIGHTS")}),
         ECU_SETTINGS: settings_header(ecu),
-        RELEASE: release.packed(),
-        WEIGHTS: weights.packed(),
+        RELEASE_PART: release.packed(),
+        WEIGHTS_PART: weights.packed(),
     }
     facts: dict[str, Any] = {"name": "small", "hardware": None, "security_version": 0, "action_limit": 0.075}
     facts |= {"layout": sha256_of(layout_of(files)), "dbc": bytes(32), "digest": bytes(32), "period_ns": 20_000_000}

@@ -20,10 +20,10 @@ from train.fitting.progress import Phase, silent
 from train.fitting.unfinished import Identity
 from train.refinement.feedback import Feedback
 from train.refinement.pipeline import SPEEDS_AT_REST, resting_by_speed
-from train.refinement.predictor import RIDGE, check_pairs, predictor
+from train.refinement.predictor import PREDICTOR_RIDGE, check_pairs, predictor
 from train.refinement.refine import Refined, refine
 from train.refinement.stretches import Done, Task, done, side_by_side
-from train.refinement.windows import ROUNDED, Price, Readings, Stream, differentiate
+from train.refinement.windows import ROUNDED, Price, Stream, StretchReadings, differentiate
 
 MEMORY, LIMIT = 6, 0.075
 PRICE = Price(lift=0.3, motion=0.2, effort=5.0)
@@ -74,7 +74,7 @@ def test_the_gradient_is_that_of_flow_and_feedback_together(last):
     # Followed pressures begin at the oldest row that is kept: long past, so that it does not show.
     stream = Stream.begun(START, policy, 0.4)
     stream.goal = goal
-    readings = Readings(noise=noise, told=told, lost=lost)
+    readings = StretchReadings(noise=noise, told=told, lost=lost)
     stretch = differentiate(Oscillator(), policy, stream, PRICE, readings, speeds=speeds, action_limit=bound)
     assert stretch.rows.shape == (int(sum(speeds[1:-1])) + 1, 3)
     commands = cost()[1]
@@ -179,7 +179,7 @@ def test_the_predictor_finds_a_linear_system_and_needs_stretches_longer_than_its
     # Rows of sqrt(ridge m) times the scale under the regressors give the same least squares.
     noisy = stretches[0] + rng.normal(0.0, 0.05, (80, 2))
     X, T = np.array([noisy[k - 2 : k + 1].ravel() for k in range(2, 79)]), noisy[3:, :1]
-    padded = np.vstack([X, np.diag(np.sqrt(RIDGE * (X**2).sum(axis=0)))])
+    padded = np.vstack([X, np.diag(np.sqrt(PREDICTOR_RIDGE * (X**2).sum(axis=0)))])
     expected = np.linalg.lstsq(padded, np.vstack([T, np.zeros((6, 1))]), rcond=None)[0]
     np.testing.assert_allclose(predictor([noisy], 3).ravel(), expected.ravel(), rtol=1e-7)
     with pytest.raises(StillwakeError, match="3 control steps to fit 12 coefficients to"):

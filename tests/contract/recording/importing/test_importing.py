@@ -12,7 +12,7 @@ from contract.errors import ConfigError, DatasetError
 from contract.recording import dataset
 from contract.recording.dataset import CP_QUANTUM, QUANTUM, REQUIRED, Dataset
 from contract.recording.episode import PlantFacts
-from contract.recording.importing.assemble import Source, assemble
+from contract.recording.importing.assemble import EpisodeSource, assemble
 from contract.recording.importing.csv_table import read_sensors
 from contract.recording.importing.source_file import references_of
 from contract.sensor_layout import SensorLayout
@@ -28,7 +28,7 @@ def layout(tmp_path) -> SensorLayout:
 
 
 def imported(path: Path, layout: SensorLayout, **more: Any) -> Dataset:
-    return assemble([Source(path=path, role="train")], layout, FACTS, **more)
+    return assemble([EpisodeSource(path=path, role="train")], layout, FACTS, **more)
 
 
 def test_every_format_gives_the_same_data_set_within_half_a_quantum(tmp_path, layout):
@@ -169,7 +169,7 @@ def test_what_is_not_used_is_told_and_a_renamed_column_must_be_there(tmp_path, l
     # One of two files has the other name; where a file has neither, it is refused.
     drag = {"drag" if name == "Cd" else name: array for name, array in values.items()}
     other = foreign_plant.write_npz(tmp_path / "b.npz", drag)
-    both = [Source(path=path, role="train"), Source(path=other, role="test")]
+    both = [EpisodeSource(path=path, role="train"), EpisodeSource(path=other, role="test")]
     first, second = assemble(both, layout, FACTS, renamed={"Cd": "drag"}).episodes
     np.testing.assert_array_equal(first.series["Cd"], second.series["Cd"])
 
@@ -328,8 +328,8 @@ def test_empty_columns_and_objects_are_told_and_not_in_the_way(tmp_path, layout)
 
 
 def test_wrong_arguments_and_sensors_are_refused(tmp_path, layout):
-    one = Source(path=foreign_plant.write_npz(tmp_path / "a.npz", foreign_plant.series(20, 3)), role="train")
-    two = Source(path=tmp_path / "a.csv", role="test")
+    one = EpisodeSource(path=foreign_plant.write_npz(tmp_path / "a.npz", foreign_plant.series(20, 3)), role="train")
+    two = EpisodeSource(path=tmp_path / "a.csv", role="test")
     nothing = dict[str, str]()
     for sources, renamed, message in (
         ([], nothing, "no data file is given"),

@@ -9,7 +9,7 @@ import pytest
 from contract.errors import DatasetError
 from contract.recording.dataset import Episode
 from contract.recording.episode import PlantFacts
-from contract.recording.importing.assemble import Source, assemble
+from contract.recording.importing.assemble import EpisodeSource, assemble
 from contract.recording.importing.source_file import references_of
 from contract.sensor_layout import SensorLayout
 from tests.oscillating_wake import LIMIT, NAMES, PERIOD, POSITIONS, Array, series
@@ -47,7 +47,7 @@ def case(folder: Path, *, speed: float | None = 1.0, second: float = 1.0, header
 def read(path: Path, *references: str, **more: Any) -> Episode:
     facts = PlantFacts(control_period=PERIOD, action_limit=LIMIT)
     return assemble(
-        [Source(path=path, role="train")], LAYOUT, facts, references=references_of(references), **more
+        [EpisodeSource(path=path, role="train")], LAYOUT, facts, references=references_of(references), **more
     ).episodes[0]
 
 

@@ -4,9 +4,9 @@ from can_bridge.bus.interface import BusState
 from can_bridge.command_gate import Intervention
 from can_bridge.wire.messages import Reason
 from ecu.fail_safe import OperatingMode
-from firmware_sim.live.loop.noticing import BOOT, START, UNPOWERED, noticed
+from firmware_sim.live.loop.noticing import BOOT, FIRST_SEEN, UNPOWERED, noticed
 
-CONTROL = START._replace(state="CONTROL")
+CONTROL = FIRST_SEEN._replace(state="CONTROL")
 
 
 def test_each_change_is_reported_once():
@@ -29,7 +29,7 @@ def test_each_change_is_reported_once():
 
 def test_every_state_and_reason_has_words():
     for state in (*OperatingMode.__members__, UNPOWERED, BOOT):
-        before = START._replace(state="ARMED" if state == "INIT" else "INIT")
-        assert len(list(noticed(before, START._replace(state=state)))) == 1
+        before = FIRST_SEEN._replace(state="ARMED" if state == "INIT" else "INIT")
+        assert len(list(noticed(before, FIRST_SEEN._replace(state=state)))) == 1
     for reason in set(Reason) - {Reason.NONE}:
         assert list(noticed(CONTROL, CONTROL._replace(reason=reason)))

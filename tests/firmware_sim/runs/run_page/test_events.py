@@ -3,7 +3,7 @@
 from can_bridge.wire.messages import Mode, Reason
 from firmware_sim.runs.metadata import InjectedFault
 from firmware_sim.runs.run_page import run_data as listing
-from firmware_sim.runs.run_page.run_data import MOST, disturbed, events
+from firmware_sim.runs.run_page.run_data import MOST_EVENTS, disturbed, events
 
 
 def test_request_states_and_disturbances_are_listed_in_order(shedding):
@@ -38,8 +38,8 @@ def test_the_sensor_and_the_time_of_a_disturbance_are_known(shedding):
 
 
 def test_a_loop_that_flaps_ends_in_a_count(shedding, monkeypatch):
-    monkeypatch.setattr(listing, "MOST", 10)
+    monkeypatch.setattr(listing, "MOST_EVENTS", 10)
     found = events(shedding(modes=dict.fromkeys(range(1, 99, 2), Mode.HOLD)))
-    assert len(found) == 10 < MOST
+    assert len(found) == 10 < MOST_EVENTS
     # 1 request, and OFF, CONTROL, then 49 times HOLD and back.
     assert found[-1].text == f"and {1 + 2 + 98 - 9} events more"
