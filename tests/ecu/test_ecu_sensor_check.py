@@ -93,12 +93,13 @@ def test_exchanged_sensors_latch_and_a_request_alone_does_not_end_it(pressures):
 
 
 def test_two_sensors_that_drift_together_slowly_latch(pressures):
-    """To 1.8 deviations in 180 periods: no single sensor explains it, and at no time do they disagree much."""
+    """To 2.5 deviations in 250 periods: no single sensor explains it, and at no time do they disagree much. An estimator
+    that knows no gusts saw 1.8; 2.2 pass unseen now, since a gust moves sensors together as well."""
     bench = started()
     drive(bench, pressures, 150)
 
     def read(cp, k):
-        return cp + 0.128 * min(1.8, 0.01 * (k - 150)) * np.array([1, 1, 0, 0])
+        return cp + 0.128 * min(2.5, 0.01 * (k - 150)) * np.array([1, 1, 0, 0])
 
     assert drive(bench, pressures, 400, read)[-1].mode is Mode.FAULT
     assert (bench.status.reason, bench.status.set_aside) == (Reason.IMPLAUSIBLE, 0)
