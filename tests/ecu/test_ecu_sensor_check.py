@@ -93,8 +93,8 @@ def test_exchanged_sensors_latch_and_a_request_alone_does_not_end_it(pressures):
 
 
 def test_two_sensors_that_drift_together_slowly_latch(pressures):
-    """To 2.5 deviations in 250 periods: no single sensor explains it, and at no time do they disagree much. An estimator
-    that knows no gusts saw 1.8; 2.2 pass unseen now, since a gust moves sensors together as well."""
+    """To 2.5 deviations in 250 periods: no single sensor explains it, and at no time do they disagree much. An
+    estimator that knows no gusts saw 1.8; 2.2 pass unseen now, since a gust moves sensors together as well."""
     bench = started()
     drive(bench, pressures, 150)
 
