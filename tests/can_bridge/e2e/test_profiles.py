@@ -125,6 +125,8 @@ def test_bad_arguments_are_refused_by_name_and_short_data_fails_its_check():
 
 
 def test_crc_and_counter_are_the_signals_of_the_dbc():
+    # AUTOSAR: CRC8 with a counter of 4 bits, CRC16 with one of 8.
+    assert (PROFILE_2.header_bits, PROFILE_5.header_bits) == (12, 24)
     for spec in SPECS:
         frame = protected_frame(SenderState(counter=11), bytes(spec.protected), spec=spec, now_ns=0)
         signals = decoded(spec.name, frame.data.ljust(spec.length, b"\0"))
