@@ -37,7 +37,9 @@ _INCLUDED = re.compile(r'^#include "(\w+\.h)"', re.MULTILINE)
 
 
 def sources(*folders: str) -> list[Path]:
-    return [path for folder in folders for path in (ROOT / folder).rglob("*.py")]
+    """Python of these folders, without the copies of the gallery's scripts that the site makes."""
+    found = (path for folder in folders for path in (ROOT / folder).rglob("*.py"))
+    return [path for path in found if "generated" not in path.parts]
 
 
 def others(*suffixes: str) -> list[Path]:

@@ -54,7 +54,7 @@ def test_a_release_is_flashed_and_lost_and_doubled_frames_only_cost_time(
     config: BusConfig, ecu: EcuToFlash, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # What is not answered in this test was lost: nothing is slow.
-    monkeypatch.setattr(asking, "P2_S", 0.05)
+    monkeypatch.setattr(asking, "P2_S", 0.2)
     monkeypatch.setattr("can_bridge.tester.transport.FLOW_CONTROL_MS", 50)
     rate = 0.006 if config.frames == "fd" else 0.0009
     with served(ecu, config, Fate(1, lost=rate, doubled=rate)) as count:
