@@ -43,6 +43,7 @@ MEASUREMENTS: Final = {
     "controller": Measurement("controller.latency", "time of a control step: PyTorch, ONNX, C"),
     "controller-loop": Measurement("controller.loop", "drag with ONNX and C, in float32 and int8, in the closed loop"),
     "weights": Measurement("release.weights", "what a weight of the cost changes, in the closed loop", "minutes"),
+    "iterations": Measurement("release.iterations", "what the iterations add to the prior's plan, in pairs", "minutes"),
     "roads": Measurement("release.roads", "the release's rows in the table of roads to less drag", "minutes"),
     "mcu": Measurement("controller.mcu", "memory, instructions and modelled time on an emulated Cortex-M7"),
     "release-figures": Measurement(
