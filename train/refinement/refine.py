@@ -34,7 +34,7 @@ MEAN_OVER: Final = 30
 KEEP_EVERY: Final = 5
 SPEED_CHANGE: Final = 0.25
 """How far towards any other speed a stretch goes, every second time."""
-AT_DESIGN: Final = 2
+AT_DESIGN: Final = 3
 """One in so many streams stays at the design speed, where a release is judged first."""
 GOAL_OVER: Final = 3
 """Stretches for which a stream has the same goal: the wake needs about one to answer."""
