@@ -11,7 +11,7 @@ from typing import Final, NamedTuple
 
 from contract.config.controller import CostWeights
 
-DEAREST_EFFORT: Final = 12.0
+DEAREST_EFFORT: Final = 9.0
 """The largest weight on effort beside one of 1 on drag that a prior is trained for, in Cd per (U_inf W)^2. Beyond it,
 less power of the jets is not bought any more: a prior that was trained up to 100 had the least at 11."""
 DEAREST_LIFT: Final = 1.0
