@@ -1,4 +1,4 @@
-"""The errors that a user can cause. They have a common base class, so that the command line can print each as one line."""
+"""The errors that a user can cause. Their common base class lets the command line print each as one line."""
 
 from typing import ClassVar
 

@@ -77,7 +77,7 @@ def _check_names(tree: object, kind: type, above: str, *, complete: bool) -> Non
 
 
 def _set_in_order(value: object) -> None:
-    """Put all fields into `vars` in declaration order: msgspec sets only the fields in the tree, in the tree's order."""
+    """Put all fields into `vars` in declaration order: msgspec sets only the tree's fields, in the tree's order."""
     if isinstance(value, list | tuple):
         for item in value:
             _set_in_order(item)

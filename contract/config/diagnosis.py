@@ -1,4 +1,4 @@
-"""Settings of the CAN identifiers for diagnosis and calibration; no identifier of a control message may be among them."""
+"""Settings of the CAN identifiers for diagnosis and calibration, which must differ from those of the control messages."""
 
 import re
 from collections.abc import Mapping

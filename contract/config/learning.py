@@ -50,7 +50,7 @@ class ModelConfig(Settings, source=paper("table 1")):
 
     @property
     def slim(self) -> "ModelConfig":
-        """Return the shapes of the deployed networks. Their dropout is 0, because the teacher's outputs have no noise."""
+        """Return the shapes of the deployed networks. Dropout is 0, because the teacher's outputs have no noise."""
         return replace(
             self,
             dynamics_width=self.slim_dynamics_width or self.dynamics_width,

@@ -207,7 +207,7 @@ def _short(value: object) -> str:
 
 
 def _merge(tree: dict[str, Any], change: Mapping[str, Any]) -> None:
-    """Copy the values of `change` into the tree, section by section. The names of both must be valid names of `Config`."""
+    """Copy the values of `change` into the tree, section by section. The names of both must be in `Config`."""
     for key, value in change.items():
         if isinstance(value, Mapping):
             _merge(tree.setdefault(key, {}), value)
