@@ -1,4 +1,4 @@
-"""Settings of the CAN identifiers for diagnosis and calibration, which must differ from those of the control messages."""
+"""Settings of the CAN identifiers for diagnosis and calibration; they must differ from the control messages'."""
 
 import re
 from collections.abc import Mapping

@@ -21,7 +21,7 @@ FORBIDDEN: Final = {
 
 
 def check_graph(content: bytes) -> None:
-    """Raise ValueError for a graph that is too large, refers to other files, or has operators that are not ONNX's own."""
+    """Raise ValueError for a graph that is too large, refers to other files, or has operators other than ONNX's own."""
     if len(content) > MAX_GRAPH_BYTES:
         raise ValueError(f"it has {len(content)} bytes: at most {MAX_GRAPH_BYTES}")
     for text, wording in FORBIDDEN.items():

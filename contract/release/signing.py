@@ -121,7 +121,7 @@ def write_key_pair(folder: Path, key: Ed25519PrivateKey) -> PublicKey:
 
 
 def read_private_key(path: Path) -> Ed25519PrivateKey:
-    """Read a private key. Raises KeyFileError if the file is missing, encrypted, or not an Ed25519 private key in PEM."""
+    """Read a private key. Raises KeyFileError if the file is missing, encrypted, or no Ed25519 private key in PEM."""
     try:
         key = serialization.load_pem_private_key(_read(path), password=None)
     except TypeError as error:
