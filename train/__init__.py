@@ -1,1 +1,2 @@
-"""Recording -> latent model, sensor ranking, slim encoder on few sensors, held-out figures and a stored model."""
+"""Offline training: from a recording to a stored latent model with a sensor ranking, a slim encoder on few sensors, and
+test figures."""

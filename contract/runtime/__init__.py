@@ -1,1 +1,2 @@
-"""What runs the graphs of a release bundle: ONNX Runtime within bounds; and how what runs is copied."""
+"""The execution of a release bundle's graphs: ONNX Runtime with bounded time and memory. Rules for copying such objects
+are here too."""
