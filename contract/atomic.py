@@ -21,16 +21,14 @@ def leads_to(path: Path) -> Path:
     if place.is_symlink():
         raise StillwakeError(f"cannot write {path}: {os.strerror(errno.ELOOP)}")
     for link in (path, *path.parents):
-        # The link may point to a disk that is not mounted. The target file itself may be missing, but no folder above
-        # it.
+        # The link may point to a disk that is not mounted. Only the target itself may be missing, no folder above it.
         if link.is_symlink() and not link.exists() and (link != path or not place.parent.is_dir()):
             raise StillwakeError(f"cannot write {path}: {link} is a link to {link.readlink()}, which is not there")
     return place
 
 
 def check_writable(path: Path, *, folder: bool = False) -> None:
-    """Check before a computation whether its result can be written, by creating a file next to the target and removing
-    it.
+    """Check before a computation whether its result can be written, by creating and removing a file next to the target.
 
     Missing folders are not created; the test file is then created in the nearest existing folder. Raises StillwakeError
     if `path` is a folder instead of a file or the reverse, has no name of its own, is where this process prints to, has

@@ -8,8 +8,7 @@ from contract.arrays import Array
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Seen:
-    """The values of a sample that a training reads. As an argument of `back`, the gradient of a scalar with respect to
-    each of these values.
+    """The values of a sample that a training reads. As an argument of `back`, a scalar's gradient for each value.
 
     All are in units of the present speed.
 
@@ -48,8 +47,7 @@ class DifferentiableFlow(Protocol):
         """Continue from a state with an empty tape.
 
         Args:
-            speeds: (n + 1,) at the samples of n periods and at the sample before them, as ratios to the design speed;
-                linear in between.
+            speeds: (n + 1,) ratios to the design speed at the n periods' samples and before them; linear in between.
         """
         ...
 
@@ -59,8 +57,7 @@ class DifferentiableFlow(Protocol):
         ...
 
     def back(self, weights: Seen) -> float:
-        """Go back by a period. Return the gradient of the weighted samples, from this one on, with respect to the
-        action commanded in this period."""
+        """Go back a period. Return the gradient of this and later samples with respect to the period's action."""
         ...
 
     def state(self) -> FlowState:

@@ -48,8 +48,7 @@ class BundleError(StillwakeError):
 
 
 class BundleContainerError(BundleError):
-    """A bundle's folder that cannot be read, or an image that is truncated, too large, or contains paths, links or
-    duplicate names."""
+    """A bundle's folder or image that cannot be read: truncated, too large, or with paths, links or duplicate names."""
 
 
 class BundleManifestError(BundleError):
@@ -77,8 +76,7 @@ class BundleSignerError(BundleError):
 
 
 class KeyFileError(StillwakeError):
-    """A key file that is missing, holds no key of the expected kind, or already exists where a new key would be
-    written."""
+    """A key file that is missing, has another kind of key, or already exists where a new key would be written."""
 
 
 class BusError(StillwakeError):
@@ -98,8 +96,7 @@ class ExportError(StillwakeError):
 
 
 class LibraryError(StillwakeError):
-    """A controller library that cannot be compiled or run on this machine, or was built from another program than the
-    bundle's."""
+    """A controller library that cannot be compiled or run here, or was built from another program than the bundle's."""
 
 
 class McuError(StillwakeError):

@@ -1,5 +1,4 @@
-"""Conversion of a bundle's texts for the terminal. A bundle may come from anyone, and its control characters could
-change the terminal's state."""
+"""Conversion of a bundle's texts for the terminal, which control characters in a foreign bundle could disturb."""
 
 from typing import Final
 

@@ -94,8 +94,7 @@ class SensorLayout:
         return np.array([self.names.index(name) for name in names], dtype=np.intp)
 
     def only(self, columns: Index) -> "SensorLayout":
-        """Return the layout of the given columns, in the given order. It has no mirror images, because they may not be
-        among the columns."""
+        """Return the layout of the columns, in their order, without mirror images, which may not be among them."""
         return SensorLayout(
             names=tuple(self.names[column] for column in columns),
             positions=self.positions[columns],

@@ -25,8 +25,7 @@ _DATA: Final = _folder()
 BUNDLE: Final = Path(__file__).resolve().parent / "release" / "shipped"
 """Path of the shipped release."""
 DEVELOPED: Final = _DATA / "developed.npz"
-"""Path of the developed flow state, with shedding and without action, from which episodes begin. `developed` checks
-that it exists."""
+"""Path of the flow state, with shedding and without action, where episodes begin; `developed` checks for it."""
 RECORDING: Final = _DATA / "recording.h5"
 """Path of the data set that the shipped bundle was trained on. `recording` checks that it exists."""
 MODEL: Final = _DATA / "model"

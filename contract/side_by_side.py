@@ -22,8 +22,7 @@ if TYPE_CHECKING:
 J = TypeVar("J")
 
 _STOPS: Final = (signal.SIGINT, signal.SIGTERM)
-"""Signals that a terminal or a service sends to every process. Child processes ignore them, because the parent decides
-how to react."""
+"""Signals that a terminal or service sends to every process; child processes ignore them, the parent reacts."""
 _POLL_S: Final = 0.2
 _CONNECT_S: Final = 10.0
 

@@ -1,5 +1,4 @@
-"""A converter from plain TOML and JSON trees to typed values, built on msgspec; errors state the place, the value and
-what is right."""
+"""Typed values from TOML and JSON trees by msgspec; errors state the place, the value and what is right."""
 
 import re
 from collections.abc import Mapping
@@ -90,8 +89,7 @@ def _set_in_order(value: object) -> None:
 
 
 def _part_of(hint: Any) -> Any:
-    """Return the dataclass in a field's type, also if the type is a list of it or may be None; None if there is no
-    dataclass."""
+    """Return the dataclass in a field's type, also in a list or if the field may be None; None without one."""
     if get_origin(hint) is Mapping:
         return None  # its keys are names of the user's
     return next((part for part in (hint, *get_args(hint)) if isinstance(part, type) and is_dataclass(part)), None)

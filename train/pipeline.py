@@ -60,10 +60,9 @@ def train_all(
         device: "cpu" or "cuda".
         resume: continue an interrupted run of the same settings and recording; if False, start over.
         chosen: names of the slim encoder's sensors; None uses the method `config.train.selection`.
-        threads: number of torch's threads during training; the caller's number is restored. The model's `versions`
-            state it.
-        notice: called with a line for every training episode that is left out because it is too short, and with a line
-            if the run continues with another number of threads.
+        threads: number of torch's threads, stated in the model's `versions`; the caller's number is restored.
+        notice: called with a line for every training episode that is too short, and if the number of threads has
+            changed.
 
     Raises:
         DatasetError: the recording is unreadable or unsuitable (`contract.recording.findings`: too short, constant
@@ -173,8 +172,7 @@ def _choice(
     state = checkpoint.load(path, checkpoints.identity) if checkpoints.resume else None
     if state is None:
         names = select(settings.selection, encoder, rows, settings.sensors, settings=settings, progress=progress)
-        # The choice is stored although it is cheap: mirror images differ only by rounding, and a resumed run may round
-        # otherwise.
+        # Stored although it is cheap: mirror images differ only by rounding, and a resumed run may round otherwise.
         checkpoint.save(path, checkpoints.identity, {"order": torch.from_numpy(rows.layout.indices(names))})
     else:
         names = tuple(rows.layout.names[index] for index in state["order"].tolist())

@@ -19,14 +19,12 @@ from contract.recording.dataset import Dataset
 from train.fitting.threads import torch_threads
 
 _WIDTHS: Final = (64, 64)
-"""Widths of the hidden layers. With 192 the residuals are slightly smaller, but no microcontroller has enough memory
-for it."""
+"""Widths of the hidden layers. With 192, residuals are slightly smaller, but too large for a microcontroller."""
 EPOCHS: Final = 60.0
 BATCH: Final = 1024
 LEARNING_RATE: Final = 3e-3
 NOISE: Final = 0.5
-"""Largest noise, in global standard deviations of pressure. The level is the square of a uniform draw, so that little
-noise is frequent."""
+"""Largest noise, in global deviations of pressure. Levels are squared uniform draws, so little noise is frequent."""
 HELD: Final = 0.4
 """Largest share of rows that repeat the row before."""
 GUST: Final = 0.15
@@ -48,8 +46,7 @@ def fit_estimator(
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> EstimatorNetwork:
     """Fit the estimator for a controller's sensors and window. Raises ConfigError if the recording lacks a sensor, or
-    for fewer than one thread; DatasetError if no training episode holds a window, or a pressure or the action is
-    constant.
+    for fewer than one thread; DatasetError for too short training episodes, or a constant pressure or action.
 
     Args:
         epochs: passes over the training windows.
@@ -129,8 +126,7 @@ def _inputs(seen: Tensor, hidden: Tensor) -> Tensor:
 
 
 def _blown(seen: Tensor, middle: Tensor, generator: torch.Generator) -> Tensor:
-    """Rescale windows (B, L, S+1) as if the air's dynamic pressure differed from the one that scales them; `middle`
-    (S,) is the mean."""
+    """Rescale windows (B, L, S+1) as if the air's dynamic pressure differed; `middle` (S,) is the mean."""
     share, is_blown = torch.rand(2, len(seen), 1, 1, generator=generator)
     factor = torch.square(1.0 + GUST * (2.0 * share - 1.0) * (is_blown < 0.5))
     return torch.cat([factor * (seen[:, :, :-1] + middle) - middle, seen[:, :, -1:]], dim=2)

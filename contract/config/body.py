@@ -30,8 +30,7 @@ class BodyConfig(Settings, source=paper("section 2.1")):
     leading_edge_radius: Annotated[float, _RADIUS, WIDTHS] = LEADING_EDGE_RADIUS
     """Radius of the two front corners; 0 leaves them sharp."""
     sensors_per_side: Annotated[int, within(1, 450, "as many as can be told apart")] = 40
-    """Number of sensors on the upper side, and again on the lower side, evenly spaced between the rounded edge and the
-    base."""
+    """Number of sensors per side, upper and lower, evenly spaced between the rounded edge and the base."""
     sensors_on_base: Annotated[int, within(1, 100, "as many as can be told apart")] = 10
     """Number of sensors on the base, evenly spaced between the two slots."""
 
@@ -41,8 +40,7 @@ class BodyConfig(Settings, source=paper("section 2.1")):
 
     @property
     def wake_probe(self) -> tuple[float, float]:
-        """Position at which the transverse velocity is measured: as far downstream of the base as the truck's probe at
-        (10, 0)."""
+        """Probe position of the transverse velocity: as far downstream of the base as the truck's (10, 0)."""
         # Rounding makes the truck's value exactly 10.
         return round(self.length + _PROBE_DISTANCE, 9), 0.0
 

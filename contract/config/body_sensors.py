@@ -1,5 +1,4 @@
-"""The sensor layout of a body in the project's own solver: the paper's table for the truck, the same spacing rule for
-other bodies.
+"""The sensor layout of a body in the project's own solver: the paper's for the truck, the same spacing for others.
 
 Order and names are the same for every body: `upper_00` .. front to rear, `lower_00` .. front to rear, `base_0` .. from
 top to bottom. The body's settings give the number of each kind.

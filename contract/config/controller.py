@@ -52,8 +52,7 @@ class MpcConfig(Settings, source=paper("section 2.4.2")):
     """Learning rate of the Adam iterations on the plan."""
     epsilon: Annotated[Positive[float], ours("Kingma and Ba's; the paper gives none")] = 1e-8
     """Constant that Adam adds to the root of the second moment. If it is far smaller than the gradients, the first step
-    equals the learning rate. If it is far larger, the first step is the gradient times `mpc.learning_rate` /
-    `mpc.epsilon`."""
+    equals the learning rate. If it is far larger, the first step is gradient times learning rate / `mpc.epsilon`."""
     drag_reference: Annotated[Finite[float], paper("section 2.4.1")] = 1.051
     """C_d,ref: mean drag without control. It shifts the cost by a constant and changes no plan."""
     weights: CostWeights = field(default_factory=CostWeights)

@@ -43,8 +43,7 @@ class ModelConfig(Settings, source=paper("table 1")):
     dropout: Fraction[float] = 0.25
     """Dropout probability between the decoder's layers during the joint fit."""
     slim_dynamics_width: Annotated[AtLeastOneOrNone, _SLIMMED] = None
-    """Width of the dynamics network that the controller rolls out, distilled from the trained network. None deploys the
-    trained network."""
+    """Width of the deployed dynamics, distilled from the trained dynamics. None deploys the trained dynamics."""
     slim_decoder_width: Annotated[AtLeastOneOrNone, _SLIMMED] = None
     """Width of the deployed decoder, distilled from the trained decoder. None deploys the trained decoder."""
 
@@ -111,8 +110,7 @@ class TrainConfig(Settings, source=paper("section 2.2.4")):
     """Whether the joint fit reads each drawn segment once and carries the LSTM's state on, instead of reading window by
     window. The passes of `finish` always read windows."""
     schedule: Annotated[Literal["constant", "one_cycle"], paper("section 2.2.4", "one learning rate")] = "constant"
-    """Course of the learning rate over the steps of a phase; `one_cycle` raises it to `train.learning_rate`, then
-    lowers it to zero."""
+    """Learning rate over a phase's steps; `one_cycle` raises it to `train.learning_rate`, then lowers it to 0."""
     finish: FinishConfig = field(default_factory=FinishConfig)
     stream_epochs: Annotated[NonNegative[float], PASSES, paper("section 2.3.2", "the encoder reads windows")] = 0.0
     """Passes of the distillation that read the recording as a stream. They come before the passes that read windows,
@@ -122,8 +120,7 @@ class TrainConfig(Settings, source=paper("section 2.2.4")):
     predictor_epochs: Annotated[Positive[float], PASSES, _ENCODER_ALONE] = 10.0
     """Passes over the roll-outs from which the slim dynamics and decoder are distilled."""
     predictor_lessons: Annotated[AtLeastOne[int], _ENCODER_ALONE] = 65536
-    """Smallest number of roll-outs of the trained networks that the slim dynamics and decoder learn from
-    (`train.distillation.lessons`)."""
+    """Smallest number of roll-outs that the slim dynamics and decoder learn from (`train.distillation.lessons`)."""
     slope_weight: Annotated[NonNegative[float], _ENCODER_ALONE] = 0.0
     """Weight of the error of the cost's gradient with respect to the plan, in the distillation of dynamics and decoder.
     The errors of latents and forces have the weight 1."""
@@ -169,8 +166,7 @@ class RefineConfig(Settings, source=ours("the paper has no prior", page="explana
     streams: AtLeastOne[int] = 4
     """Number of flows controlled by the prior; the stretches are cut from them in turn."""
     stretches: AtLeastOne[int] = 10
-    """Number of stretches after which the first stream restarts from the developed wake; each further stream runs 2
-    stretches longer."""
+    """Stretches after which the first stream restarts from the developed wake; each further stream runs 2 more."""
     learning_rate: Positive[float] = 5e-3
     """Initial learning rate of Adam."""
     last_rate: Positive[float] = 0.1
@@ -183,16 +179,13 @@ class RefineConfig(Settings, source=ours("the paper has no prior", page="explana
     """Whether each stream draws its own weights of lift and effort and its own limit of the jets. Each of the three
     keeps the configured value with probability one half."""
     motion_price: NonNegative[float] = 0.2
-    """Weight of the squared transverse velocity at the wake probe in the cost. This velocity indicates drag that occurs
-    after the end of a stretch."""
+    """Weight of the squared transverse velocity at the wake probe, which indicates drag after a stretch's end."""
     sensor_noise: NonNegative[float] = 0.3
-    """Largest standard deviation of noise on the sensors, in global standard deviations of pressure. Most stretches
-    have far less noise."""
+    """Largest standard deviation of sensor noise, in global deviations of pressure; most stretches have far less."""
     offset: NonNegative[float] = 0.0
     """Standard deviation of an offset in Cp that both sensors of a mirrored pair have during a stretch."""
     speed_error: Annotated[float, within(0.0, 0.5, "a speed")] = 0.0
-    """Largest relative error of the speed that the prior receives, constant during a stretch; half of the stretches
-    have no error."""
+    """Largest relative error of the prior's input speed, constant during a stretch; half of the stretches have none."""
     loss: Fraction[float] = 0.0
     """Largest share of periods without pressures in a stretch; half of the stretches lose none."""
     refinement: Positive[float] = 0.75
@@ -201,15 +194,13 @@ class RefineConfig(Settings, source=ours("the paper has no prior", page="explana
     substeps: AtLeastOne[int] = 15
     """Time steps per control period on the training's grid at the design speed; higher speeds use more."""
     single_precision: bool = True
-    """Whether the flow in training is computed in 32 bits, which takes two thirds of the time. The gradient agrees with
-    the 64-bit gradient to 1e-5."""
+    """Whether the training's flow uses 32 bits, which takes two thirds of the time; the gradient agrees to 1e-5."""
     batch: AtLeastOne[int] = 1
     """Number of stretches that are averaged in one update, each from a different stream."""
     slowest: Annotated[float, within(0.1, 1.0, "the design speed belongs to the range")] = 1.0
     """Smallest ratio of a training speed to the design speed."""
     fastest: Annotated[float, within(1.0, 10.0, "the design speed belongs to the range")] = 1.0
-    """Largest ratio of a training speed to the design speed. Speeds are drawn between `slowest` and `fastest`, and
-    change within a stretch."""
+    """Largest ratio of a training speed to the design speed; the speed varies randomly up to it."""
 
     def __post_init__(self) -> None:
         super().__post_init__()

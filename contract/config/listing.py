@@ -1,5 +1,4 @@
-"""A table of all settings, one row each: value, default, unit, bounds, source and meaning, all read from the
-dataclasses.
+"""A table of all settings, one row each: value, default, unit, bounds, source and meaning.
 
 The bounds, the unit and the default's source are in the field's type; the meaning is the text below the field.
 """
@@ -58,8 +57,7 @@ class Section:
 
 
 def sections(config: Config) -> tuple[Section, ...]:
-    """List the sections of a tree with their settings, outer sections first; a section without settings of its own is
-    left out."""
+    """List a tree's sections with their settings, outer sections first; a section without own settings is left out."""
     return tuple(_sections("", config, Config()))
 
 

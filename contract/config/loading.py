@@ -1,5 +1,4 @@
-"""Functions that read the configuration from TOML files and `key.path=value` overrides, and suggest corrections for
-wrong names."""
+"""Reading of the configuration from TOML files and `key.path=value` overrides, with corrections for wrong names."""
 
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
@@ -40,8 +39,7 @@ def takes_text(name: str) -> bool:
 
 
 def _unknown(section: str, key: str) -> str:
-    """Return the error message for an unknown key of a section, with the nearest keys. The section "" is the root of
-    the tree."""
+    """Return the message for an unknown key of a section, with the nearest keys. The section "" is the root."""
     inside = [name.rpartition(".")[2] for name in _hints() if name.rpartition(".")[0] == section]
     if not section:
         inside.sort(key=lambda name: -SequenceMatcher(None, key, name).ratio())
@@ -74,8 +72,7 @@ PAPER = "paper"
 BASE_KEY = "base"
 """The key in a TOML file that states whether the file modifies the paper's settings or the release's."""
 RETIRED: Final = {"refine.iterations": False}
-"""Settings that earlier versions wrote into files and this version does not have. A file may still contain them with
-the value given here."""
+"""Settings of earlier versions' files that this version does not have; a file may contain them with this value."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -107,10 +104,8 @@ def load(path: Path | None = None, overrides: Sequence[str] = (), *, base: Confi
     file, an unknown key, a wrong type or a value out of range.
 
     Args:
-        path: a TOML file. If its first line is `base = "paper"`, it modifies the paper's settings instead of the
-            release's.
-        overrides: `section.key=value` strings, the value in TOML syntax. Text needs no quotation marks, because shells
-            remove them.
+        path: a TOML file. With `base = "paper"` as its first line, it modifies the paper's settings instead.
+        overrides: `section.key=value` strings, the value in TOML syntax. Text needs no quotation marks.
         base: settings that the file and the overrides modify, instead of the release's.
     """
     tree = _packaged(_RELEASE) if base is None else to_tree(base)
@@ -148,8 +143,7 @@ def from_tree(tree: Mapping[str, Any]) -> Config:
 
 
 def without_retired(tree: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Return the nested mappings without the settings in `RETIRED`. Raises ConfigError if one of them has another value
-    than listed there."""
+    """Return the nested mappings without the settings in `RETIRED`; raises ConfigError if one has another value."""
     for name, value in RETIRED.items():
         section, _, key = name.partition(".")
         if not isinstance(inside := tree.get(section), Mapping) or key not in inside:

@@ -63,8 +63,7 @@ class ForcingConfig(Settings, source=paper("section 2.1")):
     exploration_time: Annotated[
         Positive[float], TIME, ours("a fifth of a shedding cycle", page="how-to/record-data.md")
     ] = 1.0
-    """Correlation time, in t_c, of the noise added to a controller's commands while its control is recorded; long
-    enough for the wake to respond."""
+    """Correlation time of the noise on a controller's commands in a recording; long enough for the wake to respond."""
 
 
 @dataclass(frozen=True, kw_only=True)

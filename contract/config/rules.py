@@ -49,8 +49,7 @@ def standard(name: str, note: str) -> Source:
 
 
 def ours(reason: str, *, page: str = "") -> Source:
-    """Mark a default as the project's own number, with the reason for it and the page that explains more, if there is
-    one."""
+    """Mark a default as the project's own number, with the reason for it and, if given, a page with more."""
     return Source("ours", note=reason, page=page)
 
 

@@ -26,8 +26,7 @@ from contract.config.rules import (
 
 LARGEST_NOMINAL_BITRATE: Final = 1_000_000
 LARGEST_DATA_BITRATE: Final = 8_000_000
-"""Largest bit rates of the arbitration phase and the data phase for which ISO 11898-2:2016 and CiA 601-4 specify
-transceivers."""
+"""Largest bit rates of arbitration and data phase with transceivers specified in ISO 11898-2:2016 and CiA 601-4."""
 
 _CAN_FD: Final = standard("SAE J2284-4", "CAN FD in vehicles, 500 kbit/s with data at 2 Mbit/s")
 _DELAY: Final = within(0, 10_000, "more outlast any horizon")
@@ -50,7 +49,7 @@ class E2eConfig(
     """Largest counter increment that is still accepted as the next frame. With 4, three frames in a row may be lost, as
     many as the ECU's fail-safe bridges."""
     window: Annotated[AtLeastOne[int], FRAMES] = 5
-    """Number of latest checks that decide together whether the stream is valid."""
+    """Latest checks that are judged together."""
     min_ok: Annotated[int, FRAMES] = 2
     """Smallest number of good checks in the window that makes a stream valid."""
     max_errors: Annotated[int, FRAMES] = 2
@@ -71,8 +70,7 @@ class BackgroundConfig(
     load: Fraction[float] = 0.0
     """Share of the bus time that generated periodic messages take, stuff bits included."""
     dbc: str = ""
-    """DBC file whose messages are sent at their cycle times (`GenMsgCycleTime`) instead of the generated messages;
-    their contents are random."""
+    """DBC file whose messages, at their `GenMsgCycleTime`, replace the generated messages; contents are random."""
     seed: Annotated[NonNegative[int], ours("any would do")] = 0
     """Random seed of identifiers, phases and contents."""
 
@@ -135,14 +133,12 @@ class SensorCheckConfig(
     healthy sensors hold over the whole shipped recording (docs/explanation/what-shuts-the-jets.md)."""
 
     enabled: Annotated[bool, ours("a liar costs most of the gain", page=_LIES)] = True
-    """Whether the ECU compares the pressures with each other, using the bundle's estimator, and continues without a
-    sensor that reads wrongly."""
+    """Whether the ECU checks the pressures with the bundle's estimator, and continues without a faulty sensor."""
     liar_level: Positive[float] = 14.0
     """Ratio at which a sensor is set aside: its deviation from the other sensors' estimate over the deviation of the
     others from each other. Healthy sensors reach 8."""
     bias_level: Positive[float] = 20.0
-    """Ratio like `liar_level`, for averages over two shedding cycles, which show small biases and drifts. Healthy
-    sensors reach 16."""
+    """Ratio like `liar_level` over two shedding cycles, for small biases and drifts. Healthy sensors reach 16."""
     swap_level: Positive[float] = 2.5
     """Ratio at which two sensors are taken for exchanged: disagreement of the pressures as wired over their
     disagreement with the two exchanged. Healthy sensors reach 0.9."""
@@ -150,8 +146,7 @@ class SensorCheckConfig(
     """Disagreement among the pressures, explained by no single sensor, at which a period counts as doubtful; twice this
     value once a sensor is set aside. Healthy sensors reach 12, under forcing beyond the training data."""
     doubt_periods: Annotated[AtLeastOne[int], PERIODS, ours("a shedding cycle")] = 25
-    """Number of doubtful periods, minus the number of other periods, at which the jets go to zero and the fault
-    latches."""
+    """Number of doubtful periods, minus others, at which the jets go to zero and the fault latches."""
     flat_periods: Annotated[AtLeastOne[int], PERIODS, ours("longer than a sound reading rests", page=_LIES)] = 10
     """Number of consecutive periods with bit-identical readings after which a sensor is taken for stuck."""
 
@@ -165,8 +160,7 @@ class BenefitCheckConfig(
     """Thresholds by which the ECU decides that control does not help (docs/explanation/what-shuts-the-jets.md)."""
 
     enabled: Annotated[bool, ours("off its design a controller can raise drag", page=_HELPS)] = True
-    """Whether the ECU compares the base pressure under control with the base pressure without, and shuts the jets if
-    control does not help."""
+    """Whether the ECU compares base pressures with and without control, and shuts the jets if control does not help."""
     mean_periods: Annotated[AtLeastOne[int], PERIODS, ours("two shedding cycles")] = 50
     """Number of periods over which pressures are averaged, with and without control."""
     wake_periods: Annotated[AtLeastOne[int], PERIODS, ours("until shedding is as before", page=_HELPS)] = 150
@@ -193,14 +187,12 @@ class SpeedConfig(
     """Conditions under which the ECU accepts the vehicle's speed, for a release that covers a range of speeds."""
 
     oldest_ms: Annotated[Positive[float], MILLISECONDS] = 500.0
-    """Longest time from the measurement of a speed to the control step that uses it. If no newer speed arrives, the
-    last speed is used for this time."""
+    """Longest time from the measurement of a speed to its use in a control step, if no newer speed arrives."""
     most_acceleration: Annotated[Positive[float], Unit("m/s2")] = 15.0
     """Largest acceleration of a vehicle. A speed that would need more to be reached from the last speed is rejected."""
     margin: Annotated[Fraction[float], ours("a wind of a tenth and a gust", page="explanation/other-speeds.md")] = 0.12
-    """Share by which the speed may leave the release's range before the jets are shut, because the air speed may still
-    be within the range. Up to this margin the ECU uses the end of the range. The jets start again when the speed is
-    back within the range."""
+    """Share by which the speed may leave the release's range before the jets are shut: the air speed may still be
+    within. Up to this margin the ECU uses the end of the range. The jets restart when the speed is within the range."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -213,24 +205,20 @@ class EcuConfig(Settings, source=ours("our ECU; the paper has none", page=_GATE)
     hold_periods: Annotated[NonNegative[int], PERIODS] = 1
     """Number of missed periods during which the last command is held."""
     decay_periods: Annotated[NonNegative[int], PERIODS] = 2
-    """Number of further missed periods in which the command is halved each period; then the command is zero and the
-    fault latches."""
+    """Number of further missed periods that each halve the command; then it is zero and the fault latches."""
     rearm_frames: Annotated[AtLeastOne[int], FRAMES, ours("a tenth of a second", page=_GATE)] = 5
     """Number of consecutive good frames that, together with an enable edge, end a latched fault."""
     pressure_age: Annotated[Positive[float], PERIODS] = 1.5
     """Largest age of pressures, from sampling to control step, that may be used for planning: one period of waiting for
-    the step, and half a period of transmission. Pressures 20 ms late have little effect on the loop; at 40 ms the side
-    force grows."""
+    the step, and half a period of transmission. A delay of 20 ms has little effect; at 40 ms the side force grows."""
     loss_window: Annotated[AtLeastOne[int], PERIODS, ours("a second", page=_GATE)] = 50
     """Number of latest periods under control that `ecu.loss_limit` refers to."""
     loss_limit: Annotated[int, PERIODS, ours("four deviations above a quarter lost at random", page=_GATE)] = 25
     """Number of periods without usable pressures, among the latest `ecu.loss_window`, at which the jets go to zero and
-    the fault latches. They need not be consecutive: a controller that gets at most every second sample does not control
-    the flow."""
+    the fault latches. A controller that gets at most every second sample does not control the flow."""
     deadline_misses: Annotated[AtLeastOne[int], STEPS] = 3
     """Number of steps off time, among the latest `ecu.deadline_window`, at which the ECU switches itself off. A step is
-    off time if it is at least one period late or half a period early. A number larger than the window disables this
-    check."""
+    off time if it is at least one period late or half a period early. A number above the window disables the check."""
     deadline_window: Annotated[AtLeastOne[int], STEPS] = 10
     """Number of latest steps that `ecu.deadline_misses` refers to."""
     plan_ahead: Annotated[bool, ours("takes off more drag", page="reference/results.md#what-limits-the-reduction")] = (
@@ -259,8 +247,7 @@ class EcuConfig(Settings, source=ours("our ECU; the paper has none", page=_GATE)
 
     @property
     def frozen_actions(self) -> int:
-        """Number of periods whose action is already fixed when the ECU plans: the actuator delay, plus the present
-        period if the ECU plans ahead."""
+        """Number of periods whose action is fixed before planning: actuator delay, plus 1 if the ECU plans ahead."""
         return self.delay_steps + self.plan_ahead
 
 
@@ -269,8 +256,7 @@ class VehicleConfig(Settings, source=ours("the same as the ECU's", page=_GATE)):
     """Settings of the simulated vehicle."""
 
     actuator_delay: Annotated[int, _DELAY, PERIODS, paper("appendix B", "the case without delay")] = 0
-    """Delay, in control periods, with which the jets follow a command. `ecu.delay_steps` is the delay that the
-    controller assumes."""
+    """Delay of the jets after a command, in control periods. The controller assumes `ecu.delay_steps`."""
     action_step: Annotated[Positive[float], FLOW_RATE] = 0.075
     """Largest change of the jets' action per period that the jets' driver permits, in U_inf W, except when it shuts
     them. It equals `ecu.command_step`; the vehicle enforces it independently."""

@@ -26,8 +26,7 @@ from contract.printable import quoted, shown
 PROGRAM_SETTINGS: Final = "sw_settings.h"
 """Name of the header with sizes and settings of one program, and the hashes of the program and of its DBC."""
 ECU_SETTINGS: Final = "sw_ecu_settings.h"
-"""Name of the header with the DBC's messages, the release's figures and the vehicle's settings. A folder with this file
-has the ECU."""
+"""Name of the header with DBC messages, release figures and vehicle settings. Only a folder with the ECU has it."""
 PROGRAM_WEIGHTS: Final = "sw_weights.c"
 """Name of the source file with the arrays that `sw_weights.h` declares."""
 REPLAY: Final = "replay.c"
@@ -92,8 +91,7 @@ class ProgramSettings:
         return int(value)
 
     def multiply_accumulates(self) -> int:
-        """Return the number of products of weights in a control step; there is one forward pass more than adjoint
-        passes."""
+        """Return the weight products of a control step; it has one forward pass more than adjoint passes."""
         sizes = {
             name: self.number(f"SW_{name}")
             for name in ("WINDOW", "SENSORS", "LSTM", "HEAD", "LATENT", "DYN1", "DYN2", "DECODER", "BLOCKS")
@@ -180,8 +178,7 @@ def read_recorded(folder: Path) -> ProgramRows:
 
 
 def rows_text(rows: npt.NDArray[np.floating]) -> str:
-    """Format rows as in `recorded.txt`, which is also the example program's input: one row per line, with the digits of
-    float32."""
+    """Format rows as in `recorded.txt`, the example program's input: one row per line, with the digits of float32."""
     return "".join(" ".join(f"{value:.9g}" for value in row) + "\n" for row in rows.astype(np.float64))
 
 
@@ -191,8 +188,7 @@ def rows_from_text(text: str) -> ProgramRows:
 
 
 def check_replaceable(folder: Path) -> None:
-    """Check that writing a library, which replaces a whole folder, replaces only a library. Raises LibraryError
-    otherwise."""
+    """Raise LibraryError if writing a library would replace a folder with other contents."""
     if folder.is_dir() and any(folder.iterdir()) and not (folder / PROGRAM_SETTINGS).is_file():
         raise LibraryError(f"{folder}: that directory holds something else; name another")
 

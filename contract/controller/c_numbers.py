@@ -32,8 +32,7 @@ class Numbers:
     alignment: int | None = None
 
     def definition(self, name: str) -> str:
-        """Return the C definition of a constant with these values, and a line that stops the compiler if it uses
-        another layout."""
+        """Return the C definition of a constant with these values, and a compile-time check of its layout."""
         check = f"typedef char {name}_as_packed[{self.as_packed} ? 1 : -1];"
         return f"const {self.struct} {name} = {self.initialiser};\n\n#if defined(__GNUC__)\n{check}\n#endif"
 

@@ -82,8 +82,7 @@ class Calibration:
         )
 
     def pack(self) -> bytes:
-        """Pack the values into `PACKED_BYTES` bytes, little-endian: float32 each, and `delay_steps` as a 32-bit
-        integer."""
+        """Pack the values, little-endian: float32 each, and `delay_steps` as a 32-bit integer."""
         return _PACKED.pack(*self.values[:-1], self.delay_steps)
 
     @classmethod
@@ -122,8 +121,7 @@ class CalibrationLimits:
         self.check_values(calibration.values)
 
     def check_values(self, values: Sequence[float]) -> None:
-        """Check values in the order of `CALIBRATION_NAMES` before a calibration is built from them. Raises ConfigError
-        like `check`."""
+        """Check values in the order of `CALIBRATION_NAMES`. Raises ConfigError as `check` does."""
         rows = zip(CALIBRATION_NAMES, values, self.least.values, self.greatest.values, strict=True)
         for name, value, least, greatest in rows:
             if not least <= value <= greatest:

@@ -39,8 +39,7 @@ class Goal(NamedTuple):
 
     @classmethod
     def of(cls, weights: CostWeights, share_of_limit: float = 1.0) -> "Goal":
-        """Compute the position of weights and a limit of the jets in the range; the limit is a share of the release's
-        limit."""
+        """Compute the position of weights and a jet limit in the range; the limit is a share of the release's."""
         return cls(
             effort=_root(weights.effort, weights.drag_mean * DEAREST_EFFORT),
             lift=_root(weights.lift, weights.drag_mean * DEAREST_LIFT),
@@ -66,11 +65,9 @@ def schedule(speed: float, goal: Goal) -> tuple[float, ...]:
 
 
 def beyond(weights: CostWeights, *, knows_goal: bool = True) -> CostWeights:
-    """Return the weights that the MPC iterations use if the plan starts from a prior's output: the part beyond the
-    prior's range of goals.
+    """Return the weights for MPC iterations that start from a prior's plan: the part beyond the prior's range of goals.
 
-    A prior that was trained for drag alone gets no other goal, so the iterations keep the full weights of effort and
-    lift.
+    A prior trained for drag alone gets no other goal, so the iterations keep the weights of effort and lift.
 
     A prior that was trained through the flow is stationary for the goals in its range: the expected gradient of their
     cost along its plan is zero. A gradient that the model computes for them is noise and error, so their weights are

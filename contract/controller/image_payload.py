@@ -24,8 +24,7 @@ from contract.errors import BundleContainerError
 
 LEAST_FIGURE: Final = 1e-9
 MOST_FIGURE: Final = 1e3
-"""Smallest and largest magnitude, in Cp, of healthy residuals and of figures of the wake without jets. Their squares
-are divisors."""
+"""Bounds of the magnitude, in Cp, of healthy residuals and of the wake without jets; their squares are divisors."""
 _TYPES: Final = ("int8", "uint8", "int32", "float32", "float64")
 """Types, in the order of their numbers in `sw_image.c`."""
 _POSITIVE: Final = frozenset(
@@ -50,8 +49,7 @@ Range = tuple[float, float]
 
 
 class Limits(NamedTuple):
-    """The bounds of numbers in a payload: `groups` of `run` numbers each; groups are `stride` bytes apart, and the
-    first is at `place`."""
+    """The bounds of numbers in a payload: `groups` of `run` numbers each, `stride` bytes apart from `place` on."""
 
     name: str
     dtype: str
@@ -145,14 +143,12 @@ def _widest_integer(layout: Mapping[str, str]) -> float:
 
 
 def _stated(layout: Mapping[str, str], name: str, otherwise: int) -> int:
-    """Return a definition of the layout as a number. A layout without the definition belongs to no ECU; the default
-    then skips the check."""
+    """Return a definition as a number. Without it the image belongs to no ECU, and `otherwise` skips the check."""
     return int(layout.get(name, otherwise))
 
 
 def _together(arrays: Mapping[str, npt.NDArray[Any]], layout: Mapping[str, str]) -> Iterator[str]:
-    """Describe numbers that are within their limits but contradict each other; the rules equal `are_sound_together` in
-    `sw_image.c`."""
+    """Describe numbers that contradict each other; the rules are those of `are_sound_together` in `sw_image.c`."""
     rows = arrays.get("weights.prior_filter_rows")
     if rows is not None:
         memory, all_rows = (_stated(layout, f"SW_PRIOR_{name}", 1) for name in ("MEMORY", "FILTER_ROWS"))
@@ -225,8 +221,7 @@ def payload_of(files: Mapping[str, bytes]) -> bytes:
 
 
 def layout_in(payload: bytes, sha256: bytes) -> dict[str, str]:
-    """Return the definitions of a payload's layout. Raises BundleContainerError if the payload has no layout with this
-    SHA-256."""
+    """Return the definitions of a payload's layout. Raises BundleContainerError for another SHA-256."""
     start = payload.rfind(_TITLE.encode())
     if start < 0 or hashlib.sha256(payload[start:]).digest() != sha256:
         raise BundleContainerError(f"image: no text of its layout {sha256.hex()[:12]} behind its numbers")

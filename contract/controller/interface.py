@@ -92,13 +92,11 @@ class Controller(Protocol):
         speed: float = 1.0,
         limit: float | None = None,
     ) -> ControlStep:
-        """Compute one control step; without weights or a limit the controller's own apply. Raises ControllerError if
-        there is no answer."""
+        """Compute a control step; weights and limit default to the controller's. Raises ControllerError on failure."""
 
 
 class RunnableController(Controller, Protocol):
-    """A controller that can run on this machine and be prepared before a run. `description` tells people what computes
-    the step."""
+    """A controller that runs on this machine and can be warmed up. `description` states what computes the step."""
 
     description: str
 

@@ -48,8 +48,7 @@ def followed(before: T, new: T, share: float) -> T:
 
 
 def places(speeds: Sequence[float], length: int) -> Places:
-    """Compute the positions of `length` rows; the newest is at the newest period. There are fewer if the periods do not
-    reach back that far.
+    """Compute the positions of `length` rows, the newest at the newest period; fewer if the past is too short.
 
     Args:
         speeds: (n,) speed at each period's sample, oldest first, as a ratio to the design speed, above 0; it is taken

@@ -41,11 +41,9 @@ MODEL_WEIGHTS: Final = "model.safetensors"
 TEACHER: Final = "encoder"
 SLIM: Final = "slim"
 PRIOR: Final = "prior"
-"""Prefix of the prior's tensors in a refined model. The prior computes the plan from which the controller's iterations
-start (`train.refinement`)."""
+"""Prefix of the prior's tensors. It computes the iterations' initial plan (`train.refinement`)."""
 RESTING: Final = "resting"
-"""Name of a tensor that is stored with the prior and belongs to no network: (K, 3) speeds, base pressure and swing of
-the wake without jets."""
+"""Name of a tensor beside the prior's: (K, 3) speeds, base pressure and swing of the wake without jets."""
 PREDICTOR: Final = ("dynamics", "decoder")
 """Networks that a model may also have in a narrower form, stored with the prefix `SLIM`."""
 
@@ -68,8 +66,7 @@ class Description:
         dataset_sha256: of the recording that the model was fitted to.
         metrics: "teacher", "slim" and, with narrower networks, "deployed"
             (`train.distillation.evaluate.EncoderMetrics`), and "slim_latent" (L1/sigma against the teacher).
-        ranking: method and order of the sensors; for SHAP also mean and std of every sensor, and stability of the best
-            sets.
+        ranking: method and order of the sensors; for SHAP also every sensor's mean and std, and stability of the sets.
         versions: of the software; "torch_threads" is the number of threads during training.
     """
 
@@ -105,8 +102,7 @@ class Provenance:
     config: Mapping[str, Any]
 
     def training(self) -> dict[str, Any]:
-        """Return the `provenance` of a bundle's manifest. It has no hashes, because the manifest has other fields for
-        them."""
+        """Return the `provenance` of a bundle's manifest, without the hashes, which have their own fields."""
         return {"metrics": self.metrics, "versions": self.versions, "config": self.config}
 
 
@@ -125,13 +121,11 @@ class ModelFolder:
     config_tree: Mapping[str, Any]
 
     def network(self, name: str) -> dict[str, npt.NDArray[Any]]:
-        """Return one network's tensors with the names of the network's state dict; empty if the model does not have the
-        network."""
+        """Return one network's tensors with the names of its state dict; empty if the model has no such network."""
         return {key.partition(".")[2]: value for key, value in self.tensors.items() if key.split(".")[0] == name}
 
     def deployed(self, name: str) -> dict[str, npt.NDArray[Any]]:
-        """Return the tensors of `dynamics` or `decoder` for the vehicle: those of the narrower network, if there is
-        one."""
+        """Return the vehicle's tensors of `dynamics` or `decoder`: the narrower network's, if there is one."""
         return self.network(f"{SLIM}_{name}") or self.network(name)
 
     @property
@@ -141,8 +135,7 @@ class ModelFolder:
 
     @property
     def resting(self) -> RestingWake | None:
-        """The wake without jets by speed; None for a model trained at one speed. Raises ModelError for a tensor of
-        another shape."""
+        """The wake without jets by speed; None for a model of one speed. Raises ModelError for another shape."""
         table = self.tensors.get(f"{PRIOR}.{RESTING}")
         if table is None:
             return None

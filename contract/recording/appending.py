@@ -13,8 +13,7 @@ from contract.sensors import TRUCK
 
 def read_to_append(path: Path, facts: Mapping[str, Any], layout: SensorLayout = TRUCK) -> tuple[Episode, ...]:
     """Return the episodes of an existing data set, none if there is no file. Raises DatasetError if the file is no data
-    set, has the first schema or other sensors, or contains an episode with other facts; the message states the first
-    difference.
+    set, has the first schema or other sensors, or an episode with other facts; the message states the first.
 
     Args:
         facts: provenance that the existing episodes must share with the new episodes, such as the flow's settings.
@@ -60,8 +59,7 @@ def append(path: Path, episodes: Sequence[Episode], facts: Mapping[str, Any], la
 
 
 def _differences(there: Mapping[str, Any], here: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, Any, Any]]:
-    """List the differences as (name, value there, value here); nested names are joined by dots, and a missing value is
-    None."""
+    """List the differences as (name, value there, value here), with dotted names and None for a missing value."""
     for key in sorted(there.keys() | here.keys()):
         a, b = there.get(key), here.get(key)
         if isinstance(a, Mapping) and isinstance(b, Mapping):

@@ -28,8 +28,7 @@ from contract.sensor_layout import SensorLayout
 from contract.sensors import TRUCK
 
 LARGEST_INTEGER: Final = 32767
-"""Largest integer. The smallest is its negative, so that a series and its mirror image are stored with the same
-magnitudes."""
+"""Largest integer; the smallest is its negative, so that a mirrored series has the same magnitudes."""
 
 
 def pack(values: Array, finest: float, coarsest: float) -> tuple[npt.NDArray[np.int16], float]:
@@ -56,11 +55,9 @@ def unpack(integers: npt.NDArray[np.int16], quantum: float) -> Array:
 
 DATASET_SCHEMA: Final = "stillwake-dataset/3"
 DATASET_SCHEMA_2: Final = "stillwake-dataset/2"
-"""Older schema that is still read: only the names of the truck's 90 sensors, all ten series, facts in the episodes'
-provenance."""
+"""Older schema that is still read: the truck's sensors by name, all ten series, facts in the episodes' provenance."""
 DATASET_SCHEMA_1: Final = "stillwake-dataset/1"
-"""First schema, which is still read: float32 series, and one series `Cd_slot` instead of separate pressure and viscous
-forces."""
+"""First schema, which is still read: float32 series, and one `Cd_slot` instead of pressure and viscous force."""
 SCHEMAS: Final = (DATASET_SCHEMA, DATASET_SCHEMA_2, DATASET_SCHEMA_1)
 
 _EXACT: Final = frozenset({"t", "action"})
@@ -108,8 +105,7 @@ class Dataset:
 
     @property
     def plant(self) -> PlantFacts:
-        """The facts about the plant. A missing fact comes from the episodes' provenance; a missing control period also
-        from t."""
+        """The plant's facts. Missing facts come from the episodes' provenance, a missing control period also from t."""
         given = () if self.facts is None else (self.facts,)
         return first_known([*given, *(facts_in(item.provenance) for item in self.episodes), _clock(self.episodes)])
 
@@ -279,8 +275,7 @@ def _read_episode(name: str, node: h5py.Group | h5py.Dataset, schema: str, probl
         elif field in REQUIRED or schema != DATASET_SCHEMA:
             found.append(f"episode {name}: field {field!r} is missing")
     if schema == DATASET_SCHEMA_1 and "Cd_slot" in series:
-        # The single recorded force is stored as the pressure force, which is nearly all of it, so that the sum stays as
-        # recorded.
+        # The single recorded force counts as pressure force, which is nearly all of it, so that the sum is unchanged.
         series["Cd_slot_pressure"] = series.pop("Cd_slot")
         series["Cd_slot_viscous"] = np.zeros_like(series["Cd_slot_pressure"])
     attributes = {}
@@ -328,8 +323,7 @@ def _fields_of(schema: str) -> tuple[str, ...]:
 
 
 def _read_series(name: str, field: str, stored: h5py.Dataset, problems: list[str]) -> Array | None:
-    """Read a series: floating-point numbers unchanged, integers times their quantum. For anything else return None and
-    append a problem."""
+    """Read floating-point numbers unchanged, integers times their quantum; else append a problem and return None."""
     unit, found = UNITS.get(field, "1"), stored.attrs.get("units")
     if found != unit:
         what = "has no attribute 'units'" if found is None else f"is in {found!r}"

@@ -18,8 +18,7 @@ from contract.errors import DatasetError
 from contract.ledger import LEDGER_FIELDS, DragLedger, ledger_of
 
 ForcesClock = Literal["log", "start", "t_c"]
-"""Clock of the forces recorded beside a log: s on the log's clock, s since the log's first pressure, or W / U_inf since
-then."""
+"""Clock of forces beside a log: s on the log's clock, s since the log's first pressure, or W / U_inf since then."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,9 +71,8 @@ def _number(value: object) -> float | None:
 
 
 Role = Literal["train", "test", "extended", "controlled", "calm"]
-"""Use of an episode. The model is fitted to "train" and tested on "test". The other roles are held out from training
-too: "extended" has forcing beyond the training range, "controlled" was recorded while a controller drove the jets, and
-"calm" begins at the steady wake."""
+"""Use of an episode. The model is fitted to "train" and tested on "test". The other roles are held out too: "extended"
+has forcing beyond the training range, "controlled" has a controller, "calm" begins at the steady wake."""
 ROLES: Final[tuple[Role, ...]] = get_args(Role)
 
 UNITS: Final[Mapping[str, str]] = {
@@ -128,8 +126,7 @@ class Episode:
         return np.concatenate([[self.initial_action], self.series["action"][:-1]])
 
     def rows(self, columns: Index, sign: float = 1.0) -> Array:
-        """Return the rows (Cp_k, a_{k-1}) of S sensors, (n, S+1). Use sign = -1 for the mirror image, in which the
-        action has the opposite sign."""
+        """Return rows (Cp_k, a_{k-1}) of S sensors, (n, S+1). In a mirror image the action has the sign -1."""
         return np.column_stack([self.series["Cp"][:, columns], sign * self.previous_action])
 
     @property

@@ -22,16 +22,13 @@ CLOCK_TOLERANCE: Final = 1e-3
 """Largest relative deviation of the mean time step from the control period. Over a horizon of 25 steps, the model's
 clock is then wrong by a fortieth of a step."""
 LIMIT_TOLERANCE: Final = 1e-6
-"""Largest relative excess of an action over the limit. Such an excess comes from rounding in a text file, not from a
-command."""
+"""Largest relative excess of an action over the limit, which rounding in a text file explains."""
 QUIET: Final = 0.05
 """Share of the action limit below which jets count as off or weak."""
 _SPAN: Final = (0.05, 50.0)
-"""Smallest and largest plausible extent of the sensors' positions, in W. Positions in millimetres or metres are mostly
-outside."""
+"""Smallest and largest plausible extent of the sensors' positions, in W; in mm or m it is mostly outside."""
 _USED: Final = 0.25
-"""Smallest plausible ratio of the largest training action to the action limit; in percent or another unit the ratio is
-far smaller."""
+"""Smallest plausible ratio of the largest training action to the limit; with a wrong unit it is far smaller."""
 _FREQUENCY: Final = (0.02, 2.0)
 """Smallest and largest plausible frequency of the peak of Cl's spectrum, in U_inf / W, with a wide margin. If times are
 in seconds, the peak is mostly outside."""
@@ -282,8 +279,7 @@ def _hints(dataset: Dataset, config: Config) -> Iterator[Finding]:
 
 
 def asymmetry(dataset: Dataset) -> Iterator[Finding]:
-    """Report mirrored sensors whose mean pressures differ. Training would add a mirror image of the recording that is
-    no possible flow."""
+    """Report mirrored sensors whose mean pressures differ, so that the mirrored recording is no possible flow."""
     mirror, training = dataset.layout.mirror, [item.series["Cp"] for item in dataset.episodes if item.role == "train"]
     if mirror is None or not training:
         return

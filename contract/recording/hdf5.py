@@ -1,5 +1,4 @@
-"""A reader of HDF5 files from unknown sources: it refuses data in other files and unprintable names, and bounds the
-size first."""
+"""A reader of HDF5 files of unknown origin: it refuses external data and unprintable names, and bounds the size."""
 
 import math
 from collections.abc import Iterator
@@ -15,8 +14,7 @@ from contract.errors import DatasetError
 @contextmanager
 def opened(path: Path) -> Iterator[h5py.File]:
     """Open a file for reading. Raises DatasetError if it is missing, refers to another file or to itself, or holds more
-    than `MOST_VALUES` values. For a damaged file h5py's errors pass through: OSError, RuntimeError, KeyError,
-    ValueError, TypeError."""
+    than `MOST_VALUES` values. A damaged file raises h5py's OSError, RuntimeError, KeyError, ValueError or TypeError."""
     if not path.is_file():
         raise DatasetError(f"{path}: no such dataset")
     values, seen = 0, set[int]()

@@ -10,8 +10,7 @@ from contract.config.learning import TrainConfig
 from contract.config.tree import Config
 
 HORIZONS: Final = (5, 10, 25)
-"""Numbers of steps ahead at which open-loop prediction is tested; 25 is one shedding cycle of the truck and the MPC's
-horizon."""
+"""Steps ahead at which open-loop prediction is tested; 25 is the truck's shedding cycle and the MPC's horizon."""
 
 STRETCH: Final = 64
 """Number of latents that the distillation learns from in one pass over a stretch of the recording."""
@@ -56,8 +55,7 @@ def judging_need(config: Config) -> Need:
 
 
 def roll_out_need(config: Config) -> Need | None:
-    """Return the steps that one episode with role "train" needs, if narrower dynamics and decoder are distilled on
-    roll-outs; otherwise None."""
+    """Return the steps that one episode with role "train" needs for distilling dynamics and decoder; else None."""
     if not config.model.is_slimmed:
         return None
     window, horizon = config.model.window, config.mpc.horizon
@@ -71,8 +69,7 @@ def gate_need(config: Config) -> Need:
 
 
 def calibration_need(config: Config) -> Need:
-    """Return the steps that the episodes with role "train" need for calibrating int8; one episode of each kind of
-    forcing is used."""
+    """Return the steps that a "train" episode of each kind of forcing needs for calibrating int8."""
     window = config.model.window
     return Need(
         steps=window - 1 + LEAST_CALIBRATION,

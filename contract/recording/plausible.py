@@ -1,5 +1,4 @@
-"""Checks for numbers that are implausible for a wall pressure, a force balance or a data logger, each with its likely
-cause and a remedy.
+"""Checks for implausible numbers of a wall, a force balance or a logger, with likely cause and remedy.
 
 The checks are per episode and per sensor. None of them stops training: the bounds are those of usual bodies in a
 stream, and the body may be unusual.
@@ -42,14 +41,11 @@ def share_near(values: Array, period: float, frequency: float, width: float) -> 
 
 
 _HIGHEST: Final = 1.1
-"""Highest plausible mean Cp. 1 is the stagnation pressure of a steady stream; a tenth is left for errors of a tunnel's
-p_inf and dynamic pressure."""
+"""Highest plausible mean Cp. 1 is the stagnation pressure of a steady stream; a tenth is for errors of p_inf and q."""
 _LOWEST: Final = -5.0
-"""Lowest plausible mean Cp, of the strongest suction peaks, at a leading edge or beside a rotating cylinder. A tenth
-more is accepted."""
+"""Lowest plausible mean Cp: suction peaks at a leading edge or a rotating cylinder. A tenth more is accepted."""
 _SWINGS: Final = (-6.0, 1.25)
-"""Bounds of Cp outside which, on either side, at most one row in twenty may be. Gusts and noise of 15 % at a stagnation
-point stay within."""
+"""Bounds of Cp that at most one row in twenty may exceed; gusts and noise of 15 % at a stagnation point do not."""
 _MOMENT: Final = 20.0
 """|Cp| above which a single row is an error: conical vortices on roofs reach 15 for moments."""
 _FORCE: Final = 5.0
@@ -60,11 +56,9 @@ _DRAG: Final = 0.02
 _FLAT: Final = 0.01
 """Smallest plausible root mean square of all Cp: the base of a slender body has a tenth."""
 _SCALE: Final = 3.0
-"""Largest plausible ratio of mean Cd or of rms Cp between two files: control can remove half of the drag, rarely two
-thirds."""
+"""Largest plausible ratio of mean Cd or rms Cp between files: control removes half of the drag, rarely more."""
 _SCALE_OF_LIFT: Final = 10.0
-"""Largest plausible ratio between two files of the deviation of Cl over the deviation of Cp; both deviations come from
-the same wake."""
+"""Largest plausible ratio between files of the deviation of Cl over that of Cp; both come from one wake."""
 _FAR: Final = (4.0, 10.0)
 """Smallest distances of a repeated extreme value that is no reading, such as -99, 99.99 or -9.99: from the next value,
 and from the median in interquartile ranges of the other values."""
@@ -79,19 +73,16 @@ _CLIPPED: Final = 0.03
 _SHOWN: Final = 3
 """Largest number of episodes or sensors that one line lists."""
 _CELLS: Final = 256
-"""Number of cells into which a column's standard deviation is divided. Values in one cell count as equal, values in one
-group of sixteen cells as similar."""
+"""Number of cells per standard deviation of a column. Values in one cell count as equal, in 16 cells as similar."""
 _ALIKE: Final = (10, 0.25)
-"""Number of equal rows in the same order, or share of equal rows in any order, above which a file counts as made from
-another."""
+"""Number of equal rows in order, or share of equal rows in any order, above which a file is a copy of another."""
 
 _Note = tuple[str, str]
 """A note: the observation in an episode, and its cause with the remedy."""
 
 
 def implausible(dataset: Dataset) -> Iterator[str]:
-    """Report one line for every cause, with the episodes and values that indicate it, then the findings between
-    episodes."""
+    """Report one line per cause, with the episodes and values that indicate it, then findings between episodes."""
     names = (*dataset.layout.names, "Cd", "Cl")
     tables = [np.column_stack([item.series[name] for name in ("Cp", "Cd", "Cl")]) for item in dataset.episodes]
     missing = [_stand_for_none(table) for table in tables]
@@ -141,8 +132,7 @@ def _runs(mask: Mask) -> tuple[Any, Any]:
 
 
 def _stand_for_none(table: Array) -> Mask:
-    """Return where a value stands for a missing value. It is far from all others, and either repeated or larger than
-    any wall pressure."""
+    """Return where a value stands for a missing one: far from all others, and repeated or beyond any wall pressure."""
     found = np.zeros(table.shape, dtype=np.bool_)
     for extreme, sign in ((table.max(axis=0), 1.0), (table.min(axis=0), -1.0)):
         here = table == extreme
@@ -331,8 +321,7 @@ def _copies(episodes: Sequence[Episode], tables: Sequence[Array], spread: Array)
     rows = np.concatenate([np.round(table[:, chosen] / cells) for table in tables]).astype(np.int64)
     owner = np.repeat(np.arange(len(tables)), [len(table) for table in tables])
     step = np.concatenate([np.arange(len(table)) for table in tables])
-    # A periodic wake repeats itself within one file too. So only rows that are similar to no other row of their own
-    # file count.
+    # A periodic wake repeats itself in its file too. So only rows that are unlike all others of their file count.
     _, back, counts = np.unique(np.column_stack([owner, rows >> 4]), axis=0, return_inverse=True, return_counts=True)
     alone = counts[back.ravel()] == 1
     _, kind = np.unique(rows[alone], axis=0, return_inverse=True)
@@ -349,8 +338,7 @@ def _copies(episodes: Sequence[Episode], tables: Sequence[Array], spread: Array)
         in_order = pairs[pairs[:, 0] - pairs[:, 1] == offsets[times.argmax()], 1]
         between = (owner == b) & alone & (step >= in_order.min()) & (step <= in_order.max())
         few, ahead = min(len(tables[a]), len(tables[b])), int(offsets[times.argmax()])
-        # Rounding may move values into other cells. Therefore the rows themselves are compared, shifted by the offset
-        # of those that match.
+        # Rounding may move values into other cells, so the rows themselves are compared at the matches' offset.
         one, other = tables[a][max(ahead, 0) :], tables[b][max(-ahead, 0) :]
         size = min(len(one), len(other))
         same = np.abs(one[:size] - other[:size]).max(axis=1) <= 4 * _FINEST

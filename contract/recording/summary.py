@@ -19,8 +19,7 @@ _PRACTICAL: Final = (10, 60)
 """Smallest and largest number of control steps per cycle for which horizon and window are derived from the cycle. With
 fewer steps the jets' ramp is coarse, with more a control step takes too long."""
 LEAST_CALM: Final = 25
-"""Smallest number of control steps without forcing whose mean represents the uncontrolled flow: one cycle of the
-truck's wake."""
+"""Smallest number of unforced steps whose mean represents the uncontrolled flow: one cycle of the truck's wake."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,8 +31,7 @@ class EpisodeSummary:
         action_rms: root mean square of the action, in U_inf W.
         drag: mean Cd.
         lift: standard deviation of Cl.
-        frequency: frequency of the largest peak of Cl's spectrum, in 1/t_c; None for a series that is too short or
-            constant.
+        frequency: of the largest peak of Cl's spectrum, in 1/t_c; None for a series that is short or constant.
     """
 
     name: str

@@ -4,9 +4,8 @@
 the data set, weights and program that it was built from, and the SHA-256 of every other file and of the DBC.
 
 `manifest.sig`, if present, is an Ed25519 signature of the manifest's bytes (`contract.release.signing`), and so covers
-everything that the manifest states. Loading verifies everything and refuses a mismatch; the error states the file or
-field. The manifest's own hash detects accidental changes; a signature by a key that the reader trusts detects
-deliberate changes.
+everything that the manifest states. Loading verifies everything; an error states the file or field. The manifest's own
+hash detects accidental changes, a signature by a trusted key deliberate changes.
 
 `controller.onnx` computes one control step, with the inputs and outputs of `contract.controller.interface`.
 `sensors.onnx`, if present, estimates the pressures from each other for the ECU's sensor check
@@ -62,8 +61,7 @@ def write(path: Path, manifest: Manifest, contents: Mapping[str, bytes], key: Ed
 
 
 def check_replaceable(path: Path) -> None:
-    """Check that writing a bundle, which replaces a whole directory, replaces only a bundle. Raises BundleError
-    otherwise."""
+    """Raise BundleError if writing a bundle would replace a directory with other contents."""
     if path.suffix.lower() == ".zip":
         raise BundleError(f"bundle {path}: is written as a directory; name one that does not end in .zip")
     if path.is_dir() and not (path / MANIFEST).is_file() and any(path.iterdir()):
@@ -72,8 +70,7 @@ def check_replaceable(path: Path) -> None:
 
 def sign(path: Path, key: Ed25519PrivateKey, judge: Callable[[Bundle], object] | None = None) -> Bundle:
     """Verify everything in a bundle except its signature, and sign it in place. Raises BundleError as `load` does;
-    StillwakeError if it cannot be written. `judge` is called with the bundle before signing; it raises an error for a
-    bundle that must not be signed."""
+    StillwakeError if it cannot be written. `judge` is called before signing; it raises an error to prevent it."""
     contents = read_files(path)
     contents.pop(SIGNATURE, None)
     bundle = read_checked(path, contents)
@@ -106,8 +103,7 @@ def renew(
     estimator: MadeEstimator | None = None,
     judge: Callable[[Bundle], object] | None = None,
 ) -> Bundle:
-    """Write a bundle again under another name, and sign it. The old bundle may be for another version's DBC; the new
-    one is for this version's.
+    """Write a bundle again under another name, for this version's DBC, and sign it. The old DBC may be another one.
 
     The new bundle may also have another operating point: the controller works in Cp and U_inf W, not in Pa and m/s. The
     control period and the budget follow from the operating point.

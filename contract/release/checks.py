@@ -1,8 +1,6 @@
-"""The checks of a release bundle's files. Nothing is parsed before its signature is verified; all checks can be listed
-in one run.
+"""The checks of a release bundle's files. Nothing is parsed before its signature is verified.
 
-The manifest's own hash detects accidental changes; a signature by a key that the reader trusts detects deliberate
-changes.
+The manifest's own hash detects accidental changes, a signature by a trusted key deliberate changes.
 """
 
 import hashlib
@@ -128,8 +126,7 @@ def read_checked(
     any_dbc: bool = False,
 ) -> Bundle:
     """Check a bundle's files and return the bundle; nothing is parsed before its signature is verified. Raises
-    BundleError for the first check that fails. If `made` lists the checks, the reading continues after a failed check
-    if it can."""
+    BundleError for the first check that fails. If `made` lists the checks, reading continues if possible."""
     made = Made() if made is None else made
     raw, signature, parts = made.need(MANIFEST, lambda: _taken_apart(path, contents))
 

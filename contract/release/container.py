@@ -1,7 +1,6 @@
 """The files of a bundle in a directory: read with bounds and checks, written completely or not at all.
 
-A bundle may come from anyone. So names must be plain, links are not followed, and the bytes that are read are counted
-against the size limits.
+A bundle may come from anyone. So names must be plain, links are not followed, and sizes are limited while reading.
 
 For transfer, a bundle is packed into an image (`contract.release.image`, `contract.release.controller_image`).
 """
@@ -84,8 +83,7 @@ def _collect(path: Path) -> dict[str, bytes]:
 
 
 def _open_plain(path: Path, name: str) -> IO[bytes]:
-    """Open a file that was a plain file when it was listed, and check that it still is: links are not followed, and
-    opening a pipe does not block."""
+    """Open a file that was listed as plain, and check that it still is: no link is followed, and no pipe blocks."""
     flags = os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
     try:
         file = os.fdopen(os.open(path / name, flags), "rb")
@@ -100,8 +98,7 @@ def _open_plain(path: Path, name: str) -> IO[bytes]:
 
 
 def _read_at_most(file: IO[bytes], most: int) -> bytes:
-    """Read a file's content up to `most` bytes, in pieces, because a sparse file can state a size larger than any
-    memory."""
+    """Read up to `most` bytes in pieces, because a sparse file can state a size larger than any memory."""
     pieces: list[bytes] = []
     while most > 0 and (piece := file.read(min(most, _CHUNK))):
         pieces.append(piece)

@@ -37,8 +37,7 @@ SUFFIX: Final = ".swi"
 HEADER_BYTES: Final = 512
 """Size of the header, in bytes."""
 VEHICLE: Final = slice(148, 192)
-"""Bytes of the header that are compared with the vehicle: control period, operating point, action limit, number of
-sensors."""
+"""Header bytes compared with the vehicle's: control period, operating point, action limit, number of sensors."""
 _MAX_NAME: Final = 64
 """Largest size of a name, in bytes."""
 _MAGIC: Final = b"SWCTRL01"
@@ -105,8 +104,7 @@ class ControllerImage:
 
 
 def seal(payload: bytes, facts: ImageFacts, key: Ed25519PrivateKey | None) -> bytes:
-    """Build the image of a payload, signed if there is a key. Raises BundleContainerError for a name that does not fit
-    into the header."""
+    """Build the image of a payload, signed if there is a key; raises BundleContainerError for a bad name."""
     header = _FACTS.pack(
         _MAGIC,
         HEADER_BYTES + len(payload),

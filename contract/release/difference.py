@@ -72,8 +72,7 @@ def described(image: ControllerImage) -> dict[str, str]:
 
 
 def _of_image(image: ControllerImage) -> dict[str, str]:
-    """Return everything in which two images may differ, by name: the facts, every setting of the layout, and every
-    array."""
+    """Return all comparable parts of an image by name: facts, settings of the layout, and arrays."""
     layout = layout_in(image.payload, image.facts.layout)
     arrays = {
         f"array {name}": " ".join(map(str, values.ravel().tolist()))

@@ -27,8 +27,7 @@ _FIRST: Final = (MANIFEST, SIGNATURE)
 
 
 def image_of(files: Mapping[str, bytes]) -> bytes:
-    """Build the image of a bundle's files. Raises BundleContainerError if there are more files or bytes than a bundle
-    may have."""
+    """Build the image of a bundle's files; raises BundleContainerError for too many files or bytes."""
     if len(files) > MAX_FILES or sum(map(len, files.values())) > MAX_BYTES:
         raise BundleContainerError(f"image: more than {MAX_FILES} files or {MAX_BYTES} bytes")
     names = sorted(files, key=lambda name: (_FIRST.index(name) if name in _FIRST else len(_FIRST), name))
@@ -38,8 +37,7 @@ def image_of(files: Mapping[str, bytes]) -> bytes:
 
 
 def files_of(image: bytes) -> dict[str, bytes]:
-    """Return the files in an image by name. Raises BundleContainerError if the bytes are no complete image of plain
-    files."""
+    """Return an image's files by name; raises BundleContainerError if it is no complete image of plain files."""
     if len(image) < _HEADER.size:
         raise BundleContainerError(f"image of {len(image)} bytes: must have {_HEADER.size} or more")
     magic, length, count = _HEADER.unpack_from(image)

@@ -81,8 +81,7 @@ def encode(listed: KeyList, root: Ed25519PrivateKey) -> bytes:
 
 
 def signer(raw: bytes) -> PublicKey:
-    """Verify a list's signature and return the root key that signed it. Raises KeyFileError if the signature is missing
-    or wrong."""
+    """Verify a list's signature and return the root key. Raises KeyFileError without a valid signature."""
     if raw.startswith(b"{"):
         raise KeyFileError("key list: is of an older version; make it again with `stillwake bundle keylist`")
     if len(raw) < _HEADER.size + _SIGNATURE or not raw.startswith(_MAGIC):

@@ -27,13 +27,11 @@ from contract.typed import typed
 _SCHEMA: Final = "stillwake-bundle/8"
 """The schema that this version reads. Older schemas do not state the wake without jets at other speeds."""
 FIRST_SECURITY_VERSION: Final = 1
-"""Security version of a release whose security version was never raised, and the smallest that an ECU with a store
-accepts."""
+"""Security version of a release if it was never raised, and the smallest that an ECU with a store accepts."""
 LARGEST_SECURITY_VERSION: Final = 2**32 - 1
 MANIFEST: Final = "manifest.json"
 MAX_STEPS: Final = 10_000
-"""Largest number of steps of the window and of the horizon: hundreds of times the release's, and still cheap to
-allocate."""
+"""Largest window and horizon, in steps: hundreds of times the release's, and still cheap to allocate."""
 MAX_RESTING: Final = 100
 """Largest number of speeds for which the wake without jets is stated. The ECU searches them in every period."""
 WeightPrecision = Literal["float32", "int8"]
@@ -81,8 +79,7 @@ cycle, removes most of a sensor's noise. The long one, two cycles, shows a small
 class SensorEstimator:
     """Size of the residuals of `sensors.onnx` when all sensors are healthy, one value for each pair of sensors.
 
-    Entry (j, i) is the residual of sensor i when it is estimated from all sensors except i and j; for i = j, from all
-    sensors except i.
+    Entry (j, i) is the residual of sensor i, estimated from all sensors except i and j; for i = j, from all except i.
 
     Attributes:
         fast, slow: (S, S) root mean square of the residuals in Cp, averaged over `FAST_PERIODS` and `SLOW_PERIODS`.
@@ -267,8 +264,7 @@ def _unlike_a_wake(resting: RestingWake) -> Iterator[str]:
 
 
 class Opened(NamedTuple):
-    """A manifest whose own hash is correct, split into schema, fields, hashes of every file and of the DBC, and its own
-    hash."""
+    """A manifest whose own hash is correct, split into schema, fields, hashes of files and DBC, and its own hash."""
 
     schema: str
     body: Mapping[str, Any]
@@ -294,8 +290,7 @@ def encode(manifest: Manifest, hashes: Mapping[str, str], dbc: str) -> bytes:
 
 
 def open_manifest(path: Path, raw: bytes) -> Opened:
-    """Split a bundle's manifest into its parts. Raises BundleManifestError if it is damaged, altered or of another
-    schema."""
+    """Split a manifest into its parts; raises BundleManifestError if it is damaged, altered or of another schema."""
     try:
         body = strict_json.decode(raw)
         schema, digest = body.pop("schema"), body.pop("manifest_sha256")
@@ -326,8 +321,7 @@ def open_manifest(path: Path, raw: bytes) -> Opened:
 
 
 def parse(path: Path, opened: Opened) -> Manifest:
-    """Convert the fields of an opened manifest. Raises BundleManifestError for a field that is missing, unknown or
-    invalid."""
+    """Convert an opened manifest; raises BundleManifestError for a missing, unknown or invalid field."""
     try:
         # Every field must be present: the bundle was built with the defaults of its own version, not of this one.
         return typed(dict(opened.body), Manifest, complete=True)

@@ -1,5 +1,4 @@
-"""The content that is forbidden in a bundle's graphs, whoever signed them. The bytes are checked before ONNX Runtime
-reads them.
+"""Content that is forbidden in a bundle's graphs; the bytes are checked before ONNX Runtime reads them.
 
 A graph may come from anyone. ONNX Runtime refuses unknown operators. Opening its session refuses other inputs, outputs
 and shapes, and a first step runs in bounded time and memory (`contract.runtime`). Two cases remain: constants in other
@@ -16,8 +15,7 @@ FORBIDDEN: Final = {
     b"com.microsoft": "an operator is of ONNX Runtime's own domain: must be one of ONNX's",
     b"ai.onnx.": "an operator is of another domain than ONNX's first: must be of that",
 }
-"""Texts that no valid graph contains, and their meanings. A tensor in another file states that file with the key
-`location`."""
+"""Texts that no valid graph contains, and their meanings. A tensor in another file has the key `location`."""
 
 
 def check_graph(content: bytes) -> None:

@@ -1,5 +1,4 @@
-"""A strict reader and writer of JSON, which refuses everything that two readers could read differently or that could
-overload a reader.
+"""Strict JSON: everything is refused that readers could understand differently or that could overload them.
 
 Python's `json` accepts more than the standard: NaN, numbers beyond a double, duplicate keys, lone surrogates, integers
 of any length, nesting to the limit of the stack. A manifest may come from anyone, so all of these are refused.
@@ -36,8 +35,7 @@ def decode(raw: bytes) -> dict[str, Any]:
 
 
 def encode(tree: Mapping[str, Any]) -> bytes:
-    """Return a table as bytes to be stored. Raises ValueError for a number that is not finite, TypeError for a type
-    that JSON does not have."""
+    """Return a table as bytes. Raises ValueError for a number that is not finite, TypeError for unknown types."""
     return (json.dumps(tree, indent=2, sort_keys=True, allow_nan=False) + "\n").encode()
 
 

@@ -1,2 +1,1 @@
-"""The execution of a release bundle's graphs: ONNX Runtime with bounded time and memory. Rules for copying such objects
-are here too."""
+"""The execution of a bundle's graphs by ONNX Runtime in bounded time and memory, and rules for copying objects."""

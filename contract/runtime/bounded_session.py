@@ -52,8 +52,7 @@ class BoundedGraph:
         self.run_on_zeros(self._opened(options), 1, limit_s)
 
     def run_on_zeros(self, session: Any, steps: int, limit_s: float) -> None:
-        """Run a number of steps on zeros. Raises BundleControllerError if they exceed the time limit, fail, or give
-        numbers that are not finite."""
+        """Run steps on zeros; raises BundleControllerError if they take too long, fail or give non-finite numbers."""
         options = onnxruntime.RunOptions()
         # ONNX Runtime checks this flag between two nodes, also inside the bodies of loops.
         timer = Timer(limit_s, setattr, (options, "terminate", True))
@@ -85,8 +84,7 @@ class BoundedGraph:
             session = onnxruntime.InferenceSession(
                 self.model, options, providers=["CPUExecutionProvider"], enable_fallback=False
             )
-            # ONNX Runtime lists inputs with a default separately. Reading the names can fail, because a name may be no
-            # valid text.
+            # ONNX Runtime lists inputs with a default separately. Reading a name fails if it is no valid text.
             listed = (*session.get_inputs(), *session.get_outputs(), *session.get_overridable_initializers())
             found = {item.name: item.shape for item in listed}
         except Exception as error:
@@ -109,8 +107,7 @@ def _options() -> Any:
     # path that is no folder, and not in the working directory.
     options.add_session_config_entry("session.model_external_initializers_file_folder_path", os.devnull)
     options.add_session_config_entry("session.load_model_format", "ONNX")
-    # The memory limit also applies to steps under control, because a graph may need more memory for real pressures than
-    # for zeros.
+    # The memory limit also applies under control, where a graph may need more memory than for zeros.
     _register_bounded_memory()
     options.add_session_config_entry("session.use_env_allocators", "1")
     return options

@@ -29,8 +29,7 @@ class OnnxController:
 
     @classmethod
     def of(cls, bundle: Bundle) -> "OnnxController":
-        """Open a bundle's controller. Raises BundleControllerError if its model does not load or contradicts the
-        manifest.
+        """Open a bundle's controller. Raises BundleControllerError if it does not load or fit the manifest.
 
         The model may come from anyone, so one step is first tried with bounded time and memory.
         """

@@ -1,5 +1,4 @@
-"""Narrower dynamics and decoder for small ECUs, distilled from the trained networks on roll-outs (the project's own
-method).
+"""Narrower dynamics and decoder for small ECUs, distilled on roll-outs of the trained networks (our method).
 
 The paper slims the encoder alone. Nearly all computation of a control step is in the other two networks. The optimiser
 rolls them out over `horizon` steps, forwards and backwards, in every iteration. So the student is trained as it will be
@@ -37,8 +36,7 @@ def distil_predictor(
 
     The loss is the mean square of the latents' difference over h = 1 .. H, plus the forces' Smooth L1 over h = 0 .. H,
     both in standard deviations, plus `slope_weight` times the squared difference of the cost's gradients, relative to
-    the teacher's. Returns the student in evaluation mode, on the device of the lessons. The student has the slim widths
-    of `model`.
+    the teacher's. Returns the student in evaluation mode, with the slim widths of `model`, on the lessons' device.
     """
     device = lessons.actions.device
     batch_size = max(2, settings.batch_size // _FEWER)

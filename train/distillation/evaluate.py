@@ -139,8 +139,7 @@ def evaluate_latents(
 
 
 def latent_error(latents: Tensor, reference: Tensor) -> float:
-    """Compute L1/sigma of one encoder's latents (n, N_z) against another's, averaged over dimensions; NaN rows are
-    skipped."""
+    """Compute L1/sigma of an encoder's latents (n, N_z) against another's, averaged over dimensions; NaN is skipped."""
     full = ~reference[:, 0].isnan()
     error = (latents[full] - reference[full]).abs().mean(dim=0) / _sigma(reference[full])
     return error.mean().item()
@@ -163,8 +162,7 @@ def _sigma(values: Tensor) -> Tensor:
 
 
 def rollout_starts(rows: Rows, window: int, longest: int) -> Tensor:
-    """Return the indices (m,) of the ends of windows that are followed by `longest` rows of the same episode. Raises
-    DatasetError if there are none."""
+    """Return indices (m,) of window ends followed by `longest` rows of the episode; raises DatasetError without any."""
     starts = [
         torch.arange(span.start + window - 1, span.stop - longest)
         for span in rows.spans()

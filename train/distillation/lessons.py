@@ -70,8 +70,7 @@ def force_slope(forces: Tensor, weights: CostWeights, scaling: Scaling) -> Tenso
 
 
 def plan_slope(prediction: Prediction, actions: Tensor, by_force: Tensor, *, differentiable: bool = False) -> Tensor:
-    """Compute the gradient (B, H) of a cost with respect to the plan, from the cost's gradient with respect to the
-    forces.
+    """Compute a cost's gradient (B, H) along the plan from its gradient with respect to the forces.
 
     Args:
         prediction: roll-out of the actions, with its autograd graph.
@@ -89,8 +88,7 @@ _TOGETHER = 256
 _STEPS_DOWN = 16
 """Number of lessons from one plan during its descent."""
 _LONGEST_STEP = 4e-3
-"""Largest step of a plan during its descent, in U_inf W. The mean step is half as large, so `_STEPS_DOWN` steps move an
-action by 0.032 U_inf W."""
+"""Largest step of a plan's descent, in U_inf W; the mean step is half as large, so 16 steps cover 0.032."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

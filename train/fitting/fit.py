@@ -153,16 +153,14 @@ def fit_joint(
 ) -> WakeModel:
     """Train encoder, dynamics and decoder together on standardised rows; the result is in evaluation mode.
 
-    The training runs on the device that holds `rows`. Raises DatasetError if an episode is too short for a window and
-    the unroll.
+    The training runs on the device of `rows`. Raises DatasetError if an episode is too short for window and unroll.
     """
     settings, device = config.train, rows.inputs.device
     with seeded(settings.seed, device):
         model = WakeModel(rows.inputs.shape[1] - 1, config.model).to(device)
         _fit(model, rows, config.model.window, settings, Phase.FIT, progress, checkpoints)
         if settings.finish.epochs:
-            # Each field of `finish` replaces the setting with the same name. The finish reads windows, as the vehicle
-            # does.
+            # Each field of `finish` replaces the setting of its name. The finish reads windows, as the vehicle does.
             last = replace(settings, streamed=False, **asdict(settings.finish))
             _fit(model, rows, config.model.window, last, Phase.FINISH, progress, checkpoints)
     return model

@@ -53,8 +53,7 @@ class Spent:
 
 @dataclass(kw_only=True)
 class Stopwatch:
-    """A Progress that adds up the time of every phase. The time between two calls belongs to the phase of the later
-    call.
+    """A Progress that adds up the time of every phase. Time between two calls belongs to the later call's phase.
 
     Attributes:
         cpu, wall: clocks, s.

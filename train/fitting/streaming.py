@@ -1,12 +1,10 @@
-"""An encoder that reads a stream: one LSTM step per sample, with the state carried on, instead of a window of L steps
-(the project's own method).
+"""An encoder that reads a stream: one LSTM step per sample, state carried on, instead of L steps (our method).
 
 The networks are those of the windowed encoder; only the rows that the state has read differ. A windowed encoder starts
 from a zero state in every window; a streamed encoder's state depends on all earlier rows, as long as its gates let it.
 Training reads stretches of L - 1 + `STRETCH` rows from a zero state and uses the last `STRETCH` latents, so that one
 pass through the LSTM gives `STRETCH` samples. An encoder trained in this way also reads windows well, because it was
-trained on states after L and more rows. So this is a cheap start for training a windowed encoder
-(`train.distillation.distil`).
+trained on states after L and more rows. So this cheaply prepares a windowed encoder (`train.distillation.distil`).
 """
 
 import torch
@@ -29,8 +27,7 @@ additional latents cost little here."""
 def encode_stream(encoder: Encoder, rows: Rows) -> Tensor:
     """Compute latents with the state carried through each episode, (n, N_z), one for each row.
 
-    The first L - 1 latents of an episode are NaN, as in `train.distillation.distil.encode_all`; after them the state
-    has settled.
+    The first L - 1 latents of an episode, while the state settles, are NaN as in `distil.encode_all`.
     """
     with torch.no_grad():
         parts = []
@@ -51,8 +48,7 @@ def fit_stream(
     progress: Progress = silent,
     checkpoints: Checkpoints | None = None,
 ) -> None:
-    """Train an encoder to reproduce `target`, the latents (n, N_z) of the rows, read as a stream. The rows have the
-    encoder's sensors.
+    """Train an encoder to reproduce latents `target` (n, N_z) from rows of its sensors, read as a stream.
 
     The encoder is trained in place, over `config.train.stream_epochs`; call this function inside
     `train.fitting.fit.seeded`. Raises DatasetError if an episode is too short for a window and a stretch.

@@ -1,8 +1,7 @@
 """The number of torch's threads, and its treatment of denormal numbers.
 
 The default is one thread: with other work on the machine, OpenMP's threads spin while they wait for each other, and a
-step with two threads was measured to use ten times the CPU time. The number of threads changes the order of sums, and
-so a model's bytes.
+step with two threads was measured to use ten times the CPU time. The number changes sums, and so a model's bytes.
 """
 
 from collections.abc import Iterator
@@ -15,8 +14,7 @@ from contract.errors import ConfigError
 
 @contextmanager
 def torch_threads(count: int) -> Iterator[None]:
-    """Let torch use `count` threads inside the block; the caller's number is restored after it. Raises ConfigError for
-    a number below 1."""
+    """Set torch's number of threads inside the block and restore it after; raises ConfigError for a number below 1."""
     if count < 1:
         raise ConfigError(f"threads = {count}: must be at least 1")
     before = torch.get_num_threads()

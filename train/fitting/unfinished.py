@@ -80,9 +80,8 @@ def folder_of(output: Path) -> Path:
 
 
 def check(folder: Path, identity: Identity) -> Reached | None:
-    """Return the progress of the training in this folder; None if it has no checkpoints. Raises ConfigError if the
-    checkpoints belong to other settings, with the first difference in the message; DatasetError if they belong to
-    another recording."""
+    """Return the progress of the training in this folder; None if it has no checkpoints. Raises ConfigError for
+    checkpoints of other settings, with the first difference; DatasetError for those of another recording."""
     if not has_checkpoints(folder):
         return None
     label = _label(folder)
@@ -98,8 +97,7 @@ def check(folder: Path, identity: Identity) -> Reached | None:
 
 
 def note(folder: Path, identity: Identity, reached: Reached) -> None:
-    """Store the training's identity and progress in the folder after a checkpoint is written. Raises StillwakeError if
-    they cannot be written."""
+    """Store the training's identity and progress after a checkpoint; raises StillwakeError if that is impossible."""
     label = {
         "settings": json.loads(identity.settings),
         "dataset_sha256": identity.dataset_sha256,

@@ -35,8 +35,7 @@ class Encoder(nn.Module):
         return self.encode_segments(windows)[:, 0]
 
     def encode_segments(self, segments: Tensor) -> Tensor:
-        """Encode stretches of rows (S, R, F) as latents (S, R - L + 1, N_z): the latents at rows L-1 .. R-1 of each
-        stretch."""
+        """Encode stretches of rows (S, R, F) as latents (S, R - L + 1, N_z) at rows L-1 .. R-1 of each."""
         if segments.is_cuda:
             # On a GPU, cuDNN runs all steps of a window in one kernel, which is faster than sharing between windows.
             unfolded = segments.unfold(1, self.window, 1).transpose(2, 3)
@@ -47,8 +46,7 @@ class Encoder(nn.Module):
         return self.read_out(last)
 
     def encode_stream(self, segments: Tensor) -> Tensor:
-        """Encode like `encode_segments`, but carry the LSTM's state through each stretch instead of resetting it in
-        every window.
+        """Encode like `encode_segments`, but with the LSTM's state carried through each stretch, not reset.
 
         This takes one LSTM step per row instead of L. The latent at row k depends on all rows of its stretch up to k.
         """

@@ -1,11 +1,9 @@
-"""The feedback that becomes the prior of the plan: it computes the next action from a memory of rows. In the mirror
-image of a flow, the action has the opposite sign.
+"""The feedback that becomes the prior of the plan: from a memory of rows to the next action, odd in the mirror image.
 
 Fixed filters reduce the memory: the newest rows are used one by one, older rows as means under bumps that widen with
 age. The trained part is a layer of tanh units on the filtered differences and actions, and the scheduling of that
 layer. The layer is scheduled by the vehicle's speed, by the goal (`contract.controller.goal`), and by the filtered sums
-of the mirrored sensors. The vehicle uses the same filters before the layer (`export.program.weights.PriorWeights`), so
-that the layer is small.
+of the mirrored sensors. The vehicle uses the same filters before the layer (`export.program.weights.PriorWeights`).
 """
 
 from collections.abc import Mapping, Sequence
@@ -23,8 +21,7 @@ NEWEST: Final = 10
 BUMPS: Final = 10
 """Number of means over older rows."""
 FIRST_PAIR, OTHER_PAIRS = 1.7, 0.56
-"""Scales of the differences, for the first pair and for each other pair, in recorded standard deviations of one of the
-pair's sensors."""
+"""Scales of the first pair's and the other pairs' differences, in recorded deviations of one of the two sensors."""
 ACTION: Final = 2.0 / 3.0
 """Scale of the action, as a share of its limit."""
 SUM: Final = 0.3
@@ -101,8 +98,7 @@ class Feedback(nn.Module):
         return len(self.middles)
 
     def forward(self, rows: Tensor, speed: float = 1.0, goal: Goal = OWN) -> Tensor:
-        """Compute the next action from rows (M, 2 p + 1), oldest first, at a speed in units of the design speed, for a
-        goal."""
+        """Compute the next action from rows (M, 2 p + 1), oldest first; the speed is in design speeds."""
         pairs = self.pairs
         odd = torch.cat([rows[:, :pairs], rows[:, -1:]], dim=1) / self._scales
         even = (rows[:, pairs:-1] - self.middles) / SUM

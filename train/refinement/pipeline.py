@@ -1,5 +1,4 @@
-"""The refinement of a trained model: distillation for the prior's sensors, training through the flow, fit of the
-predictor."""
+"""The refinement of a trained model: distillation for its sensors, training through the flow, predictor."""
 
 import hashlib
 import shutil
@@ -60,8 +59,7 @@ def refine_model(
     Args:
         model: trained model; the result has its other settings.
         dataset_path: recording that the model was fitted to.
-        config: settings of the refinement, its seed (`train.seed`), and the settings of the controller that will be
-            exported.
+        config: settings of the refinement, its seed (`train.seed`), and the settings of the exported controller.
         sensors: pairs of mirror images.
         flow: returns, for these sensors, the plant and developed wakes without jets, one for each stream.
         workers: runs the stretches of an update in parallel; without it they run one after the other.
@@ -121,8 +119,7 @@ def refine_model(
 
 
 def resting_by_speed(flow: DifferentiableFlow, start: FlowState, settings: Config, progress: Progress) -> Array | None:
-    """Return speed, base pressure and swing of the wake without jets, (K, 3), over the range of training speeds; None
-    for a single speed."""
+    """Return speed, base pressure and swing of the wake without jets, (K, 3); None for a single training speed."""
     slowest, fastest = settings.refine.slowest, settings.refine.fastest
     if slowest == fastest:
         return None

@@ -41,8 +41,7 @@ def check_pairs(layout: SensorLayout, sensors: Sequence[str]) -> None:
 
 def predictor(stretches: Sequence[Array], memory: int) -> Array:
     """Fit the coefficients (p, M, p + 1) that predict the next differences from M rows, oldest first, by ridge
-    regression. Raises StillwakeError if there are fewer steps than coefficients per output, or a regressor is always
-    zero.
+    regression. Raises StillwakeError for fewer steps than coefficients, or a regressor that is always zero.
 
     Args:
         stretches: (n, p + 1) each; row k is (y_k, a_k). No fit crosses the end of a stretch.

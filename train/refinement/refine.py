@@ -34,15 +34,13 @@ MEAN_OVER: Final = 30
 """Number of updates in the exponential mean of the weights, after which a weight's share is 1 / e."""
 KEEP_EVERY: Final = 5
 SPEED_CHANGE: Final = 0.25
-"""Share of the distance to a randomly drawn speed by which a stretch changes its stream's speed. Half of the stretches,
-chosen at random, change it."""
+"""Share of the distance to a random speed by which a stretch changes its speed; a random half of them does."""
 AT_DESIGN: Final = 3
 """Ratio of all streams to those that stay at the design speed, at which a release is tested first."""
 GOAL_OVER: Final = 3
 """Number of stretches for which a stream has the same goal; the wake takes about one stretch to respond."""
 SOUND: Final = 0.5
-"""Share of stretches that get the true speed, and of stretches without lost frames. Also the share in which a part of
-the goal has the configured value."""
+"""Share of stretches with the true speed, of those without lost frames, and of configured values in drawn goals."""
 LAST_ROWS: Final = 20_000
 """Number of control periods, the newest, to which the predictor of differences is fitted."""
 NEAR_DESIGN: Final = 0.1
@@ -232,10 +230,8 @@ def _readings(settings: RefineConfig, deviations: Array, speeds: Array, rng: np.
 
 
 def _next_speed(stream: Stream, settings: RefineConfig, rng: np.random.Generator) -> float:
-    """Return the speed at the end of a stretch: any speed for a stream's first stretch, then mostly about the same
-    speed."""
-    # The draw extends beyond the range and is clipped to it, so that the ends occur as often as the speeds between
-    # them.
+    """Return the speed at a stretch's end: any in a stream's first stretch, then mostly about the same."""
+    # The draw extends beyond the range and is clipped, so that the ends occur as often as speeds between.
     beyond = 0.3 * (settings.fastest - settings.slowest)
     anywhere = rng.uniform(settings.slowest - beyond, settings.fastest + beyond)
     anywhere = float(np.clip(anywhere, settings.slowest, settings.fastest))

@@ -17,8 +17,7 @@ from contract.differentiable import DifferentiableFlow, FlowState, Seen
 from train.refinement.feedback import Feedback
 
 ROUNDED: Final = 0.05
-"""Scale of Cl within which the gradient of its magnitude is smoothed. A sign function would give every period near zero
-the full gradient."""
+"""Scale of Cl within which the gradient of its magnitude is smoothed. A sign function would jump at zero."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,9 +61,8 @@ class Stream:
 
     Attributes:
         state: present state of the flow.
-        rows: (n, 2 p + 1) of differences, of sums and of the action that began in each period, oldest first; the row of
-            the present sample is added later. n is the feedback's memory M at the design speed and above, more for
-            lower speeds.
+        rows: (n, 2 p + 1) of differences, of sums and of the action that began in each period, oldest first; the
+            present sample's row is added later. n is the memory M, more if the speed may be below the design speed.
         speeds: (n,) speeds of these rows that the feedback received, in units of the design speed.
         speed: present speed.
         committed: the action of the period that begins, in units of the design speed.
@@ -82,8 +80,7 @@ class Stream:
 
     @classmethod
     def begun(cls, state: FlowState, feedback: Feedback, slowest: float = 1.0) -> Self:
-        """Begin a stream with a window of a flow without jets at the design speed; `slowest` is the lowest speed that
-        will occur."""
+        """Begin a stream without jets at the design speed; `slowest` is the lowest speed that will occur."""
         rows = ceil(feedback.memory / slowest) + (slowest < 1.0)
         row = np.concatenate([np.zeros(feedback.pairs), feedback.middles.numpy(), [0.0]])
         return cls(state=state, rows=np.tile(row, (rows, 1)), speeds=np.ones(rows))
@@ -91,8 +88,7 @@ class Stream:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Stretch:
-    """Results of a stretch: mean coefficients, and rows (n, p + 1) of true differences and actions, resampled as the
-    feedback reads them.
+    """Results of a stretch: mean coefficients, and resampled rows (n, p + 1) of true differences and actions.
 
     Coefficients and rows are in units of the present speed. `off_design` is the largest distance of the speeds from the
     design speed, in units of the design speed.
@@ -115,8 +111,7 @@ def differentiate(
     speeds: Array | None = None,
     action_limit: float = inf,
 ) -> Stretch:
-    """Run a stretch, and add the gradient of its mean cost to the gradient of the feedback's parameters; the stream
-    advances.
+    """Run a stretch, advance the stream, and add the mean cost's gradient to that of the feedback's parameters.
 
     The timing is the vehicle's: the command computed from the sample of t_k is in force at the end of period k + 1.
 
@@ -166,8 +161,7 @@ def differentiate(
 
 
 def read(rows: Tensor, speeds: Sequence[float], memory: int) -> Tensor:
-    """Resample a stream's rows (n, c) to the rows (M, c) that the feedback reads, at the present speed, as on the
-    vehicle.
+    """Resample a stream's rows (n, c) to the feedback's rows (M, c) at the present speed, as on the vehicle.
 
     On the vehicle, a row has the action in force at its sample, in units of the speed at that time; the row of the
     present sample has the action that begins.

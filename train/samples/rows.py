@@ -4,8 +4,7 @@ Row k of an episode is the encoder's input at t_k: (Cp_k, a_{k-1}), one column p
 row also has a_k, the action commanded at t_k, which is the input of the dynamics, and the forces (Cd_k, Cl_k). A window
 that ends at k consists of rows k-L+1 .. k; it never crosses an episode's boundary. N is the number of sensors.
 
-Pressures, action and forces are standardised. The scaling is fitted to the training episodes and their mirror images,
-if there are any.
+Pressures, action and forces are standardised. The scaling is fitted to training episodes and any mirror images.
 """
 
 from collections.abc import Iterator, Sequence

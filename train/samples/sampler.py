@@ -32,8 +32,7 @@ class SegmentSampler:
     """A source of batches of contiguous segments. The batch of a step depends only on the seed and the step.
 
     A sample is a window and the `ahead` windows that follow it. Segments hold `segment` consecutive samples, so one
-    segment has W = segment + ahead windows. Each pass covers every episode with segments from a random offset and
-    shuffles them.
+    segment has W = segment + ahead windows. Each pass covers every episode with shuffled segments from a random offset.
     """
 
     def __init__(self, rows: Rows, *, window: int, ahead: int, segment: int, batch_size: int, seed: int) -> None:
@@ -87,8 +86,7 @@ class SegmentSampler:
 
 
 def add_sensor_noise(batch: Batch, deviation: Tensor) -> Batch:
-    """Add white noise with standard deviations (N,) to a batch's sensors, from torch's generator; return the batch
-    itself if all are zero."""
+    """Add white noise with deviations (N,) to a batch's sensors, from torch's generator; zeros change nothing."""
     if not bool(deviation.any()):
         return batch
     noise = torch.randn(*batch.inputs.shape[:2], len(deviation), device=batch.inputs.device) * deviation

@@ -1,5 +1,4 @@
-"""The selection methods behind one interface: from a teacher, its recording and a number to the names of that many
-sensors."""
+"""The selection methods behind one interface: from a teacher, its recording and a count to names of sensors."""
 
 from itertools import zip_longest
 from typing import Final, get_args
@@ -30,8 +29,7 @@ def select_by_hand(count: int, layout: SensorLayout = TRUCK) -> tuple[int, ...]:
     The order alternates between the next pair along the sides, from the rear forward, and the next pair across the
     base, from its edges inward. When one of them has no more pairs, only the other continues. On the truck, the first
     four are upper_39, lower_39, base_0 and base_9. Sensors on the symmetry line come last, from the rear forward. An
-    odd count may end with the upper sensor of a pair alone. Raises ConfigError if the sensors have no mirror images, or
-    none is on a base.
+    odd count may end with the upper sensor of a pair alone. Raises ConfigError without mirror images or base sensors.
     """
     mirror = layout.mirror
     if mirror is None or not layout.base.size:
@@ -70,8 +68,7 @@ def select_qr(rows: Rows, count: int, *, modes: int | None = None) -> tuple[int,
     "Data-driven sparse sensor placement for reconstruction", IEEE Control Systems Magazine 38, 2018).
 
     Args:
-        modes: size of the basis; at least the number of sensors, because a basis of r modes distinguishes at most r
-            sensors.
+        modes: size of the basis, at least `count`, because a basis of r modes distinguishes at most r sensors.
     """
     # PyPI's python-sensors 0.4 does this too, but needs scikit-learn, matplotlib and pandas for one call of SciPy's.
     basis = pod_modes(rows, max(count, modes or 0))
@@ -92,8 +89,7 @@ def select_greedy(student: RidgeStudent, count: int, *, progress: Progress = sil
 
 
 def draw_choices(count: int, draws: int, seed: int, available: int) -> list[tuple[int, ...]]:
-    """Draw `draws` random choices of `count` of the available sensors, each without repetition and in the sensors'
-    order."""
+    """Draw random choices of `count` of the available sensors, each without repetition and in the sensors' order."""
     generator = np.random.default_rng(seed)
     return [tuple(np.sort(generator.choice(available, count, replace=False)).tolist()) for _ in range(draws)]
 

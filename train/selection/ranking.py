@@ -82,8 +82,7 @@ GIVEN: Final = "given"
 
 @dataclass(frozen=True, kw_only=True)
 class SensorChoice:
-    """The chosen sensors and the method. All fields except `method` and `order` are SHAP's, and None for the other
-    methods.
+    """The chosen sensors and the method. Fields other than `method` and `order` are None except for SHAP.
 
     Attributes:
         method: "shap.GradientExplainer", another of `train.selection.methods.METHODS`, or "given".
@@ -92,8 +91,7 @@ class SensorChoice:
         mean: (N,) mean of the scores over the repeats.
         std: (N,) standard deviation of the scores over the repeats.
         stable: by size of the best set, whether the set is the same in every repeat.
-        differences: by size of the best set, for every sensor that is among the best in some repeats only, the share of
-            these repeats.
+        differences: by size of the best set, the share of repeats of every sensor that is among the best in some only.
     """
 
     method: str

@@ -100,8 +100,7 @@ class RidgeStudent:
         return len(self.noise_power) - 1
 
     def error(self, chosen: Sequence[int]) -> float:
-        """Return the unexplained share of the test latents' mean square, for a student that reads the chosen sensors
-        and the action."""
+        """Return the unexplained share of the test latents' mean square, given the chosen sensors and the action."""
         columns = np.append(np.asarray(chosen, dtype=np.intp), self.sensors)
         places = (columns[:, None] * self.lags + np.arange(self.lags)).ravel()
         block = np.ix_(places, places)

@@ -23,8 +23,7 @@ from train.selection.ridge_student import first_rows, windows_at
 
 
 class Ranker(Protocol):
-    """A function that returns scores of the N sensors, (N,), larger for more important sensors; each seed gives an
-    independent draw."""
+    """A function that returns the sensors' scores (N,), larger if more important; seeds give independent draws."""
 
     def __call__(self, encoder: Encoder, rows: Rows, seed: int) -> Array: ...
 
@@ -67,8 +66,7 @@ class ShapRanker:
         )
 
     def __call__(self, encoder: Encoder, rows: Rows, seed: int) -> Array:
-        """Return the scores (N,); windows are drawn from `rows` without replacement. Raises DatasetError if `rows` has
-        fewer windows than are drawn."""
+        """Return scores (N,) from windows drawn without replacement; raises DatasetError for too few windows."""
         generator = np.random.default_rng(seed)
         background = _draw(rows, encoder.window, self.background, "background", generator)
         explained = _draw(rows, encoder.window, self.explained, "explanation", generator)

@@ -1,5 +1,4 @@
-"""Reading of tables with separated values, with errors that state file, line and column; one kind of table lists the
-sensors."""
+"""Reading of CSV tables, one of which lists the sensors, with errors that state file, line and column."""
 
 import csv
 import re
@@ -62,12 +61,11 @@ class CsvTable:
 
 
 def read_csv(path: Path) -> CsvTable:
-    """Read a table: a header line, then rows. Cells are separated by commas, semicolons or tabs; empty lines are
-    skipped.
+    """Read a table: a header line, then rows. Cells are separated by commas, semicolons or tabs.
 
-    Lines above the header that begin with # are comments. If numbers follow the comments directly, the last comment is
-    the header, as `numpy.savetxt` writes it. Raises DatasetError if the file cannot be read as text, has no header or
-    no rows, or has a row of another length.
+    Empty lines are skipped. Lines above the header that begin with # are comments. If numbers follow the comments
+    directly, the last comment is the header, as `numpy.savetxt` writes it. Raises DatasetError if the file cannot be
+    read as text, has no header or no rows, or has a row of another length.
     """
     try:
         text = path.read_text(encoding="utf-8-sig")
@@ -117,8 +115,7 @@ def _remedy(cell: str) -> str:
 
 
 def _with_header(content: list[str]) -> list[str]:
-    """Return the lines with comments replaced by empty lines, so that line numbers stay. A commented-out header is
-    uncommented."""
+    """Return the lines with empty lines for comments, so that line numbers stay; a commented-out header counts."""
     comments = int("".join(content[:1]).startswith("sep="))  # a spreadsheet's own word
     while comments < len(content) and (content[comments].startswith("#") or not content[comments].strip()):
         comments += 1

@@ -1,5 +1,4 @@
-"""Drag and lift for a log without forces: read from a table with times, and interpolated at the times of the log's
-rows."""
+"""Drag and lift for a log without forces, interpolated from a table at the times of the log's rows."""
 
 import re
 from collections.abc import Mapping
@@ -55,13 +54,12 @@ class TimeSeries:
 
     def at(self, times: Array, *, longest_gap: float, slack: float) -> Array:
         """Interpolate the values linearly between the rows. Raises DatasetError for times outside the rows, or in a
-        gap; the message states the times and the rows.
+        gap; the message states both.
 
         Args:
             times: rising, (m,), in the unit of `t`.
             longest_gap: largest distance between two rows that is interpolated.
-            slack: time by which the first and the last of `times` may lie outside the rows, because two clocks never
-                agree exactly.
+            slack: time by which the first and the last of `times` may lie outside the rows, because clocks differ.
         """
         if times[0] < self.t[0] - slack or times[-1] > self.t[-1] + slack:
             raise DatasetError(

@@ -17,8 +17,7 @@ from contract.recording.openfoam_tables import FoamTable, read_foam_table
 from contract.sensor_layout import SensorLayout
 
 _ACTIONS: Final = "actions.csv"
-"""Name of the file beside postProcessing with the commanded actions: t, in the case's own time, and action. Without the
-file the case is uncontrolled."""
+"""Name of the actions' file beside postProcessing: t, in the case's time, and action. Without it, no control."""
 _POST: Final = "postProcessing"
 _PRESSURES: Final = r"p(_[-+.\de]+)?"
 _FORCES: Final = r"(coefficient|forceCoeffs)(_[-+.\de]+)?\.dat"
@@ -32,8 +31,7 @@ _AT: Final = 0.01
 
 
 def case_of(path: Path) -> Path | None:
-    """Return the case to which a path belongs. The path may be the case's folder, postProcessing or anything in it.
-    None if it belongs to no case."""
+    """Return the case of a path, which is the case's folder, postProcessing or anything in it; None without a case."""
     path = Path(os.path.realpath(path))  # `resolve` raises RuntimeError for a link that leads round
     if (path / _POST).is_dir():
         return path

@@ -1,5 +1,4 @@
-"""The contents of a user's file as arrays with the data set's names and units, and the references that convert its
-units."""
+"""A user's file as arrays with the data set's names and units, and the references that convert the units."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -65,8 +64,7 @@ class Reference:
 
 
 def references_of(texts: Sequence[str]) -> dict[str, Reference]:
-    """Parse the options --reference NAME=NUMBER[UNIT] and return the references by name. Raises ConfigError for
-    anything else."""
+    """Parse --reference NAME=NUMBER[UNIT] options to references by name; raises ConfigError for anything else."""
     found: dict[str, Reference] = {}
     for text in texts:
         option = f"--reference {text}"
@@ -191,8 +189,7 @@ def read_source(
             used |= names_of_columns
         unit = stored[inside].unit if inside in stored else None
         unit = unit or (split_unit(inside)[1] if inside != name else None)
-        # Each column of an array of pressures may have its own reference. An array with another number of columns is
-        # refused later by its shape.
+        # Each column of a pressure array may have its own reference. Another number of columns is refused later.
         columns = layout.names if name == "Cp" and found[name].shape[1] == len(layout) else (name,)
         found[name] = found[name] * np.squeeze(
             [factor(path, name, inside, unit, reference_of(one, layout, references)) for one in columns]
@@ -215,8 +212,7 @@ def _in_this_file(
     path: Path, there: Sequence[str], renamed: Mapping[str, str], wanted: Sequence[str]
 ) -> dict[str, str]:
     """Return the names in this file that differ from the data set's, also by a unit in brackets. Raises DatasetError
-    for a renamed array that is in the file under neither name; without this error a series such as t would silently be
-    ignored."""
+    for a renamed array that is in the file under neither name: a series such as t would silently be ignored."""
     plain = {split_unit(column)[0]: column for column in there}
     found = {name: plain[name] for name in wanted if name not in there and name in plain}
     for name, inside in renamed.items():

@@ -1,5 +1,4 @@
-"""The arrays in NPZ, HDF5, netCDF and MATLAB files, with the packing, missing values and units of the CF and netCDF
-conventions."""
+"""Arrays in NPZ, HDF5, netCDF and MATLAB files, with packing, missing values and units as in CF and netCDF."""
 
 import math
 from collections.abc import Callable, Iterator, Mapping
@@ -21,8 +20,7 @@ DEFAULT_FILL: Final = 9.9692099683868690e36
 """Value that netCDF stores in place of floating-point numbers that were never written."""
 UNWRITTEN: Final = "is the default fill value of netCDF: nothing was written there"
 _DEFAULT_OF_INTEGERS: Final = {2: -(2**15) + 1, 4: -(2**31) + 1, 8: -(2**63) + 2}
-"""Values that netCDF stores in place of signed integers that were never written, by the integer's size in bytes; single
-bytes have none."""
+"""Values of netCDF for signed integers that were never written, by size in bytes; single bytes have none."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -173,8 +171,7 @@ def _read_hdf5(path: Path) -> dict[str, Stored]:
 
 
 def _values(file: h5py.File, node: h5py.Dataset) -> Any:
-    """Return the array. For MATLAB, the axes are in MATLAB's order, and characters and cells of characters become
-    texts."""
+    """Return the array. MATLAB's arrays get MATLAB's order of axes, and its characters become texts."""
     kind = node.attrs.get("MATLAB_class", b"")
     kind = kind.decode() if isinstance(kind, bytes) else str(kind)
     if kind == "cell" and node.dtype.kind == "O":
@@ -191,8 +188,7 @@ def _text(node: Any) -> Any:
 
 
 def _attributes(node: h5py.Dataset) -> dict[str, Any]:
-    """Return the array's attributes. A fill value set at creation counts as `_FillValue`, except 0, which means that
-    none was set."""
+    """Return the array's attributes. A fill value from creation counts as `_FillValue`, except 0, which means none."""
     found: dict[str, Any] = {}
     for name in node.attrs:
         try:
