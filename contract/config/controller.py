@@ -9,17 +9,17 @@ from contract.config.rules import STEPS, AtLeastOne, Finite, NonNegative, Positi
 
 @dataclass(frozen=True, kw_only=True)
 class CostWeights(Settings, section="mpc.weights", source=paper("section 2.4.1")):
-    """Weights of the MPC cost J (paper, section 2.4.1). J is computed from forces and actions in physical units."""
+    """Weights of the MPC cost J (paper, section 2.4.1), computed from forces and actions in physical units."""
 
     drag_mean: Annotated[NonNegative[float], paper("equation 13", "the term has no factor")] = 1.0
-    """Weight of the mean C_d over the horizon, minus `mpc.drag_reference`."""
+    """Weight of the horizon's mean C_d, minus `mpc.drag_reference`."""
     drag_fluctuation: NonNegative[float] = 0.1
-    """Weight of the difference between the largest and the smallest C_d in the horizon."""
+    """Weight of the largest minus the smallest C_d in the horizon."""
     lift: NonNegative[float] = 0.01
-    """Weight of the mean |C_l| over the horizon."""
+    """Weight of the horizon's mean |C_l|."""
     lift_mean: Annotated[NonNegative[float], paper("equation 14", "without this term")] = 0.0
-    """Weight of the squared mean C_l over the horizon. The horizon is one shedding cycle, so this mean is the steady
-    deflection of the wake. With the paper's terms alone the optimiser can accept such a deflection to reduce drag."""
+    """Weight of the horizon's squared mean C_l. The horizon is one shedding cycle, so this mean is the steady
+    deflection of the wake, which the paper's terms let the optimiser accept to reduce drag."""
     smoothness: NonNegative[float] = 8.0
     """Weight of the mean squared difference between consecutive actions of the plan."""
     effort: Annotated[NonNegative[float], paper("equation 15", "without this term")] = 0.0
@@ -27,8 +27,8 @@ class CostWeights(Settings, section="mpc.weights", source=paper("section 2.4.1")
     rate: Annotated[NonNegative[float], paper("equation 15", "without this term")] = 0.0
     """Weight of the squared difference between the action in force and the first planned action."""
     prior: Annotated[NonNegative[float], paper("equation 15", "without this term")] = 0.0
-    """Weight of the plan's mean squared distance from the optimiser's initial plan. The initial plan is the prior's
-    plan, or the shifted previous plan if the model has no prior."""
+    """Weight of the plan's mean squared distance from the optimiser's initial plan: the prior's plan, or without a
+    prior the shifted previous plan."""
 
     def as_tuple(self) -> tuple[float, ...]:
         """Return the weights in declaration order, which is the order of the controller's `weights` input."""
@@ -42,7 +42,7 @@ class CostWeights(Settings, section="mpc.weights", source=paper("section 2.4.1")
 
 @dataclass(frozen=True, kw_only=True)
 class MpcConfig(Settings, source=paper("section 2.4.2")):
-    """The optimiser with a fixed number of iterations (paper, section 2.4)."""
+    """The fixed-iteration optimiser (paper, section 2.4)."""
 
     horizon: Annotated[int, at_least(2), STEPS, paper("section 2.4")] = 25
     """H: length of the optimiser's prediction; about one shedding cycle."""
@@ -51,8 +51,8 @@ class MpcConfig(Settings, source=paper("section 2.4.2")):
     learning_rate: Positive[float] = 1e-3
     """Learning rate of the Adam iterations on the plan."""
     epsilon: Annotated[Positive[float], ours("Kingma and Ba's; the paper gives none")] = 1e-8
-    """Constant that Adam adds to the root of the second moment. If it is far smaller than the gradients, the first step
-    equals the learning rate. If it is far larger, the first step is gradient times learning rate / `mpc.epsilon`."""
+    """Constant that Adam adds to the root of the second moment. Far below the gradients, the first step equals the
+    learning rate; far above, it is gradient times learning rate / `mpc.epsilon`."""
     drag_reference: Annotated[Finite[float], paper("section 2.4.1")] = 1.051
-    """C_d,ref: mean drag without control. It shifts the cost by a constant and changes no plan."""
+    """C_d,ref: mean drag without control. It shifts the cost and changes no plan."""
     weights: CostWeights = field(default_factory=CostWeights)

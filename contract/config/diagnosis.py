@@ -13,8 +13,8 @@ MOST_STANDARD: Final = 0x7FF
 MOST_EXTENDED: Final = 0x1FFF_FFFF
 _TEXT: Final = re.compile(r"0[xX]([0-9a-fA-F]{1,3}|[0-9a-fA-F]{8})")
 _SHORT: Final = 3
-"""Number of hex digits of an 11-bit identifier in candump's notation. A 29-bit identifier has eight digits; any other
-number of digits is taken for a typing error."""
+"""Hex digits of an 11-bit identifier in candump's notation. A 29-bit identifier has eight digits; any other number of
+digits is taken for a typing error."""
 _NOTATION: Final = "0x and 3 hex digits (11 bits, up to 0x7FF), or 0x and 8 (29 bits, up to 0x1FFFFFFF)"
 _PAGE: Final = "reference/diagnosis.md#identifiers-on-the-bus"
 
@@ -60,8 +60,8 @@ class DiagnosisConfig(
     response_id: Annotated[int | str, _ID] = "0x7E8"
     """Identifier of the ECU's answers to the tester."""
     functional_id: Annotated[int | str, _ID_OR_NONE, ours("others' testers get no answer", page=_PAGE)] = ""
-    """Identifier of the tester's requests to every ECU (functional addressing), usually 0x7DF or 0x18DB33F1. If it is
-    empty, the ECU receives no such requests."""
+    """Identifier of the tester's requests to every ECU (functional addressing), usually 0x7DF or 0x18DB33F1; if empty,
+    they are ignored."""
     xcp_command_id: Annotated[int | str, _ID, ours("free beside the others", page=_PAGE)] = "0x7D0"
     """Identifier of the calibration tool's commands."""
     xcp_response_id: Annotated[int | str, _ID, ours("free beside the others", page=_PAGE)] = "0x7D8"

@@ -39,13 +39,13 @@ class ModelConfig(Settings, source=paper("table 1")):
     dynamics_width: AtLeastOne[int] = 256
     decoder_width: AtLeastOne[int] = 128
     decoder_blocks: AtLeastOne[int] = 2
-    """Number of residual blocks in the decoder."""
+    """Residual blocks in the decoder."""
     dropout: Fraction[float] = 0.25
     """Dropout probability between the decoder's layers during the joint fit."""
     slim_dynamics_width: Annotated[AtLeastOneOrNone, _SLIMMED] = None
     """Width of the deployed dynamics, distilled from the trained dynamics. None deploys the trained dynamics."""
     slim_decoder_width: Annotated[AtLeastOneOrNone, _SLIMMED] = None
-    """Width of the deployed decoder, distilled from the trained decoder. None deploys the trained decoder."""
+    """Width of the deployed decoder, distilled likewise; None deploys the trained decoder."""
 
     @property
     def slim(self) -> "ModelConfig":
@@ -65,14 +65,14 @@ class ModelConfig(Settings, source=paper("table 1")):
 
 @dataclass(frozen=True, kw_only=True)
 class FinishConfig(Settings, section="train.finish", source=ours("the paper has no finish", page="how-to/train.md")):
-    """The last passes of the joint fit, with a longer unroll. A training that starts with a long unroll stalls at the
-    mean forces. Applied to a model that already predicts 5 steps, it reduces the error at the controller's horizon.
+    """Last passes of the joint fit, with a longer unroll. A training that starts with it stalls at the mean forces; on
+    a model that predicts 5 steps, it reduces the error at the controller's horizon.
 
-    During the finish, each field replaces the field with the same name in `train`.
+    Its fields replace those of the same name in `train`.
     """
 
     epochs: Annotated[NonNegative[float], PASSES, paper("section 2.2.4", "without a finish")] = 0.0
-    """Passes of the finish; 0 skips the finish."""
+    """Passes of the finish; 0 skips it."""
     unroll: Annotated[AtLeastOne[int], STEPS] = 20
     learning_rate: Positive[float] = 5e-4
     force_weight: NonNegative[float] = 2.0
@@ -81,7 +81,7 @@ class FinishConfig(Settings, section="train.finish", source=ours("the paper has 
 
 @dataclass(frozen=True, kw_only=True)
 class TrainConfig(Settings, source=paper("section 2.2.4")):
-    """Settings of the joint loss, the optimiser and the distillation (paper, sections 2.2.4 and 2.3)."""
+    """Joint loss, optimiser and distillation (paper, sections 2.2.4 and 2.3)."""
 
     unroll: Annotated[AtLeastOne[int], STEPS] = 5
     """k: number of steps that the dynamics predict from each encoded state in the loss."""
@@ -104,8 +104,8 @@ class TrainConfig(Settings, source=paper("section 2.2.4")):
         WINDOWS,
         ours("the plain way; the paper does not give how windows are drawn", page="how-to/train.md"),
     ] = 1
-    """Number of consecutive windows drawn together; 1 draws each window separately. Consecutive windows share most of
-    their computation, so 8 makes an iteration several times cheaper at the same batch size."""
+    """Consecutive windows drawn together; 1 draws each window separately. Consecutive windows share most of their
+    computation, so 8 makes an iteration several times cheaper at the same batch size."""
     streamed: Annotated[bool, paper("section 2.2.1", "the encoder reads windows")] = False
     """Whether the joint fit reads each drawn segment once and carries the LSTM's state on, instead of reading window by
     window. The passes of `finish` always read windows."""
@@ -122,14 +122,14 @@ class TrainConfig(Settings, source=paper("section 2.2.4")):
     predictor_lessons: Annotated[AtLeastOne[int], _ENCODER_ALONE] = 65536
     """Smallest number of roll-outs that the slim dynamics and decoder learn from (`train.distillation.lessons`)."""
     slope_weight: Annotated[NonNegative[float], _ENCODER_ALONE] = 0.0
-    """Weight of the error of the cost's gradient with respect to the plan, in the distillation of dynamics and decoder.
-    The errors of latents and forces have the weight 1."""
+    """Weight of the error of the cost's gradient along the plan, beside those of latents and forces (1), in the
+    distillation of dynamics and decoder."""
     sensor_noise: Annotated[NonNegative[float], paper("appendix B", "noise in tests only")] = 0.0
     """Noise on the slim encoder's inputs during distillation, and on the sensors that greedy and random selection
     compare: standard deviation in global standard deviations of pressure (paper, appendix B). Without noise, a sensor
     far upstream with small fluctuations counts as much as a sensor on the base."""
     sensors: Annotated[AtLeastOne[int], paper("section 3.2")] = 4
-    """Number of sensors that the slim encoder reads."""
+    """Sensors that the slim encoder reads."""
     selection: Annotated[SelectionMethod, paper("section 2.3.1")] = "shap"
     """Method that chooses the slim encoder's sensors. `shap` is the paper's method; the others serve as comparison."""
     shap_background: Annotated[AtLeastOne[int], WINDOWS, paper("section 2.3.1")] = 100
@@ -137,7 +137,7 @@ class TrainConfig(Settings, source=paper("section 2.2.4")):
     shap_explained: Annotated[AtLeastOne[int], WINDOWS, paper("section 2.3.1")] = 500
     """Windows drawn for the scores of the sensors."""
     shap_repeats: Annotated[AtLeastOne[int], paper("section 2.3.1")] = 10
-    """Number of rankings, each with its own random draws."""
+    """Rankings, each with its own random draws."""
     shap_samples: Annotated[AtLeastOne[int], ours("the default of the package shap; the paper gives none")] = 200
     """Points on the paths from the background to each explained window."""
     seed: Annotated[NonNegative[int], ours("any would do; the paper gives none")] = 0
@@ -150,21 +150,21 @@ class TrainConfig(Settings, source=paper("section 2.2.4")):
 
 @dataclass(frozen=True, kw_only=True)
 class RefineConfig(Settings, source=ours("the paper has no prior", page="explanation/through-the-flow.md")):
-    """Settings for training the prior in closed loop, with gradients through the flow solver."""
+    """Training of the prior in closed loop, through the flow."""
 
     memory: Annotated[int, at_least(2), STEPS] = 64
-    """Number of rows of sensor differences and actions that the prior reads."""
+    """Rows of sensor differences and actions that the prior reads."""
     units: AtLeastOne[int] = 24
     """Width of the prior's hidden layer."""
     updates: AtLeastOne[int] = 450
-    """Number of updates of the prior's weights. Each update uses `refine.batch` stretches of closed loop."""
+    """Updates of the prior's weights, each from `refine.batch` stretches of closed loop."""
     shortest: Annotated[int, at_least(2), STEPS] = 75
     """Length of a stretch in the first update; it grows to `longest` over the first half of the updates. The effect of
     the jets takes 65 control periods to reach the far end of the recirculation bubble."""
     longest: Annotated[int, at_least(2), STEPS] = 125
     """Length of a stretch in the second half of the updates."""
     streams: AtLeastOne[int] = 4
-    """Number of flows controlled by the prior; the stretches are cut from them in turn."""
+    """Flows controlled by the prior; the stretches are cut from them in turn."""
     stretches: AtLeastOne[int] = 10
     """Stretches after which the first stream restarts from the developed wake; each further stream runs 2 more."""
     learning_rate: Positive[float] = 5e-3
@@ -172,12 +172,12 @@ class RefineConfig(Settings, source=ours("the paper has no prior", page="explana
     last_rate: Positive[float] = 0.1
     """Ratio of the final to the initial learning rate."""
     lift_price: NonNegative[float] = 0.04
-    """Weight of the lift coefficient's magnitude in the cost; the drag coefficient has the weight 1."""
+    """Weight of the lift coefficient's magnitude in the cost; the drag's weight is 1."""
     effort_price: NonNegative[float] = 0.0
     """Weight of the squared action in force in the cost."""
     goals: bool = False
-    """Whether each stream draws its own weights of lift and effort and its own limit of the jets. Each of the three
-    keeps the configured value with probability one half."""
+    """Whether each stream draws its own weights of lift and effort and limit of the jets; each keeps the configured
+    value with probability one half."""
     motion_price: NonNegative[float] = 0.2
     """Weight of the squared transverse velocity at the wake probe, which indicates drag after a stretch's end."""
     sensor_noise: NonNegative[float] = 0.3
@@ -189,14 +189,14 @@ class RefineConfig(Settings, source=ours("the paper has no prior", page="explana
     loss: Fraction[float] = 0.0
     """Largest share of periods without pressures in a stretch; half of the stretches lose none."""
     refinement: Positive[float] = 0.75
-    """Refinement of the training's grid, like `flow.refinement`. The default has a quarter of the cost of
-    `flow.refinement` = 1, and is the coarsest grid on which a controller behaves as it does there."""
+    """Refinement of the training's grid, like `flow.refinement`. The default takes a quarter of the time of 1, and is
+    the coarsest grid on which a controller behaves as it does at 1."""
     substeps: AtLeastOne[int] = 15
     """Time steps per control period on the training's grid at the design speed; higher speeds use more."""
     single_precision: bool = True
     """Whether the training's flow uses 32 bits, which takes two thirds of the time; the gradient agrees to 1e-5."""
     batch: AtLeastOne[int] = 1
-    """Number of stretches that are averaged in one update, each from a different stream."""
+    """Stretches that are averaged in one update, each from a different stream."""
     slowest: Annotated[float, within(0.1, 1.0, "the design speed belongs to the range")] = 1.0
     """Smallest ratio of a training speed to the design speed."""
     fastest: Annotated[float, within(1.0, 10.0, "the design speed belongs to the range")] = 1.0

@@ -35,13 +35,13 @@ class FlowConfig(Settings, source=paper("section 2.1")):
     action_limit: Annotated[Positive[float], FLOW_RATE] = 0.075
     """Largest magnitude of the action: the jet flow rate at full amplitude."""
     refinement: Annotated[float, _REFINEMENT, ours("the grid of the mesh study", page=_MESH)] = 1.0
-    """Factor by which every grid spacing of the project's own solver is divided; a value below 1 gives a coarser and
-    faster grid. The shipped recording, and so the shipped controller, was computed with 1."""
+    """Divisor of all grid spacings of the project's own solver; below 1, the grid is coarser and faster. The shipped
+    recording and controller were computed with 1."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ForcingConfig(Settings, source=paper("section 2.1")):
-    """The open-loop waveform for training data, and the chirp (paper, section 2.1). Frequencies are in 1/t_c."""
+    """Open-loop training waveform and chirp (paper, section 2.1). Frequencies are in 1/t_c."""
 
     base_frequency: Annotated[Positive[float], FREQUENCY] = 0.2
     """Frequency of the carrier, close to the wake's shedding frequency."""
@@ -54,11 +54,10 @@ class ForcingConfig(Settings, source=paper("section 2.1")):
     envelope_depth: Fraction[float] = 0.45
     """Share of the amplitude by which the slow sine reduces and raises it."""
     chirp_start: Annotated[Positive[float], FREQUENCY] = 0.1
-    """Frequency at which the chirp of the test episode begins; it ends at `forcing.chirp_end`."""
+    """Start frequency of the test episode's chirp, which ends at `forcing.chirp_end`."""
     chirp_end: Annotated[Positive[float], FREQUENCY] = 0.4
     extended_chirp_start: Annotated[Positive[float], FREQUENCY, paper("appendix A")] = 0.01
-    """Frequency at which the extended chirp begins. The extended chirp covers frequencies outside the training
-    waveform's range (paper, appendix A)."""
+    """Start frequency of the extended chirp, which exceeds the training waveform's range (paper, appendix A)."""
     extended_chirp_end: Annotated[Positive[float], FREQUENCY, paper("appendix A")] = 0.8
     exploration_time: Annotated[
         Positive[float], TIME, ours("a fifth of a shedding cycle", page="how-to/record-data.md")
@@ -71,8 +70,8 @@ class OpenFoamConfig(Settings, source=ours("the second plant is not the paper's 
     """Mesh and start of the second plant, OpenFOAM. In a coupled run its time step is that of `flow`."""
 
     refinement: Annotated[float, _REFINEMENT, ours("the mesh of the comparison", page="how-to/use-openfoam.md")] = 1.0
-    """Factor by which every spacing of the body-fitted mesh is divided. A finer mesh needs a smaller time step."""
+    """Divisor of all spacings of the body-fitted mesh; a finer mesh needs a smaller time step."""
     develop_time: Annotated[Positive[float], TIME] = 50.0
-    """Time without jets before the first run, in t_c, starting from the developed wake of the project's own solver."""
+    """Time without jets before the first run, from the own solver's developed wake."""
     develop_substeps: AtLeastOne[int] = 20
     """Time steps per control period during `openfoam.develop_time`."""

@@ -51,9 +51,9 @@ class E2eConfig(
     window: Annotated[AtLeastOne[int], FRAMES] = 5
     """Latest checks that are judged together."""
     min_ok: Annotated[int, FRAMES] = 2
-    """Smallest number of good checks in the window that makes a stream valid."""
+    """Good checks in the window that make a stream valid."""
     max_errors: Annotated[int, FRAMES] = 2
-    """Largest number of CRC errors in the window of a valid stream."""
+    """Largest number of CRC errors in the window."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -92,8 +92,8 @@ class BusConfig(Settings, source=ours("needs no hardware", page="explanation/sim
     `virtual`, `udp_multicast`, `slcan`, `socketcan` or another interface of python-can. `python-can` reads python-can's
     own configuration, section `channel`."""
     channel: Annotated[str, ours("a name of our own")] = "stillwake"
-    """Address of the interface: a name (virtual), a multicast address (udp_multicast, e.g. 239.74.163.2), a serial port
-    (slcan) or a network device (socketcan, e.g. can0). The simulated bus has no address."""
+    """Name (virtual), multicast address (udp_multicast, e.g. 239.74.163.2), serial port (slcan) or network device
+    (socketcan, e.g. can0) of the bus; the simulated bus has none."""
     nominal_bitrate: Annotated[int, within(1, LARGEST_NOMINAL_BITRATE, "CAN's highest"), BIT_RATE, _CAN_FD] = 500_000
     """Bit rate of the arbitration phase, and of whole classic CAN frames."""
     data_bitrate: Annotated[Positive[int], BIT_RATE, _CAN_FD] = 2_000_000
@@ -101,8 +101,8 @@ class BusConfig(Settings, source=ours("needs no hardware", page="explanation/sim
     frames: Annotated[Literal["fd", "classic"], ours("the stronger check", page="explanation/protection.md")] = "fd"
     """Set of messages: CAN FD, or classic CAN with eight data bytes, coarser pressures and a weaker check."""
     key: Annotated[str, ours("a key is the user's to make", page="explanation/protection.md")] = ""
-    """File with a 128-bit key. With a key, both nodes authenticate every frame (AUTOSAR SecOC) and refuse frames
-    without valid authentication. Only CAN FD frames have room for it."""
+    """File with a 128-bit key. With it, both nodes authenticate every frame (AUTOSAR SecOC) and refuse unauthenticated
+    frames. Only CAN FD frames have room for it."""
     background: BackgroundConfig = field(default_factory=BackgroundConfig)
     e2e: E2eConfig = field(default_factory=E2eConfig)
     diagnosis: DiagnosisConfig = field(default_factory=DiagnosisConfig)
@@ -129,8 +129,8 @@ class SensorCheckConfig(
     section="ecu.sensor_check",
     source=ours("above what sound sensors reach", page=_LIES),
 ):
-    """Thresholds above which the ECU no longer uses a pressure sensor. Levels are ratios of variances. The figures for
-    healthy sensors hold over the whole shipped recording (docs/explanation/what-shuts-the-jets.md)."""
+    """Thresholds above which the ECU no longer uses a pressure sensor. Levels are ratios of variances; figures of
+    healthy sensors are over the whole shipped recording (docs/explanation/what-shuts-the-jets.md)."""
 
     enabled: Annotated[bool, ours("a liar costs most of the gain", page=_LIES)] = True
     """Whether the ECU checks the pressures with the bundle's estimator, and continues without a faulty sensor."""
@@ -146,9 +146,9 @@ class SensorCheckConfig(
     """Disagreement among the pressures, explained by no single sensor, at which a period counts as doubtful; twice this
     value once a sensor is set aside. Healthy sensors reach 12, under forcing beyond the training data."""
     doubt_periods: Annotated[AtLeastOne[int], PERIODS, ours("a shedding cycle")] = 25
-    """Number of doubtful periods, minus others, at which the jets go to zero and the fault latches."""
+    """Doubtful periods, minus others, at which the jets go to zero and the fault latches."""
     flat_periods: Annotated[AtLeastOne[int], PERIODS, ours("longer than a sound reading rests", page=_LIES)] = 10
-    """Number of consecutive periods with bit-identical readings after which a sensor is taken for stuck."""
+    """Consecutive periods with bit-identical readings after which a sensor is taken for stuck."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -162,18 +162,18 @@ class BenefitCheckConfig(
     enabled: Annotated[bool, ours("off its design a controller can raise drag", page=_HELPS)] = True
     """Whether the ECU compares base pressures with and without control, and shuts the jets if control does not help."""
     mean_periods: Annotated[AtLeastOne[int], PERIODS, ours("two shedding cycles")] = 50
-    """Number of periods over which pressures are averaged, with and without control."""
+    """Periods over which pressures are averaged, with and without control."""
     wake_periods: Annotated[AtLeastOne[int], PERIODS, ours("until shedding is as before", page=_HELPS)] = 150
-    """Number of periods with the jets shut after which the wake is taken to be the wake without control."""
+    """Periods with the jets shut after which the wake is taken to be the wake without control."""
     first_period: Annotated[AtLeastOne[int], PERIODS, ours("the wake needs a cycle to answer", page=_HELPS)] = 60
     """First period of control that is judged; before it the wake has not yet responded."""
     least_gain: NonNegative[float] = 0.04
-    """Smallest reduction of the base suction that counts as help, as a share of the suction without control."""
+    """Smallest share of the base suction that control must remove to count as help."""
     most_swing: Positive[float] = 1.15
-    """Largest mean difference of mirrored sensors that counts as help, as a ratio to the same mean without control."""
+    """Largest mean difference of mirrored sensors that counts as help, relative to that without control."""
     doubt_periods: Annotated[AtLeastOne[int], PERIODS, ours("a shedding cycle")] = 25
-    """Number of periods in which control did not help, minus the number in which it helped, at which the jets are shut
-    for a test. The fault latches if the test does not find that control helps."""
+    """Periods in which control did not help, minus those in which it helped, at which the jets are shut for a test. The
+    fault latches if the test fails."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -203,29 +203,29 @@ class EcuConfig(Settings, source=ours("our ECU; the paper has none", page=_GATE)
     """Time from frame to command that the virtual ECU takes for its control step. It is a stated share of the budget,
     not a measurement; reports show the measured latency beside it."""
     hold_periods: Annotated[NonNegative[int], PERIODS] = 1
-    """Number of missed periods during which the last command is held."""
+    """Missed periods during which the last command is held."""
     decay_periods: Annotated[NonNegative[int], PERIODS] = 2
-    """Number of further missed periods that each halve the command; then it is zero and the fault latches."""
+    """Further missed periods that each halve the command; then it is zero and the fault latches."""
     rearm_frames: Annotated[AtLeastOne[int], FRAMES, ours("a tenth of a second", page=_GATE)] = 5
-    """Number of consecutive good frames that, together with an enable edge, end a latched fault."""
+    """Consecutive good frames that, together with an enable edge, end a latched fault."""
     pressure_age: Annotated[Positive[float], PERIODS] = 1.5
     """Largest age of pressures, from sampling to control step, that may be used for planning: one period of waiting for
     the step, and half a period of transmission. A delay of 20 ms has little effect; at 40 ms the side force grows."""
     loss_window: Annotated[AtLeastOne[int], PERIODS, ours("a second", page=_GATE)] = 50
-    """Number of latest periods under control that `ecu.loss_limit` refers to."""
+    """Latest periods under control that `ecu.loss_limit` refers to."""
     loss_limit: Annotated[int, PERIODS, ours("four deviations above a quarter lost at random", page=_GATE)] = 25
-    """Number of periods without usable pressures, among the latest `ecu.loss_window`, at which the jets go to zero and
-    the fault latches. A controller that gets at most every second sample does not control the flow."""
+    """Periods without usable pressures, among the latest `ecu.loss_window`, at which the jets go to zero and the fault
+    latches. A controller that gets at most every second sample does not control the flow."""
     deadline_misses: Annotated[AtLeastOne[int], STEPS] = 3
-    """Number of steps off time, among the latest `ecu.deadline_window`, at which the ECU switches itself off. A step is
-    off time if it is at least one period late or half a period early. A number above the window disables the check."""
+    """Steps off time (a period late or half a period early), among the latest `ecu.deadline_window`, at which the ECU
+    switches itself off. A number above the window disables the check."""
     deadline_window: Annotated[AtLeastOne[int], STEPS] = 10
-    """Number of latest steps that `ecu.deadline_misses` refers to."""
+    """Latest steps that `ecu.deadline_misses` refers to."""
     plan_ahead: Annotated[bool, ours("takes off more drag", page="reference/results.md#what-limits-the-reduction")] = (
         True
     )
-    """Whether the ECU plans for the next control period. If so, the jets begin to move at the start of the next period,
-    so the ECU may compute during the whole present period. If not, they move as soon as the command arrives."""
+    """Whether the ECU plans for the next control period. If so, the jets begin to move at its start, and computing may
+    take the whole present period. If not, they move as soon as the command arrives."""
     step_offset_ms: Annotated[
         NonNegative[float], MILLISECONDS, ours("a fifth of a period for jitter", page="how-to/run-on-an-ecu.md")
     ] = 4.0
@@ -253,7 +253,7 @@ class EcuConfig(Settings, source=ours("our ECU; the paper has none", page=_GATE)
 
 @dataclass(frozen=True, kw_only=True)
 class VehicleConfig(Settings, source=ours("the same as the ECU's", page=_GATE)):
-    """Settings of the simulated vehicle."""
+    """The simulated vehicle."""
 
     actuator_delay: Annotated[int, _DELAY, PERIODS, paper("appendix B", "the case without delay")] = 0
     """Delay of the jets after a command, in control periods. The controller assumes `ecu.delay_steps`."""
@@ -261,11 +261,11 @@ class VehicleConfig(Settings, source=ours("the same as the ECU's", page=_GATE)):
     """Largest change of the jets' action per period that the jets' driver permits, in U_inf W, except when it shuts
     them. It equals `ecu.command_step`; the vehicle enforces it independently."""
     loss_window: Annotated[AtLeastOne[int], PERIODS] = 50
-    """Number of latest periods under control that `vehicle.loss_limit` refers to: one second, as in the ECU."""
+    """Latest periods under control that `vehicle.loss_limit` refers to: one second, as in the ECU."""
     loss_limit: Annotated[int, PERIODS] = 25
-    """Number of periods without a usable command, among the latest `vehicle.loss_window`, at which the vehicle shuts
-    its jets and withdraws its enable request until that request has been low once. It is the counterpart of
-    `ecu.loss_limit`: jets that follow at most every second command are not under control."""
+    """Periods without a usable command, among the latest `vehicle.loss_window`, at which the vehicle shuts its jets and
+    withdraws its enable request until that request has been low once. Counterpart of `ecu.loss_limit`: jets that follow
+    at most every second command are not under control."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
