@@ -19,7 +19,7 @@ from contract.recording.dataset import Dataset
 from train.fitting.threads import torch_threads
 
 _WIDTHS: Final = (64, 64)
-"""Widths of the hidden layers. With 192, residuals are slightly smaller, but too large for a microcontroller."""
+"""Widths of the hidden layers. 192 gives slightly smaller residuals, but does not fit into a microcontroller."""
 EPOCHS: Final = 60.0
 BATCH: Final = 1024
 LEARNING_RATE: Final = 3e-3

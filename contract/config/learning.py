@@ -45,7 +45,7 @@ class ModelConfig(Settings, source=paper("table 1")):
     slim_dynamics_width: Annotated[AtLeastOneOrNone, _SLIMMED] = None
     """Width of the deployed dynamics, distilled from the trained dynamics. None deploys the trained dynamics."""
     slim_decoder_width: Annotated[AtLeastOneOrNone, _SLIMMED] = None
-    """Width of the deployed decoder, distilled likewise; None deploys the trained decoder."""
+    """Width of the deployed decoder, distilled from the trained decoder. None deploys the trained decoder."""
 
     @property
     def slim(self) -> "ModelConfig":

@@ -230,7 +230,7 @@ def _readings(settings: RefineConfig, deviations: Array, speeds: Array, rng: np.
 
 
 def _next_speed(stream: Stream, settings: RefineConfig, rng: np.random.Generator) -> float:
-    """Return the speed at a stretch's end: any in a stream's first stretch, then mostly about the same."""
+    """Return the speed at a stretch's end: any speed in a stream's first stretch, then mostly about the same."""
     # The draw extends beyond the range and is clipped, so that the ends occur as often as speeds between.
     beyond = 0.3 * (settings.fastest - settings.slowest)
     anywhere = rng.uniform(settings.slowest - beyond, settings.fastest + beyond)
