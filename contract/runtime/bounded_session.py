@@ -103,8 +103,8 @@ def _options() -> Any:
     # Errors are raised, so they need not be printed too. The optional `weights` input, an initialiser that may be
     # overridden, would cause a warning at every load.
     options.log_severity_level = 4
-    # The graph's bytes were checked for external constants. If it refers to a file all the same, the search starts at a
-    # path that is no folder, and not in the working directory.
+    # The graph's bytes were checked for external constants. If the graph refers to a file all the same, the search
+    # starts at a path that is no folder, and not in the working directory.
     options.add_session_config_entry("session.model_external_initializers_file_folder_path", os.devnull)
     options.add_session_config_entry("session.load_model_format", "ONNX")
     # The memory limit also applies under control, where a graph may need more memory than for zeros.
