@@ -1,1 +1,2 @@
-"""The ECU, the vehicle around it, the closed loop, what a run leaves behind, and an emulated microcontroller."""
+"""The closed loop of an ECU and a simulated vehicle, campaigns and latency runs, the files of a run, and an emulated
+microcontroller."""
