@@ -79,8 +79,8 @@ def figures_of(rows: Sequence[ScenarioRow]) -> dict[str, Figure]:
 def curves_figure(
     curves: Sequence[Curve], xlabel: str, papers: str, Cd_by_number: Mapping[int, float]
 ) -> Figure | None:
-    """Plot drag reduction and mean |Cl| against the scenarios' number, with the paper's points; returns None if no curve
-    has two points.
+    """Plot drag reduction and mean |Cl| against the scenarios' number, with the paper's points; returns None if no
+    curve has two points.
     """
     curves = [one for one in curves if len(one.points) > 1]
     if not curves:

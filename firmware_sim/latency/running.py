@@ -51,7 +51,7 @@ class Recorded:
 
 
 def longest_run(periods: int, period_ns: int) -> int:
-    """Return the number of periods after which ECU and idle loop end by themselves if no process is left to end them."""
+    """Return the number of periods after which ECU and idle loop end by themselves, if no process ends them."""
     return round(OVERTIME * periods + (START_S + END_S) * 1e9 / period_ns)
 
 
