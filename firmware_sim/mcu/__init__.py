@@ -1,1 +1,2 @@
-"""The controller's C library on an emulated Cortex-M7: memory, instructions, a modelled time, the host's numbers."""
+"""The controller's C library on an emulated Cortex-M7: its memory, instructions and modelled time, and its agreement
+with this host."""

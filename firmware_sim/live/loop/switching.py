@@ -176,8 +176,7 @@ class SwitchedDisturbances:
 
     def _end(self, item: _Item, k: int) -> None:
         item.end = k
-        # The fault in the port reads this object to check whether it is active; the end was unknown when it was
-        # created.
+        # The running disturbance reads this object to check whether it is active; its end was unknown at its start.
         object.__setattr__(item.span, "end_s", k * self._config.period_ns / NS)
         self._items.remove(item)
         if item.plugs:

@@ -42,7 +42,7 @@ descriptors that any system allows a process."""
 
 
 def application(supervisor: Supervisor, access: PageAccess, *, stalled_s: float = STALLED_S) -> Application:
-    """Return the web application with its addresses. `stalled_s` is the longest time for a viewer to accept a message."""
+    """Return the web application with its addresses. `stalled_s` is a viewer's longest time to accept a message."""
     served = ServedPage(supervisor=supervisor, access=access, stalled_s=stalled_s)
     own: dict[str, Any] = {"served": served}
     return Application(
