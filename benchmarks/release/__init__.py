@@ -1,1 +1,2 @@
-"""The shipped release in the closed loop: tables of what `stillwake run` and `stillwake develop --steady` measured."""
+"""The shipped release in the closed loop: measurements, and tables of the results of `stillwake run` and `stillwake
+develop --steady`."""

@@ -46,8 +46,7 @@ _FIGURES: Final = (
 
 
 class Cell(NamedTuple):
-    """A figure of one run as text, and its difference from the first run's figure: `_SAME` for zero, empty for no
-    difference."""
+    """A figure of one run as text, and its difference from the first run's figure: `_SAME` for zero, empty for none."""
 
     value: str
     difference: str
