@@ -1,4 +1,4 @@
-"""The documents' pictures: their folder, how they are written, and the text by which a test finds outdated ones."""
+"""The documents' pictures: their folder, how they are written, and the text by which a test finds outdated pictures."""
 
 import hashlib
 import json

@@ -36,7 +36,7 @@ from export.release.lowering import int8_library
 from export.to_c.library import c_library
 from export.to_onnx.control_step import build_controller
 
-# One eager step takes as long as about ten of the others.
+# One eager step takes as long as about ten steps of the others.
 _EAGER_EVERY = 5
 _CALIBRATION = 20
 _LOADS = 15

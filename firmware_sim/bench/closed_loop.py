@@ -57,7 +57,7 @@ def run_closed_loop(
         origin: date and origin that the run records; if None, today's date.
         ready: called with the total number of periods before the first period, when everything is checked and open.
         progress: called with (row, periods done, total periods) after every period.
-        plant: the wake, opened here; if None, the own solver from its shipped start.
+        plant: the wake, opened here; if None, the built-in solver from its shipped start.
         faults: disturbances of the run; their times are in s from its start.
         progress_without: called with (periods done, total periods) while the drive runs without control.
         report: writes further files into the folder after all others.

@@ -81,7 +81,7 @@ class NoRequest(Span, section="no_request"):
 
 @dataclass(frozen=True, kw_only=True)
 class Reynolds(Span, section="reynolds"):
-    """The flow has another viscosity than that of `flow.reynolds`; only the own solver can do this."""
+    """The flow has another viscosity than that of `flow.reynolds`; only the built-in solver can do this."""
 
     reynolds: Positive[float]
     """Reynolds number U_inf W / nu."""
@@ -90,7 +90,7 @@ class Reynolds(Span, section="reynolds"):
 @dataclass(frozen=True, kw_only=True)
 class OtherBody(Span, section="body"):
     """The vehicle's body differs from the body that the release was made for. Its sensors have the same names but their
-    own places. The ECU is not told. Only the own solver can do this, and only for a whole run."""
+    own places. The ECU has no information about it. Only the built-in solver can do this, and only for a whole run."""
 
     length: Finite[float]
     """Length of the body in W, as `body.length`."""
@@ -110,8 +110,7 @@ class OtherBody(Span, section="body"):
 
 @dataclass(frozen=True, kw_only=True)
 class GustyWind(Span, section="gust"):
-    """The wind against the vehicle varies: U(t) = U_inf (1 + amplitude sin(2 pi t / period)); only the own solver can
-    do this.
+    """The wind against the vehicle varies: U(t) = U_inf (1 + amplitude sin(2 pi t / period)); built-in solver only.
 
     `wake.plant.drive` defines the frame of reference. Forces, pressures and jets stay in units of the mean U_inf. The
     gust ends with the last whole period in the span.

@@ -155,7 +155,7 @@ class Disturbing:
     # Methods called around every period.
 
     def requests(self, enable_request: bool, now_ns: int) -> bool:
-        """Return whether the vehicle requests control, given whether it should."""
+        """Return the vehicle's request for control: `enable_request`, unless a disturbance withdraws it."""
         return enable_request and not list(self._acting(kinds.NoRequest, now_ns))
 
     def before_period(self, now_ns: int, node: VehicleNode) -> None:

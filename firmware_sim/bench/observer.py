@@ -31,7 +31,7 @@ class Observer(Protocol):
         """Take a frame that a node sent or received."""
 
     def period(self, sample: Sample, *, requested: bool) -> None:
-        """Take the sample at the start of a control period that has ended, and the vehicle's request in it."""
+        """Take the sample at the start of a control period that has ended, and the vehicle's request in that period."""
 
     def finished(self, sample: Sample) -> None:
         """Take the sample at the end of the run."""

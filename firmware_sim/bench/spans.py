@@ -10,7 +10,7 @@ SHEDDING_TIME: Final = 5.0
 _LONGEST: Final = 1e6
 """Longest span in t_c: a run of a day."""
 CYCLES: Final = 2
-"""Number of shedding cycles in the shortest span: two cycles always include a whole one."""
+"""Number of shedding cycles in the shortest span: two cycles always include a whole cycle."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -82,7 +82,7 @@ class CampaignFolder:
         return self._runs / f"{name}.json"
 
     def _label(self) -> dict[str, Any] | None:
-        """Read the label; None if there is no readable one."""
+        """Read the label; None if it is missing or cannot be read."""
         try:
             label: Any = json.loads(self._label_file.read_text(encoding="utf-8"))
         except (OSError, ValueError, RecursionError):

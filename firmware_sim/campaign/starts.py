@@ -1,4 +1,4 @@
-"""Starts of runs: the developed wake in several phases of its shedding cycle, so that no figure depends on one."""
+"""Starts of runs: the developed wake in several shedding phases, so that no figure depends on a single phase."""
 
 import hashlib
 from collections.abc import Callable, Sequence

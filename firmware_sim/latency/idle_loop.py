@@ -23,8 +23,8 @@ from ecu.real_time.stage_times import StageTimes
 from firmware_sim.latency.stages import Times
 
 _WANTED: Final = Wanted(priority=PRIORITY + 1)
-"""Privileges with a priority one above the ECU's, so that the ECU, with which the idle loop is compared, does not delay
-it."""
+"""Privileges with a priority one above the ECU's, so that the ECU, with which the loop is compared, does not delay the
+loop."""
 
 
 class IdleStage(IntEnum):

@@ -41,7 +41,7 @@ class RunControl:
     Attributes:
         requested: number of these periods.
         modes: number of them by the ECU's mode, or SKIPPED.
-        warm_up: number of first ones among them, in which the controller's window was still filling.
+        warm_up: number of periods at their start in which the controller's window was still filling.
         fault: first latched fault; None if there was none.
         shut: share of the requested time in which the jets were shut, 0 to 1.
     """

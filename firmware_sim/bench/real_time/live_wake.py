@@ -1,4 +1,4 @@
-"""The own solver in a separate process, one control period ahead of the bus.
+"""The built-in solver in a separate process, one control period ahead of the bus.
 
 At a sampling instant the action of the next period is known, because an ECU that plans ahead sends it early. So the
 solver has a whole period to reach the next sampling instant. If the solver is late, that instant has no pressures, and

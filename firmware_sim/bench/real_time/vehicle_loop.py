@@ -25,10 +25,10 @@ from firmware_sim.bench.vehicle_node import Actuation, VehicleNode
 UNSENT_LIMIT: Final = 50
 """Number of frames in a row that the bus may refuse before it counts as lost: a second at 20 ms."""
 FAREWELL: Final = 3
-"""Number of last periods in which control is not requested: one more than the number of lost frames that the ECU
+"""Number of periods at the end in which control is not requested: one more than the number of lost frames that the ECU
 tolerates."""
 LONGEST_FAREWELL: Final = 10
-"""Largest number of last periods, if the live wake has no pressures for some of them."""
+"""Largest number of periods at the end, if the live wake has no pressures for some of them."""
 
 
 class Sends(Protocol):

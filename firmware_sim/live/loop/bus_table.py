@@ -19,7 +19,7 @@ ROWS: Final = 64
 _UNKNOWN: Final = "unknown"
 """Name shown for a message that is in none of the project's message sets."""
 _BABBLER: Final = "babbler"
-"""Sender shown for messages that neither node defines: a babbling node is simulated at the port of one of them."""
+"""Sender shown for messages that neither node defines: a babbling node is simulated at the port of one node."""
 _NS: Final = 10**9
 
 

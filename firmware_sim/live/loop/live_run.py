@@ -136,7 +136,7 @@ class DragMeans:
         needed = int(1.0 / (self._frequency * self._period)) + 3
         latest = np.array([self._samples[at] for at in range(-min(needed, len(self._samples)), 0)], dtype=float)
         try:
-            # The data are shorter than two cycles, so this averages over one.
+            # The data are shorter than two cycles, so this averages over one cycle.
             self.now = float(over_last_cycles(latest[:, 0], self._frequency).mean(latest[:, 1]))
         except PlantError:
             self.now = None

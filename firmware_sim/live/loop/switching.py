@@ -55,7 +55,7 @@ class SwitchedPort(WrappedBus):
         return len(self._plugs)
 
     def put(self, layer: Callable[[Bus], Bus]) -> Plug:
-        """Add a layer around the present ones; returns the plug by which it can be removed."""
+        """Add a layer around the present layers; returns the plug by which it can be removed."""
         plug = Plug(self._top.beneath)
         self._top.beneath = layer(plug)
         self._plugs.append(plug)

@@ -210,7 +210,7 @@ class Supervisor:
             process.end()
 
     async def ask(self, request: str) -> LiveAnswer:
-        """Return the loop's answer to a request as JSON, after as long as the loop needs for it."""
+        """Return the loop's answer to a request in JSON; wait until the loop has answered."""
         process = self._process
         if process is None:
             return {"error": "the loop has ended"}
