@@ -1,2 +1,1 @@
-"""The closed loop of an ECU and a simulated vehicle, campaigns and latency runs, the files of a run, and an emulated
-microcontroller."""
+"""A simulated vehicle around an ECU: closed loop, campaigns, latency, files of runs, emulated microcontroller."""

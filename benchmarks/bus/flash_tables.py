@@ -15,8 +15,7 @@ _LOST: Final = {
 }
 
 _LONG_MS: Final = 3.0
-"""Smallest modelled time in ms of a piece of flashing with its own row; shorter pieces do not bring a period near its
-end."""
+"""Smallest modelled time in ms of a piece of flashing in the table; no period is near its end in a shorter one."""
 
 
 def tables(results: Path) -> dict[str, str]:

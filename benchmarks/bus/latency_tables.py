@@ -18,8 +18,7 @@ def tables(results: Path) -> dict[str, str]:
 
 
 def latency(found: Any) -> str:
-    """Return a table with a row for each stage and the idle loop: ONNX Runtime left, the C library right; verdicts
-    below."""
+    """Return a table with a row for each stage and the idle loop: ONNX Runtime left, C right; verdicts below."""
     runs = [found["figures"][name] for name in CONTROLLERS]
     rows = [
         (LABELS[stage], *(cell for run in runs for cell in _cells(run["stages"][stage], _misses(run, stage))))

@@ -1,5 +1,4 @@
-"""The table of the bus load and of the project's messages' worst-case response times, without and with other
-traffic."""
+"""The table of bus load and worst-case response times of the project's messages, without and with other traffic."""
 
 from pathlib import Path
 from typing import Any, Final

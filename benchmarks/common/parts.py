@@ -9,8 +9,7 @@ from contract.atomic import replacing
 
 
 def part(path: Path, make: Callable[[], Any]) -> Any:
-    """Return the finished part in a file, as plain values for JSON; if there is no file, compute the part and write
-    it."""
+    """Return the finished part in a file, as plain values for JSON; compute and write it if there is none."""
     if not path.is_file():
         made = make()
         with replacing(path) as temporary:

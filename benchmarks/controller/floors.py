@@ -151,8 +151,7 @@ def measure_core(weights: int, compiler: Sequence[str]) -> CoreLimits:
 
 
 def _rate(loop: Callable[[int], None]) -> float:
-    """Return the passes per second of a loop, which takes their number. The best of several measurements counts,
-    because a limit is not an average."""
+    """Return the passes per second of a loop: the best of several measurements, because it is a limit."""
     times = 1
     while (took := _least(loop, times, 3)) < _SECONDS:
         times *= max(2, int(_SECONDS / max(took, 1e-6)))

@@ -1,5 +1,4 @@
-"""A test of whether a control step's work depends on its data: instruction counts over many windows on the emulated
-core."""
+"""A test of whether a control step's work depends on its data: instructions over many windows on the emulated core."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass

@@ -60,8 +60,7 @@ def main(
 
 
 def compared(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Return the rows with `points`: the difference of the drag reduction to that of the first row, in percentage
-    points."""
+    """Return the rows with `points`: the difference of the drag reduction to the first row, in percentage points."""
     return [{**row, "points": row["reduction_percent"] - rows[0]["reduction_percent"]} for row in rows]
 
 

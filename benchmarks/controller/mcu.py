@@ -125,8 +125,7 @@ def _windows(count: int) -> list[Array]:
 
 
 def _periods(config: Config, rows: ProgramRows, count: int) -> Iterator[tuple[int, list[Frame]]]:
-    """Yield periods with pressures and a speed that lies between the past's sampled speeds; the request rises in the
-    second period."""
+    """Yield periods with pressures and a speed between the past's sampled speeds; the request rises in the second."""
     messages, ratio = message_set(config.bus), 0.9
     pressure, speed = messages.pressure, messages.speed
     sender, speeds = E2eSender(pressure.spec), E2eSender(speed.spec)

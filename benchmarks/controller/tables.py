@@ -19,8 +19,7 @@ def tables(results: Path) -> dict[str, str]:
 
 
 def loop(found: Any) -> str:
-    """Return the table of drag, lift and action of the four loops, and the difference of each reduction to the
-    first."""
+    """Return the table of drag, lift and action of the four loops, and each reduction's difference to the first."""
     rows = [
         (
             f"{_NAMES[row['lowering']]}, {row['precision']}",
@@ -36,8 +35,7 @@ def loop(found: Any) -> str:
 
 
 def latency(found: Any) -> str:
-    """Return a table with a row for each lowering: times, their ratios to eager PyTorch and to the lower limit, graph
-    size."""
+    """Return a table with a row for each lowering: times, ratios to eager PyTorch and to the lower limit, size."""
     figures, facts = found["figures"], found["facts"]
     rows = [
         (

@@ -45,8 +45,7 @@ from wake.plants import open_plant
 
 ECUS: Final = (MCU, C, "python")
 COMPARED: Final = (*COMMON, "-march=native")
-"""Flags of the ECU that is compared with the core: the same contraction, which needs a machine with fused
-multiply-add."""
+"""Flags of the ECU compared with the core: the same contraction, which needs a machine with fused multiply-add."""
 _KEPT: Final = (
     *("Cd_uncontrolled", "Cd_controlled", "reduction_percent", "abs_Cl_uncontrolled", "abs_Cl_controlled"),
     *("mean_Cl_controlled", "rms_action", "periods_requested", "periods_in_control", "fault", "computed_by", "ecu"),
@@ -137,7 +136,6 @@ def figures_of(kind: str, log: RunLog, lockstep: Lockstep | None) -> dict[str, A
 
 
 def largest_difference(one: Any, other: Any) -> float:
-    """Return the largest difference between two series of commands, in U_inf W, without steps that were skipped in one
-    of them."""
+    """Return the largest difference between two series of commands, in U_inf W, without skipped steps."""
     apart = np.abs(np.asarray(one) - np.asarray(other))
     return float(np.max(apart[np.isfinite(apart)], initial=0.0))

@@ -45,8 +45,7 @@ FIRST: Final = 200
 """Number of an episode's steps before the first fault begins."""
 DRIFT_PERIODS: Final = 100
 DISTURBED: Final = ("none", "noise 0.9", "lost 0.3")
-"""Disturbances of healthy sensors' readings, besides rounding: noise in global deviations, share of frames lost at
-random."""
+"""Disturbances of healthy sensors' readings besides rounding: noise in global deviations, share of lost frames."""
 
 
 class Passage(NamedTuple):
@@ -129,8 +128,7 @@ class Lab:
 
 
 class Outcome(NamedTuple):
-    """The outcome of a fault: the sensor set aside, whether the jets were shut instead, and the number of periods until
-    then."""
+    """The outcome of a fault: the sensor set aside, or whether the jets were shut, and the number of periods."""
 
     set_aside: int | None
     shut: bool

@@ -1,5 +1,4 @@
-"""The tables of the ECU: its sensor check, the comparison of its versions in Python and C, and the closed loop with
-each."""
+"""The tables of the ECU: its sensor check, the comparison of Python and C, and the closed loop with each."""
 
 from itertools import groupby
 from pathlib import Path
@@ -22,8 +21,7 @@ def tables(results: Path) -> dict[str, str]:
 
 
 def twin(path: Path) -> str:
-    """Return the table of the comparison between the ECUs in C and in Python, and of the faults that the comparison
-    finds."""
+    """Return the table of the comparison of the ECUs in C and in Python, and of the faults that it finds."""
     found = read(path)
     of, facts = found["figures"], found["facts"]
     rows = [
@@ -42,8 +40,7 @@ Measured on {found["date"]} in {len(facts["variants"])} kinds of vehicles, with
 
 
 def loops(found: Any) -> str:
-    """Return the table of the wake controlled by each ECU, and of the differences between the emulated core and this
-    machine."""
+    """Return the table of the wake under each ECU, and of the emulated core's differences to this machine."""
     rows = [
         (
             row["kind"],

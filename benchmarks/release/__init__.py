@@ -1,2 +1,1 @@
-"""The shipped release in the closed loop: measurements, and tables of the results of `stillwake run` and `stillwake
-develop --steady`."""
+"""The shipped release in the closed loop: measurements, and tables from `stillwake run` and `develop --steady`."""

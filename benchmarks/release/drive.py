@@ -137,8 +137,8 @@ def outcome(bundle: Path, config: Config, case: Case, phase: int = 0, phases: in
     drive = find_drive(case.drive, point)
     flow = drive.substeps(config.flow, point)
     if any(text.startswith("reynolds") for text in case.disturbed):
-        # At a higher Reynolds number the jets' vortices are thinner and faster; with the usual time steps the coarse
-        # mesh diverged.
+        # At a higher Reynolds number the jets' vortices are thinner and faster; the usual steps diverged on a coarse
+        # mesh.
         flow = replace(flow, substeps=2 * flow.substeps)
     wake = TruckWake(flow, body=config.body)
     wake.reset(replace(_start(config), substep=0))

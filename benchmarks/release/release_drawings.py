@@ -78,8 +78,7 @@ def _histogram(axes: Axes, found: Mapping[str, Any], label: str) -> None:
 
 
 def mean_flows(wake: TruckWake, flows: Sequence[Flow]) -> Figure:
-    """Plot mean u behind the truck without and with control, with the edge of the reverse flow and the bubble's
-    length."""
+    """Plot mean u behind the truck without and with control, with the reverse flow's edge and bubble length."""
     left, right, low, high = _BEHIND
     view = (wake.body.length + left, wake.body.length + right, low, high)
     raster = Raster.of(wake.grid.xc, wake.grid.yc, view, 900)

@@ -106,8 +106,7 @@ def _m7_ms(release: Bundle) -> float | None:
 
 
 def median_step_ms(release: Bundle) -> float:
-    """Return the median CPU time in ms of a control step in ONNX Runtime on this machine; other processes hardly affect
-    it."""
+    """Return the median CPU time in ms of a control step in ONNX Runtime; other processes hardly affect it."""
     controller, sizes = OnnxController.of(release), release.manifest.sizes
     controller.warm_up(10)
     generator, taken = np.random.default_rng(0), []

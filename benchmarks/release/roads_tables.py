@@ -17,8 +17,7 @@ def tables(results: Path) -> dict[str, str]:
 
 
 def _environment(rows: list[dict[str, Any]]) -> str:
-    """Return the table of policies in the environment: rows on its mesh whose policies use only the environment's
-    observations."""
+    """Return the table of policies in the environment: rows on its mesh that use only its observations."""
     known = [row for row in rows if tuple(row["mesh"]) == _DEFAULT_MESH and row["kind"] != "oracle"]
     heads = ("policy", "mean reward", "mean `Cd_net`", "mean abs Cl", "mean Cl", "mean `jet_power`", "steps")
     return table(

@@ -137,8 +137,7 @@ def _from_phases(results: Path) -> tuple[object, ...]:
 
 
 def _linear(results: Path) -> tuple[object, ...]:
-    """Return the row of the linear controller that version 1.0.0 identified under the release, with its means over
-    phases."""
+    """Return the row of the linear controller identified by version 1.0.0, with its means over phases."""
     row = next(row for row in read(results / "roads.json")["figures"] if row["road"] == "linear-under-release")
     return (
         f"a linear controller instead (by version 1.0.0), from {len(row['outcomes'])} starts, mean",

@@ -44,8 +44,7 @@ from wake.truck.truck_wake import TruckWake
 
 SPANS: Final = Spans(lead_in=15.0, controlled=85.0, settle=35.0)
 SHARES: Final = (np.arange(7) / 6) ** 2
-"""Shares of the largest weight. The prior's input is the square root of the weight, so the values are equally spaced in
-it."""
+"""Shares of the largest weight, equally spaced in the prior's input, which is the square root of the weight."""
 DEAREST: Final = {"lift": DEAREST_LIFT, "effort": DEAREST_EFFORT}
 EFFECTS: Final = {"lift": ("abs_Cl_controlled",), "effort": ("rms_action", "jet_power_controlled")}
 """Figures that each weight is meant to reduce."""
@@ -161,8 +160,7 @@ def _end_to_end(rows: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, float]
 
 
 def drawn(figures: Mapping[str, Any]) -> dict[str, Figure]:
-    """Draw the picture of `docs/explanation/through-the-flow.md`: each effect and the drag reduction against the
-    weight."""
+    """Draw the picture of `docs/explanation/through-the-flow.md`: each effect and the drag against the weight."""
     figure = Figure(figsize=(8.0, 3.0), layout="constrained")
     shown = (("lift", "abs_Cl_controlled", "mean |Cl|"), ("effort", "jet_power_controlled", "jet power"))
     for axes, (weight, name, label) in zip(figure.subplots(1, 2), shown, strict=True):

@@ -81,8 +81,7 @@ def _plant(refinement: float, precision: str) -> TruckWake:
 
 
 def _visit(wake: TruckWake, times: defaultdict[str, list[float]]) -> None:
-    """Time one control period without control, one at full amplitude, one with timed parts, and the two limits of the
-    machine."""
+    """Time a control period without control, one at full amplitude, one in parts, and the machine's two limits."""
     limit = wake.config.action_limit
     times["free"].append(_clock(lambda: wake.advance(0.0)))
     wake.advance(limit)

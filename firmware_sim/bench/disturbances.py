@@ -75,8 +75,7 @@ class WrongClock(Span, section="clock"):
 
 @dataclass(frozen=True, kw_only=True)
 class NoRequest(Span, section="no_request"):
-    """The vehicle withdraws its request for control during the span and then requests control again, which clears a
-    latched fault."""
+    """The vehicle withdraws its request for control and raises it again afterwards, which clears a latched fault."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -195,8 +194,7 @@ KINDS: Final[dict[str, type[Span]]] = {
         *(SpeedScale, SpeedLate, SpeedFrozen, NoSpeed, Density),
     )
 }
-"""Classes of disturbances by their name in texts. A text that begins with a node's name describes a `NodeFault`
-instead."""
+"""Classes of disturbances by their name in texts; a text that begins with a node's name is a `NodeFault` instead."""
 
 Disturbance = NodeFault | Span
 
@@ -243,8 +241,7 @@ class Disturbances:
         return config if other is None else replace(config, body=other.instead_of(config.body))
 
     def check(self, config: Config, sensors: tuple[str, ...], *, duration_s: float) -> None:
-        """Check the disturbances; raises ConfigError for one that could not act in a run of this length with these
-        sensors in use."""
+        """Check the disturbances; raises ConfigError for one that could not act in this run with these sensors."""
         check_faults([one for one in self.items if isinstance(one, NodeFault)], config.bus, duration_s=duration_s)
         for one, text in zip(self.items, self.texts, strict=True):
             if isinstance(one, NodeFault):

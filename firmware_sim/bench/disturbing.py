@@ -182,8 +182,8 @@ class Disturbing:
         self._state_speed(now_ns, node)
 
     def _state_speed(self, now_ns: int, node: VehicleNode) -> None:
-        """Set the speed that the vehicle sends. Several disturbances at once act one after another: late, frozen,
-        scaled, absent."""
+        """Set the speed that the vehicle sends. Several disturbances act in this order: late, frozen, scaled,
+        absent."""
         self._speeds.append(node.speed)
         stated = node.speed
         for _, late in self._acting(kinds.SpeedLate, now_ns):
@@ -207,8 +207,7 @@ class Disturbing:
 
     @contextmanager
     def in_flow(self, plant: Plant) -> Iterator[None]:
-        """Add the gusts to the wind of a plant at the start of the run; afterwards wind and Reynolds number are as
-        before."""
+        """Add the gusts to the wind of a plant at the run's start; restore wind and Reynolds number afterwards."""
         if not any(isinstance(one, kinds.Reynolds | kinds.GustyWind) for one in self._items):
             yield
             return

@@ -59,8 +59,7 @@ class EchoTracker:
 
     @property
     def sampled_ns(self) -> int | None:
-        """Sending time of the frame echoed last; None without an echo, or if the frame is more than a counter period
-        old."""
+        """Sending time of the frame echoed last; None without an echo, or if it is more than a counter period old."""
         age = self.age
         return self.kept[-1 - age] if age is not None and age < len(self.kept) else None
 

@@ -55,8 +55,7 @@ _WANTED: Final = DRIVING | {Mode.WARMUP}
 """Modes of an ECU that was asked for control and has no fault."""
 
 AGE_TOLERANCE: Final = 0.01
-"""Tolerance of ages as a share of a period. Clocks that differ by 200 ppm, and the wait until the bus is read, need far
-less."""
+"""Tolerance of ages as a share of a period; clocks 200 ppm apart and the wait until the bus is read need far less."""
 _LONGEST_S: Final = 1e6
 """Length in s that stands for a span without end."""
 ROUNDING: Final = 1e-9
@@ -109,8 +108,7 @@ class _Period(NamedTuple):
 
 
 class Commands:
-    """Checks of the flow rates that an ECU commands. `bus_shut` is the part of `bus_bounds` for modes that do not
-    drive."""
+    """Checks of the flow rates that an ECU commands; `bus_shut` is the part of `bus_bounds` for modes without jets."""
 
     def __init__(self, config: Config) -> None:
         scale = config.operating_point.flow_rate_scale
@@ -161,8 +159,7 @@ class Jets:
         self._action = 0.0
 
     def heard(self, commands: Sequence[HeardCommand | None], *, requested: bool) -> None:
-        """Record the commands of a period, with None for each command with errors, and whether the vehicle wanted
-        control."""
+        """Record the commands of a period (None for one with errors), and whether the vehicle wanted control."""
         last = None
         for command in commands:
             if command is None:
@@ -174,8 +171,7 @@ class Jets:
         self._sound = self._sound + 1 if len(commands) == 1 and last is not None else 0
         known = [command for command in commands if command is not None]
         drives = any(command.drives and command.in_time for command in known)
-        # The E2E state of a stream depends on its latest checks; if none of them failed, the vehicle accepts the next
-        # frame.
+        # The E2E state depends on the latest checks; if none of them failed, the vehicle accepts the next frame.
         believed = last is not None and self._sound > self._e2e_window
         old = any(command.drives and not command.in_time for command in known)
         self._heard.append(_Period(drives=drives, old=old, shuts=believed and not drives, believed=believed))

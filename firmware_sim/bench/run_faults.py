@@ -40,8 +40,7 @@ class NodeFault:
 
 
 def parse_node_fault(text: str) -> NodeFault:
-    """Return the fault that a text describes. Raises ConfigError that states the text and its unknown, missing or
-    out-of-range part."""
+    """Return the fault that a text describes. Raises ConfigError that states the text and its faulty part."""
     node, colon, rest = text.partition(":")
     if not colon or node not in NODES:
         raise ConfigError(f"fault {text!r}: must begin with the node whose port it is in, vehicle: or ecu:")

@@ -46,8 +46,7 @@ class Spans:
             )
 
     def periods(self, control_period: float) -> tuple[int, int]:
-        """Return the number of control periods without control, and in all. Raises StillwakeError if a span is shorter
-        than a control period."""
+        """Return the numbers of periods without control, and in all. Raises StillwakeError if one would be 0."""
         counts = []
         for name in ("lead_in", "controlled"):
             counts.append(round(getattr(self, name) / control_period))

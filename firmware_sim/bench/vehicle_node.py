@@ -106,8 +106,7 @@ class VehicleNode:
         self._driven_to = 0.0  # in the period before, without the actuator's delay
         self._commanded = DelayLine.filled(config.vehicle.actuator_delay)
         self._echo = EchoTracker(counter_period=profile_of(self._messages.pressure.spec).counter_period)
-        # The ECU's command gate accepts pressures of this age, and computing and transmission take up to one more
-        # period.
+        # The ECU's command gate accepts pressures of this age; computing and transmission take up to one more period.
         self._oldest_echo = 2 + config.ecu.hold_periods + config.ecu.decay_periods
         self.frames_sent = 0
 
@@ -138,8 +137,7 @@ class VehicleNode:
         return frame
 
     def speed_frame(self, *, now_ns: int, age_ns: int = 0) -> Frame | None:
-        """Return the VehicleSpeed frame of the instant `now_ns`, sent `age_ns` later; None while the vehicle sends
-        none."""
+        """Return the VehicleSpeed frame of the instant `now_ns`, sent `age_ns` later; None while there is none."""
         if not self.sends_speed:
             return None
         message = VehicleSpeed(
@@ -182,8 +180,8 @@ class VehicleNode:
         if self.has_given_up or not self._requested:
             self._action = before = 0.0
         if not self._next_period and self._action != 0.0:
-            # After a command for the next period, a command for this period skips the action between them, so the step
-            # is limited again.
+            # After a command for the next period, a command for this period skips the action between, so limit the
+            # step.
             self._action = self._in_reach_of(self._driven_to, self._action)
         self._driven_to = before if self._next_period else self._action
         return Actuation(

@@ -192,8 +192,7 @@ class VirtualLoop(NeverCopied):
         return pressures > 0
 
     def _step_ecu(self, now_ns: int) -> float:
-        """Step the ECU unless it is still computing; returns the step's wall-clock time in ms, NaN if there was no
-        step."""
+        """Step the ECU unless it is still computing; returns the step's wall-clock ms, NaN if there was no step."""
         if now_ns < max(self._busy_until_ns, self._booted_ns):
             return math.nan
         began = self._clock()

@@ -40,8 +40,7 @@ class Campaign:
     seed: int = 0
 
     def check(self) -> None:
-        """Check every scenario; raises StillwakeError that states the scenario if no run is possible with its settings
-        or disturbances."""
+        """Check every scenario; raises StillwakeError that states the scenario for which no run is possible."""
         period = self.config.flow.control_period
         lead_in, total = self.timing.periods(period)
         # The last sample is taken a period before the end.

@@ -113,8 +113,7 @@ class ScenarioRow:
 
     @property
     def reasons(self) -> dict[str, int]:
-        """Number of control periods without control for each of the ECU's reasons, over all phases; most frequent
-        first."""
+        """Number of control periods without control by the ECU's reason, over all phases; most frequent first."""
         count: Counter[str] = Counter()
         for service in self._services:
             count.update(service.reasons)

@@ -115,8 +115,7 @@ def save(path: Path, outcome: RunOutcome) -> None:
 
 
 def load(path: Path) -> RunOutcome | None:
-    """Read a file written by `save`; None if it is missing, damaged or of another version, so that the run is computed
-    again."""
+    """Read a file written by `save`; None if it is missing, damaged or of another version."""
     try:
         tree: Any = json.loads(path.read_text(encoding="utf-8"))
         if not isinstance(tree, dict) or tree.pop("schema", None) != _SCHEMA:

@@ -1,5 +1,4 @@
-"""A campaign as one self-contained HTML page: the matrix, the curves, and a section for each group; also its table and
-figures."""
+"""A campaign as one self-contained HTML page with matrix, curves, and a section per group; its table and figures."""
 
 from datetime import date
 from itertools import groupby

@@ -50,8 +50,7 @@ class Curve:
 
 
 def curve(rows: Sequence[ScenarioRow], label: str, pattern: str) -> Curve:
-    """Collect the scenarios whose whole name matches the pattern; its first group is the number. The undisturbed
-    scenario is at 0."""
+    """Collect the scenarios whose name matches; the pattern's group is the number, and the undisturbed one is at 0."""
     found = []
     for row in rows:
         match = re.fullmatch(pattern, row.scenario.name)

@@ -40,8 +40,7 @@ def run_task(task: RunTask, bundle: Bundle, start: State) -> RunOutcome:
 def check_run(
     scenario: Scenario, config: Config, bundle: Bundle, timing: Spans, controller: RunnableController
 ) -> None:
-    """Check a scenario; raises ConfigError that states the scenario if no run is possible with its settings or
-    disturbances."""
+    """Check a scenario; raises ConfigError that states the scenario if no run is possible with it."""
     try:
         Simulation(
             bundle,

@@ -15,8 +15,7 @@ from wake.truck.truck_wake import TruckWake
 
 
 def phases_apart(phases: int, config: Config) -> list[int]:
-    """Return the number of control periods from the developed wake to each phase; phases are equal parts of the wake's
-    shedding cycle."""
+    """Return the control periods from the developed wake to each phase: equal parts of its shedding cycle."""
     cycle = 1.0 / config.forcing.base_frequency
     return [round(number * cycle / phases / config.flow.control_period) for number in range(phases)]
 
@@ -55,8 +54,7 @@ def digest_of(state: State) -> str:
 
 
 def _kept(file: Path, config: Config) -> State | None:
-    """Read a state; None if there is none for this plant: the scenario may have had another body in an earlier
-    campaign."""
+    """Read a state; None if there is none for this plant: the scenario may have had another body earlier."""
     try:
         state = load_state(file)
         if state.origin is not None:

@@ -15,8 +15,7 @@ from firmware_sim.bench.spans import Spans
 from firmware_sim.campaign.scenario import Scenario
 
 _SETTINGS: Final = ("operating_point", "bus", "ecu", "vehicle", "flow.reynolds", "flow.substeps")
-"""Sections and settings that a scenario may change. The release fixes the controller, and its period in the flow's
-time."""
+"""Sections and settings that a scenario may change. The release fixes the controller and its period in t_c."""
 PlantKey = tuple[FlowConfig, BodyConfig]
 
 MARGIN_PERIODS: Final = 2

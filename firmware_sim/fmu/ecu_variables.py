@@ -52,8 +52,7 @@ refused        | status.Refused         | UInt32      |        |    | Pressure f
 bus_off        | status.BusOff          | UInt32      |        |    | Times that the CAN controller was off the bus
 set_aside.*    | status.SetAside        | Boolean     |        |    | Whether the ECU estimates it by the others
 """
-"""Columns: name, message and signal of a `MessageSet`, type in FMI 3.0, unit or enumeration, start value of an input,
-description."""
+"""Columns: name, message and signal of a `MessageSet`, FMI 3.0 type, unit or enumeration, start, description."""
 
 
 class Variable(NamedTuple):
@@ -168,15 +167,13 @@ def xml_bytes(root: ElementTree.Element) -> bytes:
 
 
 def _first_of_each(variables: Sequence[Variable]) -> dict[str, int]:
-    """Return the value reference of each input by its name; for inputs of all sensors, that of the first sensor by the
-    common part of the name."""
+    """Return each input's value reference by name; for inputs of all sensors, the first one's by the common name."""
     numbered = reversed([*enumerate(variables)])
     return {item.name.partition(".")[0]: i for i, item in numbered if item.causality == "input"}
 
 
 def _signals(messages: MessageSet) -> dict[str, dict[str, tuple[int, int, int]]]:
-    """Return (first bit, number of bits, whether signed) of each signal, by message of the set and by signal name in
-    the DBC."""
+    """Return (first bit, number of bits, whether signed) of signals by message of the set and name in the DBC."""
     blocks, found = dbc_bytes().decode("utf-8").split("\nBO_ "), {}
     for message, spec in zip(("pressure", "speed", "command", "status"), messages.specs, strict=True):
         block = next(item for item in blocks if item.startswith(f"{spec.frame_id} {spec.name}:"))

@@ -60,8 +60,7 @@ class KeptLimit(NamedTuple):
 
 
 def read_budget(path: Path) -> _Budget:
-    """Read the budget from a file. Raises ConfigError if the file cannot be read, limits an unknown figure or none at
-    all, or a limit is out of range."""
+    """Read the budget from a file. Raises ConfigError if it cannot be read, a limit is invalid, or there is none."""
     tree = read_toml(path, "budget")
     try:
         form = typed(tree, _Form)

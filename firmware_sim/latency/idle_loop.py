@@ -23,8 +23,7 @@ from ecu.real_time.stage_times import StageTimes
 from firmware_sim.latency.stages import Times
 
 _WANTED: Final = Wanted(priority=PRIORITY + 1)
-"""Privileges with a priority one above the ECU's, so that the ECU, with which the loop is compared, does not delay the
-loop."""
+"""Privileges with a priority one above the ECU's, so that the ECU does not delay the idle loop."""
 
 
 class IdleStage(IntEnum):
@@ -59,8 +58,7 @@ def between(rows: Times, begin_ns: int, end_ns: int) -> Times:
 
 
 def lateness(rows: Times, period_ns: int) -> Array:
-    """Return the time from each scheduled instant to waking up, in ns. A period that was left out counts until the next
-    wake-up."""
+    """Return the time from each scheduled instant to waking up in ns; a period left out counts to the next wake-up."""
     numbers = np.arange(rows[0, IdleStage.PERIOD], rows[-1, IdleStage.PERIOD] + 1)
     own = rows[np.searchsorted(rows[:, IdleStage.PERIOD], numbers)]
     before = own[:, IdleStage.PERIOD] - numbers

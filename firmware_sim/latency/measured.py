@@ -16,8 +16,7 @@ from firmware_sim.latency.running import Recorded
 from firmware_sim.latency.stages import Periods, Stage, Times, joined
 
 LEFT_CONTROL: Final = 5
-"""Number of periods in a row without a plan at which the ECU counts as out of control; one or two lost frames cause
-fewer."""
+"""Number of periods in a row without a plan that count as loss of control; one or two lost frames cause fewer."""
 NEEDED_FOR_P99_9: Final = 1_000
 """Number of values below which the 99.9th percentile by nearest rank is the maximum."""
 
@@ -33,8 +32,7 @@ class Quantiles(NamedTuple):
 
     @classmethod
     def of(cls, values_ns: Array) -> Self:
-        """Compute percentiles of latencies in ns, (n,). NaN marks a period without the stage and is left out; infinity
-        counts."""
+        """Compute percentiles of latencies in ns, (n,). NaN (no such stage) is left out; infinity counts."""
         values = values_ns[~np.isnan(values_ns)]
         if not len(values):
             return cls(None, None, None, None, 0)
@@ -83,8 +81,7 @@ class MeasuredRun:
 
     @property
     def left_control(self) -> bool:
-        """Whether the ECU was out of control for several periods, for example after a fault: such a run does not
-        measure the controller."""
+        """Whether the ECU lost control for several periods: such a run does not measure the controller."""
         gaps = np.flatnonzero(np.diff(np.concatenate([[0], self._without_plan.astype(int), [0]]))).reshape(-1, 2)
         return bool(len(gaps)) and int((gaps[:, 1] - gaps[:, 0]).max()) >= LEFT_CONTROL
 

@@ -18,8 +18,7 @@ BINS: Final = 120
 
 
 def histogram_figure(runs: Sequence[MeasuredRun]) -> Figure:
-    """Plot histograms: above, of the time from the sampling instant to the command; below, of the idle loop's lateness,
-    on the same scale."""
+    """Plot histograms: above, from the sampling instant to the command; below, the idle loop's lateness."""
     figure = Figure(figsize=(_WIDTH, 5.6), dpi=110, layout="constrained")
     above, below = figure.subplots(2, 1, sharex=True)
     period_ms = runs[0].periods.period_ns / 1e6
@@ -84,8 +83,7 @@ def budget_rows(verdicts: Sequence[KeptLimit]) -> Iterator[tuple[str, ...]]:
 
 
 def write_report(folder: Path, runs: Sequence[MeasuredRun], budgets: Sequence[Sequence[KeptLimit]]) -> None:
-    """Write page and figure into an existing folder. `budgets` has the compared limits of each run; they are empty
-    without a budget."""
+    """Write page and figure into an existing folder. `budgets` has each run's compared limits, or none."""
     histogram_figure(runs).savefig(folder / "histogram.png")
     lines = [f"{run.name}: {run.verdict}\n" for run in runs]
     lines += ["# Latency of the control loop\n", "![how often which latency](histogram.png)\n"]

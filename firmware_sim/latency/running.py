@@ -19,8 +19,7 @@ from firmware_sim.latency.idle_loop import IdleStage
 from firmware_sim.latency.stages import Times
 
 READY_S: Final = 120.0
-"""Longest time in s for the ECU to open the bundle, compile a library and warm up; a busy machine needs a quarter of
-it."""
+"""Longest time in s for the ECU to open the bundle, compile a library and warm up; a busy machine needs 30 s."""
 END_S: Final = 30.0
 """Longest time in s for a process to write its table after it was asked to end."""
 OVERTIME: Final = 2.0
@@ -177,8 +176,7 @@ class _Child:
 
 @contextmanager
 def _notify_socket() -> Iterator[tuple[str, socket.socket]]:
-    """Open the socket on which the ECU reports that it is ready, as to systemd (sd_notify(3)); yields its address and
-    this end."""
+    """Open the socket on which the ECU reports that it is ready (sd_notify(3)); yields its address and this end."""
     with (
         tempfile.TemporaryDirectory(prefix="stillwake-") as folder,
         socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as ours,

@@ -30,11 +30,9 @@ class Stage(StrEnum):
     BUS_TO_ECU = "bus_to_ecu"
     """The time from the sample to the receipt of the Pressure frame by the ECU's receive thread."""
     WAIT = "wait"
-    """The time from that receipt to the deadline of the step that takes the frame. This wait is intended: it absorbs
-    the jitter of the bus."""
+    """The time from that receipt to the deadline of the step that takes the frame: it absorbs jitter of the bus."""
     RECEIVE = "receive"
-    """The time from the deadline, or from a frame that arrives later, to the controller's call: wake-up, checks,
-    window."""
+    """The time from the deadline, or a frame that arrives later, to the controller's call: wake-up, checks, window."""
     PLAN = "plan"
     """The time for encoder and optimiser."""
     GATE = "gate"
@@ -169,8 +167,7 @@ class _Grid(NamedTuple):
 
 
 def _rows_by_counter(sent: Times, counters: Times, arrived: Times, counter_period: int) -> Index:
-    """Return for each counter the vehicle's latest row with this counter that was sent before the arrival; -1 if there
-    is none."""
+    """Return for each counter the vehicle's latest row with it that was sent before the arrival; -1 for none."""
     own, sampled = sent[:, VehicleStage.PRESSURE_COUNTER], sent[:, VehicleStage.SAMPLED]
     newest = np.searchsorted(sampled, arrived, side="right") - 1
     back = newest - (own[newest] - counters) % counter_period
@@ -200,8 +197,7 @@ def _fill(
     step: Index,
     period_ns: int,
 ) -> None:
-    """Fill in the stages of the periods at `own`, from their rows in the vehicle's table and the ECU's steps (-1 for no
-    step)."""
+    """Fill in the stages of the periods at `own`, from the vehicle's rows and the ECU's steps (-1 for no step)."""
     stages[Stage.SAMPLE][own] = sent[:, VehicleStage.SAMPLED] - scheduled
     acted = sent[:, VehicleStage.ACTUATED] > 0
     after_boundary = sent[:, VehicleStage.ACTUATED] - scheduled - period_ns

@@ -79,16 +79,15 @@ def hello(
 
 
 def periods(run: int, new: Iterable[LivePeriod], base: Index) -> LiveMessage:
-    """Return the message with new periods, as one list for each of `PERIOD_COLUMNS`; `base` has the indices of the
-    sensors on the base."""
+    """Return the message with new periods, a list for each of `PERIOD_COLUMNS`; `base` are the base sensors'
+    indices."""
     rows = [[_number(value) for value in _values(period, base)] for period in new]
     columns = [list(column) for column in zip(*rows, strict=True)]
     return {"type": "periods", "run": run, "columns": dict(zip(PERIOD_COLUMNS, columns, strict=True))}
 
 
 def now(run: LiveRun, latest: LivePeriod, seen: SeenState, *, fps: float, paused: bool, losses: int) -> LiveMessage:
-    """Return the message on the latest period; `losses` is the number of latest periods in which lost frames are
-    counted."""
+    """Return the message on the latest period; `losses` is the number of periods in which lost frames count."""
     fail_safe, forces = run.state.fail_safe, run.ecu.ecu.trace.forces
     planned = forces is not None and latest.planned_ns is not None
     # The plan's first entry acts in the latest period, so its effect is in the sample at that period's end.

@@ -115,8 +115,7 @@ class LiveSession(NeverCopied):
         self._now_due = True
 
     def before(self, request: object) -> Callable[[], None] | None:
-        """Return a function that prepares the requested ECU in a separate thread; None if the ECU is ready or cannot be
-        chosen."""
+        """Return a function that prepares the requested ECU in a thread; None if it is ready or cannot be chosen."""
         try:
             action, value = asked(request)
             if action != "set":
@@ -175,8 +174,8 @@ class LiveSession(NeverCopied):
         return self._settings.changed(given, self._bundle.manifest.sensors, self._own, self._limits)
 
     def _apply(self, after: LiveSettings, *, enable: bool | None) -> None:
-        """Apply other settings from the next period on. Raises StillwakeError if that is not possible; nothing has
-        changed then."""
+        """Apply other settings from the next period on. Raises StillwakeError if impossible; nothing has changed
+        then."""
         before, run = self._settings, self._run
         self._check_choices(after)
         if after.plant != before.plant:
@@ -206,8 +205,7 @@ class LiveSession(NeverCopied):
             run.power_on()
 
     def _clear(self) -> str:
-        """Reset everything but request, controller and plant, and clear latched faults by a new request; returns a
-        note."""
+        """Reset all but request, controller and plant, and clear latched faults by a new request; returns a note."""
         self._apply(self._settings.without_faults, enable=None)
         text = "cleared"
         if self._run.state.sensors.set_aside is not None and not self._run.is_off:
@@ -230,8 +228,8 @@ class LiveSession(NeverCopied):
     # Starts of the plant.
 
     def _start(self, settings: LiveSettings) -> None:
-        """Begin at the plant's start with these settings. Raises StillwakeError if that is not possible; nothing has
-        changed then."""
+        """Begin at the plant's start with these settings. Raises StillwakeError if impossible; nothing has changed
+        then."""
         is_off = settings.controller == OFF
         wake = self._wake(settings.plant)
         # This check has to come before `_ecu`, which may reset the running ECU.

@@ -27,8 +27,7 @@ class Asked(NamedTuple):
 
 
 def asked(request: object) -> Asked:
-    """Return the requested action. Raises ConfigError if the request is not exactly one action with a value of its
-    type."""
+    """Return the requested action. Raises ConfigError if the request is not one action with a value of its type."""
     if not isinstance(request, dict):
         raise ConfigError("request: must be a JSON object")
     actions = [name for name in request if name != "id"]

@@ -1,2 +1,1 @@
-"""The controller's C library on an emulated Cortex-M7: its memory, instructions and modelled time, and its agreement
-with this host."""
+"""The controller's C library on an emulated Cortex-M7: memory, instructions, modelled time, agreement with the host."""

@@ -76,8 +76,7 @@ class BlockCounter:
         return sum(instructions for _, instructions, _ in blocks), sum(cycles for _, _, cycles in blocks)
 
     def blocks(self) -> Iterator[tuple[int, int, int]]:
-        """Yield address, instructions and modelled cycles of each block that ran since `start`, summed over its
-        runs."""
+        """Yield address, instructions and modelled cycles of each block that ran since `start`, over all its runs."""
         places = np.flatnonzero(self._counts)
         found = zip(places.tolist(), self._counts[places].tolist(), self._sizes[places].tolist(), strict=True)
         for place, count, size in found:

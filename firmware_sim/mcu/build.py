@@ -1,5 +1,4 @@
-"""Compilation of a C library for a bare Cortex-M7, and of its example program for this host, by the compiler in
-`ziglang`."""
+"""Compilation of a C library for a bare Cortex-M7 and of its example program for this host, with `ziglang`."""
 
 import tempfile
 from collections.abc import Mapping, Sequence
@@ -18,8 +17,7 @@ LINKER_SCRIPT: Final = "cortex_m7.ld"
 NO_COMPILER: Final = f"the compiler is missing: {install('mcu')}"
 # Contraction within an expression, as C allows it, gives the same results on every target with fused operations.
 COMMON: Final = ("-O2", "-ffp-contract=on", "-g0")
-# Loops that benefit are unrolled in the sources; if the compiler unrolled the others, they would take 21 KiB more
-# flash.
+# Loops that benefit are unrolled in the sources; if the compiler unrolled all, that would take 21 KiB of flash.
 BARE: Final = (
     "-target", "thumb-freestanding-eabihf", "-fno-unroll-loops",
     "-ffreestanding", "-fno-unwind-tables", "-fno-asynchronous-unwind-tables",

@@ -1,5 +1,4 @@
-"""The measurement of a library: compiled for a Cortex-M7 and for this host, run on the same rows, and its needs on the
-core."""
+"""The measurement of a library on an emulated Cortex-M7 and on this host: the same rows, and the core's needs."""
 
 import subprocess
 import tempfile

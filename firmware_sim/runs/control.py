@@ -98,8 +98,7 @@ def set_aside(log: RunLog) -> list[tuple[str, int]]:
 
 
 def trouble(log: RunLog) -> str | None:
-    """Return a sentence on why control was not held, which a reader needs before any figure of the run; None if it was
-    held throughout."""
+    """Return a sentence on why control was not held, to be read before any figure; None if it was held."""
     held = control(log)
     if held.held:
         return None

@@ -152,8 +152,7 @@ class RunMetadata:
 
     @classmethod
     def from_tree(cls, tree: Mapping[str, Any]) -> "RunMetadata":
-        """Read the result of `to_tree`. Raises KeyError, TypeError or ConfigError for a field that is missing, unknown
-        or meaningless."""
+        """Read the result of `to_tree`. Raises KeyError, TypeError or ConfigError for an invalid field."""
         config, status = without_retired(tree["config"]), list(EcuStatus(**tree["status"]))
         return typed({**tree, "config": config, "status": status}, cls)
 
@@ -163,8 +162,7 @@ _UNUSED: Final = ("forcing", "model", "train", "mpc")
 
 
 def settings_of(run: RunMetadata) -> dict[str, str]:
-    """Return every setting of a run by its dotted name in TOML; the optimiser's are the bundle's, with the weights in
-    force."""
+    """Return every setting of a run by its dotted name in TOML; `mpc` is the bundle's with the weights in force."""
     used = {name: value for name, value in loading.to_tree(run.config).items() if name not in _UNUSED}
     tree = run.to_tree()
     built = tree["mpc"] | {"weights": tree["weights"]}

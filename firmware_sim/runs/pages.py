@@ -13,8 +13,7 @@ from contract.atomic import replacing
 
 @cache
 def templates(package: str) -> Environment:
-    """Return the environment of the templates in a package's folder `templates`. Texts are escaped; a missing value is
-    an error."""
+    """Return the templates of a package's folder `templates`. Texts are escaped; a missing value is an error."""
     return Environment(
         loader=PackageLoader(package),
         autoescape=True,
@@ -26,14 +25,12 @@ def templates(package: str) -> Environment:
 
 
 def render(template: str, package: str = "firmware_sim.runs", **values: object) -> str:
-    """Return the page made from a package's template. Texts among the values are escaped; a missing value is an
-    error."""
+    """Return the page made from a template. Texts among the values are escaped; a missing value is an error."""
     return templates(package).get_template(template).render(values)
 
 
 def write(target: Path, template: str, package: str = "firmware_sim.runs", **values: object) -> Path:
-    """Write the page of `render`, completely or not at all, and return its path. Raises StillwakeError if it cannot be
-    written."""
+    """Write the page of `render`, completely or not at all, and return its path. Raises StillwakeError on failure."""
     page = render(template, package, **values)
     with replacing(target) as temporary:
         temporary.write_text(page, encoding="utf-8", errors="backslashreplace")

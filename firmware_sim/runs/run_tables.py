@@ -31,16 +31,14 @@ _DRAG_ROWS: Final = (
 """Label (with a place for the wake probe's position), field of `Regime`, and number format of each row."""
 
 ENOUGH_CYCLES: Final = 2
-"""Smallest number of cycles for an average: from one cycle to the next, drag differs by several per cent of its
-mean."""
+"""Smallest number of cycles for an average: drag differs by several per cent from one cycle to the next."""
 _STILL: Final = 0.01
 """Share of the action's bound below which the root mean square of the action counts as no movement; a working
 controller uses half of the bound."""
 
 
 def drag_rows(log: RunLog) -> list[tuple[str, str, str]]:
-    """Return (quantity, uncontrolled, controlled) as text for each row; one row with the reason if there are no
-    averages."""
+    """Return (quantity, uncontrolled, controlled) as text; one row with the reason if there are no averages."""
     if (drive := drive_totals(log)) is not None:
         return _drive_rows(drive)
     means = averages(log)

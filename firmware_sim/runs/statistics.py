@@ -88,8 +88,7 @@ class Latency:
 
 
 def averages(log: RunLog) -> Averages | NoAverages:
-    """Compute the averages of a run: before the request for control, and from the end of the settling time to the end
-    of the run."""
+    """Compute the averages: before the request for control, and from the end of the settling time to the end."""
     if not log.metadata.averages:
         return NoAverages("No averages were asked for.")
     if log.metadata.drive is not None:
@@ -135,8 +134,7 @@ def actuator_delay_ms(log: RunLog) -> float:
 
 
 def sample_to_jets_ms(log: RunLog) -> float:
-    """Return the longest time from the sampling of pressures to the jets' action on them, in virtual ms; NaN if no
-    command arrived."""
+    """Return the longest time from the sampling of pressures to the jets' action, in virtual ms; NaN for none."""
     ages = log.series["age_ms"][np.isfinite(log.series["age_ms"])]
     return float(ages.max()) + actuator_delay_ms(log) if len(ages) else float("nan")
 

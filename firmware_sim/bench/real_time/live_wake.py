@@ -32,8 +32,7 @@ from wake.truck.truck_wake import TruckWake
 _PERIODS: Final = 20
 """Number of control periods that are timed."""
 _ROOM: Final = 0.9
-"""Share of a control period that the solver may take. The rest is for transferring the pressures, and for other
-processes on the processor."""
+"""Share of a control period that the solver may take; pressure transfer and other processes need the rest."""
 COARSE: Final = (0.75, 15)
 """Refinement and time steps per control period of the fastest plant found on which the shipped controller acts as on
 the default grid (docs/explanation/solver.md)."""
@@ -79,8 +78,7 @@ class Speed:
 def measured(
     wake: TruckWake, periods: int = _PERIODS, clock: Callable[[], float] = time.perf_counter
 ) -> tuple[float, ...]:
-    """Measure the wall time in ms of `periods` control periods without jets, sampling included; then restore the wake's
-    state."""
+    """Measure the wall time in ms of control periods without jets, with sampling; then restore the wake's state."""
     begin = wake.state()
     times = []
     for _ in range(periods):
@@ -147,8 +145,7 @@ class LiveWake(NeverCopied):
         return np.asarray(self._cp)
 
     def drive(self, action: float) -> None:
-        """Start the next control period, with the jets ramping to `action`; do nothing while a period is being
-        computed."""
+        """Start the next control period, with the jets ramping to `action`; do nothing while a period is computed."""
         if not self._is_busy:
             try:
                 self._pipe.send(action)

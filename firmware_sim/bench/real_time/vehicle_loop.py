@@ -25,8 +25,7 @@ from firmware_sim.bench.vehicle_node import Actuation, VehicleNode
 UNSENT_LIMIT: Final = 50
 """Number of frames in a row that the bus may refuse before it counts as lost: a second at 20 ms."""
 FAREWELL: Final = 3
-"""Number of periods at the end in which control is not requested: one more than the number of lost frames that the ECU
-tolerates."""
+"""Number of last periods without a request: one more than the number of lost frames that the ECU tolerates."""
 LONGEST_FAREWELL: Final = 10
 """Largest number of periods at the end, if the live wake has no pressures for some of them."""
 
@@ -98,8 +97,7 @@ class VehicleLoop:
             due_ns = self._next_instant()
 
     def _next_instant(self) -> int:
-        """Wait for the next sampling instant; leave out every instant that is missed by half a period or more, in sleep
-        or at work."""
+        """Wait for the next sampling instant; leave out every instant that is missed by half a period or more."""
         while True:
             due_ns, latest_ns = self._deadlines.due_ns, self._deadlines.period_ns // 2
             self._sleep_until(due_ns)

@@ -34,8 +34,7 @@ class _Row:
 
 
 class BusTable:
-    """Bus traffic of one run of the loop: call the table with every `Transmission`, and `period_over` after each
-    period."""
+    """Bus traffic of a run: call the table with every `Transmission`, and `period_over` after each period."""
 
     def __init__(self, config: Config, messages: MessageSet) -> None:
         self._messages, self._period_ns = messages, config.period_ns

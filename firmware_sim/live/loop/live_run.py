@@ -123,8 +123,7 @@ class DragMeans:
         self._samples.append((sample.t, sample.Cd, sample.Cl))
 
     def update(self, *, without_control: bool) -> None:
-        """Update the averages; with `without_control` also the mean without control, up to the sample at which control
-        is requested."""
+        """Update the averages; with `without_control` also the mean before the sample at which control is requested."""
         if without_control:
             t, drag, lift = np.array(self._samples, dtype=float).T
             try:
@@ -143,8 +142,7 @@ class DragMeans:
 
     @property
     def reduction_percent(self) -> float | None:
-        """Reduction of the present mean drag relative to the mean without control, in percent; None if one of them is
-        missing."""
+        """Reduction of the present mean drag relative to that without control, in percent; None if one is missing."""
         if self.uncontrolled is None or self.now is None:
             return None
         return 100.0 * (1.0 - self.now / self.uncontrolled)
@@ -285,8 +283,7 @@ class LiveRun:
         )
 
     def set_disturbances(self, texts: tuple[str, ...]) -> None:
-        """Apply these disturbances, and no others, from the next period on. Faults that a new disturbance causes are
-        not cleared automatically."""
+        """Apply only these disturbances from the next period on. Faults caused by a new one stay latched."""
         if self.disturbances.set(texts, self.k):
             self.request.helped_until = 0
 

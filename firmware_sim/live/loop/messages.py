@@ -27,8 +27,7 @@ PERIOD_COLUMNS: Final = (
     "k", "t", "Cd", "Cl", "base_Cp", "action", "command", "predicted_Cd", "mode", "reason", "step_ms", "age_ms",
     "requested",
 )  # fmt: skip
-"""Columns of `periods`: fields of `firmware_sim.runs.run_log.Row`, the period's number from 0, and whether control was
-requested."""
+"""Columns of `periods`: fields of `firmware_sim.runs.run_log.Row`, the period's number, and the request for control."""
 
 LiveMessage = dict[str, Any]
 Request = dict[str, Any]
@@ -50,7 +49,6 @@ class FieldPicture(NamedTuple):
 
 
 def pack_field(picture: FieldPicture) -> bytes:
-    """Pack a picture, little-endian: k (uint32), t (float32), width, height (uint16), then the levels row by row
-    (int8)."""
+    """Pack a picture, little-endian: k (uint32), t (float32), width, height (uint16), then rows of levels (int8)."""
     height, width = picture.levels.shape
     return _FIELD.pack(picture.k, picture.t, width, height) + picture.levels.tobytes()

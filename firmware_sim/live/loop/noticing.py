@@ -95,8 +95,7 @@ def _transition(before: SeenState, now: SeenState) -> str:
 KEPT: Final = 500
 """Largest number of events stored until they are fetched."""
 QUIET_S: Final = 1.0
-"""Time in virtual s in which an event is not repeated. Then one event states the number of repetitions, and the time
-doubles."""
+"""Virtual s before an event is repeated; then one event states the number of repetitions, and the time doubles."""
 _LONGEST_S: Final = 16.0
 
 

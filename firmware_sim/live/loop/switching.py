@@ -62,8 +62,7 @@ class SwitchedPort(WrappedBus):
         return plug
 
     def take_out(self, plug: Plug) -> None:
-        """Remove the layer above this plug; frames that it holds are lost. Raises ValueError if the plug is not in this
-        port."""
+        """Remove the layer above this plug; frames that it holds are lost. Raises ValueError for a foreign plug."""
         place = self._plugs.index(plug)
         above = self._plugs[place + 1] if place + 1 < len(self._plugs) else self._top
         above.beneath = plug.beneath
@@ -131,9 +130,8 @@ class SwitchedDisturbances:
         return around
 
     def set(self, texts: Sequence[str], k: int) -> bool:
-        """Apply these disturbances, and no others, from control period k on, which the bus has not reached yet. The
-        texts are disturbances without times. Returns whether a disturbance begins. Raises ConfigError for a text that
-        describes none."""
+        """Apply only these disturbances, texts without times, from control period k on, which the bus has not reached
+        yet. Returns whether a disturbance begins. Raises ConfigError for a text that describes none."""
         assert self._bus is not None
         new: list[tuple[str, str]] = []
         for group in ("sensors", *NODES):

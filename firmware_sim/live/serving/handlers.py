@@ -30,15 +30,13 @@ TOKEN_BYTES: Final = 24
 
 @dataclass(frozen=True, kw_only=True)
 class PageAccess:
-    """Rules of access to one server. Every request must show the token; a server that only this machine can reach has
-    no token."""
+    """Rules of access to one server. Every request must show the token; a server on loopback has no token."""
 
     token: str | None
 
     @classmethod
     def to(cls, address: str) -> Self:
-        """Create the access to a server at this address, with a new token unless the address is this machine's
-        loopback."""
+        """Create the access to a server at this address, with a new token unless the address is loopback."""
         return cls(token=None if is_loopback(address) else token_urlsafe(TOKEN_BYTES))
 
     def refusal(self, *, host: str, origin: str | None, token: str | None) -> str | None:
@@ -140,8 +138,7 @@ class ServedPage:
 
     @property
     def cookie(self) -> str:
-        """Name of the cookie with the token. It differs between servers, because cookies are shared by all ports of a
-        machine."""
+        """Name of the cookie with the token. It differs between servers, because ports share their cookies."""
         return f"stillwake-{sha256((self.access.token or '').encode()).hexdigest()[:12]}"
 
 
@@ -174,8 +171,7 @@ class Guarded(RequestHandler):
         self.finish(f"{status_code}: {self._reason}\n")
 
     def log_exception(self, typ: Any, value: Any, tb: Any) -> None:
-        # tornado's own log would have the address, which has the token. When the server ends, unsent answers are
-        # cancelled.
+        # tornado's log would have the address with the token. When the server ends, unsent answers are cancelled.
         if not isinstance(value, HTTPError | asyncio.CancelledError):
             _log.error("%s %s", self.request.method, self.request.path, exc_info=(typ, value, tb))
 
@@ -236,8 +232,7 @@ class Socket(Guarded, WebSocketHandler):
 
 
 class StreamSocket(Socket):
-    """The stream from the loop to one viewer: one message is under way, and the newest data follow when it was
-    accepted."""
+    """The stream from the loop to one viewer: one message is under way; then the newest data follow."""
 
     _sending: "asyncio.Task[None] | None" = None
 
@@ -278,8 +273,7 @@ class StreamSocket(Socket):
 
 
 class ControlSocket(Socket):
-    """Requests of one viewer, and an answer to each. If a viewer does not read its answers, no further requests are
-    read."""
+    """Requests of one viewer, and an answer to each. Until a viewer reads its answers, no requests are read."""
 
     def open(self, *_arguments: str) -> None:
         super().open()

@@ -30,8 +30,7 @@ _IDLE_S: Final = 0.02
 
 
 MakeSession = Callable[[Callable[[str], None]], "LiveSession"]
-"""Function that creates the session in the loop's process. While the session lasts, its argument shows viewers a line
-on the work they wait for."""
+"""Function that creates the session in the loop's process; its argument shows viewers a line on the present work."""
 
 
 def run(pipe: Connection, make: MakeSession, *, fast: bool) -> None:
@@ -40,8 +39,7 @@ def run(pipe: Connection, make: MakeSession, *, fast: bool) -> None:
     The process sends pairs: ("messages", list), ("answer", (number, Answer)) and, last, ("ended", error). It receives
     pairs of a number and a request as JSON. `fast` states whether a period may take less time than on a vehicle.
     """
-    # The handler exits directly: an exception that it raises within a callback of the interpreter would only be
-    # printed.
+    # The handler exits directly: an exception within a callback of the interpreter would only be printed.
     signal.signal(signal.SIGTERM, lambda *_: os._exit(0))
     # The process was started with SIGINT and SIGTERM blocked; SIGINT (Ctrl-C) stays blocked.
     signal.pthread_sigmask(signal.SIG_UNBLOCK, (signal.SIGTERM,))
@@ -81,8 +79,8 @@ def _step(session: "LiveSession", pipe: Connection, outbox: "Outbox", *, fast: b
 
 
 class Requests:
-    """The handling of requests between two periods: at once, or after an ECU was prepared in a thread, for one request
-    at a time."""
+    """The handling of requests between two periods: at once, or after an ECU was prepared in a thread, one at a
+    time."""
 
     def __init__(self, session: "LiveSession", outbox: "Outbox") -> None:
         self._session, self._outbox = session, outbox
@@ -196,8 +194,7 @@ class LoopProcess:
         """Start the process."""
         # Starting the resource tracker unblocks these signals, so it starts before they are blocked.
         resource_tracker.ensure_running()
-        # Ctrl-C goes to all processes of a terminal, but this process has to end by its pipe, even while its Python
-        # starts.
+        # Ctrl-C goes to all processes of a terminal, but this process has to end by its pipe, even while it starts.
         before = signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT, signal.SIGTERM))
         try:
             self._process.start()
@@ -215,8 +212,7 @@ class LoopProcess:
             raise StillwakeError("the loop has ended") from error
 
     def end(self) -> None:
-        """End the process, which may have ended already, and wait for it. No messages or answers are passed on
-        afterwards."""
+        """End the process, which may have ended already, and wait for it. No messages are passed on afterwards."""
         if self._process.pid is None:
             return
         self._is_wanted = False

@@ -129,8 +129,7 @@ class Board(EmulatedCore):
             return 0
 
     def _registers_of(self, part: Part, shift: int) -> tuple[Any, ...]:
-        """Return the functions that Unicorn calls for a page of registers; the first register is `shift` bytes after
-        the page's start."""
+        """Return the functions that Unicorn calls for a page of registers, the first of them at offset `shift`."""
 
         def read(_core: Any, offset: int, size: int, _data: Any) -> int:
             if part is self.flash:

@@ -76,8 +76,7 @@ class BoardEcu(CEcuState):
         self.power_on(bank or FlashBank(), now_ns, cut_at=cut_at)
 
     def power_on(self, bank: FlashBank, now_ns: int, *, cut_at: int = 0) -> None:
-        """Begin a new power cycle; `cut_at` is the number of the flash operation, counted from 1, in which the supply
-        fails."""
+        """Begin a new power cycle; the supply fails in the flash operation with the number `cut_at`, from 1."""
         self.board = Board(self.firmware, bank, now_ns=now_ns, times=self._times, cut_at=cut_at, seed=self.resets)
         self._run()
         self._place = self._pointer("sw_board_ecu")
@@ -122,8 +121,8 @@ class BoardEcu(CEcuState):
         return left + self.board.can.taken(self.board.counter.now_ns)
 
     def _bring(self, frames: Sequence[Frame]) -> None:
-        """Give frames to the controller in portions that its FIFO can hold; on a real bus the core wakes up faster than
-        frames arrive."""
+        """Give the controller as many frames as its FIFO can hold; on a real bus the core wakes faster than they
+        come."""
         waiting = list(frames)
         while True:
             board = self.board

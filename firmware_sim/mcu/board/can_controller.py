@@ -30,8 +30,7 @@ _RXF0S, _RXF0A, _TXFQS, _TXBRP, _TXBAR, _TXBCR, _TXBTO = 0xA4, 0xA8, 0xC4, 0xCC,
 _DBTP, _NBTP, _GFC, _SIDFC, _XIDFC, _XIDAM, _RXF0C, _TXBC = 0x0C, 0x1C, 0x80, 0x84, 0x88, 0x90, 0xA0, 0xC0
 _PLAIN: Final = {_DBTP, _NBTP, 0x20, 0x48, 0x54, 0x5C, _GFC, _SIDFC, _XIDFC, _XIDAM, _RXF0C, 0xBC, _TXBC, 0xC8}
 _PROTECTED: Final = _PLAIN - {0x54, 0x5C}
-"""Registers that store written values (`_PLAIN`), and those of them that can only be written with CCE set
-(`_PROTECTED`)."""
+"""Registers that store written values (`_PLAIN`), and those of them that are only written with CCE (`_PROTECTED`)."""
 _INIT, _CCE = 1, 2
 _RF0N, _RF0L, _BO = 1, 8, 1 << 25
 _XTD, _FDF, _BRS = 1 << 30, 1 << 21, 1 << 20
@@ -99,16 +98,14 @@ class CanController:
         self._level += 1
 
     def taken(self, until_ns: int) -> list[Frame]:
-        """Return the frames whose transmission has ended by `until_ns`, since the last call, oldest first and stamped
-        with its end."""
+        """Return the frames sent since the last call, up to `until_ns`, oldest first, stamped with their ends."""
         self._sending.progress(until_ns)
         left = [replace(frame, timestamp_ns=end_ns) for frame, end_ns in self._sending.left]
         self._sending.left.clear()
         return left
 
     def handed_over(self) -> list[Frame]:
-        """Return all waiting frames at once, stamped with the time when the firmware sent them, for a bus that is
-        modelled elsewhere."""
+        """Return all waiting frames at once, stamped with their times of sending, for a bus modelled elsewhere."""
         self._sending.progress(_EVER_NS)
         left = [frame for frame, _ in self._sending.left]
         self._sending.left.clear()
@@ -121,8 +118,7 @@ class CanController:
         return self._read(offset)
 
     def write(self, offset: int, value: int) -> None:
-        """Write a register or a word of the message RAM; raises McuError for a register that is not modelled or is
-        protected."""
+        """Write a register or a word of the message RAM; raises McuError for one not modelled, or protected."""
         if offset >= MESSAGE_RAM:
             self._ram[offset - MESSAGE_RAM : offset - MESSAGE_RAM + 4] = value.to_bytes(4, "little")
         elif offset == _CCCR:
@@ -175,8 +171,8 @@ class CanController:
         return self._went_off > 0 or self._health.state is BusState.BUS_OFF
 
     def _go_off(self) -> None:
-        """Set INIT if the controller went bus-off. The hardware does so once for each bus-off, and a further one needs
-        recovery first."""
+        """Set INIT if the controller went bus-off. The hardware does so once per bus-off, after which it must
+        recover."""
         if self._went_off:
             self._control |= _INIT
             self._interrupts |= _BO

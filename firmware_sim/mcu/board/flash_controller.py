@@ -29,8 +29,7 @@ _KEYS: Final = (0x4567_0123, 0xCDEF_89AB)
 _LOCK, _PG, _SER, _START = 1, 2, 4, 1 << 7
 _BSY, _WBNE, _QW = 1, 2, 4
 _LOOK_NS: Final = 5_000
-"""Time in ns that passes with a read of SR2 during an operation: less than any operation, but enough to end a long one
-in few reads."""
+"""Time in ns for a read of SR2 during an operation: less than any operation, but few reads end a long one."""
 _PGSERR, _STRBERR, _INCERR, _DBECCERR = (1 << bit for bit in (18, 19, 21, 26))
 _ERRORS: Final = 0x0FFF_0000
 

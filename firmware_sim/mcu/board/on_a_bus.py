@@ -34,8 +34,7 @@ LONGEST_UNSEEN_NS: Final = 20_000_000
 
 
 def read_bank(path: Path) -> FlashBank:
-    """Read the flash from a file, or return an erased flash if there is no file; raises McuError if the file cannot be
-    read."""
+    """Read the flash from a file, or return an erased one without a file; raises McuError if it cannot be read."""
     try:
         return FlashBank.unpack(path.read_bytes()) if path.exists() else FlashBank()
     except OSError as error:

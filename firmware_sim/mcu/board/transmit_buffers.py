@@ -1,5 +1,4 @@
-"""The sending side of an M_CAN: dedicated buffers, a FIFO after them, and the frame in transmission, in virtual
-time."""
+"""The sending side of an M_CAN: dedicated buffers, the FIFO, and the frame in transmission, in virtual time."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -76,8 +75,7 @@ class TransmitBuffers:
         self._drop(bits)
 
     def switch(self, now_ns: int, *, is_on: bool) -> None:
-        """Switch the controller on or off the bus. A frame in transmission at switching off is lost on the bus, and
-        waits again."""
+        """Switch the controller on or off the bus. At switching off, a frame in transmission waits again."""
         self.progress(now_ns)
         if is_on and not self.is_on:
             self._free_ns = max(self._free_ns, now_ns)

@@ -17,8 +17,7 @@ BUS_HEADS: Final = ("identifier", "message", "frames", "per s", "lost", "end-to-
 
 
 def bus_rows(folder: RunFolder, log: RunLog) -> _Rows:
-    """Return a row of text for each identifier; none if the log is missing or too long. Raises StillwakeError if the
-    log is damaged."""
+    """Return a row for each identifier; none without a short log. Raises StillwakeError if the log is damaged."""
     if log.traffic.frames > _MOST_FRAMES or not folder.frames.is_file():
         return []
     bus = log.metadata.config.bus

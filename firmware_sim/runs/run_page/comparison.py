@@ -1,5 +1,4 @@
-"""The comparison of several runs as one self-contained HTML page: figures with differences, settings that differ, and
-the wakes."""
+"""The comparison of runs as one self-contained HTML page: figures and their differences, settings, and wakes."""
 
 import os
 from collections.abc import Mapping, Sequence

@@ -29,8 +29,7 @@ _FORBIDDEN: Final = ("</script", "</style", "<!--")
 
 @dataclass(frozen=True, kw_only=True)
 class Inlined:
-    """The parts for a template. `policy` is the content security policy, which allows no other address and only these
-    scripts."""
+    """The parts for a template. `policy` is the content security policy: no other address, only these scripts."""
 
     policy: str
     styles: Markup

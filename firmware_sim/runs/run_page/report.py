@@ -1,5 +1,4 @@
-"""The report of a run as one self-contained HTML page: verdict, tables, time series with the recorded wake, and
-settings."""
+"""The report of a run as one self-contained HTML page: verdict, tables, series with the recorded wake, settings."""
 
 from pathlib import Path
 from typing import NamedTuple
@@ -29,8 +28,7 @@ class ReadRun(NamedTuple):
 
 
 def read_run(folder: RunFolder) -> ReadRun:
-    """Read the files that every page of a run needs. Raises StillwakeError if the folder does not hold a run, or one of
-    its files is damaged."""
+    """Read the files for every page of a run. Raises StillwakeError if a file is missing or damaged."""
     log = run_log.load(folder.series)
     try:
         return ReadRun(log, folder.uncontrolled_picture.read_bytes(), folder.controlled_picture.read_bytes())

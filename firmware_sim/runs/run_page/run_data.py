@@ -117,8 +117,7 @@ _BINS: Final = 60
 
 
 def run_data(log: RunLog, wake: WakeStills | None, name: str) -> dict[str, Any]:
-    """Return the data for `firmware_sim/runs/run_page/page`, as JSON values without NaN. `wake` is None if no stills
-    were recorded."""
+    """Return the data for `firmware_sim/runs/run_page/page`, JSON without NaN; `wake` is None without stills."""
     config, means = log.metadata.config, averages(log)
     return {
         "name": name,
