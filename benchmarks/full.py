@@ -148,7 +148,6 @@ def _fail(one: Figures, command: str) -> NoReturn:
 
 
 def _status(command: str) -> int:
-    """Run a command in the environment of this Python and return its exit status."""
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ.get('PATH', '')}"
     return subprocess.run(shlex.split(command), cwd=ROOT, env={**os.environ, "PATH": path}, check=False).returncode
 

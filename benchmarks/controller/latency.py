@@ -123,7 +123,6 @@ def over_floors(core: CoreLimits, work: Work, figures: Mapping[str, float]) -> d
 
 
 def _both_times(step: Callable[[], object]) -> tuple[float, float]:
-    """Return the wall time and the thread's processor time in ms."""
     wall, processor = time.perf_counter(), time.thread_time()
     step()
     return (time.perf_counter() - wall) * 1e3, (time.thread_time() - processor) * 1e3

@@ -207,7 +207,6 @@ def _windows(passage: Passage, length: int) -> Array:
 
 
 def _estimates(network: EstimatorNetwork, windows: Array) -> Array:
-    """Return the estimates (n, V, S) for windows."""
     parts = (windows[first : first + 500] for first in range(0, len(windows), 500))
     return np.concatenate([network.estimates(part) for part in parts])
 

@@ -137,8 +137,7 @@ def outcome(bundle: Path, config: Config, case: Case, phase: int = 0, phases: in
     drive = find_drive(case.drive, point)
     flow = drive.substeps(config.flow, point)
     if any(text.startswith("reynolds") for text in case.disturbed):
-        # At a higher Reynolds number the jets' vortices are thinner and faster; the usual steps diverged on a coarse
-        # mesh.
+        # At a higher Reynolds number the jets' vortices are thinner and faster; the usual coarse steps diverged.
         flow = replace(flow, substeps=2 * flow.substeps)
     wake = TruckWake(flow, body=config.body)
     wake.reset(replace(_start(config), substep=0))

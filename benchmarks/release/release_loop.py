@@ -122,7 +122,6 @@ def spread(rows: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, float]]:
 
 
 def _runs(bundle: Path, config: Config, kept: CampaignFolder, phases: int, workers: int) -> Iterator[dict[str, Any]]:
-    """Yield the figures of every phase, in order."""
     files = [kept.path / f"phase_{number}.json" for number in range(phases)]
     starts = [kept.start(number) for number in range(phases)]
     missing = sum(not file.is_file() for file in files)

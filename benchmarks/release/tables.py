@@ -148,7 +148,6 @@ def _linear(results: Path) -> tuple[object, ...]:
 
 
 def _under(loop: Mapping[str, Any], names: tuple[str, ...]) -> tuple[float, ...]:
-    """Return the figures under control."""
     return (*(loop[f"{name}_controlled"] for name in names), loop["rms_action"], loop["jet_power_controlled"])
 
 
@@ -168,7 +167,6 @@ Control step, wall clock p50/p99/max: {latency} ms of {figures["mpc_budget_ms"]:
 
 
 def _before_and_under(figures: Mapping[str, Any]) -> str:
-    """Return the table of a run's averages without and with control."""
     rows = [
         ("mean Cd (wall)", figures["Cd_uncontrolled"], figures["Cd_controlled"]),
         ("mean base Cp", figures["base_Cp_uncontrolled"], figures["base_Cp_controlled"]),

@@ -102,8 +102,7 @@ class OtherBody(Span, section="body"):
         self.instead_of(TRUCK_BODY)
 
     def instead_of(self, body: BodyConfig) -> BodyConfig:
-        """Return `body` with the dimensions of this disturbance and the same number of sensors. Raises ConfigError if
-        the solver does not accept that body."""
+        """Return `body` with this disturbance's dimensions. Raises ConfigError if the solver does not accept it."""
         return replace(body, length=self.length, leading_edge_radius=self.leading_edge_radius)
 
 
@@ -200,8 +199,7 @@ Disturbance = NodeFault | Span
 
 
 def parse_disturbance(text: str) -> Disturbance:
-    """Return the disturbance that a text describes. Raises ConfigError that states the text and its error: an unknown,
-    missing, mistyped or out-of-range part."""
+    """Return the disturbance that a text describes. Raises ConfigError that states the text and its faulty part."""
     node, colon, _ = text.partition(":")
     if colon and node in NODES:
         return parse_node_fault(text)

@@ -182,8 +182,7 @@ class Disturbing:
         self._state_speed(now_ns, node)
 
     def _state_speed(self, now_ns: int, node: VehicleNode) -> None:
-        """Set the speed that the vehicle sends. Several disturbances act in this order: late, frozen, scaled,
-        absent."""
+        """Set the speed that the vehicle sends. Disturbances act in this order: late, frozen, scaled, absent."""
         self._speeds.append(node.speed)
         stated = node.speed
         for _, late in self._acting(kinds.SpeedLate, now_ns):
@@ -245,7 +244,7 @@ class Disturbing:
         return ((place, one) for place, one in enumerate(self._items) if isinstance(one, kind))
 
     def _acting(self, kind: type[S], now_ns: int) -> Iterator[tuple[int, S]]:
-        """Return those disturbances of a kind that act now, and count them."""
+        """Return and count those disturbances of a kind that act now."""
         for place, one in self._each(kind):
             if one.is_active(now_ns):
                 self._acted[place] += 1

@@ -60,7 +60,6 @@ def check_bit_rates(config: Config) -> None:
 
 
 def _pressure_frame_ns(config: Config) -> int:
-    """Return the longest transmission time of a pressure frame."""
     spec, bus = message_set(config.bus).pressure.spec, config.bus
     frame = Frame(frame_id=spec.frame_id, data=bytes(spec.length), is_fd=spec.is_fd)
     return worst_case_ns(frame, nominal_bitrate=bus.nominal_bitrate, data_bitrate=bus.data_bitrate)

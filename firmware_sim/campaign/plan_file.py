@@ -90,7 +90,6 @@ def read_plan(source: Traversable, place: Place) -> tuple[Scenario, ...]:
 
 
 def _made(raw: Mapping[str, Any], group: _GroupForm, criteria: Criteria, place: Place) -> Iterator[Scenario]:
-    """Create the scenarios that one entry stands for."""
     try:
         form = typed(raw, _ScenarioForm)
         for value in _values(form, place):
@@ -143,5 +142,4 @@ def _filled(text: str, words: Mapping[str, object]) -> str:
 
 
 def _slug(value: int | float | str) -> str:
-    """Return a value as part of a name."""
     return re.sub(r"[^a-z0-9_.]+", "_", str(value).lower())

@@ -21,7 +21,7 @@ from firmware_sim.fmu.ecu_variables import IDENTIFIER, ecu_variables, model_desc
 PLATFORM: Final = f"{platform.machine()}-{sys.platform}"
 """Name of the platform in FMI, such as x86_64-linux."""
 FLAGS: Final = ("-O3", "-ffp-contract=off", "-fPIC", "-shared", "-fvisibility=hidden", "-Wl,--no-undefined")
-"""Flags of the compiler, without -march, because an FMU is used on other machines; the ECU's decisions are equal."""
+"""Flags of the compiler. -march is absent because an FMU is used on other machines; no decision depends on it."""
 _SETTINGS: Final = "sw_fmu_settings.h"
 _DAY: Final = (1980, 1, 1, 0, 0, 0)
 

@@ -98,8 +98,7 @@ class MeasuredRun:
 
     @property
     def idle_misses(self) -> int:
-        """Number of periods in which the idle loop was late by the slack or more; 0 if there is no slack, because then
-        the control loop itself causes its misses."""
+        """Number of periods in which the idle loop was late by the slack or more; 0 for a loop without slack."""
         return int((self.idle_late >= self.slack_ns).sum()) if self.slack_ns > 0.0 else 0
 
     @property

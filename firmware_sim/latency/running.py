@@ -105,7 +105,6 @@ def _wait(
     period_ns: int,
     progress: Callable[[int], None],
 ) -> None:
-    """Wait until the vehicle has ended successfully."""
     began = time.monotonic()
     longest_s = START_S + OVERTIME * periods * period_ns / 1e9
     while vehicle.process.poll() is None:

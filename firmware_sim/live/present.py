@@ -79,8 +79,7 @@ def hello(
 
 
 def periods(run: int, new: Iterable[LivePeriod], base: Index) -> LiveMessage:
-    """Return the message with new periods, a list for each of `PERIOD_COLUMNS`; `base` are the base sensors'
-    indices."""
+    """Return the message with new periods, a list per `PERIOD_COLUMNS`; `base` are the base sensors' indices."""
     rows = [[_number(value) for value in _values(period, base)] for period in new]
     columns = [list(column) for column in zip(*rows, strict=True)]
     return {"type": "periods", "run": run, "columns": dict(zip(PERIOD_COLUMNS, columns, strict=True))}

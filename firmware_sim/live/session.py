@@ -174,8 +174,7 @@ class LiveSession(NeverCopied):
         return self._settings.changed(given, self._bundle.manifest.sensors, self._own, self._limits)
 
     def _apply(self, after: LiveSettings, *, enable: bool | None) -> None:
-        """Apply other settings from the next period on. Raises StillwakeError if impossible; nothing has changed
-        then."""
+        """Apply other settings from the next period on. Raises StillwakeError if impossible; nothing changes then."""
         before, run = self._settings, self._run
         self._check_choices(after)
         if after.plant != before.plant:
@@ -228,8 +227,7 @@ class LiveSession(NeverCopied):
     # Starts of the plant.
 
     def _start(self, settings: LiveSettings) -> None:
-        """Begin at the plant's start with these settings. Raises StillwakeError if impossible; nothing has changed
-        then."""
+        """Begin at the plant's start with these settings. Raises StillwakeError if impossible; nothing changes then."""
         is_off = settings.controller == OFF
         wake = self._wake(settings.plant)
         # This check has to come before `_ecu`, which may reset the running ECU.

@@ -33,8 +33,7 @@ _DRAG_ROWS: Final = (
 ENOUGH_CYCLES: Final = 2
 """Smallest number of cycles for an average: drag differs by several per cent from one cycle to the next."""
 _STILL: Final = 0.01
-"""Share of the action's bound below which the root mean square of the action counts as no movement; a working
-controller uses half of the bound."""
+"""Share of the action's bound; a smaller root mean square counts as still. A working controller has a half."""
 
 
 def drag_rows(log: RunLog) -> list[tuple[str, str, str]]:

@@ -79,8 +79,7 @@ def _step(session: "LiveSession", pipe: Connection, outbox: "Outbox", *, fast: b
 
 
 class Requests:
-    """The handling of requests between two periods: at once, or after an ECU was prepared in a thread, one at a
-    time."""
+    """The handling of requests between two periods: at once, or one after its ECU was prepared in a thread."""
 
     def __init__(self, session: "LiveSession", outbox: "Outbox") -> None:
         self._session, self._outbox = session, outbox
@@ -216,8 +215,7 @@ class LoopProcess:
         if self._process.pid is None:
             return
         self._is_wanted = False
-        # Closing the pipe is not enough, because the reading thread keeps it open. The process treats the shutdown as
-        # the server's end.
+        # Closing the pipe is not enough: the reading thread keeps it open. The process takes a shutdown as the end.
         with suppress(OSError), socket.socket(fileno=os.dup(self._pipe.fileno())) as both:
             both.shutdown(socket.SHUT_RDWR)
         self._thread.join()

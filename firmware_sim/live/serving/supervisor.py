@@ -72,7 +72,6 @@ class Hub:
             self._latest[message["type"]] = (self._count, message)
 
     def _begin(self, hello: LiveMessage) -> None:
-        """Delete the stored messages of the previous run."""
         self._run = hello["run"]
         self._periods.restart(hello["kept"])
         self._events.restart(KEPT_EVENTS)
@@ -81,8 +80,7 @@ class Hub:
 
 
 class Viewer:
-    """The position of one viewer in the streams of a hub. It stores counts and no messages, however long the viewer
-    does not read."""
+    """The position of one viewer in the streams of a hub; it stores counts and no messages."""
 
     def __init__(self, hub: Hub) -> None:
         self._hub = hub
@@ -136,8 +134,7 @@ def _periods(run: int, rows: list[tuple[float | None, ...]]) -> LiveMessage:
 
 
 SHORT_LIFE_S: Final = 20.0
-"""Shortest time in s from the start to the end of a loop that is started again; after a shorter time it would fail
-again."""
+"""Shortest time in s that a loop has to run to be started again; an earlier failure would repeat."""
 MOST_WAITING: Final = 32
 """Largest number of requests of all viewers that the loop has not answered yet."""
 STARTING: Final = "the loop starts; the first time, the flow solver is compiled, which takes a minute"

@@ -121,8 +121,7 @@ class BoardEcu(CEcuState):
         return left + self.board.can.taken(self.board.counter.now_ns)
 
     def _bring(self, frames: Sequence[Frame]) -> None:
-        """Give the controller as many frames as its FIFO can hold; on a real bus the core wakes faster than they
-        come."""
+        """Give the controller as many frames as its FIFO can hold; on a real bus the core wakes faster than that."""
         waiting = list(frames)
         while True:
             board = self.board
@@ -148,7 +147,6 @@ class BoardEcu(CEcuState):
         return self._pointer("sw_board_steps") + (self.resets << 32)
 
     def _pointer(self, symbol: str) -> int:
-        """Return the word at a symbol's address."""
         (value,) = struct.unpack("<I", self.board.peek(self.board.symbol(symbol), 4))
         return int(value)
 

@@ -171,8 +171,7 @@ class CanController:
         return self._went_off > 0 or self._health.state is BusState.BUS_OFF
 
     def _go_off(self) -> None:
-        """Set INIT if the controller went bus-off. The hardware does so once per bus-off, after which it must
-        recover."""
+        """Set INIT if the controller went bus-off. The hardware does so once per bus-off, before its recovery."""
         if self._went_off:
             self._control |= _INIT
             self._interrupts |= _BO
