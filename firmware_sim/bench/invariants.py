@@ -108,7 +108,7 @@ class _Period(NamedTuple):
 
 
 class Commands:
-    """Checks of the flow rates that an ECU commands; `bus_shut` is the part of `bus_bounds` for modes without jets."""
+    """Checks of the flow rates that an ECU commands; `bus_shut` is `bus_bounds` for modes that do not drive."""
 
     def __init__(self, config: Config) -> None:
         scale = config.operating_point.flow_rate_scale

@@ -12,7 +12,7 @@ from contract.errors import ConfigError
 UNDISTURBED: Final = "undisturbed"
 """Name of the scenario with which all others are compared; every plan has it."""
 UNCONTROLLED: Final = "uncontrolled"
-"""Name of runs without control of the undisturbed flow; a suffix for a scenario that changes the flow."""
+"""Name of the runs without control in the undisturbed flow; with a scenario's name before it, in its flow."""
 _NAME: Final = re.compile(r"[a-z0-9][a-z0-9_.]*")
 LONGEST_NAME: Final = 80
 """Largest number of characters of a name, which is also part of a file name."""
