@@ -12,8 +12,8 @@ from typing import Final, NamedTuple
 from contract.config.controller import CostWeights
 
 DEAREST_EFFORT: Final = 9.0
-"""Largest weight of effort, relative to a weight of 1 on drag, that a prior is trained for, in Cd per (U_inf W)^2. Larger
-weights do not reduce the jets' power further: a prior that was trained up to 100 needed the least power at about 9."""
+"""Largest weight of effort, relative to a weight of 1 on drag, that a prior is trained for, in Cd per (U_inf W)^2. The
+prior that was trained up to 100 needed the least power of the jets at about 9."""
 DEAREST_LIFT: Final = 1.0
 """Largest weight of lift, relative to a weight of 1 on drag, that a prior is trained for, in Cd per |Cl|."""
 NARROWEST: Final = 0.5
