@@ -1,4 +1,4 @@
-"""The table of the roads to less drag."""
+"""The table of the ways to reduce drag."""
 
 from pathlib import Path
 from typing import Any
@@ -11,7 +11,7 @@ _DEFAULT_MESH = (443, 164)
 
 
 def tables(results: Path) -> dict[str, str]:
-    """Every table by its marker."""
+    """Return every table by its marker."""
     rows = read(results / "roads.json")["figures"]
     return {"roads": table(_HEADS, [_cells(row) for row in rows])}
 
