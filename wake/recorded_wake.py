@@ -1,4 +1,4 @@
-"""A recorded episode as a plant: it repeats the recorded pressures and forces independently of the jets, without end."""
+"""A recorded episode as a plant, which repeats the recorded pressures and forces whatever the jets do, without end."""
 
 from typing import Final
 

@@ -117,7 +117,7 @@ def truck_mesh(refinement: float = 1.0) -> Mesh:
 
 
 def _around(refinement: float, wake_x: Array) -> tuple[Array, slice]:
-    """Return the points of the block around the body, (along, away, 2), and the columns at the body's front and sides."""
+    """Return the points of the block around the body, (along, away, 2), and the columns at its front and sides."""
     flat, r = HALF_WIDTH - LEADING_EDGE_RADIUS, LEADING_EDGE_RADIUS
     front = graded_faces(_FRONT, 0.0, flat, refinement)
     # The number of cells is even, so that the middle line ends in the domain's corner.

@@ -171,7 +171,7 @@ class OpenFoamWake(NeverCopied):
         """Advance within the present period to `substep` (1 .. substeps).
 
         With an action, the jet ramps so that it reaches the action at the period's end; without an action, the jet's
-        flow rate does not change. Raises PlantError as `advance` does, or for a substep that is not ahead in this period.
+        flow rate does not change. Raises PlantError as `advance` does, or for a substep not ahead in this period.
         """
         into, last = self.substeps_into_period, self.config.substeps
         if not into < substep <= last:

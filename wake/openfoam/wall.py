@@ -118,7 +118,7 @@ def sensor_weights(mesh: Mesh) -> Array:
 
 
 def slot_shares(cells: int) -> Array:
-    """Return the share of a slot's flow through each of its equal faces, (cells,): the exact integral of the parabola."""
+    """Return the share of a slot's flow through each of its equal faces, (cells,): the parabola's exact integral."""
     s = np.linspace(0.0, 1.0, cells + 1)
     return np.diff(s**2 * (3.0 - 2.0 * s))
 

@@ -24,7 +24,7 @@ TOP: Final = 127
 
 
 def field_levels(vorticity: Array) -> Levels:
-    """Convert (height, width) from row 0 at the bottom to row 0 at the top: sign(w) (|w| / FIELD_LEVEL)^(1/2) TOP, clipped.
+    """Convert (height, width), row 0 at the bottom, to sign(w) (|w| / FIELD_LEVEL)^(1/2) TOP, clipped, top row first.
 
     The root makes weak vortices far downstream visible.
     """

@@ -97,7 +97,7 @@ class Drive:
         return replace(self, times=tuple(t + seconds for t in self.times))
 
     def wind(self, point: OperatingPoint, begin: float = 0.0) -> Wind:
-        """Return the excess of the stream over U, for a plant whose clock shows `begin`, in t_c, at the drive's time 0."""
+        """Return the excess of the stream over U, for a plant whose clock shows `begin` (t_c) at the drive's start."""
         # A partial is used in place of a closure, so that a plant with this wind can be pickled.
         return partial(self._exceeds, point, begin)
 

@@ -53,7 +53,7 @@ _WAYS: Final = "give --overwrite to replace it, or another name"
 
 
 def _difference(there: Sequence[Episode], jobs: Sequence[EpisodeJob]) -> str | None:
-    """Describe the first difference between the episodes and those that the jobs would record; None if there is none."""
+    """Describe the first difference between the episodes and the jobs; None if there is none."""
     by_name = {episode.name: episode for episode in there}
     for job in jobs:
         plan, episode = job.plan, by_name.pop(job.plan.name, None)
