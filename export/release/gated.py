@@ -1,4 +1,4 @@
-"""Lowerings that have passed every gate: the only ones that are written."""
+"""Lowerings that have passed every gate; only these are written."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -22,12 +22,12 @@ from export.to_c.library import replay
 
 @dataclass(frozen=True, kw_only=True)
 class GraphReport:
-    """What the gates measured, also found in the manifest's provenance under `export`.
+    """The gates' figures, which the manifest's provenance holds under `export`.
 
     Attributes:
         controller_bytes: size of `controller.onnx`.
-        parity: ONNX graph against the reference at the same weights.
-        quantisation: int8 against float weights; None for a float release.
+        parity: ONNX graph compared with the reference with the same weights.
+        quantisation: int8 compared with float weights; None for a float release.
     """
 
     controller_bytes: int
@@ -37,13 +37,14 @@ class GraphReport:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LibraryReport:
-    """What the gates measured.
+    """The gates' figures of the C library.
 
     Attributes:
-        parity: float32 against the reference; None for int8.
-        quantisation: int8, integer products included, against the float reference; None for float32.
-        workspace_bytes: scratch memory that a caller has to own.
-        replayed: (n, 4), what the library's example program must answer to the windows: action, mean Cd and Cl, cost.
+        parity: float32 compared with the reference; None for int8.
+        quantisation: int8 with integer products compared with the float reference; None for float32.
+        workspace_bytes: size of the scratch memory that the caller provides.
+        replayed: (n, 4), the expected answers of the library's example program to the windows: action, mean Cd and Cl,
+            cost.
     """
 
     parity: ParityReport | None
@@ -54,7 +55,7 @@ class LibraryReport:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Gated:
-    """Lowerings and what their gates measured; `library` is None where there is none."""
+    """The lowerings and their gates' figures; `library` is None without a C library."""
 
     lowered: Lowered
     graph: GraphReport
@@ -68,17 +69,17 @@ def gate(
     *,
     compiled: CompileLibrary | None = None,
 ) -> Gated:
-    """Run every lowering through its gates. Raises ExportError if a lowering is further from the reference than its
-    gate allows; the message names both figures; LibraryError if there is no C compiler, or it does not take the
-    library.
+    """Run every lowering through its gates. Raises ExportError if a lowering differs from the reference by more than
+    its gate allows; the message states both figures. Raises LibraryError if there is no C compiler, or if it does not
+    compile the library.
 
     Args:
         windows: consecutive recorded windows (L, S+1) that the gates replay.
-        limits: what int8 weights may change; the default ones if None.
-        compiled: compiles the library; needed where there is one.
+        limits: the allowed effect of int8 weights; the default limits if None.
+        compiled: compiles the library; required if there is a library.
     """
     limits = QuantisationLimits() if limits is None else limits
-    # Both lowerings are held to the same answers, which take longest.
+    # Both lowerings are compared with these control steps, whose computation takes longest.
     exact = exact_answers(lowered.program.source, windows) if isinstance(lowered.program, RoundedProgram) else []
     return Gated(
         lowered=lowered,
