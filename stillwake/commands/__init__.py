@@ -1,1 +1,2 @@
-"""A command group a file. One folder below `__main__`, so that no file here shadows a room of the same name."""
+"""The command groups, a file for each. They are one folder below `__main__`, so that no file here hides a package of
+the same name."""
