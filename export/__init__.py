@@ -1,2 +1,1 @@
-"""The export of a trained model: controller program, NumPy reference, ONNX and C99 in float32 or int8, gates, release
-writer."""
+"""The export of a trained model: controller program, NumPy reference, ONNX and C99 (float32, int8), gates, releases."""

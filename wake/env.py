@@ -25,8 +25,7 @@ Observation = npt.NDArray[np.float32]
 LEDGER: Final = ("t", *LEDGER_FIELDS, "Uy_probe", "action", "Cd_slot", "Cd_net")
 """The fields of `wake.plant.sample.Sample` that `info` holds: all but the pressures."""
 _SILENCE_S: Final = 3.0
-"""Time in s after which a reset reports that the solver is being compiled; a reset with a compiled solver takes less.
-"""
+"""Time in s after which a reset reports that the solver is being compiled; otherwise a reset takes less."""
 
 
 class TruckWakeEnv(CopiedWhole, gymnasium.Env[Observation, npt.NDArray[np.float32]]):
@@ -38,8 +37,7 @@ class TruckWakeEnv(CopiedWhole, gymnasium.Env[Observation, npt.NDArray[np.float3
 
     At every step `info` holds the drag ledger, with the names and units of `wake.plant.sample.Sample`: time, wall
     force, slot force, jet momentum, jet power, their net, the wake probe and the action in force. `clipped` says
-    whether this step's action exceeded the bound and was clipped; `clipped_count` is the number of clipped actions in
-    this episode.
+    whether this step's action was clipped to the bound; `clipped_count` counts the clipped actions in this episode.
 
     `reset` starts at a random phase of the shedding cycle: between 0 and `max_phase_steps` uncontrolled control periods
     after the start. The same seed gives the same phase, and so, with the same actions, the same trajectory bit for bit
@@ -49,16 +47,15 @@ class TruckWakeEnv(CopiedWhole, gymnasium.Env[Observation, npt.NDArray[np.float3
     - `start`: a `wake.truck.state.State` to start from, at a control period's start.
 
     A copy (`copy.copy` or `copy.deepcopy`, with the same result) or a pickle, taken at any time, is an independent
-    environment. It continues bit for bit like the original: flow, actions, episode, and the generators that draw phases
-    and actions.
+    environment. It continues bit for bit like the original: flow, actions, episode, and random generators.
 
     Args:
         sensor_names: the observed sensors; all by default, the truck's 90.
         episode_steps: control steps until truncation.
     max_phase_steps: largest random phase; 25 control periods are about one shedding cycle. A stored phase takes 1.8 MB.
-        start: initial flow state for other flow settings or another body; None for the shipped developed state.
-        render_mode: None, or "rgb_array" for pictures of the vorticity, the jets and the observed sensors.
-        body: the truck by default; another body needs `start`.
+    start: initial flow state for other flow settings or another body; None for the shipped developed state.
+    render_mode: None, or "rgb_array" for pictures of the vorticity, the jets and the observed sensors. body: the truck
+    by default; another body needs `start`.
 
     Attributes:
         plant: the wake itself; `wake.truck.tape.Tape(env.unwrapped.plant)` differentiates it.
@@ -66,8 +63,8 @@ class TruckWakeEnv(CopiedWhole, gymnasium.Env[Observation, npt.NDArray[np.float3
     Raises:
         ConfigError: for a sensor that does not exist or is named twice, for a string in place of a sequence of names,
             or for a setting out of its range.
-        PlantError: for a start of another plant or inside a control period, or flow settings whose time step would
-            diverge.
+        PlantError: for a start of another plant or inside a control period, or flow settings with an unstable time
+            step.
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 10}  # noqa: RUF012  (Gymnasium's own convention)

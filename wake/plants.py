@@ -31,12 +31,10 @@ def open_plant(
     requested for a body other than the truck, is not installed, or fails.
 
     Args:
-        name: the own solver from its shipped start, which is adapted to another grid if `flow.refinement` differs; or
-            OpenFOAM.
+        name: the own solver from its shipped start, adapted to the grid if `flow.refinement` differs; or OpenFOAM.
         output: run folder; OpenFOAM's case is there during the run, and its developed start is stored there.
         duration: duration of the run, t_c; OpenFOAM needs it in advance.
-        progress: called with (time, total) while OpenFOAM's start develops, or while the shipped start settles on
-            another grid.
+        progress: called with (time, total) while a start develops in OpenFOAM or settles on another grid.
         start: a state of the own solver as the start; its clock is set to zero and its jets are shut.
     """
     if name == "wake":

@@ -20,8 +20,7 @@ class RecordedWake:
     """A `wake.plant.protocol.LoopPlant` that does not respond to the jets.
 
     The first row follows the last row; all series jump there, while the time continues. A force that was not recorded
-    is NaN. The action is the jets' present action, not the recorded action. Raises PlantError for another control
-    period.
+    is NaN. The action is the jets', not the recorded action. Raises PlantError for another control period.
 
     Args:
         flow: the clock; its control period must be the recording's.

@@ -34,8 +34,8 @@ class ParityTolerance:
     """The largest allowed differences.
 
     Attributes:
-        move: of an action, as a share of iterations * lr, the distance that Adam can move it; 2.5e-5 U_inf W with the
-            paper's settings.
+        move: of an action, as a share of iterations * lr, Adam's largest move; 2.5e-5 U_inf W with the paper's
+            settings.
         force: of a predicted Cd or Cl.
         cost: of a term or of J.
     """

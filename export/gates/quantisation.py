@@ -59,8 +59,7 @@ Answer = Callable[[Array, Array, Array, Array | None, float, float | None], Cont
 
 
 def exact_answers(program: ControllerProgram, windows: Iterable[Array]) -> list[ControlStep]:
-    """Compute the float program's control steps for consecutive windows (L, S+1); each plan is the warm start of the
-    next step.
+    """Compute the float program's control steps for consecutive windows (L, S+1); a plan is the next step's warm start.
 
     Speeds and goals vary from window to window if the program depends on them.
     """

@@ -1,8 +1,6 @@
-"""Rounding of matrices with error feedback on each layer's inputs over recorded windows (`quantise_on`,
-`layer_inputs`).
+"""Rounding of matrices with error feedback on each layer's recorded inputs (`quantise_on`, `layer_inputs`).
 
-Correcting biases by the mean of the remaining error was tried and dropped, because after error feedback it gains
-nothing.
+Correcting biases by the mean of the remaining error was tried and dropped: after error feedback it gains nothing.
 """
 
 from collections.abc import Sequence

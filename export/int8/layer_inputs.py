@@ -34,13 +34,11 @@ class LayerInputs:
     Attributes:
         row, recurrent: scaled rows of the windows, and the LSTM's output before each row.
         head, latent: inputs of the encoder's linear layers: after the norm, and after the ELU.
-        state: input of the dynamics, [z, a / action_std]; `hidden1` and `hidden2`, after the ELUs, are the inputs of
-            its further layers.
+        state: input of the dynamics, [z, a / action_std]; `hidden1` and `hidden2` are the inputs of its further layers.
         z: input of the decoder.
         blocks: inputs of the decoder's blocks; `elus` are the outputs of their ELUs.
         forces: input of the decoder's last layer.
-        prior, sums: inputs of the prior: filtered rows of the past, and filtered sums; empty for a program without
-            prior.
+        prior, sums: inputs of the prior: filtered rows of the past, and filtered sums; empty without a prior.
     """
 
     row: Array

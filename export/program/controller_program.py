@@ -147,11 +147,10 @@ def _check_scaling(scaling: Scaling, sensors: int) -> None:
 
 
 def program_of(model: ModelFolder, mpc: MpcConfig) -> ControllerProgram:
-    """Return the controller of a trained model with the given optimiser settings; raises ExportError if the weights are
-    inconsistent.
+    """Return a trained model's controller with these optimiser settings; raises ExportError for inconsistent weights.
 
-    The program has the slim encoder, and slim dynamics and decoder if the model has them; it does not contain the
-    teacher on all sensors.
+    The program has the slim encoder, and slim dynamics and decoder if the model has them, but no teacher on all
+    sensors.
     """
     about = model.description
     return ControllerProgram.from_state(

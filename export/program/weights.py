@@ -41,8 +41,8 @@ class Norm:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Lstm:
-    """An LSTM with its gates stacked in PyTorch's order i, f, g, o: weight_input (4h, S+1), weight_recurrent (4h, h),
-    biases (4h,)."""
+    """An LSTM, gates stacked in PyTorch's order i, f, g, o: weight_input (4h, S+1), weight_recurrent (4h, h), biases
+    (4h,)."""
 
     weight_input: Array
     weight_recurrent: Array
@@ -98,7 +98,7 @@ class EncoderWeights:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DynamicsWeights:
-    """The dynamics f(z, a): three linear layers, with layer norm and ELU after the first two. The input is [z, a /
+    """The dynamics f(z, a): three linear layers, layer norm and ELU after the first two. Input is [z, a /
     action_std]."""
 
     input: Linear
@@ -184,8 +184,7 @@ class PriorWeights:
         gate: (n, 5), the weights of a unit's gate for each of `SCHEDULED`.
         sums: (n, F, p), the gate's weights on the filtered sums of the pairs in Cp.
         output: (n,), weights of the gated units.
-        predictor: (p, M, p + 1), weights that predict the next differences from the past that ends with the present
-            row.
+        predictor: (p, M, p + 1), weights that predict the next differences from the past up to the present row.
     """
 
     filters: Array

@@ -57,8 +57,7 @@ def cost_terms(
 def cost_gradient(
     forces: Array, plan: Array, previous_action: Array | float, weights: Array, start: Array | None = None
 ) -> CostGradient:
-    """Return the gradient of J = weights . terms; `weights` is (8,) in the order of `TERMS`, `start` as in
-    `cost_terms`."""
+    """Return the gradient of J = weights . terms; `weights` is (8,) in `TERMS`' order, `start` as in `cost_terms`."""
     weight = dict(zip(TERMS, weights, strict=True))
     horizon = plan.shape[-1]
     cd, cl = forces[..., 0], forces[..., 1]

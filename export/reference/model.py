@@ -4,8 +4,7 @@ This is the specification for the tests of every lowering. All functions act on 
 leading axes: windows are (..., L, S+1), latent states z (..., n_z), actions a (...,) in U_inf W, and forces (..., 2)
 are the physical (Cd, Cl).
 
-The `*_layers` functions return the inputs of every layer on the way to an output, which the adjoints and int8
-calibration need.
+The `*_layers` functions return the inputs of every layer of a network, for the adjoints and int8 calibration.
 
 Each layer acts on the last axis of an array (..., n). Its adjoint (vector-Jacobian product) takes the layer's input and
 dJ/d(output), and returns dJ/d(input).
@@ -61,8 +60,7 @@ def sigmoid(x: Array) -> Array:
 
 
 def _normalise(x: Array) -> tuple[Array, Array]:
-    # These are the sums of `mean` and `var` without NumPy's overhead for short vectors, which takes two thirds of the
-    # time.
+    # These are the sums of `mean` and `var` without NumPy's overhead, two thirds of the time for short vectors.
     n = x.shape[-1]
     centred = x - np.add.reduce(x, axis=-1, keepdims=True) / n
     inverse_std = 1.0 / np.sqrt(np.add.reduce(centred * centred, axis=-1, keepdims=True) / n + LAYER_NORM_EPSILON)
@@ -110,8 +108,8 @@ class DynamicsLayers:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class BlockLayers:
-    """The values in a residual block of the decoder: its input x, W x + b, the layer norm of W x + b, and its ELU, all
-    (..., width)."""
+    """The values in a residual block of the decoder: input x, W x + b, its layer norm, and the ELU of it, all (...,
+    width)."""
 
     x: Array
     product: Array

@@ -70,7 +70,7 @@ def starting_plan(
     speed: float = 1.0,
     limit: float | None = None,
 ) -> Array:
-    """Return the plan from which the optimiser starts, (H,): the prior's plan, or without a prior the shifted previous
+    """Return the plan from which the optimiser starts, (H,): the prior's, or without a prior the shifted previous
     plan."""
     shifted = shift(plan)
     if program.prior is None:

@@ -44,8 +44,7 @@ class Vehicle:
 
 
 def speeds_of(provenance: Provenance) -> SpeedRange | None:
-    """Return the speeds at which a model's prior was trained; None if it has no prior, or was trained at the design
-    speed only."""
+    """Return the speeds at which a model's prior was trained; None without a prior, or for the design speed only."""
     refined = provenance.config.get("refine", {})
     slowest, fastest = refined.get("slowest", 1.0), refined.get("fastest", 1.0)
     return SpeedRange(slowest=slowest, fastest=fastest) if slowest < fastest else None

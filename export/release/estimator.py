@@ -21,8 +21,7 @@ def lowered_estimator(
     time as in the sensor check. They are measured on the episodes that were not used for training, or on the training
     episodes if there are no others.
 
-    `r2` of each sensor's estimate from the other sensors, and the roles `judged_on` of the episodes, are added to the
-    provenance.
+    The provenance gets `r2` of each sensor's estimate from the others, and the roles `judged_on` of the episodes.
     """
     rounded = rounded_estimator(fitted)
     network, window, columns = rounded.network, fitted.window, recording.layout.indices(sensors)

@@ -43,8 +43,7 @@ class LibraryReport:
         parity: float32 compared with the reference; None for int8.
         quantisation: int8 with integer products compared with the float reference; None for float32.
         workspace_bytes: size of the scratch memory that the caller provides.
-        replayed: (n, 4), the expected answers of the library's example program to the windows: action, mean Cd and Cl,
-            cost.
+        replayed: (n, 4), the example program's expected answers to the windows: action, mean Cd and Cl, cost.
     """
 
     parity: ParityReport | None
@@ -70,8 +69,7 @@ def gate(
     compiled: CompileLibrary | None = None,
 ) -> Gated:
     """Run every lowering through its gates. Raises ExportError if a lowering differs from the reference by more than
-    its gate allows; the message states both figures. Raises LibraryError if there is no C compiler, or if it does not
-    compile the library.
+    its gate allows; the message states both figures. Raises LibraryError if no C compiler compiles the library.
 
     Args:
         windows: consecutive recorded windows (L, S+1) that the gates replay.

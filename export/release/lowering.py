@@ -15,8 +15,8 @@ from export.to_onnx.control_step import build_controller
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Lowered:
-    """The lowerings that are written once they have passed their gates. `library` is the C library's files by name;
-    None without a C library."""
+    """The lowerings to write once they have passed their gates. `library` is the C library's files by name, if it has
+    one."""
 
     program: Program
     graph: bytes
@@ -41,8 +41,7 @@ def lower(program: Program, *, calibration: Sequence[Array], with_library: bool)
     """Lower a program. Raises ExportError if the program cannot be lowered; the message states the reason.
 
     Args:
-        calibration: recorded windows (L, S+1) for the activations' ranges in an int8 library; the windows of the
-            rounding.
+        calibration: recorded windows (L, S+1) for an int8 library's activation ranges; those of the rounding.
     """
     graph = build_controller(program).SerializeToString()
     return Lowered(program=program, graph=graph, library=library_of(program, calibration) if with_library else None)

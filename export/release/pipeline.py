@@ -75,8 +75,7 @@ def gate_figures(gated: Gated) -> Iterator[tuple[str, Any]]:
 def calibration_windows(
     program: ControllerProgram, episodes: Sequence[Episode], layout: SensorLayout = TRUCK
 ) -> list[Array]:
-    """Return windows (L, S+1) of the last episode of every kind of forcing, because the controller's inputs differ
-    between kinds.
+    """Return windows (L, S+1) of the last episode of every kind of forcing, because inputs differ between kinds.
 
     There are about `CALIBRATION_WINDOWS` windows, or fewer if the episodes have fewer. Episodes with fewer than
     `LEAST_CALIBRATION` windows are left out. An episode whose provenance states no forcing is a kind of its own. Raises
@@ -127,8 +126,8 @@ def export_all(
     notice: Callable[[str], None] = lambda line: None,
     phase: Callable[[str], None] = lambda name: None,
 ) -> tuple[Gated, Bundle]:
-    """Write the bundle, read it as its users do, and write the C library if requested; write nothing unless both pass
-    their gates.
+    """Write the bundle, read it as users do, and write the C library if requested; nothing unless both pass their
+    gates.
 
     Args:
         model: directory written by `train`.
@@ -192,8 +191,7 @@ def export_library(
     phase: Callable[[str], None] = lambda name: None,
 ) -> Gated:
     """Write the C library of an existing release, from the model that was exported to it. Raises ExportError if the
-    release is of another model, or if rounding the model here gives other integers; StillwakeError as `export_all`
-    does.
+    release is of another model, or rounding gives other integers; StillwakeError as `export_all` does.
 
     Args:
         model: directory written by `train`.
@@ -275,8 +273,7 @@ def check_settings(own: Config, config: Config) -> None:
 def _recording_of(
     path: Path, of_model: str, layout: SensorLayout, named: bool, notice: Callable[[str], None]
 ) -> Dataset:
-    """Read the recording for gates and calibration: the model's own, or another recording of the same sensors if the
-    user named it.
+    """Read the recording for gates and calibration: the model's own, or one of the same sensors that the user named.
 
     Args:
         of_model: SHA-256 of the recording that the model was fitted to.

@@ -3,8 +3,7 @@
     python -m export.release.sbom 2026-11-26 WHEEL...
 
 writes a file next to each wheel, for `make packages`. Equal inputs give equal bytes: the day is an argument, and the
-serial number is computed from the content of the described object. A package's licence is the licence that its
-installation here states.
+serial number is computed from the content. A package's licence is the one that its installation states.
 """
 
 import re
@@ -36,8 +35,7 @@ OURS: Final = "MIT"
 
 
 def release_bom(bundle: Bundle, contents: Mapping[str, bytes]) -> bytes:
-    """Return the bill of a verified release: its files, the data that its controller was trained from, and the software
-    used.
+    """Return the bill of a verified release: its files, its controller's training data, and the software used.
 
     Args:
         contents: all its files by name; `Bundle.files` lacks manifest and signature.
@@ -77,8 +75,8 @@ def folder_bom(contents: Mapping[str, bytes], bundle: Bundle) -> bytes:
 
 
 def wheel_bom(wheel: Path, day: str) -> bytes:
-    """Return the bill of a wheel and the packages that it requires, in the versions installed here; packages of extras
-    are optional.
+    """Return the bill of a wheel and its required packages, in the versions installed here; those of extras are
+    optional.
 
     Args:
         day: of the bill, YYYY-MM-DD.

@@ -24,16 +24,14 @@ ArrayValues = Array | npt.NDArray[np.int8] | Integers | npt.NDArray[np.uint32]
 """The numbers of an array in C, where float64 becomes float."""
 
 FLOAT32_LANES = 16
-"""Number of float32 values in the widest vector register that compilers are to fill; narrower registers take two or
-more."""
+"""Number of float32 values in the widest vector register that compilers are to fill."""
 
 PRIOR_UNITS_AT_A_TIME = 8
 """Number of the prior's units that `sw_prior.c` computes together."""
 
 
 def float_arrays(program: ControllerProgram) -> dict[str, ArrayValues]:
-    """Return every array of `sw_weights.h` by its C name. Raises ExportError for a program without residual blocks in
-    its decoder."""
+    """Return every array of `sw_weights.h` by its C name. Raises ExportError for a decoder without residual blocks."""
     return {
         **scaling_arrays(program),
         **_encoder(program),
@@ -193,8 +191,7 @@ def prior_settings(prior: PriorWeights) -> dict[str, int | np.float32]:
 
 
 def _filter_ranges(prior: PriorWeights) -> Integers:
-    """Return (F, 2): the first row that a filter reads, and the number of rows up to its last; one row for a filter of
-    zeros."""
+    """Return (F, 2): a filter's first row, and the number of rows up to its last; one row for a filter of zeros."""
     ranges = []
     for column in prior.filters.T:
         read = np.flatnonzero(column) if column.any() else np.zeros(1, int)

@@ -20,9 +20,8 @@ from export.to_c.int8_format import INT8_LANES, packed, padded_size, qmax
 
 def int8_arrays(rounded: RoundedProgram, ranges: ActivationRanges) -> dict[str, ArrayValues]:
     """Return every array of `sw_weights.h` by its C name: matrices in int8, tables in uint32, constants of layers with
-    a norm in int32, all other arrays in float64. Raises ExportError for a decoder without residual blocks, a layer too
-    wide for its activations' integers, a layer whose ELU outputs come near the end of their range, or an LSTM with
-    extremely large weights."""
+    a norm in int32, all other arrays in float64. Raises ExportError for a decoder without residual blocks, a layer that
+    is too wide, a layer whose ELU outputs come near the end of their range, or an LSTM with huge weights."""
     program = rounded.program
     if not program.decoder.blocks:
         raise ExportError("decoder: no residual blocks, the C library needs at least one")
@@ -211,8 +210,7 @@ def _decoder(rounded: RoundedProgram, ranges: ActivationRanges) -> Mapping[str, 
 
 
 def _residual_unit(first: Int8Matrix, weights: DecoderWeights, latent: float, finest: float) -> float:
-    """Return the unit of the decoder's int32 sum of residuals: 1/512 of the finest integer computed from the sum, or
-    larger."""
+    """Return the unit of the decoder's int32 residual sum: 1/512 of the finest integer computed from it, or larger."""
     sums = np.abs(first.values.astype(np.float64)).sum(axis=1) * (form.INT16_QMAX + 1) * first.scales / latent
     reach = np.max(sums + np.abs(weights.input.bias)) + len(weights.blocks) * form.ELU_RANGE
     unit = max(1.0 / finest / 512.0, 1.01 * float(reach) / 2**31)

@@ -40,8 +40,7 @@ POINTS_PER_UNIT: Final = 32
 """Number of table points per unit of the argument; between points the function is interpolated linearly."""
 
 ELU_ONE: Final = 4096
-"""The integer of an ELU output of 1. It is the same for every layer, up to `ELU_RANGE`, so that one table serves all
-layers."""
+"""The integer of an ELU output of 1 in every layer, up to `ELU_RANGE`, so that one table serves all layers."""
 
 ELU_RANGE: Final = 8
 
@@ -113,8 +112,8 @@ def padded_size(size: int) -> int:
 
 
 def packed(values: npt.NDArray[np.int8]) -> npt.NDArray[np.int8]:
-    """Pack a matrix for `sw_dots` in tiles of 4 x 4. Tiles of the same rows follow one another; the order in a tile's
-    row is 0, 2, 1, 3."""
+    """Pack a matrix for `sw_dots` in tiles of 4 x 4. Tiles of the same rows are together; a tile's row is in the order
+    0, 2, 1, 3."""
     whole = np.pad(values, [(0, -size % INT8_LANES) for size in values.shape])
     outputs, inputs = whole.shape
     tiles = whole.reshape(outputs // _WORD, _WORD, inputs // _WORD, _WORD)[..., [0, 2, 1, 3]]

@@ -73,8 +73,7 @@ def c_library(program: Program, ranges: ActivationRanges | None = None) -> dict[
 def weights_files(
     arrays: Mapping[str, ArrayValues], definitions: Mapping[str, int | str | np.float32], alignment: int
 ) -> dict[str, bytes]:
-    """Return `sw_settings.h` with these definitions, and a program's numbers by their names in C: as a source, and
-    packed."""
+    """Return `sw_settings.h` with these definitions, and numbers by their names in C: as a source, and packed."""
     rest = {name: values for name, values in arrays.items() if name not in (*_HOT, *_TABLES)}
     hot = {name: arrays[name] for name in _HOT if name in arrays}
     constants = {"sw_own_weights": numbers("sw_weights", rest, alignment)}
@@ -164,8 +163,7 @@ def documents(library: Mapping[str, bytes]) -> dict[str, bytes]:
 
 
 def replay(controller: Controller, windows: Sequence[Array], horizon: int) -> Array:
-    """Return the expected answers of the example program, (n, 4): the planned action, the predicted mean Cd and Cl, and
-    the cost.
+    """Return the example program's expected answers, (n, 4): planned action, predicted mean Cd and Cl, and cost.
 
     Every answer starts from a plan of zeros. If plans were passed on to the next step, a difference in rounding could
     grow from answer to answer, by an amount that depends on the plant.

@@ -72,11 +72,9 @@ class Cost:
         return CostGradientNames(signed_forces=through_forces, plan=through_plan)
 
     def _prepare(self, graph: Graph, start: str) -> None:
-        """Compute the gradient's terms that depend only on the weights, the previous action and the start p, once per
-        control step.
+        """Compute the gradient's terms in the weights, the previous action and the start p, once per control step.
 
-        The terms in the actions are quadratic: their gradient is Q a - q, with D the matrix of increments and e_0 the
-        first unit vector,
+        The terms in the actions are quadratic: their gradient is Q a - q, with increments D and first unit vector e_0,
 
             Q = 2 w_smoothness D^T D / (H - 1) + 2 (w_effort + w_prior) I / H + 2 w_rate e_0 e_0^T, q = 2 w_rate a_{-1}
             e_0 + 2 w_prior p / H.

@@ -30,8 +30,8 @@ from export.to_onnx.graph_builder import Graph, NormNames, PutMatrix, centred, c
 
 @dataclass(frozen=True, kw_only=True)
 class Rollout:
-    """The values of a forward pass: latents (H, n_z) at t+1 .. t+H, and both layers' inputs and outputs of norm and
-    ELU, (H, 1, width)."""
+    """A forward pass: latents (H, n_z) at t+1 .. t+H, and both layers' inputs and outputs of norm and ELU, (H, 1,
+    width)."""
 
     latents: str
     before: tuple[str, str]
@@ -93,7 +93,7 @@ class DynamicsGraph:
         return Rollout(latents=latents, before=(u1s, u2s), after=(h1s, h2s))
 
     def adjoint(self, graph: Graph, rollout: Rollout, through_forces: str, through_plan: str) -> str:
-        """Add dJ/da (1, H), from dJ/dz_{k+1} through the forces alone, (H, n_z), and from the gradient through the plan
+        """Add dJ/da (1, H), from dJ/dz_{k+1} through the forces alone, (H, n_z), and the gradient through the plan
         alone."""
         h, widths = self._horizon, [norm.width for norm in self._norms]
         xhat1, p1 = self._linearise(graph, 0, rollout)

@@ -141,8 +141,7 @@ class Graph:
 
 
 class PutMatrix(Protocol):
-    """A function that stores a matrix (outputs, inputs) of the program in the graph and returns the name of its float32
-    value."""
+    """A function that stores a matrix (outputs, inputs) in the graph and returns the name of its float32 value."""
 
     def __call__(self, graph: Graph, name: str, *, rows: Index | None = None, leading: int = 0) -> str:
         """Store the matrix with this name (`export.program.controller_program`).

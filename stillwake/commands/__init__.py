@@ -1,2 +1,2 @@
-"""The command groups, a file for each. They are one folder below `__main__`, so that no file here hides a package of
-the same name."""
+"""The command groups, one file each, one folder below `__main__`, so that no file here hides a package of the same
+name."""

@@ -61,8 +61,7 @@ def campaign(
     json_file: shared.JsonFile = None,
     given: shared.Settings = [],  # noqa: B006
 ) -> None:
-    """Run a test plan: the loop under noise, delay, sensor faults, bus faults and another flow, each from several
-    starts.
+    """Run a test plan: the loop under noise, delay, sensor and bus faults, and another flow, each from several starts.
 
     Writes a table, figures and one page into the folder. It can be stopped at any time: finished runs are stored, and
     the same command continues. Another seed, bundle, span or setting makes another campaign. With --phases 1

@@ -62,9 +62,8 @@ def picture(
 
     A still picture shows the state. --field mean and animations run the wake from the state: without control, with the
     jets forced, or with the actions of a run folder. The forcings are none, sine, training (training:seed=2), chirp and
-    extended_chirp; a sine's defaults are the action's limit and 0.2 / t_c. With a mean, the command prints the length
-    of the recirculation bubble and mean forces. --sensors are coloured by Cp; by default they are the run's sensors, or
-    all.
+    extended_chirp; a sine's defaults are the action's limit and 0.2 / t_c. A mean also gives the length of the
+    recirculation bubble and mean forces. --sensors are coloured by Cp; by default they are the run's sensors, or all.
     """
     from wake.pictures.animation import check_target
     from wake.pictures.drawing import check_suffix

@@ -1,5 +1,4 @@
-"""The command that records forced episodes, the paper's data set, or a round under a release's controller or from the
-steady wake."""
+"""The command that records: forced episodes, the paper's data set, or a round under control or from the steady wake."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager

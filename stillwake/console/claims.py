@@ -1,5 +1,4 @@
-"""Locks, so that one command at a time writes to a place; other commands are refused before they work, and nothing is
-lost.
+"""Locks, so that one command at a time writes to a place; others are refused before they work, and nothing is lost.
 
 A lock is the system's lock on a hidden file beside the place, `.NAME.lock`. It ends with the process in every case; a
 file that a killed process left has no effect. Linux passes the lock on to an NFS server, so that it also works between

@@ -1,9 +1,7 @@
-"""A check of the memory that a command needs, before it loads libraries that fail without an error; `__main__` imports
-this before numpy.
+"""A check of the available memory, before libraries are loaded that fail without an error. `__main__` imports it first.
 
 If the address space is too small for its buffers, OpenBLAS requests them without end, and LLVM ends the process without
-a message. Both happen with `ulimit -v` or `-d` only; if the machine itself has too little memory, the kernel ends a
-process.
+a message. Both happen with `ulimit -v` or `-d` only; if the machine has too little, the kernel ends a process.
 """
 
 import os
@@ -20,8 +18,7 @@ NEEDS_MB: Final = {
     **dict.fromkeys(("record", "picture"), 550),
     **dict.fromkeys(("develop", "plant-fmu"), 450),
 }
-"""Smallest address space in MB of commands that simulate, learn or draw, with one thread of BLAS; a short call fails
-with less."""
+"""Smallest address space in MB of commands that simulate, learn or draw, with one thread of BLAS."""
 _A_THREAD_MB: Final = 80
 """Address space in MB of each further thread of BLAS; numpy and scipy have one BLAS each."""
 _DATA: Final = 0.5
@@ -49,8 +46,7 @@ def shortage(command: str) -> str | None:
 
 
 def check_memory(words: Sequence[str]) -> None:
-    """Raise MemoryError if the command in `words` needs more memory than the limits allow; help needs the smallest
-    amount only."""
+    """Raise MemoryError if the command in `words` needs more memory than the limits allow; help needs the least."""
     if words and not {"--help", "-h"} & set(words) and (missing := shortage(words[0])) is not None:
         raise MemoryError(missing)
 

@@ -53,8 +53,7 @@ class ProgressBar(Progress):
 
 
 class ProgressLines(Progress):
-    """A display of lines of text: one at the first update, one at least every `interval` seconds, and one at the end of
-    each task.
+    """A display of lines of text: at the first update, at least every `interval` seconds, and at the end of each task.
 
     A task has a new line only if it has advanced since its last line. If no task has advanced for an interval, the
     latest task has another line, which shows that the work continues. The same holds for a task whose work begins with
@@ -91,8 +90,8 @@ class ProgressLines(Progress):
                     self._print(task)
 
     def update(self, task_id: TaskID, **changes: Any) -> None:
-        """Update as rich does, and print a line if one is due or the task is done. Raises KeyboardInterrupt if a stop
-        was lost."""
+        """Update as rich does, and print a line if due or if the task is done. Raises KeyboardInterrupt if a stop was
+        lost."""
         still_wanted()
         super().update(task_id, **changes)
         with self._lock:
@@ -124,8 +123,7 @@ class ProgressLines(Progress):
 
 
 class Report:
-    """A receiver of a command's reports on its tasks; each task begins with its first report, which does not count for
-    the speed.
+    """A receiver of reports on tasks; each task begins with its first report, which does not count for the speed.
 
     The first and the last report of a task are shown at once. A task that ends before it was shown is not shown at all.
     """
@@ -169,8 +167,7 @@ class Report:
         self._bar.update(self._tasks[task], **changes)
 
     def _begin(self, task: str) -> None:
-        # Rich measures the speed from the end of a first step, so steps that several workers end together would count
-        # as many steps at once.
+        # Rich measures from the end of a first step, so steps that workers end together would count as many.
         for part in (_HARDLY, -_HARDLY):
             Progress.update(self._bar, self._tasks[task], advance=part)
 
@@ -183,8 +180,7 @@ def progress(
     console: Console = usual_console,
     clock: Callable[[], float] = time.monotonic,
 ) -> Iterator[Report]:
-    """Yield a report for tasks with a bar, a count in `unit`, the time left and a note; without a terminal they are
-    lines of text.
+    """Yield a report that shows a bar, a count in `unit`, the time left and a note; without a terminal, lines of text.
 
     Nothing is shown before the first report, so that an error at the start is shown without a bar.
 

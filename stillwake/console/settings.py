@@ -34,9 +34,8 @@ def read_settings(given: Sequence[str], *, base: Config | None = None) -> Loaded
 def settings(verb: str, given: Sequence[str], *, uses: Sequence[str], base: Config | None = None) -> Loaded:
     """Return the settings of one call of a command.
 
-    A single setting that the command does not use is refused. A file may serve several commands: its settings that this
-    command does not use are named in one line. Raises ConfigError as `load` does, or for a setting that would have no
-    effect.
+    A single setting that the command does not use is refused. A file may serve several commands: its settings without
+    use here are named in one line. Raises ConfigError as `load` does, or for a setting that would have no effect.
 
     Args:
         given: the texts of `--set`.
@@ -55,8 +54,7 @@ def settings(verb: str, given: Sequence[str], *, uses: Sequence[str], base: Conf
 
 
 def with_bus(bus: str | None, given: Sequence[str]) -> list[str]:
-    """Return the texts of `--set` with the bus of `--bus`; raises ConfigError for another form, or a setting given in
-    both."""
+    """Return the texts of `--set` with the bus of `--bus`; raises ConfigError for another form, or a bus in both."""
     if bus is None:
         return list(given)
     interface, colon, channel = bus.partition(":")

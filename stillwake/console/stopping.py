@@ -22,8 +22,7 @@ _hook_before: Callable[["sys.UnraisableHookArgs"], object] = sys.unraisablehook
 
 
 def ends_like_ctrl_c() -> None:
-    """Let SIGTERM raise the exception of Ctrl-C, so that incomplete files are removed; a second SIGTERM kills the
-    process.
+    """Let SIGTERM raise Ctrl-C's exception, so that incomplete files are removed; a second SIGTERM kills the process.
 
     Python handles a signal between two of its own steps: compiled code and an import end first. Some compiled code
     takes the exception for its own error and continues; `until_stopped` and `still_wanted` then raise it again. A

@@ -15,8 +15,7 @@ broken."""
 
 
 def make_console(*, stderr: bool = False) -> Console:
-    """Return a console that prints text unchanged: brackets in a path are not markup, control characters are not
-    commands."""
+    """Return a console that prints text unchanged, without markup from brackets or commands from control characters."""
     stream = sys.stderr if stderr else sys.stdout
     has_edge = (stream is not None and stream.isatty()) or "COLUMNS" in os.environ
     width = None if has_edge else _WIDE

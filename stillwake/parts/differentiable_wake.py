@@ -25,8 +25,7 @@ def differentiable_wake(
     Raises PlantError if the start is of another body, Reynolds number or mesh, or the flow diverges.
 
     Args:
-        start: a developed wake on the default mesh; if None, the truck's shipped wake, or for another body a wake that
-            develops from rest.
+        start: a developed wake on the default mesh; if None, the truck's shipped wake, or another body's from rest.
         progress: called with (time, duration) while the wake settles on the mesh.
     """
     wake = wake_of(config, sensors)

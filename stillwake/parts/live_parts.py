@@ -1,5 +1,4 @@
-"""The parts of a live loop by name: its plants and its ECUs. Parts that take seconds are made only when they are
-chosen."""
+"""The parts of a live loop by name: its plants and its ECUs. Parts that take seconds are made when they are chosen."""
 
 import importlib.util
 from collections.abc import Callable

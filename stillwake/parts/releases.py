@@ -22,9 +22,8 @@ PROJECT: Final = "project"
 
 
 def open_release(path: Path | None, trust: str | None = None) -> Bundle:
-    """Load a bundle, or the shipped bundle, which must have the project's signature unless another key is given. Raises
-    BundleError if the bundle does not verify, or lacks the required signature; KeyFileError if the key to trust cannot
-    be read."""
+    """Load a bundle, or the shipped bundle, which must have the project's signature unless `trust` is given. Raises
+    BundleError if it does not verify, or lacks the signature; KeyFileError if the key to trust cannot be read."""
     return bundles.load(*locate(path, trust))
 
 
@@ -50,8 +49,7 @@ def signature(release: Bundle) -> str:
 
 
 def locate(path: Path | None, trust: str | None) -> tuple[Path, PublicKey | None]:
-    """Return the bundle to open, by default the shipped bundle, and the key that must have signed it; None if any key
-    may have."""
+    """Return the bundle to open, by default the shipped one, and the key that must have signed it; None for any key."""
     if trust == PROJECT or (trust is None and path is None):
         trusted: PublicKey | None = signing.project_key()
     else:

@@ -92,8 +92,7 @@ _SOLVERS: Final[dict[str, Any]] = {
 
 
 def _control(mesh: Mesh, clock: CaseClock) -> dict[str, Any]:
-    # The function objects for forces read executeControl and executeInterval, those for probes writeControl and
-    # writeInterval.
+    # The function objects for forces read the entries "execute", those for probes the entries "write".
     every_sample = {
         f"{what}{setting}": value
         for what in ("execute", "write")

@@ -23,8 +23,7 @@ from wake.truck.state import State, developed_state
 
 
 def from_own_solver(state: State, mesh: Mesh) -> tuple[Array, Array]:
-    """Interpolate a state on the grid of refinement 1 to velocity (m, 2) and kinematic pressure (m,) in the mesh's
-    cells.
+    """Interpolate a state on the grid of refinement 1 to velocity (m, 2) and kinematic pressure (m,) in the cells.
 
     The interpolation is linear. Cells between the outermost points and the boundary are extrapolated. The first time
     step removes the divergence that the interpolation leaves.

@@ -79,8 +79,8 @@ class Mesh:
 
 
 def truck_mesh(refinement: float = 1.0) -> Mesh:
-    """Build the mesh; every spacing is divided by `refinement`. Raises ConfigError if the mesh would be too coarse for
-    two cells in each slot."""
+    """Build the mesh; every spacing is divided by `refinement`. Raises ConfigError if it is too coarse for two cells in
+    each slot."""
     slot_cells = len(graded_faces(_ACROSS, HALF_WIDTH - JET_WIDTH, HALF_WIDTH, refinement)) - 1
     if slot_cells < 2:
         raise ConfigError(f"refinement = {refinement}: gives {slot_cells} cells a slot, must give at least 2")
@@ -88,8 +88,7 @@ def truck_mesh(refinement: float = 1.0) -> Mesh:
     around, body = _around(refinement, wake_x)
     across = _across(refinement)
 
-    # The points of the block around the body come first, then the points of the wake's block without its edges, which
-    # the first block has.
+    # The points of the block around the body come first, then those of the wake's block without the shared edges.
     columns, rows = around.shape[:2]
     ring = np.arange(columns * rows).reshape(columns, rows)
     inner = np.arange(len(wake_x) * (len(across) - 2)).reshape(len(wake_x), -1) + ring.size
@@ -164,14 +163,14 @@ def _quads(block: Index) -> Index:
 
 
 def _sides(cells: Index) -> tuple[Index, Index]:
-    """Return every cell's four edges as vertex pairs with the cell on their left, (4 m, 2), and the cell of each edge,
-    (4 m,)."""
+    """Return every cell's four edges as vertex pairs with the cell on their left, (4 m, 2), and the edges' cells, (4
+    m,)."""
     pairs = np.stack([cells, np.roll(cells, -1, axis=1)], axis=2).reshape(-1, 2)
     return pairs, np.repeat(np.arange(len(cells)), 4)
 
 
 def _match(cells: Index, n: int) -> tuple[Index, Index, Index, Index]:
-    """Return the edges, their cells, and for each edge the position of the same edge in its other cell (-1 if there is
+    """Return the edges, their cells, and for each the position of the same edge in its other cell (-1 if there is
     none)."""
     pairs, cell = _sides(cells)
     code, reverse = pairs @ np.array([n, 1]), pairs @ np.array([1, n])

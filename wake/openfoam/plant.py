@@ -1,7 +1,7 @@
 """The second plant: the same truck, jets and clock, solved by OpenFOAM's icoFoam on a body-fitted mesh.
 
 It has the interface of `wake.truck.truck_wake.TruckWake`, with two differences. A run has a longest duration, because
-icoFoam needs the times of all steps in advance. A state can only be taken at the end of a control period, where icoFoam
+icoFoam needs the times of all steps in advance. A state can be taken only at a control period's end, where icoFoam
 writes its fields.
 """
 
@@ -38,8 +38,7 @@ class CellInterpolation:
         triangle = triangles.find_simplex(points)
         outside = np.flatnonzero(triangle < 0)
         inside = np.flatnonzero(triangle >= 0)
-        # For each triangle, scipy stores the affine map to the first two barycentric coordinates, and the triangle's
-        # last corner.
+        # For each triangle, scipy stores the affine map to two barycentric coordinates, and the last corner.
         to_share, corner = triangles.transform[triangle[inside], :2], triangles.transform[triangle[inside], 2]
         two = np.einsum("nij,nj->ni", to_share, points[inside] - corner)
         shares = np.column_stack([two, 1.0 - two.sum(axis=1)])
@@ -134,8 +133,7 @@ class OpenFoamWake(NeverCopied):
         case.write_mesh(self._case, self.mesh)
         put(state, self._case)
         every = self.config.substeps
-        # The case has one step more than the longest run, so that icoFoam still waits for input after the last step was
-        # measured.
+        # The case has one more step than the longest run, so that icoFoam still waits after the last step was measured.
         clock = case.CaseClock(end=(self._steps + 1) * self.dt, dt=self.dt, steps_per_write=every, steps_per_sample=1)
         case.write_settings(self._case, self.mesh, self.config, clock)
         wall.write_pipes(self._case, self.mesh, dt=self.dt, steps=self._steps + 1, action=state.action)
@@ -162,8 +160,8 @@ class OpenFoamWake(NeverCopied):
 
     def advance(self, action: float) -> Sample:
         """Ramp to `action` over the rest of the control period and return the next sample. Raises PlantError for an
-        action that is not finite or exceeds the bound, if the flow diverges or icoFoam fails, or at the end of the
-        longest duration."""
+        action that is not finite or exceeds the bound, if the flow diverges or icoFoam fails, or after the longest
+        duration."""
         self.advance_to(self.config.substeps, action)
         return self.sample()
 
@@ -195,7 +193,7 @@ class OpenFoamWake(NeverCopied):
         return self._instruments.sample(self._readings, t=self.t, action=self._action)
 
     def vorticity(self) -> Array:
-        """Return dv/dx - du/dy in the corners of `grid`, as `TruckWake.vorticity` does; at the end of a control period
+        """Return dv/dx - du/dy in the corners of `grid`, as `TruckWake.vorticity` does; at a control period's end
         only."""
         grid = self.grid
         u, v = np.moveaxis(self._to_grid(self.state().velocity).reshape(*grid.shape, 2), 2, 0)

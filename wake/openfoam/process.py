@@ -147,8 +147,8 @@ class JetPipes(NeverCopied):
             self._waiting = self._open(JETS[0])
 
     def send(self, action: float) -> None:
-        """Let icoFoam take one time step, at whose end the jets have the flow rate `action`. Raises PlantError as
-        `wait` does."""
+        """Let icoFoam take a time step that ends with the jets' flow rate `action`. Raises PlantError as `wait`
+        does."""
         self.wait()
         for jet in JETS:
             reader = self._open(jet) if self._waiting is None else self._waiting

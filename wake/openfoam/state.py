@@ -68,8 +68,8 @@ def put(state: FoamState, case: Path) -> None:
 
 
 def written(folder: Path, dt: float) -> FoamState:
-    """Read the last state of a case without jets; its clock is set to zero. Raises PlantError if the case holds no
-    state of a time after 0."""
+    """Read the last state of a case without jets; its clock is set to zero. Raises PlantError if it has no state after
+    0."""
     latest = foam_files.latest(folder)
     if latest is None:
         raise PlantError(f"{folder}: icoFoam has written no state")
@@ -89,7 +89,7 @@ def save(path: Path, state: FoamState, facts: str) -> None:
 
 
 def load(path: Path) -> tuple[FoamState, str]:
-    """Read a saved state and the line on its settings. Raises PlantError if the file is missing, damaged or of another
+    """Read a state and the line on its settings. Raises PlantError if the file is missing, damaged or of another
     schema."""
     try:
         data = read_npz(path)

@@ -34,8 +34,7 @@ BOUNDARY: Final[dict[str, Any]] = {
 }
 
 _NEVER: Final = "1000000"
-# An instant's name is later than the step's end by this share of a time step, so that rounding cannot place the instant
-# before the end.
+# An instant is later than the step's end by this share of a time step, so that rounding cannot place it before the end.
 _LATE: Final = 1e-6
 
 

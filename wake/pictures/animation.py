@@ -30,8 +30,7 @@ class MovingPicture(Protocol):
     figure: Figure
 
     def record(self) -> None:
-        """Record the plant's present state; called at the end of every control period from the first frame on, also
-        between frames."""
+        """Record the plant's present state; called at every control period's end from the first frame on."""
 
     def pixels(self) -> Pixels:
         """Draw the present state as (height, width, 3)."""

@@ -52,8 +52,7 @@ _SUFFIXES: Final = (".png", ".pdf", ".svg")
 class WakePicture:
     """A figure of fixed size that shows the present state of a plant and can be updated.
 
-    It shows a field in colour, the body, arrows where the jets blow or suck, and the sensors' Cp. The colour scales are
-    fixed.
+    It shows a field in colour, the body, arrows for the jets, and the sensors' Cp. The colour scales are fixed.
 
     Args:
         kind: vorticity, or Cp in the flow.
@@ -148,7 +147,7 @@ def vorticity_figure(wake: Drawable, highlight: tuple[str, ...] = (), title: str
 
 
 def mean_figure(grid: Grid, body: BodyConfig, mean: Flow, duration: float) -> Figure:
-    """Draw a mean flow downstream of the body: u in colour, streamlines, the edge of backward flow, and the bubble's
+    """Draw a mean flow downstream of the body: u in colour, streamlines, the edge of backward flow, the bubble's
     length.
 
     Args:
@@ -206,8 +205,7 @@ def outline(body: BodyConfig) -> Array:
 
 def jet_arrow(share: float, side: int, base: float) -> Array:
     """Return the outline of the arrow at the upper (side 1) or lower (-1) slot of a base at x = `base`, (7, 2). It
-    points away from the base for blowing (share > 0) and towards the base for sucking; its length shows the share of
-    the action's bound."""
+    points away from the base for blowing (share > 0) and towards it for sucking; its length shows the share."""
     length, shaft, head = _FULL_JET * abs(share), JET_WIDTH, 2.4 * JET_WIDTH
     neck = max(length - 2.0 * head, 0.5 * length)
     x = np.array([0.0, neck, neck, length, neck, neck, 0.0])

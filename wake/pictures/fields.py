@@ -24,8 +24,7 @@ def velocity(flow: Flow) -> tuple[Array, Array]:
 class TimeMean:
     """The mean of flows on one grid.
 
-    A flow's buffer holds u, v and p. Wall pressures and forces are linear in the buffer, so the mean buffer gives their
-    means too.
+    A flow's buffer holds u, v and p. Wall pressures and forces are linear in it, so the mean buffer gives their means.
     """
 
     def __init__(self, shape: tuple[int, int]) -> None:

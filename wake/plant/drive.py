@@ -59,8 +59,7 @@ _WLTC: Final = """
 102.0 103.6 105.2 106.8 108.5 110.2 111.9 113.7 115.3 116.8 118.2 119.5 120.7 121.8 122.6 123.2 123.6 123.7 123.6 123.3
 123.0 122.5 122.1 121.5 120.8 120.0 119.1 118.1 117.1 116.2 115.5 114.9 114.5
 """
-"""Speeds in km/h at 1 Hz: seconds 1512 to 1592 of the WLTC for class 3b, in its extra-high part (UN GTR No. 15, annex
-1)."""
+"""Speeds in km/h at 1 Hz: seconds 1512 to 1592 of the WLTC, class 3b, extra-high part (UN GTR No. 15, annex 1)."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,5 +1,4 @@
-"""The measurements of a plant at one instant. They are apart from the plant, whose compiled kernels take seconds to
-load."""
+"""The measurements of a plant at one instant, apart from the plant, whose compiled kernels take seconds to load."""
 
 from dataclasses import dataclass
 

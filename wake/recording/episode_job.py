@@ -33,8 +33,7 @@ class Policy(Protocol):
         """Return the memory before the first sample."""
 
     def step(self, memory: Array, Cp: Array, action: float) -> tuple[float, Array]:
-        """Compute the command at t_k and the memory after it, a new array. Raises StillwakeError if there is no
-        command.
+        """Compute the command at t_k and the new memory, another array. Raises StillwakeError if there is no command.
 
         Args:
             memory: result of the previous step.
@@ -66,8 +65,7 @@ class EpisodeJob:
     """All data for recording one episode, in this process or in another process that shares the folder.
 
     Attributes:
-        owner: token of the call of `record` to which the job belongs; work stops when another call has taken over the
-            folder.
+        owner: token of the job's call of `record`; work stops when another call has taken over the folder.
         block_steps: control steps between two writes to disk.
         setting: all settings that the samples depend on; see `setting_of`.
         policy: builds the controller; without a controller, only the plan's signal drives the jets.
@@ -157,8 +155,7 @@ def setting_of(config: Config, packages: tuple[str, ...] = (), start: Path | Non
 
 
 def check_start(config: Config, start: Path | None) -> None:
-    """Raise PlantError if a plant of this configuration cannot start in that state; the check runs before a plant is
-    built."""
+    """Raise PlantError if a plant of this configuration cannot start in that state, before a plant is built."""
     origin = _state_in(start).origin
     if origin is not None:
         check_body(origin, config.body)
@@ -180,11 +177,10 @@ def _state_in(start: Path | None) -> State:
 def _advance(
     wake: TruckWake, sample: Sample, policy: Policy, memory: Array, signal: Array
 ) -> tuple[Series, Sample, Array]:
-    """Return the samples of a block that begins with `sample`, the sample after the block, and the policy's memory
-    then.
+    """Return the samples of a block from `sample` on, the sample after the block, and the policy's memory then.
 
-    The action in force is the policy's command plus the signal, clipped to the action limit; the policy receives it one
-    step later.
+    The action in force is the policy's command plus the signal, clipped to the limit; the policy receives it one step
+    later.
     """
     rows: list[Sample] = []
     actions = np.empty(len(signal))

@@ -1,5 +1,4 @@
-"""Open-loop forcing signals, sampled at the control period (paper, section 2.1), and the exploration noise under a
-controller.
+"""Open-loop forcing signals, sampled at the control period (paper, section 2.1), and exploration noise.
 
 Every forcing signal is a pure function of its settings, its length and a random generator, normalised to [-1, 1] and
 scaled to the action limit.

@@ -5,8 +5,7 @@ holds the token of the call that works on it; a worker stops when it finds anoth
 
 A block is one file of samples, and next to it the state at its end: the flow and the policy's memory. The state is
 written before the samples, so that every complete block can be continued; then the state of an earlier block is no
-longer needed. A file is either complete or absent, so a recording that was stopped at any instant continues as if it
-had not been stopped.
+longer needed. A file is either complete or absent, so a stopped recording continues as if it had not been stopped.
 """
 
 import io
@@ -36,8 +35,7 @@ class PartsFolder:
 
     @classmethod
     def for_output(cls, output: Path) -> "PartsFolder":
-        """Return the folder for the recording `output`. Its path is absolute, because workers may run in another
-        folder."""
+        """Return the folder for `output`. Its path is absolute, because workers may run in another folder."""
         output = output.absolute()
         return cls(output.with_name(output.name + ".parts"))
 
@@ -55,8 +53,7 @@ class PartsFolder:
             temporary.write_text(owner)
 
     def is_owned_by(self, owner: str) -> bool:
-        """Return whether the call with this token owns the folder; also False if the folder cannot be read from this
-        machine."""
+        """Return whether the call with this token owns the folder; also False if the folder cannot be read here."""
         try:
             return self._owner.read_text() == owner
         except OSError:

@@ -26,13 +26,11 @@ from wake.recording.parts_folder import PartsFolder
 from wake.truck.truck_wake import TruckWake
 
 _NOT_COMPARED: Final = "versions"
-"""The entry with the versions of the software, which is not compared: a recording is valid whichever version wrote it.
-"""
+"""The entry with the software's versions, which is not compared: a recording is valid whichever version wrote it."""
 
 
 def is_finished(output: Path, jobs: Sequence[EpisodeJob]) -> bool:
-    """Return whether the file holds all episodes of these jobs, recorded with the same settings; False if there is no
-    file.
+    """Return whether the file holds all episodes of the jobs, recorded with equal settings; False if there is no file.
 
     Rounds that were added to the file under a controller do not count. Raises OutputError if the file is another
     recording; the message states the first difference.
@@ -101,24 +99,22 @@ def record(
     """Record every plan from the start and write the data set.
 
     Unfinished work is stored in `<output>.parts`, and the next call with the same plans and settings continues it. An
-    existing data set of the same plans and settings is left unchanged. Returns True if a file was written, False if the
-    data set existed.
+    existing data set of the same plans and settings is left unchanged. Returns whether a file was written.
 
     Args:
         plans: episodes, in the order they will have in the file.
         workers: processes on this machine; with 1, episodes are recorded one after another in this process.
-        scheduler: address of a dask scheduler whose workers record instead; they must have `output`'s folder under the
-            same path.
+        scheduler: address of a dask scheduler whose workers record instead; `output`'s folder must have the same path
+            there.
         progress: called for every episode at the start, and then after its blocks.
         notice: called with a line when a worker was lost or joined.
         block_steps: control steps between two writes to disk.
-        start: file of the flow state in which episodes begin; the shipped state if None. Workers read it at the same
-            path.
+        start: file of the flow state in which episodes begin; the shipped state if None. Workers read it at this path.
         overwrite: replace an existing file once the new file is complete.
 
     Raises:
         OutputError: if there is a file of other plans or settings, and `overwrite` is False.
-        StillwakeError: if the output cannot be written, the stored parts belong to other plans or settings, or workers
+        StillwakeError: if the output cannot be written, stored parts belong to other plans or settings, or workers
             fail.
         PlantError: if the flow diverges.
     """
@@ -185,8 +181,7 @@ def finished_jobs(
     progress: EpisodeProgress,
     notice: Callable[[str], None],
 ) -> Iterator[Sequence[EpisodeJob]]:
-    """Record what the jobs of one call still lack, yield the jobs to be stored, and remove their parts if that
-    succeeded.
+    """Record the missing blocks of a call's jobs, yield the jobs to be stored, and remove their parts on success.
 
     Arguments and errors are those of `record`.
     """

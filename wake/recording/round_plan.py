@@ -1,7 +1,6 @@
 """Rounds of episodes that are added to a data set: under a controller, or from the steady wake.
 
-A data set grows by the states that the controller of the previous round reaches (DAgger: Ross, Gordon and Bagnell
-2011).
+A data set grows by the states that the last round's controller reaches (DAgger: Ross, Gordon and Bagnell 2011).
 
 Forced or controlled episodes of the developed wake never come near the steady symmetric wake, so a model trained on
 them is wrong about the growth of small disturbances there. Calm episodes begin at the steady wake, are disturbed by

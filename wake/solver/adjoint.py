@@ -1,8 +1,7 @@
 """The adjoint of the flow solver: sensitivities of a scalar of later flows to an earlier flow and to the actions.
 
-It is the transpose of the discrete step, exact to rounding, and not a discretised adjoint equation: the gradient is
-that of the numbers which the solver computes. The projection's operator is symmetric, so one solver serves both
-directions.
+It is the transpose of the discrete step, exact to rounding, not a discretised adjoint equation: the gradient is that of
+the computed numbers. The projection's operator is symmetric, so one solver serves both directions.
 """
 
 from collections.abc import Callable
@@ -37,7 +36,7 @@ class FlowAdjoint(CopiedWhole):
         action_to: float,
         wind: Callable[[float], float] | None = None,
     ) -> tuple[float, float]:
-        """Carry sensitivities from the end of a run to its beginning. Returns the sensitivities to `action_from` and to
+        """Carry sensitivities from a run's end to its beginning. Returns the sensitivities to `action_from` and
         `action_to`.
 
         Args:

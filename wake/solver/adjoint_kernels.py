@@ -86,8 +86,7 @@ def back_rates(bar: Fields, gained: Rates, u: Array, v: Array, nu: float, spacin
     through, crossing, part = np.zeros(ny + 1, u.dtype), np.zeros(ny + 1, u.dtype), np.zeros(ny + 1, u.dtype)
     inner = np.zeros(ny, u.dtype)
     for i in range(nx + 2):
-        # The terms beyond the first and the last row have coefficients of zero; index -1 is the last entry of the
-        # array.
+        # The terms beyond the first and last row have coefficients of zero; index -1 is the last entry.
         back, ahead = max(i - 1, 0), min(i + 1, nx + 1)
         g, ui, va, vb, ga, gb = gu[i], u[i], v[i], v[ahead], gv[i], gv[ahead]
         w0, w1, s0, s1 = shares[(i + 1) % 2], shares[i % 2], shifts[(i + 1) % 2], shifts[i % 2]
@@ -187,8 +186,7 @@ def _back_step(q: Array, bar: Array, step: float, a: float, runs: Index, pad_i: 
 def _back_stage(
     bar: Fields, slot_bar: Array, rates: Rates, u: Array, v: Array, a_next: float, step: float, domain: Domain
 ) -> None:
-    """Apply the transpose of a stage that began with the velocity u, v; the next stage multiplies its rates by
-    `a_next`."""
+    """Apply the transpose of a stage that began with velocity u, v; the next stage multiplies its rates by `a_next`."""
     runs, slot_rows, column = domain.runs, domain.slot_rows, domain.slot_column
     back_walls(bar.u, bar.v, domain.walls)
     back_edges(bar.u, bar.v)

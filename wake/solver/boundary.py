@@ -3,8 +3,7 @@
 A face between two fluid cells is open: its velocity is a solution of the momentum equation. Every other face in the
 stencil of an open face is a ghost. Its value is that of a parabola along the wall's normal that vanishes on the exact
 wall and passes through two image points in the flow, where the velocity is interpolated bilinearly between open faces.
-On a straight wall this reduces to reflection in one point, which makes the discrete wall shear equal to nu u_1 /
-distance.
+On a straight wall this reduces to reflection in one point, with a discrete wall shear of nu u_1 / distance.
 
 In the mass balance a ghost carries no flow. There the wall is a staircase. This keeps second order, because within a
 cell of a no-slip wall the volume flow is of the order of the distance squared.
@@ -159,8 +158,7 @@ def _image(
     spacing: float,
     open_faces: Mask,
 ) -> tuple[float, list[tuple[tuple[int, int], float]]]:
-    """Return the nearest point on the normal that is at least `at_least` from the wall and lies between four open
-    faces."""
+    """Return the nearest point on the normal, at least `at_least` from the wall, that lies between four open faces."""
     for distance in np.arange(at_least, at_least + 6.0 * spacing, 0.125 * spacing):
         step = distance - here
         entries = bilinear(x, y, x[i] + step * normal[0], y[j] + step * normal[1])

@@ -227,8 +227,7 @@ def advance_stage(
     gained: float,
     domain: Domain,
 ) -> None:
-    """Compute rates = a rates + d/dt and velocity += step rates, then apply every boundary condition at the stage's
-    end.
+    """Compute rates = a rates + d/dt and velocity += step rates, then apply the boundary conditions at the stage's end.
 
     `wind` is added to the inflow; `gained` is the change of the wind since the stage's beginning.
     """

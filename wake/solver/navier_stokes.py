@@ -112,7 +112,7 @@ class FlowSolver(CopiedWhole):
         Args:
             dt, steps: length and number of the time steps.
             action_from, action_to: at the beginning and at the end.
-            wind: difference between u of the stream and u of the inflow, as a continuous function of the time since the
+            wind: difference between u of the stream and of the inflow, a continuous function of the time since the
                 beginning.
             starts: (steps, size of the buffer); receives the flow at the start of each step, for the adjoint.
         """
@@ -161,8 +161,8 @@ class FlowSolver(CopiedWhole):
         kernels.fill_walls(flow.u, flow.v, walls)
 
     def divergence(self, flow: Flow) -> Array:
-        """Return the net outflow of every fluid cell per unit area, (nx, ny), without flow through ghosts; zero in
-        solid cells."""
+        """Return the net outflow of fluid cells per unit area, (nx, ny), without flow through ghosts; zero in solid
+        cells."""
         u, v = flow.u.copy(), flow.v.copy()
         kernels.clear_walls(u, v, self.domain.walls)
         b = np.zeros(self.grid.shape)

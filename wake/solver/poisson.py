@@ -38,8 +38,8 @@ _VECTOR: Final = 64
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class HalfSolver:
-    """The solver of one parity. Its arrays have h = ny/2 rows, padded by zeros to whole vectors; m links of the lower
-    half are cut.
+    """The solver of one parity, with h = ny/2 rows, padded by zeros to whole vectors, and m cut links in the lower
+    half.
 
     Attributes:
         q: eigenvectors of the y-operator in columns, (h, h), normalised with the cell heights.

@@ -45,7 +45,7 @@ class Average:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CycleAverage(Average):
-    """An average over whole cycles of the lift. `frequency` is in cycles per t_c: the Strouhal number of a wake without
+    """An average over whole cycles of the lift. `frequency`, in cycles per t_c, is the Strouhal number without
     forcing."""
 
     cycles: int
@@ -75,8 +75,7 @@ def over_cycles(t: Array, lift: Array) -> CycleAverage:
 
 
 def over_last_cycles(t: Array, frequency: float) -> CycleAverage:
-    """Return the average over the last whole cycles of a known frequency. Raises PlantError if the series is shorter
-    than a cycle.
+    """Return the average over the last whole cycles of a known frequency. Raises PlantError for less than a cycle.
 
     Args:
         t: instants of the samples, rising, (n,); t_c.
@@ -96,8 +95,7 @@ def over_last_cycles(t: Array, frequency: float) -> CycleAverage:
 
 
 def _trapezoids(t: Array, first: float, last: float) -> Array:
-    """Return the weights (n,) whose sum with a series is the integral of the piecewise linear series from `first` to
-    `last`."""
+    """Return the weights (n,) that integrate a piecewise linear series from `first` to `last`."""
     width = np.diff(t)
     # The part of every interval that counts, as shares of its width from its left end.
     begin = np.clip((first - t[:-1]) / width, 0.0, 1.0)

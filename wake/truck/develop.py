@@ -17,15 +17,14 @@ from wake.solver.grid import Component, Grid
 from wake.truck.state import State
 from wake.truck.truck_wake import TruckWake
 
-# An impulsive start is stiff, so it needs small steps (dt, number of steps) until the first transients have left the
-# leading edge.
+# An impulsive start is stiff: it needs small steps (dt, number) until the first transients have left the leading edge.
 _RAMP: Final = ((1e-4, 200), (1e-3, 200), (2e-3, 1000), (4e-3, 500))
 _KICK_STEPS: Final = 50
 _KICK_AMPLITUDE: Final = 2.0 / 3.0
 
 
 def start_from_rest(wake: TruckWake) -> None:
-    """Set the plant to uniform flow and run until the first transients have left the leading edge; its clock is at
+    """Set the plant to uniform flow, run until the first transients have left the leading edge, and set its clock to
     zero."""
     wake.reset(State(flat=wake.solver.start().flat, substep=0, action=0.0))
     for dt, steps in _RAMP:

@@ -18,8 +18,7 @@ MEMORY_MB: Final = 7000.0
 """Bound of the tape's memory, in 10^6 bytes. 125 control periods take 2000 on the mesh of the refinement, 6900 on the
 default mesh; beyond the bound, the tape computes steps again."""
 AT_REST: Final = 60.0
-"""Time in t_c in which the wake without jets settles at a speed, and duration of the average after it: twelve cycles.
-"""
+"""Time in t_c in which the wake without jets settles at a speed, and of the average after it: twelve cycles."""
 
 
 class DifferentiableWake(CopiedWhole):
@@ -32,7 +31,7 @@ class DifferentiableWake(CopiedWhole):
         self._speeds = np.ones(1)
 
     def begin(self, state: FlowState, speeds: Array) -> Seen:
-        """Continue from a state with an empty tape, at speeds (n + 1,) in design speeds; higher speeds take more time
+        """Continue from a state with an empty tape, at speeds (n + 1,) in design speeds; higher speeds take more
         steps."""
         plant, config = self.plant, self._config
         plant.config = at_speed(config, float(speeds.max()))
@@ -61,8 +60,7 @@ class DifferentiableWake(CopiedWhole):
         return FlowState(flat=self.plant.flow.flat.copy(), action=self.plant.action)
 
     def at_rest(self, state: FlowState, speed: float, over: float = AT_REST) -> tuple[float, float] | None:
-        """Return the means of base pressure and of the differences' magnitude without jets; None without a sensor on
-        the base.
+        """Return the means of base pressure and |differences| without jets; None without a sensor on the base.
 
         Args:
             over: duration of the settling, and of the average after it, in convective times of the speed.

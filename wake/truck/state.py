@@ -42,8 +42,7 @@ class Origin:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class State:
-    """All data that determine the further flow: the velocities and pressures, the substep count since t = 0, and the
-    jet.
+    """All data that determine the further flow: velocities and pressures, the substep count since t = 0, and the jet.
 
     A plant refuses a state of another origin, and accepts a state without origin.
     """

@@ -20,8 +20,8 @@ from wake.truck.state import State
 from wake.truck.truck_wake import TruckWake
 
 TOLERANCE: Final = 1e-6
-"""Largest rate at which a wake counts as steady. Finally the rates fall by a factor e in about 23 t_c, so forces are
-converged to about 1e-5."""
+"""Largest rate at which a wake counts as steady. In the end rates fall by a factor e in 23 t_c, so forces are accurate
+to 1e-5."""
 
 
 _UNEVEN: Final = 1e-9

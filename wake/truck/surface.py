@@ -197,8 +197,8 @@ class Surface:
         return _combine((d2 * d2 * scale, first), (-d1 * d1 * scale, second), (-scale * d1 * d2 * (d2 - d1), slope))
 
     def _wall_pressure_slope(self, x: float, y: float, nx: float, ny: float) -> Terms:
-        """Return the normal derivative of the kinematic pressure on a no-slip wall, nu d2(u.n)/dn2 (momentum of fluid
-        at rest)."""
+        """Return the normal derivative of the kinematic pressure on a no-slip wall, nu d2(u.n)/dn2 (momentum at
+        rest)."""
         terms: Terms = defaultdict(float)
         components: tuple[tuple[float, Component], ...] = ((nx, "u"), (ny, "v"))
         for factor, component in components:
@@ -261,8 +261,7 @@ def _cell_size(faces: Array, at: float) -> float:
 
 
 def _strips(faces: Array, start: float, end: float) -> list[tuple[float, float]]:
-    """Return midpoints and lengths of the grid's intervals between start and end; the first and the last are cut to
-    fit."""
+    """Return midpoints and lengths of the grid's intervals between start and end; the first and last are cut to fit."""
     inside = faces[(faces > start + 1e-9) & (faces < end - 1e-9)]
     edges = np.concatenate([[start], inside, [end]])
     return [(float(m), float(w)) for m, w in zip(0.5 * (edges[1:] + edges[:-1]), np.diff(edges), strict=True)]

@@ -45,8 +45,7 @@ class Tape(CopiedWhole):
         memory_mb: limit of the stored data, in 10^6 bytes.
 
     Attributes:
-        bar: sensitivities to the flow at the present position of the way back; at its end, to the flow at the tape's
-            start.
+        bar: sensitivities to the flow at the present position of the way back, at its end the tape's start.
         bar_action: the sensitivity to the action in force at that position.
         memory_mb: size of the data stored since the tape's start, in 10^6 bytes.
     """
@@ -141,7 +140,7 @@ class Tape(CopiedWhole):
             self.bar_action += weights.jet_power * (measured.Cp_upper - measured.Cp_lower)
 
     def _memory(self, steps: int) -> Array:
-        """Return memory for the flow at each step's start; memory is reused, because the system faults in every new
+        """Return memory for the flow at each step's start; it is reused, because the system faults in every new
         page."""
         while self._spare:
             if len(spare := self._spare.pop()) == steps:

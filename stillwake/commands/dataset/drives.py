@@ -79,8 +79,7 @@ def is_log(path: Path) -> bool:
 
 
 def zone_of(text: str) -> tzinfo | None:
-    """Return the zone of a name such as Europe/Berlin, or of +02:00; None for an empty text. Raises ConfigError for
-    another text."""
+    """Return the zone of a name such as Europe/Berlin, or of +02:00; None for an empty text. Raises ConfigError."""
     if not text:
         return None
     try:
@@ -95,8 +94,8 @@ def zone_of(text: str) -> tzinfo | None:
 
 
 def forces_of(logs: Sequence[Path], forces: Sequence[str]) -> dict[Path, Path]:
-    """Return the file of forces of every log. Raises DatasetError if a log has no such file or two, or the name before
-    = is not a log's."""
+    """Return the file of forces of every log. Raises DatasetError for none or two, or a name before = that is no
+    log's."""
     found: dict[Path, Path] = {}
     general: list[Path] = []
     for text in forces:
@@ -305,8 +304,8 @@ def _forces(path: Path, series: "LogSeries", log: "CanLog", options: DriveOption
 
 
 def _check_limit(path: Path, series: "LogSeries", scales: "Scales") -> None:
-    """Refuse actions that exceed the limit because the vehicle was slow: the limit in U_inf W is a flow rate at the
-    design speed."""
+    """Refuse actions beyond the limit due to a slow vehicle: the limit in U_inf W is a flow rate at the design
+    speed."""
     from contract.recording.findings import LIMIT_TOLERANCE
 
     largest = max(float(np.abs(piece.action).max()) for piece in series.pieces)
@@ -338,7 +337,7 @@ def _check_zone(log: Path, series: "LogSeries", force: "TimeSeries", fill: int) 
 
 
 def _room(series: "LogSeries", fill: int) -> dict[str, float]:
-    """Return the tolerances for `TimeSeries.at`: the slack that a table with times has, and a gap of `fill` rows with
+    """Return the tolerances for `TimeSeries.at`: the slack of a table with times, and a gap of `fill` rows with
     jitter."""
     from contract.recording.findings import STEP_TOLERANCE
 

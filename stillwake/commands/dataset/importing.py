@@ -37,8 +37,7 @@ if TYPE_CHECKING:
 
 _ROLES: Final = ("train", "test", "extended", "controlled")
 _SAME: Final = 0.02
-"""Relative difference up to which two dynamic pressures count as equal: a speed on the bus has an error of one per
-cent."""
+"""Relative difference up to which dynamic pressures count as equal: a speed on the bus has an error of one per cent."""
 _FLOW: Final = ("flow.control_period", "flow.action_limit", "flow.reynolds")
 """Settings that are facts of the plant; without flow.reynolds the Reynolds number is unknown."""
 

@@ -47,8 +47,8 @@ def flash(
     release until the new release has passed its self-test, and the same command continues at the interruption. If the
     release already runs, nothing is done.
 
-    A key list is accepted if the ECU's root key signed it, it is newer than the ECU's list, and it contains the key of
-    the confirmed release.
+    A key list is accepted if the ECU's root key signed it, it is newer than the ECU's list, and it has the confirmed
+    release's key.
 
     Exit status: 3 no answer from the ECU; 4 the access key is wrong; 5 not now, the vehicle is in use; 6 the release or
     the list is not for this ECU, or the ECU refused it; 7 the ECU refused something else; 8 the new release did not
