@@ -52,19 +52,18 @@ class TruckWakeEnv(CopiedWhole, gymnasium.Env[Observation, npt.NDArray[np.float3
     Args:
         sensor_names: the observed sensors; all by default, the truck's 90.
         episode_steps: control steps until truncation.
-    max_phase_steps: largest random phase; 25 control periods are about one shedding cycle. A stored phase takes 1.8 MB.
-    start: initial flow state for other flow settings or another body; None for the shipped developed state.
-    render_mode: None, or "rgb_array" for pictures of the vorticity, the jets and the observed sensors. body: the truck
-    by default; another body needs `start`.
+        max_phase_steps: largest random phase; 25 control periods are about one shedding cycle. A phase takes 1.8 MB.
+        start: initial flow state for other flow settings or another body; None for the shipped developed state.
+        render_mode: None, or "rgb_array" for pictures of the vorticity, the jets and the observed sensors.
+        body: the truck by default; another body needs `start`.
 
     Attributes:
         plant: the wake itself; `wake.truck.tape.Tape(env.unwrapped.plant)` differentiates it.
 
     Raises:
-        ConfigError: for a sensor that does not exist or is named twice, for a string in place of a sequence of names,
-            or for a setting out of its range.
-        PlantError: for a start of another plant or inside a control period, or flow settings with an unstable time
-            step.
+        ConfigError: for a sensor that does not exist or is named twice, one string for all names, or a setting out of
+            its range.
+        PlantError: for a start of another plant or inside a control period, or an unstable time step.
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 10}  # noqa: RUF012  (Gymnasium's own convention)

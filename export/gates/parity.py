@@ -34,8 +34,7 @@ class ParityTolerance:
     """The largest allowed differences.
 
     Attributes:
-        move: of an action, as a share of iterations * lr, Adam's largest move; 2.5e-5 U_inf W with the paper's
-            settings.
+        move: of an action, as a share of iterations * lr, Adam's largest move; 2.5e-5 U_inf W in the paper.
         force: of a predicted Cd or Cl.
         cost: of a term or of J.
     """

@@ -85,9 +85,9 @@ class ControllerProgram:
         encoder_rows: int,
         prior: StateDict | None = None,
     ) -> "ControllerProgram":
-        """Build a program from the tensors of the trained networks, named as in their state dicts. Raises ExportError
-        if a tensor is missing, unknown, not finite or of the wrong shape, or if the parts are inconsistent; the message
-        states the tensor or part."""
+        """Build a program from the tensors of the trained networks, named as in their state dicts. Raises ExportError,
+        with the tensor or part, if a tensor is missing, unknown, not finite or of the wrong shape, or if parts are
+        inconsistent."""
         return cls(
             encoder=EncoderWeights.from_state(encoder),
             dynamics=DynamicsWeights.from_state(dynamics),
@@ -149,8 +149,7 @@ def _check_scaling(scaling: Scaling, sensors: int) -> None:
 def program_of(model: ModelFolder, mpc: MpcConfig) -> ControllerProgram:
     """Return a trained model's controller with these optimiser settings; raises ExportError for inconsistent weights.
 
-    The program has the slim encoder, and slim dynamics and decoder if the model has them, but no teacher on all
-    sensors.
+    The program has the slim encoder, and slim dynamics and decoder if the model has them, but not the teacher.
     """
     about = model.description
     return ControllerProgram.from_state(

@@ -41,8 +41,7 @@ class Norm:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Lstm:
-    """An LSTM, gates stacked in PyTorch's order i, f, g, o: weight_input (4h, S+1), weight_recurrent (4h, h), biases
-    (4h,)."""
+    """An LSTM, gates in PyTorch's order i, f, g, o: weight_input (4h, S+1), weight_recurrent (4h, h), biases (4h,)."""
 
     weight_input: Array
     weight_recurrent: Array

@@ -108,7 +108,7 @@ class DynamicsLayers:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class BlockLayers:
-    """The values in a residual block of the decoder: input x, W x + b, its layer norm, and the ELU of it, all (...,
+    """The values in a residual block of the decoder: input x, W x + b, its layer norm, and its ELU, all (...,
     width)."""
 
     x: Array

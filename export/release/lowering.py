@@ -15,8 +15,7 @@ from export.to_onnx.control_step import build_controller
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Lowered:
-    """The lowerings to write once they have passed their gates. `library` is the C library's files by name, if it has
-    one."""
+    """The lowerings to write once they have passed their gates. `library` is the C library's files by name, or None."""
 
     program: Program
     graph: bytes

@@ -126,8 +126,7 @@ def export_all(
     notice: Callable[[str], None] = lambda line: None,
     phase: Callable[[str], None] = lambda name: None,
 ) -> tuple[Gated, Bundle]:
-    """Write the bundle, read it as users do, and write the C library if requested; nothing unless both pass their
-    gates.
+    """Write the bundle, read it as users do, and write the C library if requested, once both have passed their gates.
 
     Args:
         model: directory written by `train`.
@@ -250,8 +249,8 @@ def _lowered(
 
 
 def check_settings(own: Config, config: Config) -> None:
-    """Raise ExportError unless the settings have the model's control period and action limit, and the computing time is
-    within the control period.
+    """Raise ExportError for another control period or action limit than the model's, or a computing time above the
+    period.
 
     The manifest would refuse such settings too, but only after the work, when the C library is already written.
     """

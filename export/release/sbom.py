@@ -75,8 +75,7 @@ def folder_bom(contents: Mapping[str, bytes], bundle: Bundle) -> bytes:
 
 
 def wheel_bom(wheel: Path, day: str) -> bytes:
-    """Return the bill of a wheel and its required packages, in the versions installed here; those of extras are
-    optional.
+    """Return the bill of a wheel and its required packages, in the versions installed here; extras are optional.
 
     Args:
         day: of the bill, YYYY-MM-DD.

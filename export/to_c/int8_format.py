@@ -112,8 +112,8 @@ def padded_size(size: int) -> int:
 
 
 def packed(values: npt.NDArray[np.int8]) -> npt.NDArray[np.int8]:
-    """Pack a matrix for `sw_dots` in tiles of 4 x 4. Tiles of the same rows are together; a tile's row is in the order
-    0, 2, 1, 3."""
+    """Pack a matrix for `sw_dots` in tiles of 4 x 4. Tiles of the same rows are together; order in a row: 0, 2, 1,
+    3."""
     whole = np.pad(values, [(0, -size % INT8_LANES) for size in values.shape])
     outputs, inputs = whole.shape
     tiles = whole.reshape(outputs // _WORD, _WORD, inputs // _WORD, _WORD)[..., [0, 2, 1, 3]]

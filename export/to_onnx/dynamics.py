@@ -30,8 +30,7 @@ from export.to_onnx.graph_builder import Graph, NormNames, PutMatrix, centred, c
 
 @dataclass(frozen=True, kw_only=True)
 class Rollout:
-    """A forward pass: latents (H, n_z) at t+1 .. t+H, and both layers' inputs and outputs of norm and ELU, (H, 1,
-    width)."""
+    """A forward pass: latents (H, n_z) at t+1 .. t+H, and inputs and outputs of norms and ELUs, (H, 1, width)."""
 
     latents: str
     before: tuple[str, str]
@@ -93,8 +92,7 @@ class DynamicsGraph:
         return Rollout(latents=latents, before=(u1s, u2s), after=(h1s, h2s))
 
     def adjoint(self, graph: Graph, rollout: Rollout, through_forces: str, through_plan: str) -> str:
-        """Add dJ/da (1, H), from dJ/dz_{k+1} through the forces alone, (H, n_z), and the gradient through the plan
-        alone."""
+        """Add dJ/da (1, H), from dJ/dz_{k+1} through the forces alone, (H, n_z), and dJ/da through the plan alone."""
         h, widths = self._horizon, [norm.width for norm in self._norms]
         xhat1, p1 = self._linearise(graph, 0, rollout)
         xhat2, p2 = self._linearise(graph, 1, rollout)

@@ -1,2 +1,1 @@
-"""The command groups, one file each, one folder below `__main__`, so that no file here hides a package of the same
-name."""
+"""The command groups, one file each, one folder below `__main__`, so that no file hides a package of its name."""

@@ -72,8 +72,8 @@ def keygen(
     """Make a key pair: release.key signs and must be kept secret, release.pub is for everyone who checks the signature.
 
     With --secret the command writes 128 random bits as hexadecimal digits: for authenticated frames, with `bus.key` on
-    both nodes, or for a tester's access, with --access. Use different secrets for frames and access. Existing files are
-    never overwritten.
+    both nodes, or for a tester's access, with --access. Frames and access need different secrets. Nothing is
+    overwritten.
     """
     if secret:
         from can_bridge.secoc.key import KEY_LENGTH, write_key

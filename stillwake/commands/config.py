@@ -60,8 +60,7 @@ def chosen(listed: Sequence[Section], prefix: str, *, only_changed: bool) -> tup
 
 
 def table(listed: Sequence[Section], loaded: Loaded, *, explain: bool) -> Iterator[str]:
-    """Yield lines of text, columns as wide as their content; with `explain`, bounds, meaning and default's source
-    follow."""
+    """Yield lines of text, columns as wide as their content; `explain` adds bounds, meaning and default's source."""
     rows = [cells(one, loaded) for section in listed for one in section.settings]
     widths = [max(map(len, column)) for column in zip(_HEAD, *rows, strict=True)]
     yield _line(_HEAD, widths)

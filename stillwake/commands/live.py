@@ -58,8 +58,7 @@ def live(
     The loop runs at most at the vehicle's pace, and slower on a slow machine. Only this machine can open the page,
     unless --host names another address; the printed link then has a token, which every request needs.
 
-    Ctrl-C or SIGTERM ends it. A loop that fails is started again; if it fails within 20 s, the command ends with exit
-    status 1.
+    Ctrl-C or SIGTERM ends it. A loop that fails is restarted; if it fails within 20 s, the exit status is 1.
     """
     from firmware_sim.live.serving import server
     from firmware_sim.live.settings import LiveSettings

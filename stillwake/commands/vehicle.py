@@ -124,8 +124,8 @@ def _check_plant(*, live: bool, **given: object) -> None:
 def _run(
     release: Bundle, config: Config, course: "Course", made: "Callable[[ExitStack], Pressures]"
 ) -> "tuple[VehicleFigures, str, bool]":
-    """Simulate the vehicle until the course ends or a stop arrives; return figures, pressures in words, and whether it
-    was stopped."""
+    """Simulate the vehicle until the course ends or a stop; return figures, pressures in words, and whether it was
+    stopped."""
     from can_bridge.bus.backends.python_can import PythonCanBus
     from ecu.fit import check_sensors
     from firmware_sim.bench.real_time.running import run_vehicle

@@ -12,8 +12,8 @@ _LONGEST: Final = 1e5
 
 
 def steps_of(option: str, duration: float, period: float, *, least: int = 1) -> int:
-    """Return the number of control periods in a duration. Raises ConfigError if the duration is not finite, too short,
-    or longer than `_LONGEST`.
+    """Return the number of control periods in a duration. Raises ConfigError if it is not finite, too short, or above
+    `_LONGEST`.
 
     Args:
         duration, period: in t_c.

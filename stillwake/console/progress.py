@@ -90,7 +90,7 @@ class ProgressLines(Progress):
                     self._print(task)
 
     def update(self, task_id: TaskID, **changes: Any) -> None:
-        """Update as rich does, and print a line if due or if the task is done. Raises KeyboardInterrupt if a stop was
+        """Update as rich does, and print a line if due or the task is done. Raises KeyboardInterrupt if a stop was
         lost."""
         still_wanted()
         super().update(task_id, **changes)
@@ -167,7 +167,7 @@ class Report:
         self._bar.update(self._tasks[task], **changes)
 
     def _begin(self, task: str) -> None:
-        # Rich measures from the end of a first step, so steps that workers end together would count as many.
+        # Rich measures from a first step's end, so steps that end together would give a wrong speed.
         for part in (_HARDLY, -_HARDLY):
             Progress.update(self._bar, self._tasks[task], advance=part)
 

@@ -128,8 +128,8 @@ def library_folder(given: Path | None) -> Iterator[Path]:
 
 
 def _without_check(release: Bundle, config: Config, notice: Callable[[str], None]) -> Config:
-    """Return the settings, without the check of the sensors if it is not possible in C; without an estimator it is not
-    possible in Python either."""
+    """Return the settings, without the check of the sensors if it is not possible in C; without an estimator Python has
+    no check either."""
     check, manifest = config.ecu.sensor_check, release.manifest
     if not check.enabled:
         return config

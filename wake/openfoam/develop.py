@@ -107,8 +107,8 @@ def settle(
 def developed(
     folder: Path, config: FlowConfig, foam: OpenFoamConfig, progress: _Progress = lambda t, total: None
 ) -> FoamState:
-    """Return the developed wake: `folder/developed.npz` if it was computed with these settings, else a wake that is
-    computed and stored there.
+    """Return the developed wake: `folder/developed.npz` if it was computed with these settings, else a newly computed
+    wake, stored there.
 
     The computation starts from the own solver's developed wake and takes minutes; a later call continues an interrupted
     one. Raises PlantError if icoFoam is missing or fails, or the stored file is damaged.

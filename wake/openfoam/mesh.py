@@ -163,15 +163,13 @@ def _quads(block: Index) -> Index:
 
 
 def _sides(cells: Index) -> tuple[Index, Index]:
-    """Return every cell's four edges as vertex pairs with the cell on their left, (4 m, 2), and the edges' cells, (4
-    m,)."""
+    """Return the cells' four edges as vertex pairs with the cell on their left, (4 m, 2), and their cells, (4 m,)."""
     pairs = np.stack([cells, np.roll(cells, -1, axis=1)], axis=2).reshape(-1, 2)
     return pairs, np.repeat(np.arange(len(cells)), 4)
 
 
 def _match(cells: Index, n: int) -> tuple[Index, Index, Index, Index]:
-    """Return the edges, their cells, and for each the position of the same edge in its other cell (-1 if there is
-    none)."""
+    """Return the edges, their cells, and for each its position in its other cell (-1 if there is none)."""
     pairs, cell = _sides(cells)
     code, reverse = pairs @ np.array([n, 1]), pairs @ np.array([1, n])
     order = np.argsort(code)

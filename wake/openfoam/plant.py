@@ -1,8 +1,8 @@
 """The second plant: the same truck, jets and clock, solved by OpenFOAM's icoFoam on a body-fitted mesh.
 
 It has the interface of `wake.truck.truck_wake.TruckWake`, with two differences. A run has a longest duration, because
-icoFoam needs the times of all steps in advance. A state can be taken only at a control period's end, where icoFoam
-writes its fields.
+icoFoam needs all times in advance. A state can be taken only at a control period's end, where icoFoam writes its
+fields.
 """
 
 import shutil
@@ -121,8 +121,8 @@ class OpenFoamWake(NeverCopied):
 
     def reset(self, state: FoamState) -> Sample:
         """Restart icoFoam from a state. The restart is not exact: one control period later, forces are within a
-        fraction of a percent of a run without interruption. Raises PlantError if the state belongs to another mesh or
-        is not finite, or if icoFoam does not start."""
+        fraction of a percent of a run without interruption. Raises PlantError if the state is of another mesh or not
+        finite, or icoFoam does not start."""
         velocity = state.velocity
         if len(velocity) != len(self.mesh.cells):
             raise PlantError(f"flow state has {len(velocity)} cells, this mesh has {len(self.mesh.cells)}")
@@ -160,8 +160,7 @@ class OpenFoamWake(NeverCopied):
 
     def advance(self, action: float) -> Sample:
         """Ramp to `action` over the rest of the control period and return the next sample. Raises PlantError for an
-        action that is not finite or exceeds the bound, if the flow diverges or icoFoam fails, or after the longest
-        duration."""
+        action that is not finite or exceeds the bound, if the flow diverges or icoFoam fails, or after `duration`."""
         self.advance_to(self.config.substeps, action)
         return self.sample()
 
@@ -206,8 +205,7 @@ class OpenFoamWake(NeverCopied):
 
     @cached_property
     def _to_grid(self) -> CellInterpolation:
-        """Interpolation to the centres of `grid`'s cells. It is stored, because every frame of a run needs it and the
-        triangulation takes seconds."""
+        """Interpolation to the centres of `grid`'s cells, stored because the triangulation takes seconds."""
         x, y = np.meshgrid(self.grid.xc, self.grid.yc, indexing="ij")
         return CellInterpolation(self.mesh, np.column_stack([x.ravel(), y.ravel()]))
 

@@ -68,7 +68,7 @@ def put(state: FoamState, case: Path) -> None:
 
 
 def written(folder: Path, dt: float) -> FoamState:
-    """Read the last state of a case without jets; its clock is set to zero. Raises PlantError if it has no state after
+    """Read the last state of a case without jets, and set its clock to zero. Raises PlantError if there is none after
     0."""
     latest = foam_files.latest(folder)
     if latest is None:
@@ -89,8 +89,7 @@ def save(path: Path, state: FoamState, facts: str) -> None:
 
 
 def load(path: Path) -> tuple[FoamState, str]:
-    """Read a state and the line on its settings. Raises PlantError if the file is missing, damaged or of another
-    schema."""
+    """Read a state and the line on its settings. Raises PlantError if it is missing, damaged or of another schema."""
     try:
         data = read_npz(path)
         about = json.loads(data.text("about"))

@@ -147,8 +147,7 @@ def vorticity_figure(wake: Drawable, highlight: tuple[str, ...] = (), title: str
 
 
 def mean_figure(grid: Grid, body: BodyConfig, mean: Flow, duration: float) -> Figure:
-    """Draw a mean flow downstream of the body: u in colour, streamlines, the edge of backward flow, the bubble's
-    length.
+    """Draw a mean flow downstream of the body: u in colour, streamlines, edge of backward flow, bubble length.
 
     Args:
         grid, body: of the plant of the mean.

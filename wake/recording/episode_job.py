@@ -179,8 +179,7 @@ def _advance(
 ) -> tuple[Series, Sample, Array]:
     """Return the samples of a block from `sample` on, the sample after the block, and the policy's memory then.
 
-    The action in force is the policy's command plus the signal, clipped to the limit; the policy receives it one step
-    later.
+    The action in force is the policy's command plus the signal, clipped; the policy receives it one step later.
     """
     rows: list[Sample] = []
     actions = np.empty(len(signal))

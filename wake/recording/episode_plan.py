@@ -59,8 +59,7 @@ class EpisodePlan:
     """The plan of one episode with open-loop forcing.
 
     Attributes:
-        lead: control steps without forcing from the developed start to the first sample, so that episodes begin in
-            different phases of the shedding cycle.
+        lead: control steps from the developed start to the first sample, so that episodes begin in different phases.
     """
 
     forcing: ForcingName

@@ -104,8 +104,7 @@ def record(
     Args:
         plans: episodes, in the order they will have in the file.
         workers: processes on this machine; with 1, episodes are recorded one after another in this process.
-        scheduler: address of a dask scheduler whose workers record instead; `output`'s folder must have the same path
-            there.
+        scheduler: address of a dask scheduler whose workers record instead; they need `output`'s folder at its path.
         progress: called for every episode at the start, and then after its blocks.
         notice: called with a line when a worker was lost or joined.
         block_steps: control steps between two writes to disk.
@@ -114,8 +113,7 @@ def record(
 
     Raises:
         OutputError: if there is a file of other plans or settings, and `overwrite` is False.
-        StillwakeError: if the output cannot be written, stored parts belong to other plans or settings, or workers
-            fail.
+        StillwakeError: if the output cannot be written, stored parts have other plans or settings, or workers fail.
         PlantError: if the flow diverges.
     """
     wanted = jobs_for(output, plans, config, block_steps=block_steps, start=start)

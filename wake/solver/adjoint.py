@@ -36,8 +36,7 @@ class FlowAdjoint(CopiedWhole):
         action_to: float,
         wind: Callable[[float], float] | None = None,
     ) -> tuple[float, float]:
-        """Carry sensitivities from a run's end to its beginning. Returns the sensitivities to `action_from` and
-        `action_to`.
+        """Carry sensitivities from a run's end to its beginning. Returns those to `action_from` and `action_to`.
 
         Args:
             bar: sensitivities to the flow at the end; overwritten with those to the flow at the beginning.

@@ -19,9 +19,9 @@ Component = Literal["u", "v", "p"]
 _Spacing = tuple[tuple[float, float], ...]
 """The target spacing (station, size), linear between the stations and constant outside them."""
 
-# The wall cell has the size of the body-fitted reference mesh (0.0125 W, 4 cells per slot); the sides and the wake are
-# as fine as its finest regions. Along x, one table is relative to the nose, one to the base; on the body the smaller
-# spacing applies.
+# The wall cell has the size of the body-fitted reference mesh (0.0125 W, 4 cells per slot); sides and wake are as fine
+# as its finest regions. Along x, one table is relative to the nose, one to the base; on the body the smaller spacing
+# applies.
 _FROM_NOSE: _Spacing = (
     (-7.0, 0.6), (-1.0, 0.1), (-0.05, 0.0125), (0.15, 0.0125), (1.0, 0.04), (2.0, 0.06), (4.5, 0.09),
 )  # fmt: skip
@@ -79,8 +79,7 @@ def truck_grid(refinement: float = 1.0) -> Grid:
 def box_grid(length: float, refinement: float = 1.0) -> Grid:
     """Return the grid around a box of width 1 from x = 0 to `length`; every spacing is divided by `refinement`.
 
-    Every box has the same resolution at nose and base. Raises ConfigError if it is too coarse for two cells in each
-    slot.
+    Every box has the same resolution at nose and base. Raises ConfigError if a slot has fewer than two cells.
     """
     # Rounded so that the truck's stations equal the tabulated stations bit for bit.
     base = tuple((round(length + offset, 9), size) for offset, size in _FROM_BASE)

@@ -112,8 +112,7 @@ class FlowSolver(CopiedWhole):
         Args:
             dt, steps: length and number of the time steps.
             action_from, action_to: at the beginning and at the end.
-            wind: difference between u of the stream and of the inflow, a continuous function of the time since the
-                beginning.
+            wind: difference between u of stream and inflow, a continuous function of the time since the beginning.
             starts: (steps, size of the buffer); receives the flow at the start of each step, for the adjoint.
         """
         self._before.flat[:] = flow.flat
@@ -161,8 +160,7 @@ class FlowSolver(CopiedWhole):
         kernels.fill_walls(flow.u, flow.v, walls)
 
     def divergence(self, flow: Flow) -> Array:
-        """Return the net outflow of fluid cells per unit area, (nx, ny), without flow through ghosts; zero in solid
-        cells."""
+        """Return the net outflow of cells per unit area, (nx, ny), without flow through ghosts; zero in solid cells."""
         u, v = flow.u.copy(), flow.v.copy()
         kernels.clear_walls(u, v, self.domain.walls)
         b = np.zeros(self.grid.shape)

@@ -38,8 +38,7 @@ _VECTOR: Final = 64
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class HalfSolver:
-    """The solver of one parity, with h = ny/2 rows, padded by zeros to whole vectors, and m cut links in the lower
-    half.
+    """The solver of one parity, with h = ny/2 rows, zero-padded to whole vectors, and m cut links in the lower half.
 
     Attributes:
         q: eigenvectors of the y-operator in columns, (h, h), normalised with the cell heights.

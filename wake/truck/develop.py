@@ -24,8 +24,7 @@ _KICK_AMPLITUDE: Final = 2.0 / 3.0
 
 
 def start_from_rest(wake: TruckWake) -> None:
-    """Set the plant to uniform flow, run until the first transients have left the leading edge, and set its clock to
-    zero."""
+    """Set the plant to uniform flow, run until the first transients have left the leading edge, and zero its clock."""
     wake.reset(State(flat=wake.solver.start().flat, substep=0, action=0.0))
     for dt, steps in _RAMP:
         wake.solver.run(wake.flow, dt=dt, steps=steps, action_from=0.0, action_to=0.0)

@@ -20,8 +20,8 @@ from wake.truck.state import State
 from wake.truck.truck_wake import TruckWake
 
 TOLERANCE: Final = 1e-6
-"""Largest rate at which a wake counts as steady. In the end rates fall by a factor e in 23 t_c, so forces are accurate
-to 1e-5."""
+"""Largest rate at which a wake counts as steady. Rates finally fall by a factor e in 23 t_c, so forces are accurate to
+1e-5."""
 
 
 _UNEVEN: Final = 1e-9
@@ -71,8 +71,8 @@ def settle(
     longest: float = 600.0,
     progress: Callable[[float, float], None] = lambda t, rate: None,
 ) -> SteadyWake:
-    """Evolve the symmetric flow from rest, without action, until neither velocity nor drag changes. Raises PlantError
-    if the flow is not steady after `longest`.
+    """Run the symmetric flow from rest, without action, until velocity and drag are steady. Raises PlantError after
+    `longest`.
 
     Args:
         tolerance: upper limit of both rates.
@@ -112,9 +112,9 @@ def settle(
 
 
 def check_steady(wake: TruckWake, state: State) -> None:
-    """Check that a state is the steady symmetric wake; the plant is one control period after the state afterwards.
-    Raises PlantError if the flow is not its own mirror image or changes, or a jet blows; the message states the
-    difference or rate, and the remedy."""
+    """Check that a state is the steady symmetric wake; the plant advances by one control period. Raises PlantError if
+    the flow is not its own mirror image or changes, or a jet blows; the message states the difference or rate, and the
+    remedy."""
     wake.reset(state)
     flow = wake.flow
     uneven = max(

@@ -31,7 +31,7 @@ class TruckWake(CopiedWhole):
     """The flow around the truck, or around another body. Raises ConfigError if the grid is too coarse for the slots;
     PlantError if the time step necessarily diverges on this grid.
 
-    A copy is an independent plant that continues bit for bit like the original; so is a pickle, if `wind` has one.
+    A copy is an independent plant that continues bit for bit like the original; so is a pickle if `wind` allows it.
 
     Args:
         config: Reynolds number, control period, substeps, action bound and the grid's refinement.
@@ -88,7 +88,7 @@ class TruckWake(CopiedWhole):
 
     def reset(self, state: State) -> Sample:
         """Continue from a state, bit for bit. Raises PlantError if its body, grid, Reynolds number or clock differs, or
-        it is not finite."""
+        for NaN."""
         if state.origin is not None:
             self._check_origin(state.origin, state.substep)
         if state.flat.shape != self.flow.flat.shape:
@@ -102,8 +102,8 @@ class TruckWake(CopiedWhole):
         return self.sample()
 
     def set_reynolds(self, reynolds: float) -> None:
-        """Continue with another viscosity; later states have this Reynolds number. Raises PlantError if the step
-        diverges."""
+        """Continue with another viscosity; later states have this Reynolds number. Raises PlantError if dt is too
+        large."""
         config = replace(self.config, reynolds=reynolds)
         self._check_step(config)
         self.config = config

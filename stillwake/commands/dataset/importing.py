@@ -82,8 +82,8 @@ def import_(
     Tables (.csv), arrays (.npz, .h5, .nc, .mat) and cases of OpenFOAM are read.
 
     train=FILE and test=FILE, which training needs, extended=FILE (forcing outside the range of training) and
-    controlled=FILE (recorded under a controller) state the role of an episode; give one for each file. The file's name
-    becomes the episode's name. --set flow.control_period=0.2, the time between two rows in t_c, and --set
+    controlled=FILE (recorded under a controller) state an episode's role; give one for each file. The file's name
+    becomes the episode's. --set flow.control_period=0.2, the time between two rows in t_c, and --set
     flow.action_limit=0.075, the largest action in U_inf W, must be given, there or in a TOML file; give flow.reynolds
     if it is known.
 

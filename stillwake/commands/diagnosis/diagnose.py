@@ -43,10 +43,9 @@ def diagnose(
 ) -> None:
     """Show an ECU's report: its identification, its releases, and the faults that it found and stored.
 
-    Each fault has the time at which it was found. A fault stays stored over a loss of power until it is cleared, or
-    until 40 drives with control in succession were without it; its age counts these drives. Faults can be cleared only
-    while the jets are shut. With --slots the command shows the contents of an ECU's folder, without a bus and without
-    faults.
+    Each fault has the time at which it was found. A fault is kept over a loss of power until it is cleared, or until 40
+    drives in succession with control were without it; its age counts these drives. Faults can be cleared only while the
+    jets are shut. With --slots the command shows an ECU's folder, without bus and faults.
 
     Exit status: 3 no answer from the ECU; 5 not cleared, the jets are enabled; 7 the ECU refused something else.
 

@@ -47,7 +47,7 @@ def flash(
     release until the new release has passed its self-test, and the same command continues at the interruption. If the
     release already runs, nothing is done.
 
-    A key list is accepted if the ECU's root key signed it, it is newer than the ECU's list, and it has the confirmed
+    A key list is accepted if the ECU's root key signed it, and it is newer than the ECU's and has the confirmed
     release's key.
 
     Exit status: 3 no answer from the ECU; 4 the access key is wrong; 5 not now, the vehicle is in use; 6 the release or
