@@ -115,7 +115,6 @@ def lengths_of(texts: list[str]) -> dict[str, int]:
 
 
 def _check_forced(steps: Mapping[str, int], options: Mapping[str, object], *, paper: bool) -> None:
-    """Refuse options of a round."""
     for kind, option in (("controlled", "--under BUNDLE"), ("calm", "--from-steady FILE")):
         if kind in steps:
             raise StillwakeError(f"{kind}={steps[kind]}: give {option} as well")

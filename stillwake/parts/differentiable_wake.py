@@ -42,7 +42,6 @@ def differentiable_wake(
 
 
 def _develop(plant: TruckWake, start: Path | None, progress: Callable[[float, float], None]) -> None:
-    """Bring the plant into a developed wake."""
     if start is None and plant.body != TRUCK_BODY:
         develop(plant, progress=progress)
         return

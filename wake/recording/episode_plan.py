@@ -59,7 +59,7 @@ class EpisodePlan:
     """The plan of one episode with open-loop forcing.
 
     Attributes:
-        lead: control steps from the developed start to the first sample, so that episodes begin in different phases.
+        lead: control steps without forcing before the first sample, so that episodes begin in different phases.
     """
 
     forcing: ForcingName

@@ -57,7 +57,6 @@ class SlotFaces:
         self._weight = np.abs(profile) * grid.dy
 
     def measure(self, flow: Flow) -> SlotLoad:
-        """Return the load at one instant."""
         face, ahead, between = self._faces(flow)
         Cp = 2.0 * (flow.cells_p[self._rear] + between * between - face * face)
         slots = (self._upper, self._lower)

@@ -88,7 +88,7 @@ class TruckWake(CopiedWhole):
 
     def reset(self, state: State) -> Sample:
         """Continue from a state, bit for bit. Raises PlantError if its body, grid, Reynolds number or clock differs, or
-        for NaN."""
+        it is not finite."""
         if state.origin is not None:
             self._check_origin(state.origin, state.substep)
         if state.flat.shape != self.flow.flat.shape:

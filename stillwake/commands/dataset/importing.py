@@ -156,7 +156,6 @@ def _check_places(output: Path, read: list[Path], *, overwrite: bool) -> None:
 
 
 def _facts(loaded: Loaded) -> "PlantFacts":
-    """Return the facts of the plant that the user gave."""
     from contract.recording.episode import PlantFacts
 
     flow = loaded.config.flow

@@ -69,7 +69,6 @@ def _print(data_set: "Dataset") -> None:
 
 
 def _findings(file: Path, data_set: "Dataset", loaded: Loaded) -> list[tuple[str, str]]:
-    """Return the findings as lines with their marks."""
     from contract.recording.findings import agreeing, findings
 
     lines = []

@@ -112,7 +112,6 @@ def _from_folder(slots: Path) -> "tuple[dict[str, str | int], StoreReport]":
 
 
 def _rows(report: "StoreReport") -> list[tuple[str, str]]:
-    """Return the rows of a store for the terminal."""
     from can_bridge.flashing.backing import Slot
 
     rows = []
