@@ -67,7 +67,7 @@ class ControlCase:
 
     @property
     def arguments(self) -> tuple[Array, Array, Array, Array | None, float, float | None]:
-        """The arguments in the order of `Controller.control_step`."""
+        """Return the arguments in the order of `Controller.control_step`."""
         return self.window, self.plan, self.free, self.weights, self.speed, self.limit
 
 
@@ -152,7 +152,7 @@ def check_lowering(
         ("force", force, tolerance.force),
         ("cost", cost, tolerance.cost),
     ):
-        # Written so that a NaN fails.
+        # Written so that NaN fails too.
         if not difference <= allowed:
             raise ExportError(
                 f"{name} and reference differ by {difference:.2g} in {figure}, at most {allowed:.2g} is allowed"

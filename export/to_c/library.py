@@ -42,7 +42,7 @@ _TABLES: Final = ("sw_elu_points", "sw_logistic_points")
 """Tables that are equal for every program, and so are compiled in."""
 _HOT: Final = ("sw_dyn1_rows", "sw_dyn1_adjoint_rows", "sw_dyn2_rows", "sw_dyn2_adjoint_rows", "sw_dyn3_rows",
                "sw_dyn3_adjoint_rows")  # fmt: skip
-"""Members of `sw_hot`."""
+"""Names of the arrays in the C struct `sw_hot`."""
 
 
 @overload

@@ -28,7 +28,7 @@ class Cost:
         self._previous_action = previous_action
         self._weights = weights
         self._start = start
-        # One value of shape (1,) per term.
+        # The Split gives one value of shape (1,) per term.
         pieces = graph.ops("Split", iterated, graph.index([1] * len(TERMS)), outputs=len(TERMS))
         self._weight = dict(zip(TERMS, pieces, strict=True))
         self._drag_reference = graph.constant([mpc.drag_reference], "drag_reference")
@@ -97,7 +97,7 @@ class Cost:
         to_previous = graph.op("Mul", graph.constant(-2.0 * first, "first"), rate)
         prior = graph.op("Mul", self._weight["prior"], graph.constant([-2.0 / h]))
         self._minus_pull = graph.op("Add", to_previous, graph.op("Mul", start, prior))
-        # Rows (3,), for Cd, -Cd and Cl.
+        # The rows (3,) are for Cd, -Cd and Cl.
         self._by_maximum = graph.op("Mul", self._weight["drag_fluctuation"], graph.constant([1.0, 1.0, 0.0]))
         self._by_drag = graph.op("Mul", self._weight["drag_mean"], graph.constant([1.0 / h, 0.0, 0.0]))
         self._by_sign = graph.op("Mul", self._weight["lift"], graph.constant([0.0, 0.0, 1.0 / h]))
@@ -126,6 +126,6 @@ def _square(graph: Graph, x: str) -> str:
 
 
 def _share_of_maximum(graph: Graph, x: str) -> str:
-    # 1 at a column's largest value; ties share it evenly.
+    # The gradient is 1 at a column's largest value; ties share it evenly.
     ties = graph.op("Cast", graph.op("Equal", x, _reduce(graph, "ReduceMax", x)), to=1)
     return graph.op("Div", ties, _reduce(graph, "ReduceSum", ties))

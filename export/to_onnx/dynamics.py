@@ -47,7 +47,7 @@ class DynamicsGraph:
         first = centred(graph, store(graph, "dynamics.input.weight"))
         second = centred(graph, store(graph, "dynamics.hidden.weight"))
         third = store(graph, "dynamics.output.weight")
-        # Columns of the first layer: the latent state, then the action.
+        # The columns of the first layer are the latent state, then the action.
         by_state = graph.slice(first, 0, latent, 1)
         by_action = graph.slice(first, latent, latent + 1, 1)
         per_action = graph.constant(1.0 / program.scaling.action_std, "1 / action_std")
@@ -55,7 +55,7 @@ class DynamicsGraph:
         self._forward = (transposed(graph, by_state), transposed(graph, second))
         self._output = third
         first_bias, self._hidden_bias, self._output_bias = _biases(graph, weights.input, weights.hidden, weights.output)
-        # b_1 plus the effect of k times b_3 on the first layer, (H, width).
+        # This is b_1 plus the effect of k times b_3 on the first layer, (H, width).
         steps = graph.constant(np.arange(self._horizon)[:, None], "steps")
         per_step = graph.op("MatMul", self._output_bias, self._forward[0])
         self._bias_by_step = graph.op("Add", graph.op("Mul", steps, per_step), first_bias)
@@ -96,7 +96,7 @@ class DynamicsGraph:
         h, widths = self._horizon, [norm.width for norm in self._norms]
         xhat1, p1 = self._linearise(graph, 0, rollout)
         xhat2, p2 = self._linearise(graph, 1, rollout)
-        # B_k and the transposed A_k of all steps, (H, n_z, width), and d_k B_k.
+        # Compute B_k and the transposed A_k of all steps, (H, n_z, width), and d_k B_k.
         w3_p2_xhat2 = self._products(graph, graph.op("Mul", p2, xhat2), self._output_backward_means)
         b = graph.op("Sub", graph.op("Mul", p2, self._output_backward), graph.op("Mul", w3_p2_xhat2, xhat2))
         w1_xhat1 = self._products(graph, xhat1, self._forward_means)

@@ -115,7 +115,7 @@ def renew(
     The old bundle must be valid except for its DBC. The new bundle states the old bundle's hash. With --set
     operating_point.speed=12.5, or another setting of that section, it is for another vehicle or speed; with --set
     mpc.weights.lift=0.1 it has other weights of the cost. --security-version and --hardware decide which ECUs accept it
-    when it is flashed. A sensor estimator is taken over; with --dataset the new bundle gets a new estimator.
+    when it is flashed. A sensor estimator is copied; with --dataset the new bundle gets a new estimator.
     """
     from export.release.judged import judge
 
@@ -236,8 +236,8 @@ def diff(
 ) -> None:
     """Show what differs between two bundles, manifest, signer and files by their hashes, or between two images (.swi).
 
-    Ends with 0 if both are equal, 1 if they differ, and 2 if one of them cannot be read or does not verify. Bundles
-    with the stillwake.dbc of other versions are accepted.
+    The exit status is 0 if both are equal, 1 if they differ, and 2 if one of them cannot be read or does not verify.
+    Bundles with the stillwake.dbc of other versions are accepted.
     """
     try:
         found = differences(a, b)

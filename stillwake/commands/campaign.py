@@ -63,9 +63,9 @@ def campaign(
 ) -> None:
     """Run a test plan: the loop under noise, delay, sensor and bus faults, and another flow, each from several starts.
 
-    Writes a table, figures and one page into the folder. It can be stopped at any time: finished runs are stored, and
-    the same command continues. Another seed, bundle, span or setting makes another campaign. With --phases 1
-    --controlled 40 it is a quick trial without significant figures.
+    The command writes a table, figures and one page into the folder. It can be stopped at any time: finished runs are
+    stored, and the same command continues. Another seed, bundle, span or setting makes another campaign. With --phases
+    1 --controlled 40 it is a quick trial without significant figures.
 
     Exit status 3: an invariant did not hold in a scenario. A scenario without drag reduction is no failure.
     """

@@ -28,7 +28,7 @@ _USES: Final = (
     "flow.action_limit",
     *REAL_BUS,
     "bus.key",
-    # In real time a step takes its actual time.
+    # The compute time is left out, because in real time a step takes its actual time.
     *(f"ecu.{item.name}" for item in fields(EcuConfig) if item.name != "compute_time_ms"),
     COST_WEIGHTS,
 )

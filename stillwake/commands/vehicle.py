@@ -114,7 +114,7 @@ def vehicle(
 
 
 def _check_plant(*, live: bool, **given: object) -> None:
-    """Refuse options of the other plant."""
+    """Refuse options that belong to the other plant."""
     for name in ("dataset", "episode") if live else ("state", "drive"):
         if given[name] is not None:
             why = "does not go with --plant wake" if live else "needs --plant wake: a recording has its own"

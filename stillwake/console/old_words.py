@@ -60,7 +60,7 @@ OLD: Final[Mapping[str, Mapping[str, str]]] = {
         **{"--seed": "--forcing training:seed=NUMBER", "--run": "--forcing FOLDER", "--skip": "--settle"},
     },
 }
-"""The new words by the old words and their commands; the key is empty if the command itself has a new word."""
+"""The new word for each old word, by command; the old word is empty if the command itself has a new name."""
 
 
 class OldWordError(StillwakeError):

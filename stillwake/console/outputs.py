@@ -1,4 +1,4 @@
-"""The outputs of a command: checked and claimed before it works, and replaced only if the user requests it."""
+"""The outputs of a command, which it checks and claims before its work, and replaces only on request."""
 
 from collections.abc import Mapping
 from datetime import date

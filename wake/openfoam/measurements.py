@@ -46,7 +46,7 @@ class Readings:
 
 
 class Instruments:
-    """A conversion of readings on one mesh to samples."""
+    """A converter of readings on one mesh to samples."""
 
     def __init__(self, mesh: Mesh) -> None:
         self._weights = sensor_weights(mesh)

@@ -40,7 +40,7 @@ def require_installed(program: str = PROGRAM) -> None:
 
 
 class IcoFoam(NeverCopied):
-    """One run of icoFoam on a case; its output goes to the case's `log.icoFoam`. Raises PlantError if icoFoam is not
+    """A run of icoFoam on a case; its output goes to the case's `log.icoFoam`. Raises PlantError if icoFoam is not
     installed. `command` is the program that runs in the case: icoFoam, or another program in tests."""
 
     INSTEAD: ClassVar = "it is a process; start another one"

@@ -71,7 +71,8 @@ class EpisodePlan:
 
     @property
     def role(self) -> Role:
-        """The paper tests on the chirp and trains on the other episodes; its appendix A adds the extended chirp."""
+        """The role in the paper, which tests on the chirp and trains on the rest; its appendix A adds the extended
+        chirp."""
         return _ROLES[self.forcing]
 
     @property

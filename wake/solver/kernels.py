@@ -50,7 +50,7 @@ class Runs(NamedTuple):
 
 
 class Walls(NamedTuple):
-    """Ghosts of u and of v."""
+    """The ghosts of u and of v."""
 
     u: GhostMap
     v: GhostMap

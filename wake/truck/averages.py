@@ -97,7 +97,7 @@ def over_last_cycles(t: Array, frequency: float) -> CycleAverage:
 def _trapezoids(t: Array, first: float, last: float) -> Array:
     """Return the weights (n,) that integrate a piecewise linear series from `first` to `last`."""
     width = np.diff(t)
-    # The part of every interval that counts, as shares of its width from its left end.
+    # Each interval counts from `begin` to `end`, which are shares of its width from its left end.
     begin = np.clip((first - t[:-1]) / width, 0.0, 1.0)
     end = np.clip((last - t[:-1]) / width, 0.0, 1.0)
     right = 0.5 * (end * end - begin * begin) * width

@@ -40,7 +40,7 @@ class SlotLoad:
 
 
 class SlotFaces:
-    """The slots of one grid.
+    """The faces of the jets' slots on one grid.
 
     Args:
         viscosity: 1 / Re.

@@ -149,7 +149,8 @@ def decode(
     It prints a line for each frame, then a table of the messages: counts, rates, losses, checks, the load of the bus,
     whose bit rates are settings, and the number of other lines. A counter is compared with the previous frame on the
     same channel. With --set bus.key=FILE the MAC and freshness of secured messages are checked first. Frames of
-    diagnosis are named by the identifiers in the settings. Other messages are bytes; `cantools decode` reads those.
+    diagnosis are named by the identifiers in the settings. Other messages are shown as bytes; `cantools decode` reads
+    those.
     """
     from can_bridge.logs.log_reader import CanLog
     from can_bridge.tools.summary import Summary

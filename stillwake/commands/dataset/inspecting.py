@@ -27,9 +27,9 @@ def inspect(
 ) -> None:
     """Show the contents of a data set, everything that training or export would refuse, and further notes.
 
-    Ends with status 1 if something is wrong. The control period, the action limit and the Reynolds number are compared
-    with the settings only if --set names them; --settings prints the settings that fit, for a file: stillwake dataset
-    inspect my.h5 --settings > my.toml
+    The exit status is 1 if something is wrong. The control period, the action limit and the Reynolds number are
+    compared with the settings only if --set names them; --settings prints the settings that fit, for a file: stillwake
+    dataset inspect my.h5 --settings > my.toml
     """
     from contract.recording.dataset import survey
 
