@@ -152,7 +152,7 @@ def check_lowering(
         ("force", force, tolerance.force),
         ("cost", cost, tolerance.cost),
     ):
-        # Written so that NaN fails too.
+        # The comparison is written so that NaN fails too.
         if not difference <= allowed:
             raise ExportError(
                 f"{name} and reference differ by {difference:.2g} in {figure}, at most {allowed:.2g} is allowed"

@@ -117,7 +117,7 @@ def check_quantisation(report: QuantisationReport, limits: QuantisationLimits, *
     """Raise ExportError, with the compared lowering and the figure, if the report exceeds a limit."""
     for figure in ("rms_action_error", "max_cost_gap"):
         found, allowed = getattr(report, figure), getattr(limits, figure)
-        # Written so that NaN fails too.
+        # The comparison is written so that NaN fails too.
         if not found <= allowed:
             raise ExportError(
                 f"{name}: {figure} is {found:.2g}, at most {allowed:.2g} is allowed; "

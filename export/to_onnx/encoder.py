@@ -13,7 +13,7 @@ def lower_encoder(graph: Graph, program: ControllerProgram, window: str, store: 
     width = weights.lstm.width
     gates = _onnx_gates(width)
     mean = graph.constant(scaling.window_mean, "window_mean")
-    # As a factor, a deviation too small for float32 is refused; a divisor would round to zero.
+    # The deviation is a factor, so that one too small for float32 is refused; a divisor would round to zero.
     std = np.array(scaling.window_std)
     rows = window
     if program.encoder_rows < program.window:

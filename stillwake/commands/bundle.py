@@ -217,7 +217,7 @@ def _verify(where: Path, trusted: PublicKey | None) -> None:
 
 def _first_step(release: Bundle) -> Check:
     """Run a step of each graph, in bounded time and memory, with the inputs and outputs that the manifest states."""
-    # Imported here because ONNX Runtime takes a while to load and leaves a file in the temporary folder.
+    # The import is here, because ONNX Runtime takes a while to load and leaves a file in the temporary folder.
     from contract.runtime.onnx_estimator import OnnxEstimator
     from contract.runtime.onnx_session import OnnxController
 

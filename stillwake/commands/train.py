@@ -21,7 +21,7 @@ from stillwake.parts.training_progress import TrainingProgress, check_model_outp
 from train.fitting import unfinished
 
 if TYPE_CHECKING:
-    # Imported for types only, because torch takes seconds to load and a vehicle has no HDF5.
+    # The imports are for types only, because torch takes seconds to load and a vehicle has no HDF5.
     from contract.recording.dataset import Dataset
     from train.distillation.evaluate import ModelMetrics
     from train.model_store import TrainedModel

@@ -28,7 +28,7 @@ def open_release(path: Path | None, trust: str | None = None) -> Bundle:
 
 
 def describe(release: Bundle) -> list[Text]:
-    """Return lines on an opened bundle: its name and sensors, and the validity of its signature."""
+    """Return lines on an opened bundle: its name, sensors and signer, with a warning if the signer is not trusted."""
     manifest = release.manifest
     vouched_for = release.is_trusted or release.signer == signing.project_key()
     return [

@@ -169,7 +169,7 @@ def _sides(cells: Index) -> tuple[Index, Index]:
 
 
 def _match(cells: Index, n: int) -> tuple[Index, Index, Index, Index]:
-    """Return the edges, their cells, and for each its position in its other cell (-1 if there is none)."""
+    """Return the edges, their cells, and the index of each edge as seen from its other cell (-1 if there is none)."""
     pairs, cell = _sides(cells)
     code, reverse = pairs @ np.array([n, 1]), pairs @ np.array([1, n])
     order = np.argsort(code)

@@ -195,7 +195,7 @@ def finished_jobs(
             for job in unfinished:
                 job.run(wake, progress)
         else:
-            # Imported here because a recording in one process needs no dask.
+            # The import is here, because a recording in one process needs no dask.
             from wake.recording.parallel import run_parallel
 
             run_parallel(unfinished, workers=workers, scheduler=scheduler, progress=progress, notice=notice)

@@ -50,8 +50,8 @@ def advice(convective: float, viscous: float, dt: float) -> str:
 def check_step(
     grid: Grid, fluid: npt.NDArray[np.bool_], viscosity: float, jet_speed: float, period: float, substeps: int
 ) -> None:
-    """Check, before any flow exists, that a time step does not necessarily diverge on this grid. Raises PlantError with
-    the number that is too large and the sufficient number of substeps.
+    """Check, before any flow exists, that a time step is not too large for this grid. Raises PlantError with the number
+    that is too large and the sufficient number of substeps.
 
     Args:
         fluid: the grid's fluid cells, (nx, ny).

@@ -7,7 +7,8 @@ from wake.solver.grid import Grid
 
 
 def recirculation_length(grid: Grid, flow: Flow) -> float:
-    """Return the distance in W from the base to the last point on the axis y = 0 where u turns positive.
+    """Return the distance in W, in a steady or mean flow, from the base to the last point on the axis y = 0 where u
+    turns positive.
 
     The length is zero if there is no backward flow on the axis; a bubble that reaches the outlet ends there.
     """
