@@ -1,24 +1,24 @@
-"""The receiving end of a protected message: is this frame new, and is the stream to be trusted?
+"""The receiver of a protected message: it decides whether a frame is new, and whether the stream is trusted.
 
 Two layers, as in AUTOSAR (PRS_E2EProtocol, "E2E profile check" and "E2E state machine"): each frame gets a
 `FrameCheck` from its CRC and counter, and a window of the latest checks drives the `StreamState`:
 
-- NODATA until a frame passes its CRC, then INIT, with that check alone in the window;
-- INIT and INVALID become VALID with `min_ok` good checks and at most `max_errors` bad ones in the window;
-- INIT becomes INVALID with more bad ones than that;
-- VALID becomes INVALID with more bad ones than that, or with no good one left.
+- NODATA until a frame passes its CRC, then INIT, with only this frame's check in the window;
+- INIT and INVALID become VALID with `min_ok` good checks and at most `max_errors` bad checks in the window;
+- INIT becomes INVALID with more than `max_errors` bad checks;
+- VALID becomes INVALID with more than `max_errors` bad checks, or without a good check.
 
-AUTOSAR's own machine has one number a state for `min_ok` and `max_errors`, and leaves the check that ends NODATA out of
-the window. Here it counts, so that with `min_ok` = 2 the second frame of a stream is trusted: AUTOSAR's machine with
-MinOkStateInit = 1, MinOkStateValid = 1 and MinOkStateInvalid = 2, as long as the window holds that first check.
+AUTOSAR's own machine has values of `min_ok` and `max_errors` for each state, and leaves the check that ends NODATA out
+of the window. Here this check counts, so that with `min_ok` = 2 the second frame of a stream is trusted. That is
+AUTOSAR's machine with MinOkStateInit = 1, MinOkStateValid = 1 and MinOkStateInvalid = 2, as long as the window holds
+the first check.
 
-A repeated frame, a jump in the counter and a period without a frame are neither good nor bad: they push good
-checks out of the window. As in the standard, a jump moves the receiver to the new count, so that a restarted sender
-is followed from its second frame on.
+A repeated frame, a jump in the counter and a period without a frame are neither good nor bad: they push good checks out
+of the window. As in the standard, the receiver continues from the new count after a jump, so that a restarted sender's
+frames are good from its second frame on.
 
-The state machine advances once a period, as in the standard, whatever the number of frames: the period's check is an
-error if one of its frames was, however many good ones came with it and in whatever order; good if one was good
-and none wrong.
+As in the standard, the state machine advances once a period, whatever the number of frames. The period's check is an
+error if the check of one of its frames is, and good if one is good and none is an error.
 """
 
 from collections.abc import Iterable

@@ -1,7 +1,7 @@
-"""What a tester reads of the store (`Did.STORE`), in less than `MAX_REPORT` bytes.
+"""The report on the store that a tester reads (`Did.STORE`), in less than `MAX_REPORT` bytes.
 
     "SWT1" (4)
-    slot that runs, active slot, slot of the next boot (1 each, 0xFF for none); reason of the last boot (1, 0 for none)
+    running slot, active slot, slot of the next boot (1 each, 0xFF for none); reason of the last boot (1, 0 for none)
     least security version (4); version of the key list (4, 0 for none)
     failed attempts for programming (1), for calibration (1)
     for each slot: phase (1), verdict (1, 0xFF for none), boots left (1), length of the name (2), security version (4),

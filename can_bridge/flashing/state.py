@@ -1,4 +1,4 @@
-"""What the store remembers of its slots: the record `Kind.STATE`, as values and as bytes.
+"""The store's state, with its slots: the record `RecordKind.STATE`, as values and as bytes.
 
     "SWS1" (4)
     for each slot: phase (1), boots left (1), length of the image (4), bytes received (4), security version (4), SHA-256
@@ -7,7 +7,7 @@
     failed attempts for programming (1), for calibration (1)
     CRC-32 of all before it (4)
 
-Numbers are big-endian. It is kept after every block of a transfer, so it is short.
+Numbers are big-endian. The record is stored after every block of a transfer, so it is short.
 """
 
 import struct

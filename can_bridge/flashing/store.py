@@ -1,12 +1,12 @@
-"""Two slots for releases, of which one runs and the other can be written: every rule of the ECU's, once.
+"""Two slots for releases, of which one runs and the other can be written, with all rules of the ECU for releases.
 
-Nothing here has a clock, randomness or a thread. A loss of power may end any call: what it had kept until then is a
-state from which the next boot finds a valid image, if there was one.
+Nothing here has a clock, randomness or a thread. A loss of power may end any call: from the state stored until then the
+next boot finds a valid image, if there was one.
 
-    announce, append .., finish     an image into the slot that is not protected; checked as it lies in the memory
-    activate                        booted from the next reset on, `TRIAL_BOOTS` times at most
-    confirm                         it stays, and the least security version rises to its own
-    revert                          back to the release before
+    announce, append .., finish     write an image to the slot that is not protected, and check it in the memory
+    activate                        boot it from the next reset on, `TRIAL_BOOTS` times at most
+    confirm                         end the trial, and raise the least security version to the release's own
+    revert                          return to the release before
 
 The slot of the confirmed image that boots, or that runs, is never written.
 """

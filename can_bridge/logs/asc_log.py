@@ -3,8 +3,8 @@
     0.000144 1  120  Rx  d 8 00 01 02 03 04 05 06 07                        classic CAN
     0.000144 CANFD   1 Rx   120  Pressure  1 0 a 16 00 01 ..  <eight numbers>   on a channel of CAN FD
 
-A name may stand in place of an identifier. Of the eight numbers the third tells what a frame was: bit 12 says CAN FD,
-bit 4 remote; both kinds of channel carry classic frames.
+A name may replace an identifier. The third of the eight numbers has flags: bit 12 for a CAN FD frame, bit 4 for a
+remote frame. Both kinds of channel carry classic frames.
 """
 
 import re

@@ -1,10 +1,10 @@
-"""Logs of can-utils: what `candump -L` writes to a file, and what plain candump shows on a screen.
+"""Logs of can-utils: the files of `candump -L`, and the screen output of candump.
 
     (1436509052.249713) can0 123##1112233           with -L or -l
      (1436509052.249713)  can0  123  [03]  11 22 33  without
 
-A screen's times are absolute (-t a, -t A in words), count from the first frame (-t z), or from the line before (-t d),
-which no line tells apart by itself: times that go back are of -t d.
+A screen's times are absolute (-t a, -t A in words), count from the first frame (-t z), or from the previous line
+(-t d). A single line does not show which; times that decrease are of -t d.
 """
 
 import re

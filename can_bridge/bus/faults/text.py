@@ -5,8 +5,8 @@
     drop:probability=1,frame_ids=0x120+0x130
     disconnect
 
-A fault is called by its section, and its parameters by their fields. A parameter that is called as its fault is may
-stand alone: reynolds=700.
+A fault's name is its section; its parameters' names are its fields. A parameter with its fault's name may be given
+without the fault: reynolds=700.
 """
 
 from collections.abc import Mapping

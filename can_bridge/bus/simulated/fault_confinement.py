@@ -1,6 +1,6 @@
-"""What a CAN controller makes of errors: its two counters and three states, as pure functions of a frozen value.
+"""A CAN controller's fault confinement: its two counters and three states, as pure functions of a frozen value.
 
-ISO 11898-1:2015, fault confinement; the rules are numbered as in the Bosch specification they come from (CAN
+The source is ISO 11898-1:2015, fault confinement. The rules have the numbers of the Bosch specification (CAN
 Specification 2.0, part B, chapter 8), which is free to read. Each function is one rule:
 
     1  `receive_error`         REC + 1   a receiver detects an error
