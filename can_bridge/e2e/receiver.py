@@ -40,7 +40,7 @@ class FrameCheck(Enum):
     REPEATED = 2
     WRONG_SEQUENCE = 3
     ERROR = 4
-    """Wrong CRC or length."""
+    """The CRC or the length is wrong."""
     NO_NEW_DATA = 5
 
 

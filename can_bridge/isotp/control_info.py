@@ -31,7 +31,7 @@ class FlowStatus(IntEnum):
 
 
 class Single(NamedTuple):
-    """A whole message."""
+    """A whole message in one frame."""
 
     data: bytes
 

@@ -35,7 +35,7 @@ _CONTAINER: Final = struct.Struct("<H 6x L 4x")
 _CLASSIC: Final = struct.Struct("<H B B L 8s")
 """Channel, flags, length code, identifier, data."""
 _FD: Final = struct.Struct("<H B B L L B B B 5x 64s")
-"""As `_CLASSIC`, with time on the bus and bits, then flags of CAN FD and the number of stored data bytes."""
+"""Channel, flags, length code, identifier, time on the bus, bits, flags of CAN FD, number of stored bytes, data."""
 _FD_64: Final = struct.Struct("<B B B x L 4x L 18x B B 4x")
 """Channel, length code, number of stored bytes, identifier, flags, direction, offset of the bytes after the data."""
 _CHANNEL: Final = struct.Struct("<H")

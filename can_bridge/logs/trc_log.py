@@ -41,7 +41,7 @@ _EVENTS: Final = {
     "OV": "overload frame",
 }
 _FD: Final = {"FD": FD_FRAME, "FB": FD_FRAME | BRS, "FE": FD_FRAME | ESI, "BI": FD_FRAME | BRS | ESI}
-"""Types of CAN FD frames."""
+"""Bits of each type of CAN FD frame."""
 
 
 def read_trc(lines: Lines, since_epoch: SinceEpoch) -> Iterator[Entry]:

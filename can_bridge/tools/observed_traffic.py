@@ -38,7 +38,7 @@ class Mac(Enum):
     NOT_AUTHENTIC = "not authentic"
     NOT_FRESH = "not fresh"
     NOT_CHECKED = "not checked"
-    """There is no key."""
+    """No key is available."""
 
 
 MAC_REFUSED: Final = (Mac.NOT_AUTHENTIC, Mac.NOT_FRESH)

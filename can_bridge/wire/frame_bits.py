@@ -18,7 +18,8 @@ _RUN_INSIDE: Final = re.compile("(?:0{5}|1{5})(?=.)")
 _CRC15: Final = 0x4599
 
 TAIL: Final = 13
-"""CRC delimiter, acknowledge and its delimiter, end of frame (7), intermission (3); never stuffed."""
+"""Bits after the CRC: its delimiter, acknowledge and its delimiter, end of frame (7), intermission (3); never
+stuffed."""
 FD_CRC_SHORT: Final = 4 + 17 + 6
 """Stuff count with parity, CRC-17, fixed stuff bits: up to 16 data bytes."""
 FD_CRC_LONG: Final = 4 + 21 + 7

@@ -27,7 +27,7 @@ def load_network(path: Path) -> "Database":
         from cantools.database.can.database import Database
     except ModuleNotFoundError as error:
         raise BusError(f"{path}: {NEEDS_CANTOOLS}") from error
-    # A device may have no end, and a pipe no writer.
+    # A device may be endless, and a pipe may have no writer.
     if path.exists() and not path.is_file():
         raise BusError(f"{path}: is a {'directory' if path.is_dir() else 'device or pipe'}, must be a file")
     try:

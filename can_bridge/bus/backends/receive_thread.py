@@ -17,7 +17,7 @@ class ReceiveThread:
     ended the thread before it was stopped, or None."""
 
     def __init__(self, bus: PythonCanBus, deliver: Callable[[Frame], None]) -> None:
-        """Args: deliver: called in the thread with each frame; must not wait."""
+        """Prepare the thread. It calls `deliver` with each frame; `deliver` must not wait."""
         self._bus = bus
         self._deliver = deliver
         self._stop = Event()

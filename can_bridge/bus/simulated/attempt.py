@@ -17,7 +17,7 @@ INTERMISSION: Final = 3
 AFTER_ACKNOWLEDGE: Final = 8
 """Bits of acknowledge delimiter and end of frame."""
 FLAG: Final = 6
-"""Bits of an error flag."""
+"""Number of bits of an error flag."""
 ERROR_FLAGS: Final = 12
 """Bits of an error flag and of the flags that answer it. The answers begin when the flag has broken the rule of stuff
 bits, at worst after its sixth bit. Every error but a missing acknowledgement is charged this number."""
