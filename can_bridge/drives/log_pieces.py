@@ -180,6 +180,6 @@ def resampled(piece: Piece, travel: Travel, period: float) -> Piece:
 
 
 def _runs(mask: Mask, start: int) -> list[tuple[int, int]]:
-    """Return begin and end (exclusive) of every run of True in (n,), counted from `start`."""
+    """Return start and end (exclusive) of every run of True in (n,), counted from `start`."""
     edges = np.flatnonzero(np.diff(mask.astype(np.int8), prepend=0, append=0)) + start
     return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))

@@ -1,4 +1,4 @@
-"""The begin of the next period, on an absolute clock: errors do not add up, and no period is caught up.
+"""The start of the next period, on an absolute clock: errors do not add up, and no period is caught up.
 
 A deadline that passed during the previous period's work is left out and counted. An ECU also follows the vehicle's
 sampling, which has another clock: it notes when pressures arrive and moves its deadlines a little each period until

@@ -9,7 +9,8 @@ from can_bridge.wire.frame import Frame
 
 
 class Inbox:
-    """A queue that stamps frames on arrival and returns them in order; neither side waits more than a moment.
+    """A queue that stamps frames on arrival and returns them in order. Neither side waits longer than a few
+    instructions.
 
     Args:
         stamp: called in the reading thread with each frame; returns its arrival in ns of the loop's clock.

@@ -114,7 +114,7 @@ def load(path: Path, stages: type[IntEnum]) -> NDArray[np.int64]:
 
 
 class PlanTimes:
-    """Begin and end of the latest control step, of controllers that replace each other. Both are 0 after `forget`."""
+    """Start and end of the latest control step, of controllers that replace each other. Both are 0 after `forget`."""
 
     def __init__(self) -> None:
         self.forget()
