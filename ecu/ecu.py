@@ -221,12 +221,12 @@ class Ecu:
     ) -> tuple[EcuState, PeriodInputs]:
         """Return the state with the period's pressures, and the fail-safe's inputs."""
         timing = state.timing.next(now_ns, self._period_ns, self._config.ecu)
-        believed, speed = state.speed, 1.0
+        speed_state, speed = state.speed, 1.0
         dynamic_pressure: float | None = self._config.operating_point.dynamic_pressure
         if self._speed_reception is not None:
-            believed = self._speed_reception.next(believed, frames, now_ns)
-            speed = self._speed_reception.present(believed)
-            dynamic_pressure = self._speed_reception.dynamic_pressure(believed)
+            speed_state = self._speed_reception.next(speed_state, frames, now_ns)
+            speed = self._speed_reception.present(speed_state)
+            dynamic_pressure = self._speed_reception.dynamic_pressure(speed_state)
         received = self._reception.of(
             frames, now_ns, verifier=state.verifier, receiver=state.pressures, dynamic_pressure=dynamic_pressure
         )
@@ -234,7 +234,7 @@ class Ecu:
         heard = heard_of_another_ecu(frames, self._messages, self._key)
         other_ecu = state.other_ecu.next(heard, timing.step_ns or 0)
         memory = self._after_silence(state.memory, timing)
-        if believed.is_off:
+        if speed_state.is_off:
             # Its pressures say nothing about control at other speeds: the window begins again.
             received, memory = received._replace(cp=None), memory.emptied()
         elif received.cp is None:
@@ -256,7 +256,7 @@ class Ecu:
             missed=state.missed + (not usable),
             sensors=sensors,
             benefit=benefit,
-            speed=believed,
+            speed=speed_state,
             other_ecu=other_ecu,
         )
         return after, PeriodInputs(
@@ -264,7 +264,7 @@ class Ecu:
             enable_request=received.enable_request,
             unusable_because=received.unusable_because,
             window_full=memory.is_full,
-            off_speed=believed.is_off,
+            off_speed=speed_state.is_off,
             tests=benefit.tests,
             fault=timing.fault or bus_off or other_ecu.fault or sensor_fault or no_benefit or around.get("fault"),
             updating=around.get("updating", False),

@@ -29,13 +29,13 @@ class SpeedState:
     """The speed as it is known after a control period.
 
     Attributes:
-        believed: the vehicle's speed in design speeds; None where it is not known.
+        ratio: of the vehicle's speed, as it is believed, to the design speed; None where it is not known.
         density: of the air in kg/m3, as the vehicle stated it with that, or the operating point's.
         measured_ns: when it was measured.
         is_off: it is outside the release's range by the margin; it has to come back into the range itself.
     """
 
-    believed: float | None = None
+    ratio: float | None = None
     density: float = 0.0
     measured_ns: int = 0
     is_off: bool = False
@@ -86,23 +86,23 @@ class SpeedReception:
         stated = None if frame is None else self.message.parse(frame.data[: spec.protected])
         if frame is not None and stated is not None and stated.speed_m_per_s is not None:
             state = self._believed(state, stated, frame.timestamp_ns - stated.age_ns, now_ns)
-        if now_ns - state.measured_ns > self._oldest_ns or state.believed is None:
-            return replace(state, believed=None)
+        if now_ns - state.measured_ns > self._oldest_ns or state.ratio is None:
+            return replace(state, ratio=None)
         within = self.config.margin if not state.is_off else 0.0
-        is_off = not self.speeds.slowest * (1.0 - within) <= state.believed <= self.speeds.fastest * (1.0 + within)
+        is_off = not self.speeds.slowest * (1.0 - within) <= state.ratio <= self.speeds.fastest * (1.0 + within)
         return replace(state, is_off=is_off)
 
     def dynamic_pressure(self, state: SpeedState) -> float | None:
         """Return the pressure in Pa at Cp = 1; None without a speed."""
         through_air = self.present(state) * self.design.speed
-        return None if state.believed is None else 0.5 * state.density * through_air * through_air
+        return None if state.ratio is None else 0.5 * state.density * through_air * through_air
 
     def present(self, state: SpeedState) -> float:
         """The vehicle's speed in design speeds: within the release's range, and 1 where it is not known or too far
         out."""
-        if state.believed is None or state.is_off:
+        if state.ratio is None or state.is_off:
             return 1.0
-        return min(max(state.believed, self.speeds.slowest), self.speeds.fastest)
+        return min(max(state.ratio, self.speeds.slowest), self.speeds.fastest)
 
     @property
     def _oldest_ns(self) -> int:
@@ -112,14 +112,14 @@ class SpeedReception:
         """Accept a new speed, unless it is old, or no vehicle can reach it from the last speed so fast."""
         if stated.speed_m_per_s is None or not 0 <= now_ns - measured_ns <= self._oldest_ns:
             return state
-        if state.believed is not None:
+        if state.ratio is not None:
             most = self.config.most_acceleration * max((now_ns - state.measured_ns) * 1e-9, SHORTEST_S)
-            if abs(stated.speed_m_per_s - state.believed * self.design.speed) > most:
+            if abs(stated.speed_m_per_s - state.ratio * self.design.speed) > most:
                 return state
         density = stated.density_kg_per_m3
         return replace(
             state,
-            believed=stated.speed_m_per_s / self.design.speed,
+            ratio=stated.speed_m_per_s / self.design.speed,
             density=self.design.density if density is None else density,
             measured_ns=measured_ns,
         )

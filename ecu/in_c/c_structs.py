@@ -275,7 +275,7 @@ def _set_received(receiver: Any, value: ReceiverState) -> None:
 
 def _speed(speed: Any) -> SpeedState:
     return SpeedState(
-        believed=speed.ratio if speed.known else None,
+        ratio=speed.ratio if speed.known else None,
         density=speed.density,
         measured_ns=speed.measured_ns,
         is_off=bool(speed.is_off),
@@ -284,7 +284,7 @@ def _speed(speed: Any) -> SpeedState:
 
 
 def _set_speed(speed: Any, value: SpeedState) -> None:
-    speed.known, speed.ratio = value.believed is not None, value.believed or 0.0
+    speed.known, speed.ratio = value.ratio is not None, value.ratio or 0.0
     speed.density, speed.measured_ns, speed.is_off = value.density, c_time(value.measured_ns), value.is_off
     _set_received(speed.receiver, value.receiver)
 

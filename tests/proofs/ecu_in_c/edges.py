@@ -180,7 +180,7 @@ class Edges:
         measured_ns = now_ns - rng.choice((0, oldest_ns(self._config.ecu.speed.oldest_ms))) + rng.randrange(-2, 3)
         changed = replace(
             state.speed,
-            believed=rng.choice((None, 1.0, 1.0, 1.3, 0.7, *edges(self._config))),
+            ratio=rng.choice((None, 1.0, 1.0, 1.3, 0.7, *edges(self._config))),
             density=rng.choice((1.2, 0.9)),
             measured_ns=max(-(10**9), min(2**63 - 1, measured_ns)),
             is_off=rng.random() < 0.3,
