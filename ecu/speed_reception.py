@@ -26,13 +26,13 @@ SHORTEST_S: Final = 0.1
 
 @dataclass(frozen=True, kw_only=True)
 class SpeedState:
-    """The speed as it is known after a control period.
+    """The vehicle's speed after a control period.
 
     Attributes:
-        ratio: of the vehicle's speed, as it is believed, to the design speed; None where it is not known.
-        density: of the air in kg/m3, as the vehicle stated it with that, or the operating point's.
-        measured_ns: when it was measured.
-        is_off: it is outside the release's range by the margin; it has to come back into the range itself.
+        ratio: of the last accepted speed to the design speed; None if no speed is in force.
+        density: of the air in kg/m3, stated by the vehicle with this speed, or the operating point's.
+        measured_ns: time at which the speed was measured.
+        is_off: the speed left the release's range by more than the margin and has not returned into the range.
     """
 
     ratio: float | None = None
@@ -98,8 +98,7 @@ class SpeedReception:
         return None if state.ratio is None else 0.5 * state.density * through_air * through_air
 
     def present(self, state: SpeedState) -> float:
-        """The vehicle's speed in design speeds: within the release's range, and 1 where it is not known or too far
-        out."""
+        """Return the vehicle's speed in design speeds, limited to the release's range; 1 if unknown or too far out."""
         if state.ratio is None or state.is_off:
             return 1.0
         return min(max(state.ratio, self.speeds.slowest), self.speeds.fastest)

@@ -90,8 +90,8 @@ def _line(wanted: Array, x: Array, y: Array) -> Array:
 
 
 def vehicle_speeds(frames: Sequence[CountedFrame], messages: MessageSet, config: SpeedConfig) -> VehicleSpeeds | None:
-    """Return the valid speeds; None if no frame has one. A span of speeds that is shorter than a speed stays in force,
-    and is contradicted by the next span, counts as wrong."""
+    """Return the valid speeds; None if no frame has one. A span of speeds is wrong if it is shorter than the time for
+    which a speed stays in force and the next span contradicts it."""
     oldest_s = config.oldest_ms * 1e-3
     said = []
     for frame in frames:

@@ -17,7 +17,7 @@ class Counters:
         not_sent: frames that the bus did not take.
         action: last action sent, U_inf W.
         busy_ns: total time of all steps, from waking until frames were sent.
-        latest_wake_ns: largest delay of a step's begin after its deadline.
+        latest_wake_ns: largest time from a deadline to the start of its step.
     """
 
     state: EcuState

@@ -33,7 +33,7 @@ from can_bridge.wire.frame_bits import bits_ns, frame_ns, sent_bits
 from contract.config.vehicle import BusConfig
 
 Corrupts = Callable[[Frame, str, int], int | None]
-"""Function of frame, name of the sender or receiver, and begin in ns, to the inverted bit's index or None."""
+"""Function of frame, sender's or receiver's name, and start in ns; returns the inverted bit's index or None."""
 
 SUSPEND: Final = 8
 """Bits that an error-passive node waits after its own frame before its next frame. If another node begins a frame
