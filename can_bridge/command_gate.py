@@ -37,8 +37,8 @@ class GateLimits:
         flow_m2_per_s: largest magnitude of the command.
         step_m2_per_s: largest change between two commands a period or more apart; proportionally less in a shorter
             time.
-        fresh_age_ns: largest age of the pressures behind any command.
-        held_age_ns: largest age of the pressures behind a command that lies between the previous command and zero.
+        fresh_age_ns: largest age of the pressures on which any command is based.
+        held_age_ns: largest age of pressures for a command between the previous command and zero.
     """
 
     flow_m2_per_s: float

@@ -46,7 +46,7 @@ class BenefitCheckState:
         rested: number of periods in the means without control, up to `BenefitCheck.proven`.
         resting_suction, resting_swing: means without control, divided by the values of the release's own wake.
         driven: number of periods in the means under control, up to `ecu.benefit_check.first_period`.
-        suction, swing: means under control, divided likewise.
+        suction, swing: means under control, divided by the values of the release's own wake.
         doubt: number of periods in which control did not help minus those in which it did, at least 0.
         tested_at: speed at which a test began, in design speeds; 0 without a test.
         spent: number of periods of tests minus those in which control helped, 0 to `BenefitCheck.patience`.

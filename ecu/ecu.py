@@ -194,7 +194,7 @@ class Ecu:
             flow_m2_per_s=passed.flow_m2_per_s,
             mode=mode.on_wire,
             enable=passed.enable,
-            # The counter belongs to the frame behind the command: this period's, or the one behind the held command.
+            # The counter is that of the frame on which the command, or the held command, is based.
             pressure_counter=after.pressure_counter if inputs.usable or mode.drives_jets else None,
             next_period=self._config.ecu.plan_ahead,
         )

@@ -48,7 +48,7 @@ class ShutEcu:
         return Trace(mode=mode, action=0.0, forces=None, interventions=Intervention.NOT_ENABLED)
 
     def restore(self, state: EcuState) -> None:
-        """Continue from a state of such an ECU."""
+        """Continue from a state of an ECU without a release."""
         self._state = replace(state, fail_safe=_NO_RELEASE)
 
     def step(

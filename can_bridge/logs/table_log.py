@@ -14,7 +14,7 @@ from can_bridge.logs.entries import BRS, FD_FRAME, FD_IDS, HEADER_LINE, Entry, L
 from contract.printable import quoted
 
 TABLE_COLUMNS: Final = "timestamp,arbitration_id,extended,remote,error,dlc,data"
-"""First line of such a CSV file."""
+"""First line of a CSV file of python-can's logger."""
 
 
 def read_csv(lines: Lines) -> Iterator[Entry]:

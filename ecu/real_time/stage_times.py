@@ -43,10 +43,11 @@ class EcuStage(IntEnum):
     COLLECTIONS = 10
     """Number of garbage collections since the previous period."""
     MINOR_FAULTS = 11
-    """Number of page faults without reading since the previous period (getrusage); the next two columns likewise."""
+    """Number of page faults without reading since the previous period (getrusage)."""
     MAJOR_FAULTS = 12
+    """Number of page faults with reading since the previous period (getrusage)."""
     SWITCHES = 13
-    """Number of times that the process lost the processor involuntarily."""
+    """Number of times that the process lost the processor involuntarily since the previous period."""
 
 
 class VehicleStage(IntEnum):
