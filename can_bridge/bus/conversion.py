@@ -19,9 +19,9 @@ def to_message(frame: Frame) -> can.Message:
 
 
 def frame_of(message: can.Message) -> Frame | Rejection:
-    """Return the frame in a python-can message, or the reason why it is no data frame. Never raises.
+    """Return the frame in a python-can message, with an 11- or 29-bit identifier, or the reason to reject the message.
 
-    The result does not have the bit-rate switch of a CAN FD frame.
+    It never raises. The frame does not have the bit-rate switch of CAN FD.
     """
     if message.is_error_frame:
         return Rejection.ERROR_FRAME

@@ -216,7 +216,7 @@ class PythonCanBus(OpenBus):
                 return frame
 
     def receive_all(self) -> list[Frame]:
-        """Return the frames that have arrived, oldest first, at most QUEUE_SIZE. Raises BusError as `receive` does."""
+        """Return up to QUEUE_SIZE arrived frames, oldest first, without waiting. Raises BusError as `receive` does."""
         frames: list[Frame] = []
         for _ in range(RECEPTION_LIMIT):
             message = self._received(0.0)
