@@ -64,6 +64,8 @@ class DiagnosisConfig(
     """The calibration tool's commands."""
     xcp_response_id: Annotated[int | str, _ID, ours("free beside the others", page=_PAGE)] = "0x7D8"
     """The ECU's packets to the calibration tool."""
+    xcp: Annotated[bool, ours("a tool for tuning finds it", page=_PAGE)] = True
+    """Answer a calibration tool (XCP). Without it the ECU in C has no code for it."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -101,7 +103,7 @@ class DiagnosisConfig(
     @property
     def heard(self) -> frozenset[CanId]:
         """What an ECU takes."""
-        return frozenset(filter(None, (self.request, self.functional, self.xcp_command)))
+        return frozenset(filter(None, (self.request, self.functional, self.xcp_command if self.xcp else None)))
 
     @property
     def names(self) -> Mapping[CanId, str]:
