@@ -47,10 +47,7 @@ int sw_node_init(sw_node *node, const sw_equipment *equipment, const sw_flash *f
     sw_isotp_init(&node->isotp, message);
     sw_services_init(&node->services, equipment, &node->store, &node->isotp, &node->ecu);
 #if SW_XCP
-    node->xcp.calibrating = &node->services.calibrating;
-    node->xcp.access_key = equipment->access_key;
-    node->xcp.random = equipment->random;
-    node->xcp.context = equipment->context;
+    sw_xcp_init(&node->xcp, &node->services.calibrating, equipment->access_key, equipment->random, equipment->context);
 #endif
     sw_store_open(&node->store, flash, equipment->rules, opens);
     sw_store_boot(&node->store);

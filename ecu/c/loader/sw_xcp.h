@@ -9,21 +9,11 @@
 
 #include <stdint.h>
 
-#include "sw_access.h"
-#include "sw_calibrating.h"
 #include "sw_daq.h"
+#include "sw_xcp_access.h"
+#include "sw_xcp_memory.h"
 
 #if SW_XCP
-
-/* How far a tool is on the way to unlock the calibration. */
-typedef struct {
-    uint8_t is_unlocked;
-    uint8_t has_seed;
-    uint8_t unsent;    /* bytes of the seed, */
-    uint8_t key_bytes; /* and of the key that have come */
-    uint8_t seed[SW_XCP_SEED_LENGTH];
-    uint8_t key[SW_ANSWER_BYTES];
-} sw_xcp_access;
 
 typedef struct {
     uint8_t count;
@@ -32,22 +22,21 @@ typedef struct {
 } sw_xcp_packets;
 
 typedef struct {
-    sw_calibrating *calibrating;
     const uint8_t *access_key;
     sw_random random;
-    void *context;    /* for `random` */
-    const char *text; /* that is fetched: what is left of a name */
-    int64_t last_ns;  /* of the latest command */
-    uint32_t address; /* MTA */
-    uint8_t text_bytes;
+    void *context;   /* for `random` */
+    int64_t last_ns; /* of the latest command */
     uint8_t is_connected;
-    uint8_t page; /* that the tool sees */
     uint8_t has_to_store;
     sw_calibration to_store; /* in force when the tool asked to store */
     sw_xcp_access access;
+    sw_xcp_memory memory;
     sw_xcp_packets waiting;
     sw_daq daq;
 } sw_xcp;
+
+/* At power-on, in memory of zeros; what is given outlives it. */
+void sw_xcp_init(sw_xcp *xcp, sw_calibrating *calibrating, const uint8_t *access_key, sw_random random, void *context);
 
 /* Whether a frame is the tool's. */
 int sw_xcp_is_command(const sw_frame *frame);

@@ -81,11 +81,12 @@ class Periods(daq_stim.DaqOnlinePolicy):
             priority=0,
             prescaler=1,
         )
-        super().__init__([daq_list])
-        self.rows: queue.Queue[list[float]] = queue.Queue()
+        super().__init__([daq_list], logger=logging.getLogger("pyxcp"))
+        self.pid_off = False
+        self.rows: queue.Queue[dict[str, float]] = queue.Queue()
 
     def on_daq_list(self, daq_list, timestamp0, timestamp1, payload):
-        self.rows.put(list(payload))
+        self.rows.put(dict(zip((name for name, *_ in self.daq_lists[0].headers), payload, strict=True)))
 
 
 def measurements(text):
@@ -125,8 +126,8 @@ def test_a_master_measures_all_that_the_file_names_in_each_period(slave, segment
         assert master.getStatus().sessionStatus.daqRunning
         for number in (1.0, 2.0):
             bus.put(period(number))
-            row = dict(zip((name for name, *_ in measured), periods.rows.get(timeout=10), strict=True))
-            assert list(row.values()) == pytest.approx(
+            row = periods.rows.get(timeout=10)
+            assert [row[name] for name, *_ in measured] == pytest.approx(
                 [number, 0.25, -0.5, 0.75, 0.0625, Mode.CONTROL, Reason.STALE, 5, 0, *REFERENCE.values]
             )
         periods.stop()

@@ -27,6 +27,7 @@ ONE = "F0 04 00 00 80 3F"
 ERRORS = {
     **{"SYNTAX": "FE 21", "RANGE": "FE 22", "PROTECTED": "FE 23", "DENIED": "FE 24", "LOCKED": "FE 25"},
     **{"NO_PAGE": "FE 26", "NO_MODE": "FE 27", "NO_SEGMENT": "FE 28", "SEQUENCE": "FE 29"},
+    **{"ACTIVE": "FE 11", "CONFIG": "FE 2A", "OVERFLOW": "FE 30"},
 }
 
 

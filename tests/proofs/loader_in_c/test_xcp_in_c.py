@@ -71,15 +71,15 @@ def test_a_master_calibrates_and_measures_the_node(tmp_path: Path) -> None:
             for _ in range(3):
                 bus.put(node.to_tool(node.node.service(node.now_ns, [])))
                 node.now_ns += MS
-            row = dict(zip((name for name, *_ in measured), periods.rows.get(timeout=10), strict=True))
+            row = periods.rows.get(timeout=10)
             assert row["mode"] == command.mode
             scale = of.config.operating_point.flow_rate_scale
             assert row["command"] == pytest.approx(command.flow_m2_per_s / scale, abs=1e-6)
-            pressures = [row[f"pressure_{sensor}"] for sensor in range(1, 5)]
-            dynamic = of.config.operating_point.dynamic_pressure
-            assert pressures == pytest.approx([p / dynamic for p in (30.0, 60.0, 90.0, 10.0)], rel=1e-6)
             assert row["effort_in_force"] == effort and row["rate_in_force"] == own.weights.rate
-        assert command.mode is Mode.CONTROL
+        assert command.mode is Mode.CONTROL and row["command"] != 0.0
+        dynamic = of.config.operating_point.dynamic_pressure
+        pressures = [row[f"pressure_{sensor}"] for sensor in range(1, 5)]
+        assert pressures == pytest.approx([pressure / dynamic for pressure in (30.0, 60.0, 90.0, 10.0)], rel=1e-6)
         periods.stop()
         # Stored once the jets are shut.
         master.setRequest(1, 0)
