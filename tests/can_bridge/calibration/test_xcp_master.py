@@ -68,7 +68,7 @@ def connection(answers, access, measured=()):
     config.reset_application()
 
 
-class Periods(daq_stim.DaqOnlinePolicy):
+class Periods(daq_stim.DaqOnlinePolicy):  # type: ignore[name-defined,misc]
     """Measures these values (name, address, extension, type); `rows` has those of each period."""
 
     def __init__(self, measured):

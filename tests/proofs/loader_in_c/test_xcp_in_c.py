@@ -67,6 +67,7 @@ def test_a_master_calibrates_and_measures_the_node(tmp_path: Path) -> None:
         for asks in 5 * [False] + 40 * [True]:
             node.asks = asks
             command = messages.command.parse(node.period()[0].data)
+            assert command is not None
             node.now_ns += 17 * MS
             for _ in range(3):
                 bus.put(node.to_tool(node.node.service(node.now_ns, [])))
