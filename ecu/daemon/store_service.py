@@ -38,7 +38,7 @@ _ROOM: Final = 1024
 PAUSE_S: Final = 0.05
 """Largest time in s between two calls without a frame, and so the delay of timeouts."""
 SENDING_S: Final = 0.001
-"""Between two portions of an answer of many frames."""
+"""Between two portions of an answer of many frames, and between two looks while a tool measures."""
 
 
 class DiagnosisThread:
@@ -80,7 +80,7 @@ class DiagnosisThread:
         step_back()
         try:
             while not self._stop.is_set():
-                self._wakes.wait(SENDING_S if self._ecu.is_busy else PAUSE_S)
+                self._wakes.wait(SENDING_S if self._ecu.is_busy or self._ecu.is_measuring else PAUSE_S)
                 self._wakes.clear()
                 frames = self._inbox.take()
                 for first in range(0, max(1, len(frames)), MOST_FRAMES):
