@@ -26,6 +26,8 @@ BARE: Final = (
 BOARD_SCRIPT: Final = "sw_board.ld"
 EQUIPMENT: Final = "sw_board_equipment.h"
 """What a board gets at production; the one of every library has no loader."""
+BUS_KEY: Final = "sw_board_bus_key.h"
+"""The same of `bus.key`; the one of every library has no key."""
 
 
 def compile_for_cortex_m7(
