@@ -31,8 +31,8 @@ def played_pressures(rows: Array, config: Config) -> bytes:
     message, limit_pa = messages.pressure, messages.pressure_limit_pa
     sender, dynamic_pressure = E2eSender(message.spec), config.operating_point.dynamic_pressure
     speed = VehicleSpeed(speed_m_per_s=config.operating_point.speed, age_ns=0, density_kg_per_m3=None)
-    speed_sender, speeds = E2eSender(messages.speed.spec), []
-    lines, freshness = [], Freshness()
+    speed_sender, freshness = E2eSender(messages.speed.spec), Freshness()
+    lines, speeds = list[str](), list[str]()
     key = Key(PLAYED_KEY) if message.spec.is_secured else None
     for period, row in enumerate(rows[:MOST_PERIODS, :SENSORS].tolist()):
         pressure = Pressure(
