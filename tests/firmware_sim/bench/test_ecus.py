@@ -71,7 +71,7 @@ def test_with_a_key_the_ecu_in_c_sends_the_frames_that_the_one_in_python_sends(r
             LiveOscillator(config), capture=frames.append
         )
         on_bus.append(frames)
-        rejected.append((log.totals.rejected, ecu.state.verifier.freshness))
+        rejected.append((log.bus.rejected, ecu.state.verifier.freshness))
     assert on_bus[0] == on_bus[1] and len(on_bus[0]) > 70
     assert rejected == [(0, 1 << 32 | 24)] * 2
     assert (log.series["mode"] == Mode.CONTROL).sum() > 10
