@@ -1,11 +1,11 @@
-"""The one way into every measurement.
+"""The command line of all measurements.
 
-    python -m benchmarks                      # what there is
-    python -m benchmarks NAME [options]       # one of them; --help lists its options
+    python -m benchmarks                      # lists the measurements
+    python -m benchmarks NAME [options]       # runs one; --help lists its options
 
 A measurement is a module with a function `main`, whose parameters are its options. It prints tables, and with `--json
-FILE` also writes its figures with the settings, versions and machine they belong to; `results/NAME.json` is where the
-documents' tables are made from, the dashes of the name being underscores there.
+FILE` also writes its figures with their settings, versions and machine. The documents' tables are made from
+`results/NAME.json`, with underscores in place of the name's dashes.
 """
 
 import sys
@@ -24,12 +24,12 @@ from stillwake.console.stopping import ends_like_ctrl_c
 
 @dataclass(frozen=True)
 class Measurement:
-    """One line of the list.
+    """One line in the list of measurements.
 
     Attributes:
-        module: where its `main` is; imported only when it runs, because each needs other packages.
-        text: what it measures.
-        takes: rough duration on two cores; empty where it is not known.
+        module: module with the `main`; imported only when it runs, because each measurement needs other packages.
+        text: description of the measurement.
+        takes: rough duration on two cores; empty if it is not known.
     """
 
     module: str
@@ -64,7 +64,7 @@ PAGES: Final = {
 
 
 def main(arguments: list[str]) -> None:
-    """Run the measurement that the first argument names, with the others as its options; ends as `stillwake` does."""
+    """Run the measurement that the first argument names, with the others as options; exit like `stillwake`."""
     ends_like_ctrl_c()
     sys.exit(status_of(lambda: _run(arguments)))
 

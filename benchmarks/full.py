@@ -1,9 +1,9 @@
-"""Every figure in `results/`, by the commands of `full.toml`: what `make full` runs after the tests.
+"""The production of every file in `results/` by the commands of `full.toml`; `make full` runs this after the tests.
 
     python -m benchmarks full [--resume] [--only NAME] [--list]
 
-A file that a command has made gets a stamp: the release and the sources in C that its figures are of, the version, and
-how long it took. By these a test finds a file of an earlier release, and `--resume` what is still to be made.
+A file made by a command gets a stamp: the release and the C sources that its figures depend on, the version, and the
+duration. The stamps let a test find files of an earlier release, and let `--resume` find the files still to be made.
 """
 
 import hashlib
@@ -41,13 +41,13 @@ RESULTS: Final = ROOT / "results"
 PLAN: Final = Path(__file__).with_suffix(".toml")
 RELEASE: Final = "release"
 _OF_ECU: Final = {"ecu": "", "secoc": "secoc", "store": "store", "loader": "loader", "board": "board"}
-"""Folders of `ecu/c` by their names in the plan; all others are the control step's."""
+"""Folders of `ecu/c` by their names in the plan; all other names are folders of the control step."""
 _COMMENT: Final = re.compile(rb"/\*.*?\*/", re.DOTALL)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Figures:
-    """A file in `results/` and what makes it: a table of `full.toml`, which explains the fields."""
+    """A file in `results/` and the command that makes it, from a table in `full.toml`, which explains the fields."""
 
     name: str
     run: str
@@ -62,19 +62,19 @@ class Figures:
         return RESULTS / f"{self.name}.json"
 
     def stamp(self) -> dict[str, Any]:
-        """What the file must name to be of the present release, sources and version."""
+        """Return the stamp of a file of the present release, sources and version."""
         of = {name: release() if name == RELEASE else sources_hash(name) for name in self.of}
         return {"version": versions("stillwake")["stillwake"], "of": of}
 
     def is_current(self) -> bool:
-        """Whether the file was made for the present release and sources, and by the present minor version."""
+        """Return whether the file is of the present release and sources, and of the present minor version."""
         there, present = made(self.file), self.stamp()
         minor, its_minor = (str(stamp.get("version")).rpartition(".")[0] for stamp in (present, there))
         return its_minor == minor and bool(there["of"] == present["of"])
 
 
 def plan(path: Path = PLAN) -> tuple[list[Figures], dict[str, str]]:
-    """What is made, in order, and the files of finished studies with what they are of."""
+    """Return the files to make, in order, and the files of finished studies with their descriptions."""
     tree = tomllib.loads(path.read_text(encoding="utf-8"))
     history = tree.pop("history")
     return [Figures(name=name, **_tuples(fields)) for name, fields in tree.items()], history
@@ -85,7 +85,7 @@ def _tuples(fields: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def made(file: Path) -> dict[str, Any]:
-    """A file's stamp; empty without one."""
+    """Return a file's stamp; empty if it has none."""
     if not file.is_file():
         return {}
     found: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))["facts"].get(STAMP, {})
@@ -94,13 +94,13 @@ def made(file: Path) -> dict[str, Any]:
 
 @cache
 def release() -> str:
-    """The shipped release, by the beginning of its digest."""
+    """Return the beginning of the shipped release's digest."""
     return bundle.load(BUNDLE).digest[:12]
 
 
 @cache
 def sources_hash(folder: str) -> str:
-    """The hash of the sources in C of a folder, without their comments."""
+    """Return the hash of a folder's C sources, without their comments."""
     everything = hashlib.sha256()
     sources = firmware_part(_OF_ECU[folder]) if folder in _OF_ECU else step_part(folder)
     for name, content in sorted(sources.items()):
@@ -113,7 +113,7 @@ def main(
     only: Annotated[list[str], typer.Option(help="Files by their names, such as 'bus_*' (repeatable).")] = [],  # noqa: B006
     show: Annotated[bool, typer.Option("--list", help="Print what there is, and run nothing.")] = False,
 ) -> None:
-    """Make the files in `results/`, one after the other; a stopped run goes on with --resume."""
+    """Make the files in `results/`, one after another; a stopped run continues with --resume."""
     figures, _ = plan()
     chosen = [one for one in figures if not only or any(fnmatch(one.name, pattern) for pattern in only)]
     if not chosen:
@@ -148,14 +148,13 @@ def _fail(one: Figures, command: str) -> NoReturn:
 
 
 def _status(command: str) -> int:
-    """The exit status of a command in the environment of this Python."""
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ.get('PATH', '')}"
     return subprocess.run(shlex.split(command), cwd=ROOT, env={**os.environ, "PATH": path}, check=False).returncode
 
 
 def _stamp(one: Figures, minutes: float, before: float | None) -> None:
     content = json.loads(one.file.read_text(encoding="utf-8"))
-    # A campaign that goes on tells nothing about how long a whole one takes.
+    # A campaign that continued an earlier one does not show how long a whole campaign takes.
     is_rest = before is not None and content["facts"].get("runs", {}).get("kept", 0) > 0
     content["facts"][STAMP] = {**one.stamp(), "minutes": before if is_rest else minutes}
     with replacing(one.file) as temporary:

@@ -1,4 +1,4 @@
-"""Draw every picture in `docs/pictures` that `results/*.json` alone decides: a part of `make tables`."""
+"""Draw every picture in `docs/pictures` that depends only on `results/*.json`; this is part of `make tables`."""
 
 from benchmarks.common.commands import ROOT
 from benchmarks.common.markdown import read
@@ -7,7 +7,7 @@ from benchmarks.release import release_drawings, weights
 
 
 def main() -> None:
-    """Draw the pictures again."""
+    """Draw the pictures."""
     release = ROOT / "results" / "release_figures.json"
     draw(release_drawings.drawn(read(release)["figures"]), release)
     of_weights = ROOT / "results" / "weights.json"

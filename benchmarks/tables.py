@@ -1,7 +1,7 @@
-"""Fill every table of README.md and `docs/` from `results/*.json`: `make tables`, after a command that writes those.
+"""Fill every table of README.md and `docs/` from `results/*.json`: `make tables`, after the results have changed.
 
-A page has a place for a table between `<!-- table NAME -->` and `<!-- end -->`; the folders' `tables` make them by that
-name. Pages are found by their places, so that a table can move to another page without a change here.
+A page has a place for a table between `<!-- table NAME -->` and `<!-- end -->`; the folders' functions `tables` return
+the tables by these names. Pages are found by these places, so a table can move to another page without a change here.
 """
 
 from pathlib import Path
@@ -39,11 +39,11 @@ SOURCES = {
     "roads": "roads", "sensor_check_alarms": "sensor_check", "sensor_check_faults": "sensor_check",
     "square": "square", "steps": "wake_speed", "summary": "demo",
 }  # fmt: skip
-"""The results file that dates a table, where its own text does not: of several, the one most of its rows are of."""
+"""Results file whose date, version and release are stated below a table; for several files, the file of most rows."""
 
 
 def tables(results: Path) -> dict[str, str]:
-    """Every table by its marker. Raises ValueError if two folders give one name to their tables."""
+    """Return every table by its marker. Raises ValueError if two folders have a table of the same name."""
     made: dict[str, str] = {}
     for folder in FOLDERS:
         of_folder = folder.tables(results)
@@ -56,7 +56,7 @@ def tables(results: Path) -> dict[str, str]:
 
 
 def _origin(path: Path) -> str:
-    """When a table was measured, with which version, and of which release, as far as its file has them."""
+    """State when a table was measured, with which version and which release, as far as its file has these facts."""
     found = read(path)
     facts = found["facts"]
     bundle = facts.get("bundle_name") or facts.get("bundle") or facts.get("controller") or ""
@@ -67,12 +67,12 @@ def _origin(path: Path) -> str:
 
 
 def pages() -> list[Path]:
-    """Every page that has a place for a table."""
+    """Return every page that has a place for a table."""
     return [page for page in (ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))) if names(_read(page))]
 
 
 def filled(page: Path, made: dict[str, str]) -> str:
-    """The page with its tables replaced."""
+    """Return the page with its tables replaced."""
     return fill(_read(page), made)
 
 

@@ -1,1 +1,1 @@
-"""Facts every room shares: geometry, sensors, units, configuration, dataset and bundle formats, the DBC."""
+"""Facts and formats that all packages share: geometry, sensors, units, configuration, data sets, bundles, the DBC."""

@@ -9,22 +9,22 @@ Array: TypeAlias = npt.NDArray[np.float64]
 """Numbers in double precision."""
 
 Precision: TypeAlias = npt.DTypeLike
-"""The type of numbers that is computed with: np.float64, or np.float32 where a flow is trained through."""
+"""Type of the numbers in a computation: np.float64, or np.float32 for a flow in training."""
 
 Index: TypeAlias = npt.NDArray[np.intp]
-"""Positions in another array; `np.arange` and `np.argsort` return such."""
+"""Positions in another array, as returned by `np.arange` and `np.argsort`."""
 
 Mask: TypeAlias = npt.NDArray[np.bool_]
-"""Which entries of another array are meant."""
+"""Selection of entries of another array."""
 
 MOST_VALUES: Final = 2**27
-"""The most values that a file of numbers from anyone may have, 1 GiB in double precision: 90 sensors for eight hours of
-a truck's control periods. A file that holds more is refused before it is read."""
+"""Largest number of values in a file of unknown origin, 1 GiB in double precision: 90 sensors over eight hours of a
+truck's control periods. A file with more values is refused before it is read."""
 
 
 class ArrayValue:
-    """A frozen dataclass whose arrays are read-only, and which equals another one with the same values. It is declared
-    with eq=False: what `dataclass` generates cannot compare arrays."""
+    """A frozen dataclass with read-only arrays, which equals an instance with the same values. Subclasses are declared
+    with eq=False, because the `__eq__` that `dataclass` generates cannot compare arrays."""
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():

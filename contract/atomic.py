@@ -1,4 +1,4 @@
-"""Files that are either there and whole, or not there at all."""
+"""Writing of files that exist either completely or not at all."""
 
 import errno
 import os
@@ -11,29 +11,29 @@ from pathlib import Path
 from contract.errors import StillwakeError
 
 _STREAMS = (1, 2)
-"""Descriptors of standard output and standard error."""
+"""File descriptors of standard output and standard error."""
 
 
 def leads_to(path: Path) -> Path:
-    """The place that a path stands for, through all links: what is written goes there, and the links stay. Raises
-    StillwakeError for a link that leads round, or into a folder that is not there."""
+    """Return the path that results from following all links. Files are written there, and the links stay. Raises
+    StillwakeError for a cyclic link, or a link into a missing folder."""
     place = Path(os.path.realpath(path))
     if place.is_symlink():
         raise StillwakeError(f"cannot write {path}: {os.strerror(errno.ELOOP)}")
     for link in (path, *path.parents):
-        # It may lead to a disk that is not there: what is to be written may be missing, and no folder on the way to it.
+        # The link may point to a disk that is not mounted. Only the target itself may be missing, no folder above it.
         if link.is_symlink() and not link.exists() and (link != path or not place.parent.is_dir()):
             raise StillwakeError(f"cannot write {path}: {link} is a link to {link.readlink()}, which is not there")
     return place
 
 
 def check_writable(path: Path, *, folder: bool = False) -> None:
-    """Find out before the work whether its result can be written: a file is made next to its place and removed again.
+    """Check before a computation whether its result can be written, by creating and removing a file next to the target.
 
-    Folders that are missing on the way are not made; the test is then done in the nearest one that is there. Raises
-    StillwakeError if `path` is of the other kind or has no name of its own, is where this process prints to, has a
-    second name that would keep the old content, or nothing can be written there. `folder` states whether the result is
-    a folder; otherwise it is a file.
+    Missing folders are not created; the test file is then created in the nearest existing folder. Raises StillwakeError
+    if `path` is a folder instead of a file or the reverse, has no name of its own, is where this process prints to, has
+    a hard link that would keep the old content, or cannot be written. `folder` states whether the result is a folder;
+    otherwise it is a file.
     """
     if not folder and path.is_dir():
         raise StillwakeError(f"cannot write {path}: it is a directory, must be a file")
@@ -55,7 +55,7 @@ def check_writable(path: Path, *, folder: bool = False) -> None:
 
 def _check_file(path: Path, there: os.stat_result) -> None:
     if not stat.S_ISREG(there.st_mode):
-        # A device would be replaced, not written to.
+        # A device would be replaced by a file instead of being written to.
         raise StillwakeError(f"cannot write {path}: it is neither a file nor a directory")
     if there.st_nlink > 1:
         raise StillwakeError(
@@ -70,14 +70,15 @@ def _check_file(path: Path, there: os.stat_result) -> None:
 
 @contextmanager
 def replacing(path: Path, *, keep: bool = False) -> Iterator[Path]:
-    """Yield a temporary path next to the place that `path` leads to; move it there if the block succeeds, remove it if
-    not. Links stay, and lead to what is new; it has the mode of what it replaces.
+    """Yield a temporary path next to the target of `path`; move it to the target if the block succeeds, remove it
+    otherwise. Links stay and lead to the new content, which gets the mode of the old.
 
-    With `keep`, the files of a new directory go into an old one, and the others in it stay.
+    With `keep`, the files of a new directory are moved into the old directory, whose other files stay.
 
-    The folders are made if need be, and removed again if nothing came of it. Works for a file or a directory; an old
-    directory is kept until the new one is in its place.
-    Raises StillwakeError if the place cannot be written.
+    Missing folders are created, and removed again if the block fails. The result is a file or a directory; an old
+    directory stays until the new one has replaced it.
+
+    Raises StillwakeError if the target cannot be written.
     """
     place = leads_to(path)
     temporary, aside = _temporary(place, "part"), _temporary(place, "old")
@@ -93,7 +94,7 @@ def replacing(path: Path, *, keep: bool = False) -> Iterator[Path]:
                 _take_after(item, place / item.name)
                 item.replace(place / item.name)
             if temporary.is_dir() and place.is_dir() and not keep:
-                # A directory cannot be moved onto another that is not empty.
+                # A directory cannot be moved onto a directory that is not empty.
                 place.replace(aside)
             if not keep:
                 _take_after(temporary, aside if aside.is_dir() else place)
@@ -105,7 +106,7 @@ def replacing(path: Path, *, keep: bool = False) -> Iterator[Path]:
     except OSError as error:
         raise StillwakeError(f"cannot write {path}: {error.strerror or error}") from error
     except StillwakeError as error:
-        # Of a file in a directory: by the name that it was to have.
+        # The error message must state the final path and not the temporary path.
         named = str(error).replace(str(temporary), str(path))
         if named == str(error):
             raise
@@ -115,18 +116,18 @@ def replacing(path: Path, *, keep: bool = False) -> Iterator[Path]:
             if leftover.is_dir():
                 shutil.rmtree(leftover, ignore_errors=True)
             else:
-                # Where nothing could be written there is nothing to remove, and the first error is the one to report.
+                # If nothing could be written there is nothing to remove, and the first error must be reported.
                 with suppress(OSError):
                     leftover.unlink()
         if made_parent:
-            # Each stays unless it is empty.
+            # `rmdir` fails for a folder that is not empty, which then stays.
             with suppress(OSError):
                 for folder in missing:
                     folder.rmdir()
 
 
 def _take_after(new: Path, old: Path) -> None:
-    """Give what is new, and what is in it, the mode and where possible the owner of what it replaces by name."""
+    """Copy mode and, if possible, owner from the old file or folder to the new one of the same name, recursively."""
     if new.is_symlink() or old.is_symlink() or not old.exists() or old.is_dir() != new.is_dir():
         return
     for item in new.iterdir() if new.is_dir() else ():

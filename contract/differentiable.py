@@ -1,4 +1,4 @@
-"""A plant that is differentiated along with its controller: what a training through the flow needs of it."""
+"""The interface of a differentiable plant for training a controller through the flow."""
 
 from dataclasses import dataclass
 from typing import Protocol
@@ -8,7 +8,7 @@ from contract.arrays import Array
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Seen:
-    """Values of a sample that a training reads; with numbers of the same shapes, what a scalar gains by each of them.
+    """The values of a sample that a training reads. As an argument of `back`, a scalar's gradient for each value.
 
     All are in units of the present speed.
 
@@ -25,15 +25,15 @@ class Seen:
 
     @property
     def differences(self) -> Array:
-        """(p,) of the pairs."""
+        """Differences (p,) of the mirrored pairs."""
         return self.Cp[::2] - self.Cp[1::2]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FlowState:
-    """A flow at the beginning of a control period: its numbers in one vector, and the action in force.
+    """A flow at the beginning of a control period: its state in one vector, and the action in force.
 
-    They and actions are in units of the design speed, whatever the present one is.
+    State and actions are in units of the design speed, independent of the present speed.
     """
 
     flat: Array
@@ -41,35 +41,35 @@ class FlowState:
 
 
 class DifferentiableFlow(Protocol):
-    """A plant with a tape (`wake.truck.tape.Tape`), by the few values above."""
+    """A plant that records its steps on a tape (`wake.truck.tape.Tape`) and differentiates them backwards."""
 
     def begin(self, state: FlowState, speeds: Array) -> Seen:
-        """Go on from there with an empty tape.
+        """Continue from a state with an empty tape.
 
         Args:
-            speeds: (n + 1,) at the n periods' samples and before, as ratios to the design speed; linear in between.
+            speeds: (n + 1,) ratios to the design speed at the n periods' samples and before them; linear in between.
         """
         ...
 
     def advance(self, action: float) -> Seen:
-        """Go on by a control period, at whose end the action is in force, and keep it for the way back. Raises
-        PlantError if the flow diverged, or the window is too long for the tape's memory."""
+        """Advance by a control period, at the end of which the action is in force, and record the period on the tape.
+        Raises PlantError if the flow diverged, or the window is too long for the tape's memory."""
         ...
 
     def back(self, weights: Seen) -> float:
-        """Go back by a period: the sensitivity of its sample, and of later ones, to the action commanded in it."""
+        """Go back a period. Return the gradient of this and later samples with respect to the period's action."""
         ...
 
     def state(self) -> FlowState:
-        """Where the flow is, for a later `begin`."""
+        """Return the present state of the flow, for a later `begin`."""
         ...
 
     def at_rest(self, state: FlowState, speed: float) -> tuple[float, float] | None:
-        """Mean pressure on the base and mean magnitude of the differences, in Cp, of the wake without jets; None where
-        none of the sensors is on the base. Raises PlantError if the flow diverged.
+        """Return the mean base pressure and the mean magnitude of the differences, in Cp, of the wake without jets;
+        None if no sensor is on the base. Raises PlantError if the flow diverged.
 
         Args:
-            state: a developed wake of the design speed.
-            speed: steady, in design speeds.
+            state: a developed wake at the design speed.
+            speed: constant, in units of the design speed.
         """
         ...

@@ -1,17 +1,18 @@
-"""The errors a user can cause, all under one root so that the command line can turn them into one line."""
+"""The errors that a user can cause. Their common base class lets the command line print each as one line."""
 
 from typing import ClassVar
 
 
 def install(extra: str) -> str:
-    """What installs an extra, and the data that its commands begin from, for messages: no package index has us."""
+    """Return the pip command that installs an extra and the data that its commands start from. It installs from a
+    checkout because no package index has stillwake."""
     data = " ./data" if extra in ("sim", "c", "train") else ""
     return f"pip install '.[{extra}]'{data} in a checkout of stillwake"
 
 
 class StillwakeError(Exception):
-    """Something the user can put right; the message names the offending value and what would be right. `status` is what
-    a command that ends with it exits with."""
+    """An error that the user can correct. The message states the offending value and what would be right. `status` is
+    the exit status of a command that ends with this error."""
 
     status: ClassVar[int] = 1
 
@@ -27,7 +28,7 @@ class ConflictError(ConfigError):
 
 
 class OutputError(StillwakeError):
-    """Something is in the place of a result, and the user did not ask to replace it."""
+    """A file or folder already exists where a result would be written, and the user did not ask to replace it."""
 
 
 class DatasetError(StillwakeError):
@@ -47,47 +48,47 @@ class BundleError(StillwakeError):
 
 
 class BundleContainerError(BundleError):
-    """A directory that is not read, or an image: truncated, too large, or holding paths, links or doubled names."""
+    """A bundle's folder or image that cannot be read: truncated, too large, or with paths, links or duplicate names."""
 
 
 class BundleManifestError(BundleError):
-    """A manifest that is missing, damaged, altered, of another schema, or makes no sense."""
+    """A manifest that is missing, damaged, altered, of another schema, or contradictory."""
 
 
 class BundleFileError(BundleError):
-    """A file that is missing, altered, or not in the manifest; or its subclass."""
+    """A file that is missing, altered, or not in the manifest."""
 
 
 class BundleDbcError(BundleFileError):
-    """A bundle for a DBC that is not this version's."""
+    """A bundle that was built for another DBC than this version's."""
 
 
 class BundleControllerError(BundleError):
-    """A `controller.onnx` that is not run: no graph of a control step, other inputs or outputs, or too slow."""
+    """A `controller.onnx` that cannot be used: it is no control step, has other inputs or outputs, or is too slow."""
 
 
 class BundleSignatureError(BundleError):
-    """A signature that is malformed, or not of this manifest."""
+    """A signature that is malformed, or belongs to another manifest."""
 
 
 class BundleSignerError(BundleError):
-    """A bundle that the trusted key did not sign: it is unsigned, or another key's."""
+    """A bundle that is unsigned, or signed by another key than the trusted key."""
 
 
 class KeyFileError(StillwakeError):
-    """A key file that is missing, in the way of a new one, or not a key of its kind."""
+    """A key file that is missing, has another kind of key, or already exists where a new key would be written."""
 
 
 class BusError(StillwakeError):
-    """The CAN bus cannot be opened, did not take a frame, or failed."""
+    """A CAN bus that cannot be opened, did not accept a frame, or failed."""
 
 
 class FlashError(StillwakeError):
-    """An ECU that was not flashed; the subclasses in `can_bridge.tester.messages` are the ways in which it can end."""
+    """A flashing that failed; the subclasses in `can_bridge.tester.messages` are the kinds of failure."""
 
 
 class PlantError(StillwakeError):
-    """The flow solver was given a state, mesh or action it cannot continue from, or it diverged."""
+    """A flow solver that diverged, or was given a state, mesh or action from which it cannot continue."""
 
 
 class ExportError(StillwakeError):
@@ -95,8 +96,8 @@ class ExportError(StillwakeError):
 
 
 class LibraryError(StillwakeError):
-    """A controller library that cannot be compiled or run on this machine, or is not of the bundle's program."""
+    """A controller library that cannot be compiled or run here, or was built from another program than the bundle's."""
 
 
 class McuError(StillwakeError):
-    """A controller library that does not compile for, or does not run on, the emulated microcontroller."""
+    """A controller library that does not compile for the emulated microcontroller, or does not run on it."""

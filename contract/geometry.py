@@ -1,9 +1,9 @@
-"""The truck and the domain, in lengths of the body width W (paper, section 2.1).
+"""The truck's and the domain's dimensions, in body widths W (paper, section 2.1).
 
-`contract.config.body` describes another body in the same domain; its width is 1, and its slots are the truck's.
+`contract.config.body` describes other bodies in the same domain; their width is 1, and their slots are the truck's.
 
-The front of the body is at x = 0, its axis of symmetry at y = 0. Velocities are in U_inf, times in
-t_c = W / U_inf, pressures are Cp = (p - p_outlet) / (rho U_inf^2 / 2).
+The front of the body is at x = 0, its axis of symmetry at y = 0. Velocities are in U_inf, times in t_c = W / U_inf,
+pressures are Cp = (p - p_outlet) / (rho U_inf^2 / 2).
 """
 
 from typing import Final
@@ -13,10 +13,10 @@ HALF_WIDTH: Final = 0.5
 LEADING_EDGE_RADIUS: Final = 0.118
 
 JET_WIDTH: Final = 0.05
-"""Width of each slot; the slots take the outermost parts of the base, |y| in [0.45, 0.5]."""
+"""Width of each slot. The slots are at the two edges of the base, |y| in [0.45, 0.5]."""
 
 DOMAIN_X: Final = (-7.0, 23.0)
 DOMAIN_Y: Final = (-7.5, 7.5)
 
 WAKE_PROBE: Final = (10.0, 0.0)
-"""Where the paper watches the transverse velocity U_y behind the truck."""
+"""Point in the truck's wake at which the paper measures the transverse velocity U_y."""

@@ -1,7 +1,7 @@
-"""The drag ledger: every force along the road that the jets change, and the power they take.
+"""The drag ledger: every force along the road that the jets change, and the power that they take.
 
-A drag reduction counts only together with its price. The wall's drag is what the controller reduces; the slot faces,
-the reaction to the jets' momentum and the jets' power are reported next to it, and `Cd_net` sums the forces.
+A drag reduction must be compared with its cost. The controller reduces the drag of the wall. The forces on the slot
+faces, the reaction to the jets' momentum and the jets' power are reported beside it, and `Cd_net` sums the forces.
 """
 
 from collections.abc import Mapping
@@ -11,18 +11,18 @@ from typing import Final, Generic, TypeVar
 from contract.arrays import Array
 
 Value = TypeVar("Value", float, Array)
-"""One instant, or a time series of shape (n,)."""
+"""A value at one instant, or a time series of shape (n,)."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DragLedger(Generic[Value]):
-    """Forces per unit of rho U_inf^2 W / 2, at one instant or as time series.
+    """Forces in units of rho U_inf^2 W / 2, at one instant or as time series.
 
     Attributes:
         Cd, Cl: wall force without the slot faces.
         Cd_slot_pressure, Cd_slot_viscous: pressure and viscous force on the slot faces.
-        Cd_momentum: reaction to the momentum the jets carry, negative for thrust.
-        jet_power: power the jets hand to the flow, per unit of rho U_inf^3 W / 2.
+        Cd_momentum: reaction to the jets' momentum flux, negative for thrust.
+        jet_power: power that the jets transfer to the flow, in units of rho U_inf^3 W / 2.
     """
 
     Cd: Value
@@ -39,14 +39,14 @@ class DragLedger(Generic[Value]):
 
     @property
     def Cd_net(self) -> Value:
-        """Wall, slot and momentum together: what the vehicle's axle would feel."""
+        """Sum of wall, slot and momentum forces: the force on the vehicle."""
         return self.Cd + self.Cd_slot + self.Cd_momentum
 
 
 LEDGER_FIELDS: Final = tuple(item.name for item in fields(DragLedger))
-"""Names of the entries, in order; the derived ones are not among them."""
+"""Names of the ledger's entries, in order; the derived sums are not among them."""
 
 
 def ledger_of(series: Mapping[str, Value]) -> DragLedger[Value]:
-    """The ledger among named series; others are left out. Raises KeyError naming an entry that is missing."""
+    """Build the ledger from named series; other series are ignored. Raises KeyError for a missing entry."""
     return DragLedger(**{name: series[name] for name in LEDGER_FIELDS})

@@ -1,4 +1,4 @@
-"""NPZ files from anyone: how much a file holds is known before it is read, and nothing in it is unpickled."""
+"""A reader of NPZ files of unknown origin: it checks the size before it reads, and unpickles nothing."""
 
 import math
 from pathlib import Path
@@ -15,13 +15,13 @@ _HEADERS: Final = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_hea
 
 
 class Arrays(dict[str, npt.NDArray[Any]]):
-    """The arrays of a file by their names; the methods raise ValueError for what does not fit."""
+    """The arrays of a file by name. The methods raise ValueError for an array of another kind."""
 
     def __missing__(self, name: str) -> npt.NDArray[Any]:
         raise ValueError(f"it lacks {name!r}")
 
     def numbers(self, name: str, *shape: int | None) -> Array:
-        """Numbers of this shape, in which None stands for any length; NaN may be among them, infinity may not."""
+        """Return numbers of this shape, in which None means any length. NaN is allowed, infinity is not."""
         array = self[name]
         fits = array.ndim == len(shape) and all(n in (None, m) for n, m in zip(shape, array.shape, strict=True))
         if array.dtype.kind not in "fiu" or not fits or np.isinf(array).any():
@@ -30,7 +30,7 @@ class Arrays(dict[str, npt.NDArray[Any]]):
         return array.astype(np.float64)
 
     def text(self, name: str) -> str:
-        """The one text that this is."""
+        """Return the single text of this name."""
         array = self[name]
         if array.dtype.kind != "U" or array.shape:
             raise ValueError(f"{name!r} is {array.dtype} of shape {array.shape}: must be a text")
@@ -38,8 +38,9 @@ class Arrays(dict[str, npt.NDArray[Any]]):
 
 
 def read_npz(path: Path, *, objects: bool = False) -> Arrays:
-    """All arrays of a file. Raises OSError if it cannot be opened; ValueError if it is no archive of arrays of numbers
-    and texts, damaged, or holds more than `MOST_VALUES`. With `objects`, an array of Python's objects is left empty."""
+    """Read all arrays of a file. Raises OSError if it cannot be opened; ValueError if it is no archive of arrays of
+    numbers and texts, is damaged, or holds more than `MOST_VALUES` values. With `objects`, an array of Python objects
+    becomes an empty array."""
     if path.exists() and not path.is_file():
         raise ValueError("it is no file")
     found, total = Arrays(), 0

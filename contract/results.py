@@ -1,4 +1,4 @@
-"""The files in `results/`: figures with what they were made from."""
+"""The files in `results/`: figures, and the facts about their origin."""
 
 import json
 import os
@@ -13,10 +13,10 @@ from contract.atomic import replacing
 
 
 def write_result(path: Path, *, figures: Any, facts: Mapping[str, Any], on: date) -> None:
-    """Write as JSON, whole or not at all.
+    """Write a result as JSON, completely or not at all.
 
     Args:
-        figures: what was measured, in the units its reader documents.
+        figures: measured values, in the units that their reader documents.
         facts: settings, seeds, versions and hashes of the inputs; the machine is added.
     """
     content = {"date": on.isoformat(), "figures": figures, "facts": {**facts, "machine": machine()}}
@@ -25,12 +25,12 @@ def write_result(path: Path, *, figures: Any, facts: Mapping[str, Any], on: date
 
 
 def versions(*packages: str) -> dict[str, str]:
-    """Installed versions, for `facts`."""
+    """Return the installed versions of packages, for `facts`."""
     return {package: version(package) for package in packages}
 
 
 def machine() -> str:
-    """This computer's processor and its number of logical cores, for `facts`."""
+    """Return this computer's processor and its number of logical cores, for `facts`."""
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
     except OSError:

@@ -1,6 +1,6 @@
-"""Where the wall-pressure sensors of a data set or a plant lie: names, positions, base and mirror image.
+"""The layout of the wall-pressure sensors of a data set or a plant: names, positions, base and mirror image.
 
-The truck's own 90 are `contract.sensors.TRUCK`. A data set of another body has a layout of its own.
+The truck's 90 sensors are `contract.sensors.TRUCK`. A data set of another body has its own layout.
 """
 
 from collections.abc import Sequence
@@ -14,11 +14,11 @@ from contract.errors import ConfigError
 from contract.printable import MAX_NAME, is_name, quoted
 
 SAME_PLACE: Final = 1e-4
-"""Two positions closer than this, in W, are one: the paper's own table mirrors to 1e-5."""
+"""Distance in W below which two positions count as equal. In the paper's own table, mirror images differ by 1e-5."""
 FARTHEST: Final = 1000.0
-"""W from the front of the body; more is a slip."""
+"""Largest distance of a sensor from the front of the body, in W; a larger number is taken for a mistake."""
 MAX_SENSORS: Final = 1_000
-"""Every pair of them is compared."""
+"""Largest number of sensors; the limit bounds the time to compare every pair of them."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -29,10 +29,10 @@ class SensorLayout:
         names: (n,), all different.
         positions: (n, 2), in the body's reference length W; x along the flow, y across it.
         base: columns of the sensors on the base, whose mean is the base pressure; may be empty.
-        mirror: (n,), Cp[mirror] is the reading in the flow reflected in y = 0; None where the sensors have no mirror
+        mirror: (n,), Cp[mirror] is the reading in the flow reflected in y = 0; None if the sensors have no mirror
             images or the body is not symmetric.
 
-    Raises ConfigError for a layout that contradicts itself.
+    Raises ConfigError for a contradictory layout.
     """
 
     names: tuple[str, ...]
@@ -69,8 +69,8 @@ class SensorLayout:
     def of(
         cls, names: Sequence[str], positions: Array, *, base: Sequence[int] = (), symmetric: bool = True
     ) -> "SensorLayout":
-        """A layout whose mirror images follow from the positions, as far as every sensor has one. `symmetric` states
-        whether body and jets are their own mirror images in y = 0."""
+        """Build a layout. Mirror images are found from the positions, if every sensor has one. `symmetric` states
+        whether body and jets are symmetric about y = 0."""
         positions = np.asarray(positions, dtype=np.float64)
         return cls(
             names=tuple(names),
@@ -80,12 +80,12 @@ class SensorLayout:
         )
 
     def without_partner(self) -> tuple[str, ...]:
-        """Names of the sensors with none at (x, -y)."""
+        """Return the names of the sensors without a sensor at (x, -y)."""
         far = _distance(self.positions, self.positions * (1.0, -1.0)).min(axis=1) > SAME_PLACE
         return tuple(name for name, alone in zip(self.names, far, strict=True) if alone)
 
     def indices(self, names: Sequence[str]) -> Index:
-        """Columns of named sensors. Raises ConfigError for a name that does not exist or is given twice."""
+        """Return the columns of named sensors. Raises ConfigError for a name that does not exist or is given twice."""
         for name in names:
             if name not in self.names:
                 raise ConfigError(f"unknown sensor {name!r}: there are {_listed(self.names)}")
@@ -94,7 +94,7 @@ class SensorLayout:
         return np.array([self.names.index(name) for name in names], dtype=np.intp)
 
     def only(self, columns: Index) -> "SensorLayout":
-        """The layout of those columns, in that order; without mirror images, which need not be among them."""
+        """Return the layout of the columns, in their order, without mirror images, which may not be among them."""
         return SensorLayout(
             names=tuple(self.names[column] for column in columns),
             positions=self.positions[columns],
@@ -103,7 +103,7 @@ class SensorLayout:
         )
 
     def difference(self, other: "SensorLayout") -> str | None:
-        """The first thing in which two layouts differ, in words; None if they are the same."""
+        """Describe the first difference between two layouts; None if they are equal."""
         if self.names != other.names:
             return f"names: {_listed(self.names)}, and {_listed(other.names)}"
         for name, here, there in zip(self.names, self.positions, other.positions, strict=True):
@@ -122,7 +122,7 @@ def _is_involution(mirror: Index, count: int) -> bool:
 
 
 def _mirror(positions: Array) -> Index | None:
-    """The column at (x, -y) for every column; None if one has no partner."""
+    """Return, for every column, the column at (x, -y); None if a sensor has no partner."""
     if positions.ndim != 2 or not len(positions):
         return None
     distance = _distance(positions, positions * (1.0, -1.0))
@@ -134,7 +134,7 @@ def _mirror(positions: Array) -> Index | None:
 
 
 def _distance(to: Array, start: Array) -> Array:
-    """(n, n): from every start to every position, the larger of |dx| and |dy|."""
+    """Return the distances (n, n) from every start to every position: the larger of |dx| and |dy|."""
     distance: Array = np.abs(to[None, :, :] - start[:, None, :]).max(axis=2)
     return distance
 

@@ -15,7 +15,7 @@ PER_SIDE: Final = 40
 ON_BASE: Final = 10
 COUNT: Final = 2 * PER_SIDE + ON_BASE
 
-# 0.204555 is the paper's own value; its mirror image there is 0.204545.
+# The paper gives 0.204555 here, although its mirror image is 0.204545.
 _BASE_Y: Final = (
     0.368182, 0.286364, 0.204555, 0.122727, 0.040909,
     -0.040909, -0.122727, -0.204545, -0.286364, -0.368182,
@@ -28,12 +28,12 @@ NAMES: Final[tuple[str, ...]] = (
 )
 
 BASE: Final = slice(2 * PER_SIDE, COUNT)
-"""The base sensors; the mean base Cp is the mean over these."""
+"""Columns of the base sensors; the mean base Cp is their mean."""
 
 
 def positions() -> Array:
-    """Sensor coordinates in W, shape (90, 2), on the body's surface."""
-    # Evenly spaced between the rounded edge and the rear, ends left out; rounded as in the paper.
+    """Return the sensor coordinates in W, shape (90, 2), on the body's surface."""
+    # Evenly spaced positions between the rounded edge and the rear, without end points, rounded as in the paper.
     side_x = np.round(np.linspace(LEADING_EDGE_RADIUS, LENGTH, PER_SIDE + 2)[1:-1], 6)
     upper = np.column_stack([side_x, np.full(PER_SIDE, HALF_WIDTH)])
     lower = upper * (1.0, -1.0)

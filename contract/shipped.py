@@ -1,7 +1,7 @@
-"""Where the shipped files lie: the release bundle, and the data that the laboratory starts from.
+"""Paths of the shipped files: the release bundle, and the data for simulation and training.
 
-The bundle comes with the package. The data are a distribution of their own, `stillwake-data`, which a vehicle leaves
-out; a checkout has them in `data/`, whether or not they are installed.
+The bundle is part of the package. The data are a separate distribution, `stillwake-data`, which a vehicle does not
+install; a checkout has them in `data/`, even if they are not installed.
 """
 
 from importlib.util import find_spec
@@ -23,27 +23,27 @@ def _folder() -> Path:
 _DATA: Final = _folder()
 
 BUNDLE: Final = Path(__file__).resolve().parent / "release" / "shipped"
-"""The shipped release."""
+"""Path of the shipped release."""
 DEVELOPED: Final = _DATA / "developed.npz"
-"""A flow state with shedding established and no action: where episodes begin. `developed` reports a missing one."""
+"""Path of the flow state, with shedding and without action, where episodes begin; `developed` checks for it."""
 RECORDING: Final = _DATA / "recording.h5"
-"""The data set that the shipped bundle was trained on. `recording` reports a missing one."""
+"""Path of the data set that the shipped bundle was trained on. `recording` checks that it exists."""
 MODEL: Final = _DATA / "model"
-"""The model folder that the shipped bundle was exported from. `model` reports a missing one."""
+"""Path of the model folder that the shipped bundle was exported from. `model` checks that it exists."""
 
 
 def developed() -> Path:
-    """The developed flow; raises StillwakeError where the data are not installed."""
+    """Return the path of the developed flow; raises StillwakeError if the data are not installed."""
     return _present(DEVELOPED, "the developed flow that runs begin from")
 
 
 def recording() -> Path:
-    """The recording; raises StillwakeError where the data are not installed."""
+    """Return the path of the recording; raises StillwakeError if the data are not installed."""
     return _present(RECORDING, "the shipped recording")
 
 
 def model() -> Path:
-    """The model folder; raises StillwakeError where the data are not installed."""
+    """Return the path of the model folder; raises StillwakeError if the data are not installed."""
     _present(MODEL / "model.json", "the shipped model")
     return MODEL
 

@@ -1,6 +1,6 @@
-"""Work side by side: processes of this machine, or workers of dask where others may help and may be lost.
+"""Parallel work in processes of this machine, or on dask workers, which may be on other machines and may be lost.
 
-None is left behind, nor what it wrote, however the work ends.
+No process and no temporary file remains, however the work ends.
 """
 
 import logging
@@ -22,18 +22,18 @@ if TYPE_CHECKING:
 J = TypeVar("J")
 
 _STOPS: Final = (signal.SIGINT, signal.SIGTERM)
-"""They reach every process of a terminal or a service, and only the parent decides what they mean."""
+"""Signals that a terminal or service sends to every process; child processes ignore them, the parent reacts."""
 _POLL_S: Final = 0.2
 _CONNECT_S: Final = 10.0
 
 
 @contextmanager
 def process_pool(workers: int, initializer: Callable[[], None] | None = None) -> Iterator[ProcessPoolExecutor]:
-    """A pool of fresh processes; an error or a stop ends them in the middle of their work.
+    """Open a pool of new processes; an error or a stop signal kills them during their work.
 
     Args:
-        workers: so many.
-        initializer: called in each of them before its work.
+        workers: number of processes.
+        initializer: called in each process before its work.
     """
     context = multiprocessing.get_context("spawn")
     with tempfile.TemporaryDirectory(prefix="stillwake-", ignore_cleanup_errors=True) as scratch:
@@ -62,20 +62,20 @@ def spread(
     looked: Callable[[Mapping[str, int]], None] = lambda threads: None,
     slots: Callable[[Mapping[str, int]], int] = len,
 ) -> None:
-    """Let workers of dask do the jobs, in their order, one to a slot at a time; a local worker that dies is replaced.
+    """Run jobs on dask workers, in order, one per slot at a time; a local worker that dies is replaced.
 
     Args:
-        call: a job's function and its arguments, as they travel to the worker; made when a slot is free.
-        workers: local processes to start; at most one a job.
+        call: returns a job's function and its arguments, which are sent to the worker; called when a slot is free.
+        workers: number of local processes to start; at most one per job is started.
         scheduler: address of a running scheduler to use instead.
-        names: of a job, and of what is kept of it if its workers die, for the message.
-        finished: called in this process with every job that is done and its result, in the order they finish.
-        looked: called at every look with the threads of each worker by its address.
-        slots: how many jobs run on these workers at once.
+        names: returns, for the error message, the job's name and what remains of the job if its workers die.
+        finished: called in this process with every finished job and its result, in the order in which they finish.
+        looked: called at every poll with the threads of each worker by its address.
+        slots: returns the number of jobs that run on these workers at once.
 
     Raises:
-        StillwakeError: the scheduler cannot be reached or has no worker, a worker died too often over one job, or what
-            the job raised of that kind.
+        StillwakeError: the scheduler cannot be reached or has no worker, workers died too often during one job, or the
+            job raised a StillwakeError.
     """
     if not jobs:
         return
@@ -83,7 +83,7 @@ def spread(
     running: dict[Future, J] = {}
     with _dask_client(min(workers, len(jobs)), scheduler) as client:
         while waiting or running:
-            # What a job takes along may be megabytes: no more are under way than are being worked on.
+            # A job's arguments may be megabytes, so a job is only sent when a slot is free.
             threads: Mapping[str, int] = client.nthreads()
             looked(threads)
             while waiting and len(running) < max(1, slots(threads)):
@@ -104,7 +104,7 @@ def _begin(scratch: str, initializer: Callable[[], None] | None) -> None:
 
 
 def _result(future: "Future", name: str, kept: str) -> Any:
-    # Needed only here, as below: a vehicle has no dask.
+    # Imported only when needed, because a vehicle does not install dask.
     from distributed import KilledWorker
 
     if future.status == "finished":
@@ -120,13 +120,13 @@ def _result(future: "Future", name: str, kept: str) -> Any:
 
 @contextmanager
 def _dask_client(workers: int, scheduler: str | None) -> "Iterator[Client]":
-    """A client of the scheduler, or of a new local cluster of single-threaded processes."""
+    """Open a client of the scheduler, or of a new local cluster of single-threaded processes."""
     import dask.config
     from distributed import Client
 
     logging.getLogger("distributed").setLevel(logging.CRITICAL)
     if scheduler is None:
-        # Of its own: what dask writes into the shared temporary folder, it leaves there.
+        # A separate temporary folder, because dask does not remove its files from the shared one.
         with (
             tempfile.TemporaryDirectory(prefix="stillwake-", ignore_cleanup_errors=True) as scratch,
             dask.config.set({"temporary-directory": scratch}),
@@ -150,8 +150,9 @@ def _dask_client(workers: int, scheduler: str | None) -> "Iterator[Client]":
 def _local_cluster(workers: int) -> "LocalCluster":
     from distributed import LocalCluster
 
-    # The cluster's thread and the workers it starts, now or later, inherit the blocked signals; here they are only put
-    # off until they stand. Python's resource tracker would unblock them again if it were started meanwhile.
+    # The cluster's thread and the workers that it starts, now or later, inherit the blocked signals. In this process
+    # the signals are only delayed until the cluster has started. Python's resource tracker would unblock them if it
+    # started in between, so it is started first.
     resource_tracker.ensure_running()
     before = signal.pthread_sigmask(signal.SIG_BLOCK, _STOPS)
     try:

@@ -1,4 +1,4 @@
-"""TOML files of a user: read as a whole, refused in one line."""
+"""A reader of users' TOML files: it reads a file as a whole, and reports an error in one line."""
 
 import tomllib
 from importlib.resources.abc import Traversable
@@ -7,11 +7,11 @@ from typing import Any, Final
 from contract.errors import ConfigError
 
 LARGEST_FILE: Final = 2**20
-"""Bytes; all settings take three thousand."""
+"""Largest size of a file, in bytes; all settings take three thousand."""
 
 
 def read_toml(source: Traversable, what: str) -> dict[str, Any]:
-    """The tree of a file; raises ConfigError, which names it as `what` it is."""
+    """Return the tree of a file. Raises ConfigError, whose message begins with `what`, the kind of the file."""
     try:
         with source.open("rb") as file:
             data = file.read(LARGEST_FILE + 1)

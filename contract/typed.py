@@ -1,4 +1,4 @@
-"""Typed values from plain trees of TOML and JSON, by msgspec; errors name the place, its value and what is right."""
+"""Typed values from TOML and JSON trees by msgspec; errors state the place, the value and what is right."""
 
 import re
 from collections.abc import Mapping
@@ -13,7 +13,7 @@ from contract.printable import quoted, shown
 T = TypeVar("T")
 
 LONGEST_SHOWN: Final = 60
-"""Characters of a value in an error."""
+"""Largest number of characters of a value that an error shows."""
 
 _KINDS: Final = {
     "int": "a whole number",
@@ -29,9 +29,9 @@ _STEP: Final = re.compile(r"\.(\w+)|\[(\d+)\]")
 
 
 def typed(tree: object, kind: type[T], *, complete: bool = False) -> T:
-    """The tree as a dataclass, with whole numbers as floats and lists as tuples where the fields' types are. Raises
-    ConfigError if a name is unknown or missing, or a value has another type. `complete` states whether every field must
-    be there, also those with defaults."""
+    """Convert a tree to a dataclass; whole numbers become floats and lists become tuples where the fields' types ask
+    for it. Raises ConfigError if a name is unknown or missing, or a value has another type. `complete` states whether
+    fields with defaults must be in the tree too."""
     _check_names(tree, kind, "", complete=complete)
     try:
         value = msgspec.convert(tree, kind)
@@ -47,7 +47,7 @@ def typed(tree: object, kind: type[T], *, complete: bool = False) -> T:
 
 
 def _right(wording: str, hint: Any) -> str:
-    """What a value must be, from the words of msgspec and the field's type."""
+    """Return what a value must be, from msgspec's message and the field's type."""
     if get_origin(hint) is Literal:
         *most, last = map(repr, get_args(hint))
         return f"must be {', '.join(most)} or {last}"
@@ -76,7 +76,7 @@ def _check_names(tree: object, kind: type, above: str, *, complete: bool) -> Non
 
 
 def _set_in_order(value: object) -> None:
-    """Give `vars` all fields in their order: msgspec sets those in the tree, in the tree's order."""
+    """Put all fields into `vars` in declaration order: msgspec sets only the tree's fields, in the tree's order."""
     if isinstance(value, list | tuple):
         for item in value:
             _set_in_order(item)
@@ -89,7 +89,7 @@ def _set_in_order(value: object) -> None:
 
 
 def _part_of(hint: Any) -> Any:
-    """The dataclass in a field's type, alone, in a list or where the value is not None; None if there is none."""
+    """Return the dataclass in a field's type, also in a list or if the field may be None; None without one."""
     if get_origin(hint) is Mapping:
         return None  # its keys are names of the user's
     return next((part for part in (hint, *get_args(hint)) if isinstance(part, type) and is_dataclass(part)), None)

@@ -1,1 +1,1 @@
-"""The ECU, the vehicle around it, the closed loop, what a run leaves behind, and an emulated microcontroller."""
+"""A simulated vehicle around an ECU: closed loop, campaigns, latency, files of runs, emulated microcontroller."""

@@ -1,1 +1,1 @@
-"""Recording -> latent model, sensor ranking, slim encoder on few sensors, held-out figures and a stored model."""
+"""Offline training: from a recording to a latent model, a sensor ranking, a slim encoder and test figures."""

@@ -1,4 +1,4 @@
-"""A trained model as networks: kept in a model folder (`contract.model.model_folder`) and rebuilt from one."""
+"""A trained model as networks, stored in a model folder (`contract.model.model_folder`) and rebuilt from it."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -27,7 +27,7 @@ class TrainedModel:
     Attributes:
         teacher: encoder on all sensors, dynamics and decoder.
         slim: encoder on `sensors`.
-        predictor: narrower dynamics and decoder for the vehicle; None where the teacher's serve there.
+        predictor: narrower dynamics and decoder for the vehicle; None if the vehicle uses the teacher's.
         sensors: names, in the order of the slim encoder's inputs.
         scaling: of all pressures, the action and the forces.
         dataset_sha256, versions: as in `contract.model.model_folder.Description`.
@@ -51,13 +51,13 @@ class TrainedModel:
 
     @property
     def deployed(self) -> Predictor | WakeModel:
-        """The dynamics and decoder that go on the vehicle."""
+        """The dynamics and decoder for the vehicle."""
         return self.teacher if self.predictor is None else self.predictor
 
 
 def save(path: Path, model: TrainedModel) -> None:
-    """Write the model folder, replacing a model that is there. Raises StillwakeError if the place cannot be written or
-    holds something that is not a model."""
+    """Write the model folder, replacing an existing model. Raises StillwakeError if the folder cannot be written or
+    contains something other than a model."""
     description = Description(
         config=model.config,
         scaling=model.scaling,
@@ -72,9 +72,8 @@ def save(path: Path, model: TrainedModel) -> None:
 
 
 def load(path: Path) -> TrainedModel:
-    """Read and verify a model folder. Raises ModelError if the folder is not sound
-    (`contract.model.model_folder.read`), or the weights are not those of the networks that the description configures;
-    the message names it."""
+    """Read and verify a model folder. Raises ModelError if the folder is invalid (`contract.model.model_folder.read`),
+    or if its weights do not fit the networks that the description configures; the message states the weight."""
     folder = model_folder.read(path)
     about = folder.description
     config = about.config
@@ -104,7 +103,7 @@ def load(path: Path) -> TrainedModel:
 
 
 def _parts(teacher: WakeModel, slim: Encoder, predictor: Predictor | None) -> Mapping[str, nn.Module]:
-    """Every network by the name its weights are stored under."""
+    """Return every network by the prefix under which its weights are stored."""
     parts: dict[str, nn.Module] = dict(teacher.named_children())
     parts["slim"] = slim
     if predictor is not None:

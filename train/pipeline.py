@@ -1,4 +1,4 @@
-"""The way from a recording to a stored model: joint fit, choice of sensors, distillation, held-out figures."""
+"""Training from a recording to a stored model: joint fit, choice of sensors, distillation, test figures."""
 
 import hashlib
 import platform
@@ -34,7 +34,7 @@ from train.selection.ranking import GIVEN, Ranking, SensorChoice, check_count
 from train.selection.shap_ranking import ShapRanker, rank
 
 THREADS: Final = "torch_threads"
-"""Among a model's `versions`: how many threads torch had, or every number if it was continued with another one."""
+"""Key in a model's `versions`: the number of torch's threads, or all numbers if it changed during the training."""
 
 
 def train_all(
@@ -49,26 +49,26 @@ def train_all(
     threads: int = 1,
     notice: Callable[[str], None] = lambda line: None,
 ) -> TrainedModel:
-    """Train on the recording's "train" episodes, judge on its "test" episodes, store at `output`.
+    """Train on the recording's "train" episodes, test on its "test" episodes, and store the model at `output`.
 
-    Episodes and their mirror images are learned from, where the recording's sensors have such; else the episodes alone.
-
-    State is kept in `<output>.checkpoints` while the run lasts, and removed when the model is stored. A model that is
-    at `output` is replaced when the new one is whole. Returns the stored model, on the CPU.
+    The training uses the episodes, and also their mirror images if the recording's sensors have mirror images. The
+    state is stored in `<output>.checkpoints` during the run, and removed when the model is stored. An existing model at
+    `output` is replaced when the new model is complete. Returns the stored model, on the CPU.
 
     Args:
         progress: called from every phase; see `train.fitting.progress.Progress`.
         device: "cpu" or "cuda".
         resume: continue an interrupted run of the same settings and recording; if False, start over.
-        chosen: names of the slim encoder's sensors; None takes what `config.train.selection` chooses.
-        threads: of torch while it trains; the caller's number is restored. The model's `versions` name it.
-        notice: called with a line for every training episode that is left out because it is too short, and one if the
-            run goes on with another number of threads than it began with.
+        chosen: names of the slim encoder's sensors; None uses the method `config.train.selection`.
+        threads: number of torch's threads, stated in the model's `versions`; the caller's number is restored.
+        notice: called with a line for every training episode that is too short, and if the number of threads has
+            changed.
 
     Raises:
-        DatasetError: unreadable or unsuitable recording (`contract.recording.findings`: too short, constant signal,
-            another control period, action limit or Reynolds number than `config.flow`), or another one's checkpoint.
-        ConfigError: unknown device, CUDA absent, unknown or repeated sensor, another configuration's checkpoint, or
+        DatasetError: the recording is unreadable or unsuitable (`contract.recording.findings`: too short, constant
+            signal, another control period, action limit or Reynolds number than `config.flow`), or the checkpoint
+            belongs to another recording.
+        ConfigError: unknown device, CUDA absent, unknown or repeated sensor, checkpoint of another configuration, or
             fewer than one thread.
         TrainingError: if the loss does not stay finite.
         StillwakeError: if `output` cannot be written.
@@ -78,7 +78,7 @@ def train_all(
         model_folder.check_free(output)
         recording = dataset.read(dataset_path)
         layout = recording.layout
-        # Whatever the later phases would refuse is refused before the first one has cost minutes.
+        # Everything that later phases would refuse is checked here, before the first phase takes minutes.
         _check_selection(config, layout, chosen)
         refuse_unfit(findings(recording, config, choosing=chosen is None), str(dataset_path))
         for line in left_out(recording, config):
@@ -131,13 +131,13 @@ def deployed(
     progress: Progress = silent,
     checkpoints: Checkpoints | None = None,
 ) -> tuple[Encoder, Predictor | None]:
-    """What goes on the vehicle, on the CPU: an encoder of these sensors, and dynamics and decoder if they are slimmed.
-    `rows` for training have all sensors' columns."""
+    """Return the networks for the vehicle, on the CPU: an encoder of the named sensors, and dynamics and decoder if
+    they are slimmed. `rows` are training rows with all sensors' columns."""
     indices = rows.layout.indices(names)
     slim = distil(teacher.encoder, rows, indices, config, progress=progress, checkpoints=checkpoints)
     if not config.model.is_slimmed:
         return slim.cpu(), None
-    # From the latents that the vehicle's encoder gives, not from the teacher's.
+    # The latents are those of the vehicle's encoder, not of the teacher.
     latents = encode_all(slim, rows.with_sensors(indices))
     lessons = teach(teacher, latents, rows, scaling, config, progress=progress)
     predictor = distil_predictor(lessons, config.model, config.train, progress=progress, checkpoints=checkpoints)
@@ -164,7 +164,7 @@ def _checkpoints(output: Path, identity: Identity, resume: bool) -> Checkpoints:
 def _choice(
     encoder: Encoder, rows: Rows, config: Config, checkpoints: Checkpoints, progress: Progress
 ) -> tuple[tuple[str, ...], SensorChoice]:
-    """The chosen sensors, and how they were found."""
+    """Return the chosen sensors, and how they were chosen."""
     settings, path = config.train, checkpoints.path(Phase.SELECT)
     if settings.selection == "shap":
         ranking = _ranking(encoder, rows, config, checkpoints, progress)
@@ -172,7 +172,7 @@ def _choice(
     state = checkpoint.load(path, checkpoints.identity) if checkpoints.resume else None
     if state is None:
         names = select(settings.selection, encoder, rows, settings.sensors, settings=settings, progress=progress)
-        # Kept although it costs little: mirror images tie but for rounding, and a resumed run may round otherwise.
+        # Stored although it is cheap: mirror images differ only by rounding, and a resumed run may round otherwise.
         checkpoint.save(path, checkpoints.identity, {"order": torch.from_numpy(rows.layout.indices(names))})
     else:
         names = tuple(rows.layout.names[index] for index in state["order"].tolist())
@@ -196,6 +196,6 @@ def _listed(numbers: Iterable[int]) -> str:
 
 
 def versions() -> dict[str, str]:
-    """The versions of what a training computes with."""
+    """Return the versions of the software that a training uses."""
     packages = {name: version(name) for name in ("stillwake", "torch", "numpy", "shap")}
     return {"python": platform.python_version(), **packages}

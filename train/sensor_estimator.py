@@ -1,7 +1,7 @@
-"""Fit the network that estimates each pressure of a controller from its other ones, for the ECU's sensor check.
+"""Training of the network that estimates each of a controller's pressures from the others, for the ECU's sensor check.
 
-It learns from the recording's "train" episodes and their mirror images. While it learns, readings get noise and rows
-are held as the ECU holds them over lost frames, so that neither upsets it later.
+It learns from the recording's "train" episodes and their mirror images. During training, noise is added to the
+readings, and some rows repeat the row before, as on an ECU that loses frames, so that the estimator tolerates both.
 """
 
 from collections.abc import Callable, Sequence
@@ -19,21 +19,21 @@ from contract.recording.dataset import Dataset
 from train.fitting.threads import torch_threads
 
 _WIDTHS: Final = (64, 64)
-"""Width of the hidden layers. With 192 the residuals are slightly smaller, and no microcontroller has room for it."""
+"""Widths of the hidden layers. 192 gives slightly smaller residuals, but does not fit into a microcontroller."""
 EPOCHS: Final = 60.0
 BATCH: Final = 1024
 LEARNING_RATE: Final = 3e-3
 NOISE: Final = 0.5
-"""Most noise, in global deviations; squared uniform draws make little noise frequent."""
+"""Largest noise, in global deviations of pressure. Levels are squared uniform draws, so little noise is frequent."""
 HELD: Final = 0.4
-"""Largest share of rows that repeat the one before."""
+"""Largest share of rows that repeat the row before."""
 GUST: Final = 0.15
-"""Largest share by which the air is faster or slower than the speed that the pressures are in units of, in half of the
-windows. Without it a gust of a tenth leaves mean residuals of 0.07 in Cp, four deviations of sound sensors; with it
-0.009 (held-out episodes of the shipped recording, pressures times 1.21)."""
+"""Largest relative difference between the air speed and the speed that scales the pressures, in half of the windows.
+Trained without it, a gust of a tenth leaves mean residuals of 0.07 in Cp, four standard deviations of healthy sensors;
+trained with it, 0.009 (held-out episodes of the shipped recording, pressures times 1.21)."""
 WEIGHT_DECAY: Final = 1e-3
 SEED: Final = 0
-"""The seed of initial weights, draws and noise; another would do."""
+"""Random seed of initial weights, draws and noise; its value is arbitrary."""
 
 
 def fit_estimator(
@@ -45,14 +45,13 @@ def fit_estimator(
     threads: int = 1,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> EstimatorNetwork:
-    """Fit it for the sensors and the window of a controller. Raises ConfigError if the recording has no such sensor, or
-    fewer than one thread; DatasetError if no training episode holds a window, or a pressure or the action never
-    changes.
+    """Fit the estimator for a controller's sensors and window. Raises ConfigError if the recording lacks a sensor, or
+    for fewer than one thread; DatasetError for too short training episodes, or a constant pressure or action.
 
     Args:
         epochs: passes over the training windows.
-        threads: of torch while it fits; the caller's number is restored.
-        progress: called with (batches done, batches in all).
+        threads: number of torch's threads during the fit; the caller's number is restored.
+        progress: called with (finished batches, all batches).
     """
     columns = recording.layout.indices(sensors)
     mirror = None if recording.layout.mirror is None else recording.layout.mirror[columns]
@@ -60,7 +59,7 @@ def fit_estimator(
     if not used:
         raise DatasetError(f"no training episode is longer than the window of {window} control steps")
     learned = [item.rows(columns) for item in used]
-    # Before pooling, in which the mirror image of a dead sensor would hide it.
+    # Checked before the mirror images are added, because a dead sensor's mirror image would hide it.
     for name, spread in zip((*sensors, "the action"), np.ptp(np.concatenate(learned), axis=0), strict=True):
         if spread == 0.0:
             raise DatasetError(f"{name} is constant in all training episodes: nothing to learn from")
@@ -89,7 +88,7 @@ def _fit(
     starts = torch.tensor(
         np.concatenate([b + np.arange(len(item) - window + 1) for b, item in zip(begins, learned, strict=True)])
     )
-    # Views that exchange sensors need no training of their own: their windows, put right, are ordinary ones.
+    # Views that exchange sensors need no training: after the exchange their windows are ordinary windows.
     hidden = torch.zeros(sensors + sensors * (sensors - 1) // 2, sensors)
     for flags, view in zip(hidden, views(sensors), strict=False):
         flags[list(view.left_out)] = 1.0
@@ -121,20 +120,20 @@ def _fit(
 
 
 def _inputs(seen: Tensor, hidden: Tensor) -> Tensor:
-    """What the network reads, (B, L (S+1) + S), of windows (B, L, S+1) and flags (B, S)."""
+    """Return the network's input, (B, L (S+1) + S), from windows (B, L, S+1) and flags (B, S)."""
     kept = torch.cat([1.0 - hidden, torch.ones(len(hidden), 1)], dim=1)
     return torch.cat([(seen * kept[:, None]).flatten(1), hidden], dim=1)
 
 
 def _blown(seen: Tensor, middle: Tensor, generator: torch.Generator) -> Tensor:
-    """Return windows (B, L, S+1) in units of a dynamic pressure that is not the air's; `middle` (S,) is the mean."""
+    """Rescale windows (B, L, S+1) as if the air's dynamic pressure differed; `middle` (S,) is the mean."""
     share, is_blown = torch.rand(2, len(seen), 1, 1, generator=generator)
     factor = torch.square(1.0 + GUST * (2.0 * share - 1.0) * (is_blown < 0.5))
     return torch.cat([factor * (seen[:, :, :-1] + middle) - middle, seen[:, :, -1:]], dim=2)
 
 
 def _disturbed(seen: Tensor, unit: Tensor, generator: torch.Generator) -> Tensor:
-    """Windows (B, L, S+1) with noise on the readings and rows held."""
+    """Return windows (B, L, S+1) with noise on the readings and with repeated rows."""
     batch, length, columns = seen.shape
     level = NOISE * torch.square(torch.rand(batch, 1, 1, generator=generator))
     readings = seen[:, :, :-1] + level * unit * torch.randn(batch, length, columns - 1, generator=generator)

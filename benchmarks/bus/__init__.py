@@ -1,1 +1,1 @@
-"""What the bus is worth: codec, protection, response times, reception under fire, command gate."""
+"""Measurements of the bus: codec, protection, response times, reception under attack, command gate."""

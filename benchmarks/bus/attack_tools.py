@@ -1,10 +1,10 @@
-"""What scapy's scanners learn of an ECU that can be flashed: ISO-TP, XCP, UDS services, identifiers, security access.
+"""The results of scapy's scanners on a flashable ECU: ISO-TP, XCP, UDS services, identifiers, security access.
 
     pip install scapy
     python -m benchmarks attack-tools [--json FILE]
 
-The ECU is `stillwake ecu --slots` with the shipped release in a process of its own, on classic frames, which scapy's
-scanners speak. It fails if a service, an identifier or a key gives more than the diagnosis page states.
+The ECU is `stillwake ecu --slots` with the shipped release in a separate process, with classic frames, which scapy's
+scanners use. The benchmark fails if a service, an identifier or a key gives more than the diagnosis page states.
 """
 
 import json
@@ -29,14 +29,14 @@ from contract.shipped import BUNDLE
 BUS: Final = ("udp_multicast", "239.74.163.78")
 XCP_IDS: Final = range(0x7C8, 0x7E0)
 ISOTP_IDS: Final = range(0x7D8, 0x7F0)
-"""Without those of XCP, whose error frames confuse the scanner."""
+"""Identifiers for the ISO-TP scan, without those of XCP, whose error frames confuse the scanner."""
 DIDS: Final = (*range(0xF100, 0xF200), *range(0xFD00, 0xFD40))
 ABSENT: Final = (0x11, 0x7F)
-"""Negative responses of a service that is not there, or not in this session."""
+"""Negative response codes of a service that does not exist, or not in this session."""
 
 
 def main(json_file: JsonFile = None) -> None:
-    """Scan, print what was learned, and fail if it is more than it may be."""
+    """Run the scans, print the results, and fail if the scanners learned more than they may."""
     with tempfile.TemporaryDirectory(prefix="stillwake-") as folder, _ecu(Path(folder)):
         figures = _scan()
     table = Table("learned", "")
@@ -55,7 +55,7 @@ def main(json_file: JsonFile = None) -> None:
 
 @contextmanager
 def _ecu(place: Path) -> Iterator[None]:
-    """The ECU, provisioned and running; fails if the scans ended it."""
+    """Provision and run the ECU; fails if the scans ended it."""
     root, keys, slots, access = (str(place / name) for name in ("root", "keys.list", "slots", "access.key"))
     trusted = ROOT / "contract" / "release" / "release.pub"
     stillwake("keygen", root)

@@ -1,4 +1,4 @@
-"""The tables of flashing: what cut supplies did, and what a transfer takes."""
+"""The tables of flashing: effects of cut supplies, and the time of a transfer."""
 
 from pathlib import Path
 from typing import Any, Final
@@ -15,11 +15,11 @@ _LOST: Final = {
 }
 
 _LONG_MS: Final = 3.0
-"""Pieces of flashing that take less than this, in modelled ms, have no row: no period is near its end for them."""
+"""Smallest modelled time in ms of a piece of flashing in the table; no period is near its end in a shorter one."""
 
 
 def tables(results: Path) -> dict[str, str]:
-    """Every table by its marker."""
+    """Return every table by its marker."""
     found = read(results / "flash.json")
     return {
         "flash_proof": proof(found),
@@ -30,7 +30,7 @@ def tables(results: Path) -> dict[str, str]:
 
 
 def proof(found: dict[str, Any]) -> str:
-    """Cuts in the folder, and what was lost."""
+    """Return the table of supply cuts with a folder as store, and of the resulting losses."""
     of, facts = found["figures"], found["facts"]
     texts = {
         "operations": "changing calls of the whole sequence",
@@ -48,7 +48,7 @@ second cuts are drawn by the seed."""
 
 
 def in_c(found: dict[str, Any]) -> str:
-    """The loader in C: what its proof counted, and what it takes."""
+    """Return the table of the loader in C: counts of its proof, and its memory."""
     of = found["figures"]
     texts = {
         "cuts_depth_1": "first cuts of the supply",
@@ -73,7 +73,7 @@ def in_c(found: dict[str, Any]) -> str:
 
 
 def pieces(found: dict[str, Any]) -> str:
-    """What diagnosis takes from control on the emulated board."""
+    """Return the table of the time that diagnosis takes from control on the emulated board."""
     of, facts = found["figures"], found["facts"]
     clocks = next(iter(of.values()))
     rows = [(what, *(f"{ms:.2f}" for ms in at.values())) for what, at in of.items() if max(at.values()) > _LONG_MS]
@@ -84,7 +84,7 @@ Measured on {found["date"]}: {release}, control periods of {facts["period_ms"]:g
 
 
 def times(found: dict[str, Any]) -> str:
-    """The shipped release over the simulated bus, as it was last timed."""
+    """Return the table of the last timing of the shipped release's transfer over the simulated bus."""
     of = found["figures"]
     rows = [
         (

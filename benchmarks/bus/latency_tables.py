@@ -1,4 +1,4 @@
-"""The table of the control loop's latency in real time, stage by stage, next to the idle loop of the same run."""
+"""The table of the control loop's latency in real time, for each stage and for the idle loop of the same run."""
 
 from pathlib import Path
 from typing import Any, Final
@@ -13,12 +13,12 @@ HEADS: Final = ("", "p50", "p99", "p99.9", "max", "misses", "p50", "p99", "p99.9
 
 
 def tables(results: Path) -> dict[str, str]:
-    """The table by its marker."""
+    """Return the table by its marker."""
     return {"latency": latency(read(results / "latency.json"))}
 
 
 def latency(found: Any) -> str:
-    """A row for each stage and the idle loop, ONNX Runtime to the left, the C library to the right; below, verdicts."""
+    """Return a table with a row for each stage and the idle loop: ONNX Runtime left, C right; verdicts below."""
     runs = [found["figures"][name] for name in CONTROLLERS]
     rows = [
         (LABELS[stage], *(cell for run in runs for cell in _cells(run["stages"][stage], _misses(run, stage))))

@@ -1,4 +1,4 @@
-"""The table of the bus's load and of our messages' worst-case response times, without and with other traffic."""
+"""The table of bus load and worst-case response times of the project's messages, without and with other traffic."""
 
 from pathlib import Path
 from typing import Any, Final
@@ -12,12 +12,12 @@ HEADS: Final = (
 
 
 def tables(results: Path) -> dict[str, str]:
-    """The table by its marker."""
+    """Return the table by its marker."""
     return {"can_load": can_load(results)}
 
 
 def can_load(results: Path) -> str:
-    """A row for each of our messages, and below it what the bus carries in all."""
+    """Return a table with a row for each of the project's messages, and the bus's total load below it."""
     rows, lines = [], []
     for name in SETS:
         alone, loaded = (read(results / f"can_load_{name}{end}.json") for end in ("", "_90"))

@@ -1,4 +1,4 @@
-"""The tables of the bus: what was measured of codec and protection, and the closed loop on buses of different kinds."""
+"""The tables of the bus: measurements of codec and protection, and the closed loop on several kinds of bus."""
 
 from pathlib import Path
 from typing import Any, Final
@@ -15,7 +15,7 @@ HEADLINES: Final = {
     "gate_mutants": "faults planted in the command gate",
     "gate_mutants_survived": "of these, not found by a test",
 }
-"""What each headline figure is, of `results/bus.json` and of the finished studies in `results/bus_studies.json`."""
+"""Label of each headline figure from `results/bus.json` and from the finished studies in `results/bus_studies.json`."""
 RUNS: Final = {
     "CAN FD": "demo",
     "classic CAN": "bus_classic",
@@ -23,18 +23,18 @@ RUNS: Final = {
     "CAN FD, 30 % other traffic": "bus_busy_30",
     "CAN FD, 90 % other traffic": "bus_busy_90",
 }
-"""Files of closed loops, by what their bus is."""
+"""Results files of closed loops, by their kind of bus."""
 
 FAULTED: Final = {
     "as they are": "demo",
     **{f"{late} ms late": f"bus_late_{late}" for late in (20, 40, 60)},
     **{f"{share} % lost": f"bus_loss_{share:02}" for share in (5, 10, 25, 50)},
 }
-"""Files of closed loops, by what is wrong with the pressures."""
+"""Results files of closed loops, by the disturbance of their pressures."""
 
 
 def tables(results: Path) -> dict[str, str]:
-    """Every table by its marker."""
+    """Return every table by its marker."""
     found = read(results / "bus.json")
     found["figures"] |= read(results / "bus_studies.json")["figures"]
     return {
@@ -47,7 +47,7 @@ def tables(results: Path) -> dict[str, str]:
 
 
 def bus(found: Any) -> str:
-    """The headline figures."""
+    """Return the table of the headline figures."""
     rows = [(text, found["figures"][name]) for name, text in HEADLINES.items()]
     played = found["figures"]["response_time"]
     return (
@@ -58,7 +58,7 @@ def bus(found: Any) -> str:
 
 
 def authentication(found: Any) -> str:
-    """What authentication costs."""
+    """Return the table of the costs of authentication."""
     cost = found["figures"]["authentication_cost"]
     rows = [
         (name, row["e2e_protect_us"], row["secure_us"], row["e2e_check_us"], row["verify_us"])
@@ -76,7 +76,7 @@ Forged, replayed, reflected and mutated frames: {accepted} of {forged["tried"]:,
 
 
 def attack_tools(results: Path) -> str:
-    """What scapy's scanners learn."""
+    """Return the table of what scapy's scanners learned."""
     found = read(results / "attack_tools.json")
     figures, versions = found["figures"], found["facts"]["versions"]
     texts = {
@@ -95,7 +95,7 @@ def attack_tools(results: Path) -> str:
 
 
 def bus_runs(results: Path) -> str:
-    """The closed loop on each bus."""
+    """Return the table of the closed loop on each bus."""
     rows = []
     for name, file in RUNS.items():
         figures = read(results / f"{file}.json")["figures"]
@@ -116,7 +116,7 @@ def bus_runs(results: Path) -> str:
 
 
 def bus_faults(results: Path) -> str:
-    """The closed loop with late and with lost pressures."""
+    """Return the table of the closed loop with late and with lost pressures."""
     rows = []
     for name, file in FAULTED.items():
         figures = read(results / f"{file}.json")["figures"]
@@ -134,7 +134,7 @@ def bus_faults(results: Path) -> str:
 
 
 def _names(waits: dict[str, float]) -> list[str]:
-    """The messages by priority, whichever set they are of; runs of earlier versions have no speed."""
+    """Return the messages of any set by priority; runs of earlier versions have no speed."""
     return sorted(waits, key=lambda name: ("Pressure", "VehicleSpeed", "JetCommand", "EcuStatus").index(_base(name)))
 
 

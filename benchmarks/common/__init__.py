@@ -1,1 +1,1 @@
-"""What every measurement shares: commands, tables in Markdown, the data."""
+"""The common parts of the measurements: commands, tables in Markdown, stored parts, pictures."""

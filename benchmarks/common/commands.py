@@ -1,4 +1,4 @@
-"""`stillwake` commands as steps of a longer measurement, as a user would type them."""
+"""Calls of `stillwake` commands, as a user would type them, as steps of a longer measurement."""
 
 import subprocess
 import sys
@@ -10,17 +10,17 @@ from contract.errors import StillwakeError
 ROOT: Final = Path(__file__).resolve().parents[2]
 
 LOOP: Final = ("Cd_controlled", "reduction_percent", "abs_Cl_controlled", "mean_Cl_controlled", "rms_action")
-"""Figures of `stillwake run --json` by which controllers are compared."""
+"""Figures of `stillwake run --json` for the comparison of controllers."""
 
 
 def stillwake(*arguments: object) -> None:
-    """Run one command of this source tree. Raises StillwakeError if it fails; the terminal has its messages."""
+    """Run one command of this source tree, whose messages go to the terminal. Raises StillwakeError if it fails."""
     words = [str(argument) for argument in arguments]
     with subprocess.Popen([sys.executable, "-m", "stillwake", *words]) as process:
         try:
             status = process.wait()
         except BaseException:
-            # It clears its own files away: a stop that reached this process alone is passed on, and waited for.
+            # The command has to delete its own temporary files, so a stop that reached only this process is passed on.
             process.terminate()
             process.wait()
             raise

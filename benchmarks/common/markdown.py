@@ -1,4 +1,4 @@
-"""Tables in Markdown, made of the files in `results/`."""
+"""Tables in Markdown, made from the files in `results/`."""
 
 import json
 import re
@@ -11,7 +11,7 @@ _START: Final = re.compile(r"^<!-- table (\w+) -->$", re.MULTILINE)
 
 
 def read(path: Path) -> Any:
-    """A result file."""
+    """Read a results file."""
     return json.loads(path.read_text(encoding="utf-8"))
 
 
@@ -22,13 +22,13 @@ def table(heads: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
 
 
 def names(text: str) -> list[str]:
-    """Names of the tables that a page has places for, in order."""
+    """Return the names of the tables that a page has places for, in order."""
     return _START.findall(text)
 
 
 def fill(text: str, tables: Mapping[str, str]) -> str:
-    """A page with what is between each `<!-- table NAME -->` and `<!-- end -->` replaced. Raises ValueError if no table
-    has the name of a place, or a place has no end."""
+    """Return a page with the text between each `<!-- table NAME -->` and `<!-- end -->` replaced. Raises ValueError if
+    a place has no table of its name, or no end."""
     for name in names(text):
         if name not in tables:
             raise ValueError(f"no table {name!r}: one of {', '.join(sorted(tables))}")

@@ -1,4 +1,4 @@
-"""Finished parts of a long study on disk, so that a stopped one continues."""
+"""Finished parts of a long study in files, so that a stopped study can continue."""
 
 import json
 from collections.abc import Callable
@@ -9,7 +9,7 @@ from contract.atomic import replacing
 
 
 def part(path: Path, make: Callable[[], Any]) -> Any:
-    """The finished part in that file, made now if it is not there: plain values for JSON."""
+    """Return the finished part in a file, as plain values for JSON; compute and write it if there is none."""
     if not path.is_file():
         made = make()
         with replacing(path) as temporary:

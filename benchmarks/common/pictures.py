@@ -1,4 +1,4 @@
-"""Where the documents' pictures lie, how they are written, and how a test sees that they are stale."""
+"""The documents' pictures: their folder, how they are written, and the text by which a test finds outdated pictures."""
 
 import hashlib
 import json
@@ -13,22 +13,22 @@ from contract.atomic import replacing
 
 PICTURES: Final = ROOT / "docs" / "pictures"
 SOURCE: Final = "Source"
-"""Name of the text in a PNG that names what it was drawn from."""
+"""Name of the text in a PNG that identifies its results file."""
 STAMP: Final = "made"
-"""The fact that a file has by which it is known to be of the present release and sources."""
+"""Name of the fact in a results file that states its release and sources, so that a test can find outdated files."""
 
 
 def draw(figures: Mapping[str, Figure], source: Path, folder: Path = PICTURES) -> None:
-    """Write figures, by the names of their files, that were drawn from one file of results."""
+    """Write figures, by file name, that were drawn from one results file."""
     for name, figure in figures.items():
         with replacing(folder / f"{name}.png") as temporary:
             figure.savefig(temporary, format="png", metadata={SOURCE: source_text(source)})
 
 
 def source_text(source: Path) -> str:
-    """What a picture states of the file it was drawn from: its place in the project and its SHA-256.
+    """Return the text that identifies a picture's results file: its path in the project and its SHA-256.
 
-    Without the stamp, which a file gets when all that is made of it is there (`benchmarks.full`).
+    The hash does not include the stamp, which `benchmarks.full` adds to a file after everything made from it.
     """
     place = source.relative_to(ROOT).as_posix() if source.is_relative_to(ROOT) else source.name
     content = json.loads(source.read_text(encoding="utf-8"))

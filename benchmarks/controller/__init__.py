@@ -1,1 +1,1 @@
-"""Measurements of the controller and its lowerings, and their tables and figure."""
+"""Measurements of the controller and its lowerings, and their tables."""

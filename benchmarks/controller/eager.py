@@ -1,7 +1,7 @@
-"""The paper's recipe in eager PyTorch: modules, autograd, torch.optim.Adam, clamp.
+"""The paper's control method in eager PyTorch: modules, autograd, torch.optim.Adam, clamp.
 
-It shares no formula with the reference (gates, norms, derivatives and optimiser are all PyTorch's), so it is
-the independent truth of the parity tests, and the time the benchmark compares with.
+It shares no formula with the reference (gates, norms, derivatives and optimiser are all PyTorch's). So it is the
+independent truth of the parity tests, and its time is the benchmark's basis of comparison.
 """
 
 import numpy as np
@@ -14,7 +14,7 @@ from export.program.weights import Linear, Norm
 
 
 class EagerController:
-    """`controller.onnx`'s control step, differentiated by autograd at the precision asked for."""
+    """The control step of `controller.onnx`, differentiated by autograd in the given precision."""
 
     def __init__(self, program: ControllerProgram, dtype: torch.dtype) -> None:
         self._program = program
@@ -50,7 +50,7 @@ class EagerController:
         self._force_std = self._tensor(program.scaling.force_std)
 
     def encode(self, window: Array) -> Tensor:
-        """Latent state (n_z,) of a window (L, S+1)."""
+        """Return the latent state (n_z,) of a window (L, S+1)."""
         scaling = self._program.scaling
         mean, std = self._tensor(scaling.window_mean), self._tensor(scaling.window_std)
         rows = self._tensor(window)[-self._program.encoder_rows :]
@@ -59,7 +59,7 @@ class EagerController:
         return z
 
     def predict(self, z: Tensor, plan: Tensor) -> Tensor:
-        """Forces (H, 2) under a plan (H,)."""
+        """Return the forces (H, 2) under a plan (H,)."""
         latents = []
         for a in plan / self._program.scaling.action_std:
             z = z + self._dynamics(torch.cat([z, a[None]]))
@@ -71,7 +71,7 @@ class EagerController:
         return forces
 
     def start(self, window: Array, committed: Tensor, chosen: Tensor, w: Tensor, speed: float, limit: float) -> Tensor:
-        """The plan (H,) that the optimiser starts from: the prior as two products with the flattened past."""
+        """Return the optimiser's initial plan (H,): the prior as two products with the flattened past."""
         prior = self._program.prior
         if prior is None:
             return committed
@@ -81,7 +81,8 @@ class EagerController:
         actions, plan = values[:, -1].roll(-1), list[Tensor]()
         rows = torch.column_stack([pairs, actions])[-memory:]
         filters, output, predictor = map(self._tensor, (prior.filters, prior.output, prior.predictor))
-        # A goal: roots of the prices of effort and lift beside drag's, 100 and 1 at most, and half of the limit.
+        # The goal's inputs: the square roots of the weights on effort and lift, relative to 100 and 1 times the weight
+        # on drag, and a measure of how far the action limit is lowered, which is 1 at half of the limit.
         prices = torch.sqrt(w[[5, 2]] / (w[0] * self._tensor([100.0, 1.0])))
         share = limit / self._program.action_limit
         parts = [1.0, 2.5 * (speed - 1.0), *prices.clamp(max=1.0), min(1.0, 2.0 - 2.0 * share)]
@@ -90,7 +91,7 @@ class EagerController:
         output = output * (1.0 + torch.tanh(self._tensor(prior.gate) @ self._tensor(parts) + by_sums))
         reach = max(0.5, share) * self._program.action_limit
         for action, is_free in zip(committed, chosen, strict=True):
-            # The present row's action is not known yet: the past ends before it.
+            # The action of the present row is not known yet, so the past ends with the row before.
             past = torch.cat([rows[: 1 if len(plan) == 0 else 0], rows[:-1]])[-memory:]
             units = torch.tanh(nn.functional.linear((filters.T @ past).flatten(), hidden.flatten(1)))
             plan.append((reach * torch.tanh(units @ output)).clamp(-limit, limit) if is_free else action)
@@ -100,7 +101,7 @@ class EagerController:
         return torch.stack(plan)
 
     def terms(self, forces: Tensor, plan: Tensor, previous_action: Tensor, start: Tensor | None = None) -> Tensor:
-        """The unweighted cost terms (8,); without `start` the plan is where it started."""
+        """Return the unweighted cost terms (8,); without `start` the plan counts as the initial plan."""
         cd, cl = forces.unbind(dim=-1)
         return torch.stack(
             [
@@ -124,7 +125,7 @@ class EagerController:
         speed: float = 1.0,
         limit: float | None = None,
     ) -> tuple[Array, Array, Array, float]:
-        """(new_plan, forces, terms, cost) as float64 arrays; arguments as in `contract.release.bundle`."""
+        """Return (new_plan, forces, terms, cost) as float64 arrays; arguments as in `contract.release.bundle`."""
         limit = min(self._program.action_limit, np.inf if limit is None else limit)
         w = self._tensor(self._program.mpc.weights.as_tuple() if weights is None else weights)
         previous_action = self._tensor(window[-1, -1])
@@ -136,9 +137,9 @@ class EagerController:
         start = committed = self.start(window, committed, chosen, w, speed, limit)
         asked = w.clone()
         if self._program.prior is not None:
-            # What the prior was trained for is left out: drag, and of effort and lift up to the range's end.
+            # The weights that the prior was trained for are left out: drag, and effort and lift within their ranges.
             asked[[0, 2, 5]] = (w[[0, 2, 5]] - w[0] * self._tensor([1.0, 1.0, 100.0])).clamp(min=0.0)
-        # Only the free actions are parameters, so the optimiser cannot know the committed ones.
+        # Only the free actions are parameters, so the optimiser cannot change the committed actions.
         free_actions = committed[chosen].clone().requires_grad_(True)
         mpc = self._program.mpc
         optimiser = torch.optim.Adam([free_actions], lr=mpc.learning_rate, eps=mpc.epsilon)

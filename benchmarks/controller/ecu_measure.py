@@ -1,4 +1,4 @@
-"""What the whole ECU needs as a board's firmware, in control: memory, and the work of its longest step."""
+"""The needs of the whole ECU as a board's firmware under control: memory, and the work of its longest step."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -11,19 +11,19 @@ from firmware_sim.mcu.cores import CORTEX_M7
 from firmware_sim.mcu.measure import flash_bytes, linked_ram
 
 Periods = Iterable[tuple[int, Sequence[Frame]]]
-"""(time in ns, frames received) of control periods."""
+"""Control periods as pairs (time in ns, frames received)."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class EcuMeasurement:
-    """What a step of the ECU needs.
+    """The needs of a step of the ECU.
 
     Attributes:
-        flash_bytes, ram_bytes, stack_bytes: memory; RAM is what is linked there and the deepest stack.
-        instructions, cycles: of the longest step; cycles are modelled (`firmware_sim.mcu.pipeline`).
-        instruction_spread: instructions of the longest step in control less those of the shortest.
-        modelled_ms: of the longest step, by clock in MHz.
-        steps, in_control: measured ones, and how many of them planned.
+        flash_bytes, ram_bytes, stack_bytes: memory; RAM is the linked RAM plus the deepest stack.
+        instructions, cycles: largest numbers in a step; cycles are modelled (`firmware_sim.mcu.pipeline`).
+        instruction_spread: difference between the most and the fewest instructions of a step under control.
+        modelled_ms: time of the longest step, by clock in MHz.
+        steps, in_control: number of measured steps, and of those with a plan.
     """
 
     flash_bytes: int
@@ -38,13 +38,14 @@ class EcuMeasurement:
 
 
 def measure_ecu(sources: Mapping[str, bytes], periods: Periods, *, iterates: bool = True) -> EcuMeasurement:
-    """Step the ECU of a library as a board's firmware. Raises LibraryError if the library has no ECU; McuError if it
-    does not compile or run, or it never came into control.
+    """Run the ECU of a library as a board's firmware and measure its steps. Raises LibraryError if the library has no
+    ECU; McuError if it does not compile or run, or never comes into control.
 
     Args:
-        sources: the library's files by name, `sw_ecu_settings.h` among them.
-        periods: enough of them that the window fills and the ECU comes into control.
-        iterates: calibrated with a weight that no prior knows, so that all iterations run; or with the release's own.
+        sources: files of the library by name, among them `sw_ecu_settings.h`.
+        periods: enough control periods for the window to fill and the ECU to come into control.
+        iterates: True to set a weight that no prior was trained for, so that all iterations run; False for the
+            release's own weights.
     """
     ecu = BoardEcu(sources)
     own = ecu.calibration

@@ -1,15 +1,15 @@
-"""How fast a control step could be on this core at best: what its arithmetic and its memory traffic allow.
+"""The lower limit of a control step's time on this core, from its arithmetic and its memory traffic.
 
 Two limits are measured by loops that do nothing else, on one thread:
 
-* multiply-accumulates a second: in float32 by one large matrix product of PyTorch's, and by the int16 products to int32
-  that the int8 library makes, with all operands in the first-level cache;
-* bytes a second that one core reads from an array of the networks' size, again and again, as a roll-out does.
+* multiply-accumulates per second: in float32 by one large matrix product in PyTorch, and in integers by products of
+  int16 to int32 as in the int8 library, with all operands in the first-level cache;
+* bytes per second that one core reads repeatedly from an array of the networks' size, as a roll-out does.
 
-No product of a step can be left out, and no roll-out step can begin before the one in front of it has ended, so each
-reads the dynamics' weights again. The decoder works on the whole horizon at once and reads its weights once a pass, the
-encoder reads the LSTM's for each row of the window. The floor is the larger of both times. Everything else of a step
-(norms, ELU, cost, Adam, calls) is above it.
+No product of a step can be left out. A roll-out step cannot begin before the previous one has ended, so each roll-out
+step reads the dynamics' weights again. The decoder works on the whole horizon at once and reads its weights once per
+pass. The encoder reads the LSTM's weights for each row of the window. The lower limit is the larger of the two times;
+everything else in a step (norms, ELU, cost, Adam, calls) adds to it.
 """
 
 import ctypes
@@ -59,21 +59,21 @@ float read_all(const float *from, size_t count, long times)
 }
 """
 _IN_FIRST_LEVEL: Final = 4096
-"""Numbers: 16 KB of float."""
+"""Number of operands that fit into the first-level cache: 16 KB of float."""
 _BLOCK: Final = 128
 _SQUARE: Final = 256
 _SECONDS: Final = 1e-3
-"""Time of a loop: short enough that many of them end before a scheduler takes the core away."""
+"""Time of a loop in s: short enough that many loops end before the scheduler interrupts one."""
 _REPEATS: Final = 200
 
 
 @dataclass(frozen=True, kw_only=True)
 class CoreLimits:
-    """What one core does at most, measured.
+    """Measured limits of one core.
 
     Attributes:
-        float_macs_per_s, integer_macs_per_s: multiply-accumulates.
-        bytes_per_s: read from an array of the networks' size.
+        float_macs_per_s, integer_macs_per_s: multiply-accumulates per second.
+        bytes_per_s: bytes per second read from an array of the networks' size.
     """
 
     float_macs_per_s: float
@@ -83,11 +83,11 @@ class CoreLimits:
 
 @dataclass(frozen=True, kw_only=True)
 class Work:
-    """What a control step has to do.
+    """The work of a control step.
 
     Attributes:
-        macs: multiply-accumulates.
-        weights_read: numbers.
+        macs: number of multiply-accumulates.
+        weights_read: number of weights read from memory.
     """
 
     macs: int
@@ -95,7 +95,7 @@ class Work:
 
     @classmethod
     def of(cls, program: ControllerProgram) -> "Work":
-        """That of a program."""
+        """Compute the work of a program's control step."""
         encoder, dynamics, decoder = program.encoder, program.dynamics, program.decoder
         lstm = encoder.lstm.weight_input.size + encoder.lstm.weight_recurrent.size
         head = encoder.hidden.weight.size + encoder.output.weight.size
@@ -109,15 +109,15 @@ class Work:
         )
 
     def floor_ms(self, macs_per_s: float, bytes_per_weight: int, bytes_per_s: float) -> float:
-        """The least time of a step, ms."""
+        """Return the lower limit of a step's time in ms."""
         return 1e3 * max(self.macs / macs_per_s, self.weights_read * bytes_per_weight / bytes_per_s)
 
 
 def measure_core(weights: int, compiler: Sequence[str]) -> CoreLimits:
-    """The limits of the core that this runs on. Raises LibraryError if the compiler does not take the loops.
+    """Measure the limits of this core. Raises LibraryError if the compiler rejects the loops.
 
     Args:
-        weights: of the networks; an array of so many floats is read.
+        weights: number of the networks' weights, and so of floats in the array that is read.
         compiler: command that compiles C.
     """
     count = max(1, weights // _BLOCK) * _BLOCK
@@ -151,7 +151,7 @@ def measure_core(weights: int, compiler: Sequence[str]) -> CoreLimits:
 
 
 def _rate(loop: Callable[[int], None]) -> float:
-    """Passes a second of a loop that takes their number, the best of several: a limit is not an average."""
+    """Return the passes per second of a loop: the best of several measurements, because it is a limit."""
     times = 1
     while (took := _least(loop, times, 3)) < _SECONDS:
         times *= max(2, int(_SECONDS / max(took, 1e-6)))

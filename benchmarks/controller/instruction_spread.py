@@ -1,4 +1,4 @@
-"""Whether a control step's work depends on its data: instructions over many windows, each on the emulated core."""
+"""A test of whether a control step's work depends on its data: instructions over many windows on the emulated core."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -17,9 +17,9 @@ class InstructionSpread:
     """Instructions of a control step over many windows.
 
     Attributes:
-        windows: how many.
-        fewest, most: instructions, those that a condition skips counted as run.
-        unlike: windows whose count is not the most frequent one.
+        windows: number of windows.
+        fewest, most: least and largest number of instructions; conditional instructions that are skipped count.
+        unlike: number of windows whose count differs from the most frequent count.
     """
 
     windows: int
@@ -29,19 +29,19 @@ class InstructionSpread:
 
 
 def instruction_spread(sources: Mapping[str, bytes], windows: Iterable[Array]) -> InstructionSpread:
-    """Run a control step on each window, from the plan that the one before left. Raises McuError if the library does
+    """Run a control step on each window, starting with the previous step's plan. Raises McuError if the library does
     not compile or run, or there is no window.
 
     Args:
-        sources: a library's files by name.
-        windows: (L, S+1) each.
+        sources: files of the library by name.
+        windows: windows (L, S+1).
     """
     machine = Machine(read_elf(compile_for_cortex_m7(sources)))
     counter = machine.block_counter()
     machine.call("mcu_reset")
     counts = []
     for number, window in enumerate(windows, start=1):
-        # The step moves the window on by a row, so it is written a row behind.
+        # The step itself adds the newest row, so the window is written without that row.
         machine.write("mcu_input", np.concatenate([window[:1], window[:-1]]).astype("<f4").tobytes())
         machine.write("mcu_row", window[-1].astype("<f4").tobytes())
         counter.start()

@@ -1,11 +1,12 @@
-"""Latency of one control step: the paper's recipe in eager PyTorch, the ONNX graphs and the C library, in one run.
+"""Latency of one control step: the paper's method in eager PyTorch, the ONNX graphs and the C library, in one run.
 
-    python -m benchmarks controller [--json FILE] [--repeats N] [--model DIR]
+    python -m benchmarks controller [--json FILE] [--repeats N]
 
-One thread each, interleaved, so that all meet the same disturbances; medians and minima of wall time, and medians of
-the thread's processor time, which does not count what other processes take. Weights are random at the release's sizes
-(our time does not depend on them); other sizes are options. Beside each median is how many times the least that this
-core's arithmetic and memory allow it is (`benchmarks.controller.floors`)."""
+Each implementation runs on one thread, and they run in turn, so that disturbances affect all of them. The figures are
+medians and minima of wall time, and medians of the thread's processor time, which excludes other processes. Weights are
+random at the release's sizes, because the time does not depend on them; options set other sizes. Each median is also
+given as a multiple of the least time that this core's arithmetic and memory allow (`benchmarks.controller.floors`).
+"""
 
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -35,7 +36,7 @@ from export.release.lowering import int8_library
 from export.to_c.library import c_library
 from export.to_onnx.control_step import build_controller
 
-# One eager step takes as long as some ten of the others.
+# One eager step takes as long as about ten steps of the others.
 _EAGER_EVERY = 5
 _CALIBRATION = 20
 _LOADS = 15
@@ -104,16 +105,16 @@ def main(
 
 
 def _floors(program: ControllerProgram, compiler: Sequence[str], figures: Mapping[str, float]) -> dict[str, Any]:
-    """What this core does at most, and what that makes of each median."""
+    """Measure the limits of this core, and the ratio of each median to the resulting lower limit."""
     core = measure_core(sum(matrix.size for matrix in matrices(program).values()), compiler)
     return {"core": asdict(core)} | over_floors(core, Work.of(program), figures)
 
 
 def over_floors(core: CoreLimits, work: Work, figures: Mapping[str, float]) -> dict[str, dict[str, float]]:
-    """Each lowering's floor in ms, and how many times that its median is.
+    """Return each lowering's lower limit in ms, and the ratio of its median to that limit.
 
-    ONNX Runtime computes in float32 with int8 weights too, which it widens once a step; the int8 library reads a byte a
-    weight.
+    With int8 weights ONNX Runtime still computes in float32, to which it converts the weights once per step; the int8
+    library reads one byte per weight.
     """
     in_float = work.floor_ms(core.float_macs_per_s, 4, core.bytes_per_s)
     floors = dict.fromkeys(("eager_ms", "onnx_ms", "onnx_int8_ms", "c_ms"), in_float)
@@ -122,7 +123,6 @@ def over_floors(core: CoreLimits, work: Work, figures: Mapping[str, float]) -> d
 
 
 def _both_times(step: Callable[[], object]) -> tuple[float, float]:
-    """Wall time, and the thread's processor time, in ms."""
     wall, processor = time.perf_counter(), time.thread_time()
     step()
     return (time.perf_counter() - wall) * 1e3, (time.thread_time() - processor) * 1e3

@@ -1,11 +1,12 @@
-"""The closed loop with each lowering of one model's controller: what int8 and the C library cost in drag.
+"""The closed loop with each lowering of one model's controller: the effects of int8 and of the C library on drag.
 
     python -m benchmarks controller-loop [--model DIR] [--dataset H5] [--json FILE]
 
-Exports the model in float32 and in int8, each as bundle and C library, and closes the loop with all four, as
-`stillwake run` does. Exports and runs are kept in `runs/controller_loop`, in a folder of the model's hash, so that an
-interrupted measurement goes on where it stopped. The step's wall-clock times are of one run each; close everything
-else before quoting them, or take those of `python -m benchmarks controller`, which interleaves.
+The benchmark exports the model in float32 and in int8, each as bundle and C library, and runs the closed loop with all
+four, as `stillwake run` does. Exports and runs are stored in `runs/controller_loop`, in a folder named after the
+model's hash, so that an interrupted measurement can continue. The steps' wall-clock times are of one run each. Close
+all other programs before quoting them, or use those of `python -m benchmarks controller`, which measures all lowerings
+in turn.
 """
 
 import json
@@ -24,9 +25,9 @@ from contract.results import versions
 from contract.shipped import RECORDING
 
 CASES: Final = (("onnx", "float32"), ("onnx", "int8"), ("c", "float32"), ("c", "int8"))
-"""Lowering and precision; the differences are to the first."""
+"""Lowering and precision of each loop; differences are to the first."""
 ALLOWED_POINTS: Final = 0.5
-"""What int8 may change of the drag reduction, in percentage points."""
+"""Largest allowed effect of int8 on the drag reduction, in percentage points."""
 _KEPT: Final = (*LOOP, "Cd_uncontrolled", "abs_Cl_uncontrolled", "mpc_ms_p50", "mpc_ms_p99", "computed_by")
 
 
@@ -39,14 +40,14 @@ def main(
     controlled: Annotated[float, typer.Option(help="Time with control, t_c.")] = 100.0,
     settle: Annotated[float, typer.Option(help="Left out of the controlled averages, t_c.")] = 40.0,
 ) -> None:
-    """Close the four loops and print a table."""
+    """Run the four closed loops and print a table."""
     weights = _weights_sha256(model)
     folder = parts / weights[:12]
     for precision in ("float32", "int8"):
         bundle, library = folder / f"bundle_{precision}", folder / f"c_{precision}"
-        # The bundle is written last.
+        # The bundle is written last, so its presence means that the export is complete.
         if not bundle.exists():
-            # An interrupted export may have left the library.
+            # An interrupted export may have left the library, so `--overwrite` is needed.
             options = ("--c", library, "--precision", precision, "--dataset", dataset, "--overwrite")
             stillwake("export", model, bundle, *options)
     spans = {"lead_in": lead_in, "controlled": controlled, "settle": settle}
@@ -59,12 +60,12 @@ def main(
 
 
 def compared(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """The rows with `points`, the drag reduction's difference to the first row's in percentage points."""
+    """Return the rows with `points`: the difference of the drag reduction to the first row, in percentage points."""
     return [{**row, "points": row["reduction_percent"] - rows[0]["reduction_percent"]} for row in rows]
 
 
 def _run(folder: Path, lowering: str, precision: str, spans: dict[str, float]) -> dict[str, Any]:
-    """One closed loop, or what it found before."""
+    """Run one closed loop, or read its stored figures."""
     length = "_".join(f"{span:g}" for span in spans.values())
     run = folder / f"run_{lowering}_{precision}_{length}"
     found = run.with_name(f"{run.name}.json")

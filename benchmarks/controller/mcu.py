@@ -2,10 +2,11 @@
 
     python -m benchmarks mcu [--json FILE] [--windows N]
 
-The row `release` is the whole ECU of the shipped bundle, stepped with its recorded pressures. Whether the work of its
-control step depends on the data is looked at on recorded and on random windows, half of each. The other rows have
-random weights (the work depends on the sizes); `stillwake mcu FOLDER` measures a trained library. Those of the
-Cortex-M4F run on the emulated Cortex-M7, which knows all of its instructions, and are modelled as what they are.
+The row `release` is the whole ECU of the shipped bundle, stepped with its recorded pressures. Recorded and random
+windows, half of each, test whether the work of its control step depends on the data. The other rows have random
+weights, because the work depends only on the sizes; `stillwake mcu FOLDER` measures a trained library. Libraries for
+the Cortex-M4F run on the emulated Cortex-M7, which has all of its instructions, but the model is that of the
+Cortex-M4F.
 """
 
 from collections.abc import Iterator
@@ -43,7 +44,7 @@ from firmware_sim.mcu.cores import CORTEX_M4F, CORTEX_M7, Core
 from firmware_sim.mcu.measure import measure
 from stillwake.parts.c_release import library_folder
 
-# Dynamics' width, decoder's width, iterations, precision.
+# Each case has the dynamics' width, the decoder's width, the number of iterations, and the precision.
 CASES = (
     (256, 128, 5, "float32"),
     (256, 128, 5, "int8"),
@@ -55,7 +56,7 @@ CASES = (
     (64, 32, 3, "int8"),
 )
 SMALLER: Final = ((96, 64, 3, "int8"), (64, 32, 5, "int8"), (64, 32, 3, "int8"))
-"""The sizes that are measured on the Cortex-M4F."""
+"""Cases that are measured on the Cortex-M4F."""
 Case = tuple[int, int, int, str]
 _ROWS = 4
 _PERIODS = 300
@@ -87,7 +88,7 @@ def _measured(case: Case, core: Core) -> dict[str, Any]:
 
 
 def _release(windows: int) -> dict[str, Any]:
-    """The shipped bundle's ECU, in control on its recorded pressures over and over."""
+    """Measure the shipped bundle's ECU under control with its recorded pressures, which repeat."""
     config = load_config()
     with library_folder(None) as folder:
         sources, rows = read_sources(folder, board=True), read_recorded(folder)
@@ -111,7 +112,7 @@ def _release(windows: int) -> dict[str, Any]:
 
 
 def _windows(count: int) -> list[Array]:
-    """Recorded ones of all kinds of forcing, evenly spread, and as many random ones of the same size."""
+    """Return recorded windows of all kinds of forcing, evenly spaced, and an equal number of random windows."""
     program = program_of(model_folder.read(MODEL), load_config().mpc)
     episodes = dataset.read(RECORDING)
     found: list[Array] = []
@@ -124,7 +125,7 @@ def _windows(count: int) -> list[Array]:
 
 
 def _periods(config: Config, rows: ProgramRows, count: int) -> Iterator[tuple[int, list[Frame]]]:
-    """Pressures and a speed at which the past is read between its rows; the request rises in the second period."""
+    """Yield periods with pressures and a speed between the past's sampled speeds; the request rises in the second."""
     messages, ratio = message_set(config.bus), 0.9
     pressure, speed = messages.pressure, messages.speed
     sender, speeds = E2eSender(pressure.spec), E2eSender(speed.spec)

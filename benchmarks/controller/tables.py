@@ -1,4 +1,4 @@
-"""The tables of the controller: its lowerings' times, int8 weights, the loop with each, the emulated Cortex-M7."""
+"""The tables of the controller: times of its lowerings, the closed loop with each, and the emulated cores."""
 
 from pathlib import Path
 from typing import Any, Final
@@ -9,7 +9,7 @@ _NAMES: Final = {"onnx": "ONNX Runtime", "c": "C library"}
 
 
 def tables(results: Path) -> dict[str, str]:
-    """Every table by its marker, which is the name of its file."""
+    """Return every table by its marker, which is the name of its results file, or begins with it."""
     return {
         "controller_loop": loop(read(results / "controller_loop.json")),
         "controller": latency(read(results / "controller.json")),
@@ -19,7 +19,7 @@ def tables(results: Path) -> dict[str, str]:
 
 
 def loop(found: Any) -> str:
-    """Drag, lift and action of the four loops, and what each changes of the first one's reduction."""
+    """Return the table of drag, lift and action of the four loops, and each reduction's difference to the first."""
     rows = [
         (
             f"{_NAMES[row['lowering']]}, {row['precision']}",
@@ -35,7 +35,7 @@ def loop(found: Any) -> str:
 
 
 def latency(found: Any) -> str:
-    """A row for each lowering: times, what they are of eager PyTorch's and of the floor, and the graph's size."""
+    """Return a table with a row for each lowering: times, ratios to eager PyTorch and to the lower limit, size."""
     figures, facts = found["figures"], found["facts"]
     rows = [
         (
@@ -66,7 +66,7 @@ The C library, compiled with `{facts["settings"]["c_flags"]}` by
 
 
 def mcu(found: Any) -> str:
-    """Work, memory and time of each size on the emulated cores."""
+    """Return the tables of work, memory and time of each size on the emulated cores."""
     figures = found["figures"]
     horizon = found["facts"]["horizon"]
     return f"""Measured on {found["date"]}: the control step alone, random weights, {horizon} steps of horizon.
@@ -102,7 +102,7 @@ def _sizes(rows: list[dict[str, Any]], clocks: tuple[str, ...]) -> str:
 
 
 def mcu_release(found: Any) -> str:
-    """The whole ECU of the shipped release on the emulated Cortex-M7."""
+    """Return the table of the shipped release's whole ECU on the emulated Cortex-M7."""
     row = found["figures"]["release"]
     step = row["control_step"]
     alike = step["windows"] - step["unlike"]

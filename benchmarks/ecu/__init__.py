@@ -1,1 +1,1 @@
-"""Measurements of the ECU in its loop."""
+"""Measurements of the ECU in the closed loop."""

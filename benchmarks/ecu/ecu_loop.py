@@ -2,11 +2,11 @@
 
     python -m benchmarks ecu-loop [--bundle BUNDLE --library FOLDER] [--json FILE]
 
-Each drives the live wake from the same start, over the same bus. Beside the emulated core a second ECU gets the same
-frames at the same times: the same sources, by the same compiler with the same contraction, on this machine. Every frame
-and the whole state must be the same to the bit after every step. Virtual time is charged by the core's modelled cycles
-there, and by `ecu.compute_time_ms` in the other two loops. Finished loops are kept in `runs/ecu_loop`, in a folder of
-the hash of what they were made from: a stopped measurement goes on.
+Each ECU controls the live wake from the same start over the same bus. In the loop with the emulated core, a second ECU
+on this machine gets the same frames at the same times; it is compiled from the same sources by the same compiler with
+the same contraction. After every step all frames and the whole state must be equal bit for bit. Virtual compute time is
+the core's modelled time in this loop, and `ecu.compute_time_ms` in the other two. Finished loops are stored in
+`runs/ecu_loop`, in a folder named after the hash of their inputs, so that a stopped measurement can continue.
 """
 
 import hashlib
@@ -45,7 +45,7 @@ from wake.plants import open_plant
 
 ECUS: Final = (MCU, C, "python")
 COMPARED: Final = (*COMMON, "-march=native")
-"""Flags of the ECU that is compared with the core: contraction as there, which needs a machine with fused products."""
+"""Flags of the ECU compared with the core: the same contraction, which needs a machine with fused multiply-add."""
 _KEPT: Final = (
     *("Cd_uncontrolled", "Cd_controlled", "reduction_percent", "abs_Cl_uncontrolled", "abs_Cl_controlled"),
     *("mean_Cl_controlled", "rms_action", "periods_requested", "periods_in_control", "fault", "computed_by", "ecu"),
@@ -62,7 +62,7 @@ def main(
     settle: Annotated[float, typer.Option(help="Left out of the controlled averages, t_c.")] = 40.0,
     clock_mhz: Annotated[float, typer.Option(help="Of the emulated core, MHz.")] = 480.0,
 ) -> None:
-    """Close the three loops and print a table."""
+    """Run the three closed loops and print a table."""
     if library is None and bundle is not None:
         raise StillwakeError("--bundle: name its C library with --library")
     release = open_release(bundle)
@@ -83,7 +83,7 @@ def main(
             lockstep = Lockstep(ecu.ecu, CEcu(sources, compiler=compiler, flags=COMPARED))
             ecu = replace(ecu, ecu=lockstep)
         log = driven(release, config, spans, kind, ecu)
-        # A step that was left out is null: JSON has no NaN.
+        # A skipped step is null, because JSON has no NaN.
         commands = [value if np.isfinite(value) else None for value in log.series["command"].tolist()]
         return {"row": figures_of(kind, log, lockstep), "commands": commands}
 
@@ -107,7 +107,7 @@ def main(
 
 
 def driven(release: Bundle, config: Config, spans: Spans, kind: str, ecu: LoopEcu | None) -> RunLog:
-    """One run from the shipped start, with a bar; the ECU in Python without `ecu`."""
+    """Run one loop from the shipped start with a progress bar; without `ecu`, with the ECU in Python."""
     simulation = Simulation(release, config, spans=spans, ecu=ecu)
     with ExitStack() as stack:
         scratch = Path(stack.enter_context(TemporaryDirectory()))
@@ -121,7 +121,7 @@ def driven(release: Bundle, config: Config, spans: Spans, kind: str, ecu: LoopEc
 
 
 def figures_of(kind: str, log: RunLog, lockstep: Lockstep | None) -> dict[str, Any]:
-    """What is kept of a run, and of what was compared in it."""
+    """Return the stored figures of a run and of its comparison."""
     found = summary(log)
     row = {"kind": kind, **{name: found[name] for name in _KEPT}}
     if lockstep is None:
@@ -136,6 +136,6 @@ def figures_of(kind: str, log: RunLog, lockstep: Lockstep | None) -> dict[str, A
 
 
 def largest_difference(one: Any, other: Any) -> float:
-    """The difference of two series of commands, in U_inf W; steps that were skipped in one of them are left out."""
+    """Return the largest difference between two series of commands, in U_inf W, without skipped steps."""
     apart = np.abs(np.asarray(one) - np.asarray(other))
     return float(np.max(apart[np.isfinite(apart)], initial=0.0))

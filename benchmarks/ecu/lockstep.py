@@ -1,4 +1,4 @@
-"""Two ECUs in one loop: the first one drives, the second one gets the same and must answer the same."""
+"""Two ECUs in one loop: the first drives the loop; the second gets the same inputs and must give the same outputs."""
 
 from collections.abc import Sequence
 from typing import Final
@@ -12,21 +12,21 @@ from ecu.in_c.c_structs import differing
 from ecu.stepped import CalibratedEcu
 
 KEPT: Final = 10
-"""Differences that are reported in full."""
+"""Largest number of differences that are reported in full."""
 
 
 class Lockstep:
-    """Steps both, hands on the first one's answers, and counts where the second one answers or remembers another thing.
+    """Steps both ECUs, returns the first one's frames, and counts the differences between their frames and states.
 
     Args:
-        driver: whose frames go out.
-        other: gets every call of the driver's.
+        driver: ECU whose frames are sent.
+        other: ECU that gets every call of the driver's.
 
     Attributes:
-        steps, frames: compared so far.
-        differing_frames: that were not the same in every byte, their times included, or that one of them did not send.
-        differing_states: after which a number of the state was not the same to the bit.
-        differences: the first ones, a line each.
+        steps, frames: numbers compared so far.
+        differing_frames: number of frames that differed in a byte or in time, or that only one ECU sent.
+        differing_states: number of steps after which the states differed in a bit.
+        differences: descriptions of the first differences, one line each.
     """
 
     def __init__(self, driver: CalibratedEcu, other: CalibratedEcu) -> None:
@@ -36,35 +36,35 @@ class Lockstep:
 
     @property
     def state(self) -> EcuState:
-        """The driver's."""
+        """State of the driver."""
         return self._driver.state
 
     @property
     def trace(self) -> Trace:
-        """The driver's."""
+        """Trace of the driver."""
         return self._driver.trace
 
     @property
     def frames_rejected(self) -> int:
-        """The driver's."""
+        """Number of frames that the driver rejected."""
         return self._driver.frames_rejected
 
     def status(self) -> EcuStatus:
-        """The driver's."""
+        """Return the driver's status."""
         return self._driver.status()
 
     @property
     def calibration(self) -> Calibration:
-        """The driver's."""
+        """Calibration of the driver."""
         return self._driver.calibration
 
     def calibrate(self, calibration: Calibration) -> None:
-        """Both."""
+        """Calibrate both ECUs."""
         self._driver.calibrate(calibration)
         self._other.calibrate(calibration)
 
     def restore(self, state: EcuState) -> None:
-        """Both."""
+        """Restore both ECUs."""
         self._driver.restore(state)
         self._other.restore(state)
 
@@ -77,7 +77,7 @@ class Lockstep:
         fault: Reason | None = None,
         updating: bool = False,
     ) -> list[Frame]:
-        """One control period of both; the driver's frames."""
+        """Step both ECUs for one control period; returns the driver's frames."""
         sent, expected = (
             ecu.step(now_ns, frames, health, fault=fault, updating=updating) for ecu in (self._driver, self._other)
         )

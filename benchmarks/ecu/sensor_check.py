@@ -1,14 +1,14 @@
-"""The ECU's sensor check over the whole recording: false alarms an hour, and how soon it finds which liar.
+"""The ECU's sensor check over the whole recording: false alarms per hour, and the time to find a faulty sensor.
 
     python -m benchmarks sensor-check --json results/sensor_check.json
 
-The shipped bundle's check reads the recording as the ECU would, rounded to the wire's steps. First with sound sensors,
-also with noise and with frames lost: each sensor set aside, and each doubt that would shut the jets, is a false alarm,
-after which the check starts again. Then with faults that begin at many places of the recording. The flow does not
-answer here as it does in the loop, where a liar moves the jets.
+The shipped bundle's check reads the recording as the ECU would, rounded to the signal's resolution. First the sensors
+are healthy, also with noise and with lost frames. Each sensor set aside, and each implausible state that would shut the
+jets, is a false alarm, after which the check starts again. Then faults begin at many places of the recording. The flow
+does not respond here as in the closed loop, where a faulty sensor moves the jets.
 
-The estimates of a whole episode are computed at once, by NumPy with the graph's own constants, and the first ones are
-compared with ONNX Runtime's; all else is the ECU's code, period by period.
+NumPy computes the estimates of a whole episode at once with the graph's own constants, and the first estimates are
+compared with ONNX Runtime's. The ECU's code does everything else, period by period.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -40,22 +40,22 @@ from firmware_sim.bench.sensor_faults import Bias, Dead, Drift, Noise, SensorDis
 from stillwake.parts.releases import open_release
 
 LONGEST: Final = 250
-"""Periods after a fault's begin in which it is to be found: ten shedding cycles."""
+"""Number of periods after a fault's start in which it has to be found: ten shedding cycles."""
 FIRST: Final = 200
-"""Steps of an episode before faults begin."""
+"""Number of an episode's steps before the first fault begins."""
 DRIFT_PERIODS: Final = 100
 DISTURBED: Final = ("none", "noise 0.9", "lost 0.3")
-"""What sound sensors are read through, besides the wire: noise in global deviations, frames lost at random."""
+"""Disturbances of healthy sensors' readings besides rounding: noise in global deviations, share of lost frames."""
 
 
 class Passage(NamedTuple):
     """An episode as the ECU reads it.
 
     Attributes:
-        role: of the episode.
+        role: role of the episode.
         cp: (n, S) readings.
-        actions: (n,) in force.
-        heard: (n,) whether the frame came.
+        actions: (n,) actions in force.
+        heard: (n,) whether the frame arrived.
     """
 
     role: str
@@ -65,7 +65,7 @@ class Passage(NamedTuple):
 
 
 class Moment(NamedTuple):
-    """Where a fault may begin: in the passage, at the step, with the ECU's state after the step before."""
+    """A place where a fault may begin: passage, step, and the check's state after the step before."""
 
     passage: Passage
     step: int
@@ -73,7 +73,7 @@ class Moment(NamedTuple):
 
 
 class Ahead:
-    """Estimates that are computed beforehand; `at` is the step that is asked for."""
+    """An estimator with estimates that are computed in advance; `at` is the step whose estimates are returned."""
 
     def __init__(self, found: Array) -> None:
         self._found = found
@@ -91,8 +91,8 @@ class Lab:
     """The shipped check and its network.
 
     Attributes:
-        check: as the ECU has it.
-        network: that of its graph.
+        check: the check as in the ECU.
+        network: the network of its graph.
     """
 
     check: SensorCheck
@@ -101,7 +101,7 @@ class Lab:
     def read(
         self, passage: Passage, first: int = 0, last: int | None = None
     ) -> Iterator[tuple[int, Callable[[SensorCheckState], SensorCheckState]]]:
-        """Yield each step with what the check makes of a state in it."""
+        """Yield each step, and the function from the check's state before that step to its state after it."""
         length = self.network.window
         windows = _windows(passage, length)[first:last]
         ahead = Ahead(_estimates(self.network, windows))
@@ -119,16 +119,16 @@ class Lab:
             yield step, after
 
     def agrees(self, passage: Passage) -> None:
-        """Raises StillwakeError unless the network computes what ONNX Runtime does."""
+        """Check that the network and ONNX Runtime give the same estimates; raises StillwakeError if not."""
         windows = _windows(passage, self.network.window)[:100]
         found = np.stack([self.check.estimator.estimates(window) for window in windows])
-        # Single precision on either side: sums of some hundred terms of order one.
+        # Both compute in single precision; the sums have some hundred terms of order one.
         if not np.allclose(found, _estimates(self.network, windows), atol=1e-5):
             raise StillwakeError("NumPy and ONNX Runtime estimate different pressures from the same constants")
 
 
 class Outcome(NamedTuple):
-    """What came of a fault: the sensor set aside, whether the jets were shut instead, and after how many periods."""
+    """The outcome of a fault: the sensor set aside, or whether the jets were shut, and the number of periods."""
 
     set_aside: int | None
     shut: bool
@@ -140,7 +140,7 @@ def main(
     every: Annotated[int, typer.Option(help="Control steps between two places where faults begin.", min=1)] = 1500,
     json_file: JsonFile = None,
 ) -> None:
-    """False alarms of the sensor check, and what it finds of each fault."""
+    """Measure the false alarms of the sensor check, and its findings for each fault."""
     config = Config()
     release = open_release(bundle)
     check = sensor_check_of(release, config)
@@ -199,7 +199,7 @@ def _read_through(passage: Passage, through: str) -> Passage:
 
 
 def _windows(passage: Passage, length: int) -> Array:
-    """(n, L, S+1): the controller's window at every step; a lost frame's row has the pressures before it."""
+    """Return the controller's window at every step, (n, L, S+1); a lost frame's row has the previous pressures."""
     last = np.maximum.accumulate(np.where(passage.heard, np.arange(len(passage.cp)), 0))
     rows = np.column_stack([passage.cp[last], passage.actions])
     padded = np.concatenate([np.repeat(rows[:1], length - 1, axis=0), rows])
@@ -207,13 +207,12 @@ def _windows(passage: Passage, length: int) -> Array:
 
 
 def _estimates(network: EstimatorNetwork, windows: Array) -> Array:
-    """(n, V, S) of the windows."""
     parts = (windows[first : first + 500] for first in range(0, len(windows), 500))
     return np.concatenate([network.estimates(part) for part in parts])
 
 
 def _false_alarms(lab: Lab, passage: Passage, every: int | None) -> Iterator[str | Moment]:
-    """A word for every false alarm, and the places where faults may begin."""
+    """Yield a word for every false alarm, and the places where faults may begin."""
     fresh = SensorCheckState.start(window=lab.network.window, sensors=lab.network.sensors)
     state = fresh
     for step, after in lab.read(passage):
@@ -233,7 +232,7 @@ def _rates(alarms: Sequence[tuple[str, str, int, int]], config: Config) -> list[
             chosen = [item for item in alarms if item[0] == through and role in (item[1], "all")]
             hours = sum(item[2] for item in chosen) * config.period_ns / 3.6e12
             count = sum(item[3] for item in chosen)
-            # With none, the rate is below this at 95 % confidence (Poisson).
+            # If there is none, the rate is below this bound at 95 % confidence (Poisson).
             bound = -log(0.05) / hours if count == 0 else None
             found.append({"through": through, "role": role, "hours": hours, "alarms": count,
                           "per_hour": count / hours, "below_per_hour": bound})  # fmt: skip
@@ -274,7 +273,7 @@ def _faults(lab: Lab, release: Bundle, moments: Sequence[Moment]) -> list[dict[s
 
 
 def _on_each(one: SensorDisturbance, liars: Sequence[int | tuple[int, ...]]) -> list[SensorFault]:
-    """The fault begun at each of these places; what swaps has two."""
+    """Begin the fault on each of these sensors; a swap has a pair of sensors."""
     return [one.begun((j,) if isinstance(j, int) else j, Config(), seed=0) for j in liars]
 
 

@@ -1,4 +1,4 @@
-"""The tables of the ECU: its sensor check, its twin in C, the loop with each."""
+"""The tables of the ECU: its sensor check, the comparison of Python and C, and the closed loop with each."""
 
 from itertools import groupby
 from pathlib import Path
@@ -10,7 +10,7 @@ _MODELLED: Final = ("modelled_ms", "modelled_ms_max")
 
 
 def tables(results: Path) -> dict[str, str]:
-    """Every table by its marker."""
+    """Return every table by its marker."""
     figures = read(results / "sensor_check.json")["figures"]
     return {
         "sensor_check_alarms": alarms(figures["false_alarms"]),
@@ -21,7 +21,7 @@ def tables(results: Path) -> dict[str, str]:
 
 
 def twin(path: Path) -> str:
-    """The comparison of the ECU in C with its twin, and how sharp it is."""
+    """Return the table of the comparison of the ECUs in C and in Python, and of the faults that it finds."""
     found = read(path)
     of, facts = found["figures"], found["facts"]
     rows = [
@@ -40,7 +40,7 @@ Measured on {found["date"]} in {len(facts["variants"])} kinds of vehicles, with
 
 
 def loops(found: Any) -> str:
-    """The wake driven by each ECU, and what differs between the emulated core and this machine."""
+    """Return the table of the wake under each ECU, and of the emulated core's differences to this machine."""
     rows = [
         (
             row["kind"],
@@ -62,7 +62,7 @@ Measured on {found["date"]}. The emulated core against this machine, with the sa
 
 
 def alarms(rows: list[dict[str, Any]]) -> str:
-    """False alarms in the whole recording by what disturbed the sound sensors."""
+    """Return the table of false alarms in the whole recording, by the disturbance of the healthy sensors."""
     words = {"none": "nothing", "noise 0.9": "noise of 90 %", "lost 0.3": "30 % of the frames lost"}
     found = [
         (
@@ -78,7 +78,7 @@ def alarms(rows: list[dict[str, Any]]) -> str:
 
 
 def faults(rows: list[dict[str, Any]]) -> str:
-    """What is found of each fault, over all sensors or pairs."""
+    """Return the table of findings for each fault, over all sensors or pairs."""
     counts = ("starts", "set_aside", "shut", "wrong", "unseen")
     found = []
     for fault, group in groupby(rows, key=lambda row: row["fault"]):

@@ -1,1 +1,1 @@
-"""The shipped release in the closed loop: tables of what `stillwake run` and `stillwake develop --steady` measured."""
+"""The shipped release in the closed loop: measurements, and tables from `stillwake run` and `develop --steady`."""

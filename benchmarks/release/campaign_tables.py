@@ -1,4 +1,4 @@
-"""The tables of the campaign: every disturbance of the loop, safe or not, useful or not."""
+"""The tables of the campaign: whether the loop is safe and useful under every disturbance."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -13,7 +13,7 @@ MISSING: Final = "Not measured yet: the command above writes the file that this 
 
 
 def tables(results: Path) -> dict[str, str]:
-    """Every table by its marker; a note in its place while there is no campaign among the results."""
+    """Return every table by its marker; a note in its place if there are no results of a campaign."""
     path = results / FILE
     if not path.is_file():
         return {"campaign": MISSING, "campaign_paper": MISSING}
@@ -22,7 +22,8 @@ def tables(results: Path) -> dict[str, str]:
 
 
 def campaign(found: Mapping[str, Any], *, told: bool = False) -> str:
-    """The matrix, a row a scenario; where it is told what is done, not again if only a number or a sensor differs."""
+    """Return the matrix with a row per scenario. With `told`, a column has the scenarios' sentences, but not if a
+    scenario differs from the previous one only in a number or a sensor."""
     rows: list[Sequence[object]] = []
     kind = ""
     for row in found["figures"]:
@@ -49,7 +50,7 @@ latched. {facts["controlled"]:g} t_c with control, averages over the last
 
 
 def beside_the_paper(figures: Sequence[Mapping[str, Any]]) -> str:
-    """Delay, and the paper's own figures."""
+    """Return the table of drag and lift against the delay, with the paper's figures."""
     by_name = {row["name"]: row for row in figures}
     rows = []
     for delay in (0, 2, 4, 8, 12):
@@ -73,7 +74,7 @@ def beside_the_paper(figures: Sequence[Mapping[str, Any]]) -> str:
 
 
 def _in_control(row: Mapping[str, Any]) -> str:
-    """Share of the periods, "" for all of them, and the number of starts in which a fault latched."""
+    """Return the share of the periods, "" for all of them, and the number of latched faults."""
     share = _number(row["in_control_percent"], ".0f")
     return f"{share} ({row['latches']})" if row["latches"] else "" if share == "100" else share
 

@@ -1,9 +1,9 @@
-"""The release at other speeds: steady ones, drives, a speed that lies, other air and another viscosity.
+"""The release at other speeds: steady speeds, drives, a wrong speed signal, another air density and another viscosity.
 
     python -m benchmarks drive [--quick] [--only steady-120] [--json FILE]
 
-Each row is a run of `stillwake run --drive`: 25 t_c of the design speed without control, then the drive, which counts
-from 40 t_c on, beside the same drive with its jets shut. Finished runs are kept, each in a file.
+Each row is a run of `stillwake run --drive`: 25 t_c at the design speed without control, then the drive, which counts
+from 40 t_c on, and the same drive with the jets shut for comparison. Finished runs are stored, each in a file.
 """
 
 from collections.abc import Mapping
@@ -38,18 +38,18 @@ from wake.truck.state import State
 from wake.truck.truck_wake import TruckWake
 
 LEAD_IN, SETTLE = 25.0, 40.0
-"""t_c of the design speed."""
+"""Time without control, and settling time that does not count, in t_c of the design speed."""
 
 
 class Case(NamedTuple):
-    """A row: a drive, and what disturbs it."""
+    """A row of the table: a drive and its disturbances."""
 
     drive: str
     disturbed: tuple[str, ...] = ()
 
     @property
     def name(self) -> str:
-        """The name by which a row is chosen, and kept."""
+        """Name by which a row is selected and its runs are stored."""
         return ", ".join((self.drive, *self.disturbed))
 
 
@@ -57,7 +57,7 @@ CASES: Final = (
     *map(Case, PROFILES),
     *(Case("ramps", (f"speed_scale={scale}",)) for scale in ("0.9", "0.95", "1.05", "1.1")),
     *(Case("ramps", (text,)) for text in ("speed_late=0.5", "no_speed")),
-    # Frozen in the middle of the first ramp.
+    # The speed freezes in the middle of the first ramp.
     Case("ramps", ("speed_frozen@10..",)),
     *(Case("steady-120", (text,)) for text in ("density=1.05", "density:density=1.05,stated=true")),
     Case("steady-100", ("reynolds=1000",)),
@@ -103,7 +103,7 @@ def main(
 
 
 def _row(case: Case, runs: list[dict[str, Any]]) -> dict[str, Any]:
-    """Medians over the starts, the least and most of the headline; what went wrong in any of them."""
+    """Return the medians over the starts, the range of the reduction, and the troubles of all runs."""
     medians = {
         name: None if None in (values := [run[name] for run in runs]) else median(values)
         for name in runs[0]
@@ -132,12 +132,12 @@ def _kept(folder: Path, bundle: Path, config: Config, phases: int, run: tuple[Ca
 
 
 def outcome(bundle: Path, config: Config, case: Case, phase: int = 0, phases: int = 1) -> Mapping[str, Any]:
-    """The totals of one run."""
+    """Return the totals of one run."""
     release, point = bundles.load(bundle), config.operating_point
     drive = find_drive(case.drive, point)
     flow = drive.substeps(config.flow, point)
     if any(text.startswith("reynolds") for text in case.disturbed):
-        # At a higher Reynolds number what the jets shed is thinner and faster: the steps of the coarse mesh diverged.
+        # At a higher Reynolds number the jets' vortices are thinner and faster; the usual coarse steps diverged.
         flow = replace(flow, substeps=2 * flow.substeps)
     wake = TruckWake(flow, body=config.body)
     wake.reset(replace(_start(config), substep=0))

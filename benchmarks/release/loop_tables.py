@@ -1,4 +1,4 @@
-"""The tables of the shipped release from several phases and at other speeds."""
+"""The tables of the shipped release from several phases of the shedding cycle and at other speeds."""
 
 import re
 from collections import Counter
@@ -14,7 +14,7 @@ _NAMES = (
 
 
 def tables(results: Path) -> dict[str, str]:
-    """Every table by its marker."""
+    """Return every table by its marker."""
     return {
         "release_loop": release_loop(results),
         "drive": drive(results),
@@ -22,7 +22,7 @@ def tables(results: Path) -> dict[str, str]:
 
 
 def drive(results: Path) -> str:
-    """The shipped release at other speeds."""
+    """Return the table of the shipped release at other speeds."""
     found = read(results / "drive.json")
     facts = found["facts"]
     rows = [
@@ -51,13 +51,13 @@ drive, of which the first {facts["settle"]:g} t_c do not count."""
 
 
 def _latched(troubles: list[str]) -> str:
-    """Faults of all starts, each with how many of them it ended."""
+    """Return the latched faults of all starts, each with its number."""
     faults = Counter(re.findall(r"ECU FAULT: (\w+)", " ".join(troubles)))
     return ", ".join(f"{name} ({count})" for name, count in faults.items())
 
 
 def release_loop(results: Path) -> str:
-    """The shipped release over several phases."""
+    """Return the table of the shipped release over several phases."""
     found = read(results / "release_loop.json")
     figures, facts = found["figures"], found["facts"]
     spread = figures["over_phases"]

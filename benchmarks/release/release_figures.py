@@ -1,13 +1,13 @@
-"""The paper's figures of control, for a release: its forecasts against what came, distributions, and mean fields.
+"""The paper's figures on control, for a release: errors of its forecasts, distributions, and mean fields.
 
     python -m benchmarks release-figures [--bundle DIR] [--json FILE]
 
-Closes the loop as `stillwake run` does, keeps every forecast of the controller, and averages the flow without control
-and under it. Pictures go to docs/pictures, or to the folder that --pictures names.
+The benchmark runs the closed loop as `stillwake run` does, stores every forecast of the controller, and averages the
+flow without and with control. Pictures are written to docs/pictures, or to the folder given with --pictures.
 
-A forecast is the one that the optimiser planned with, so from its second action on it is of a plan that the next
-control steps may change. The error at h = 1 .. H is the distance between the forces forecast at t_k for t_{k+h} and
-those that the flow had then.
+The forecasts are those of the optimiser's plan, and the next control steps may change that plan from its second action
+on. The error at h = 1 .. H is the distance between the forces forecast at t_k for t_{k+h} and the flow's forces at that
+time.
 """
 
 from contextlib import nullcontext
@@ -38,18 +38,18 @@ from wake.truck.recirculation import recirculation_length
 from wake.truck.truck_wake import TruckWake
 
 BINS: Final = 40
-"""Bins of a histogram, over the range of both cases."""
+"""Number of bins of a histogram, over the range of both cases."""
 _QUANTILES: Final = (0.1, 0.9)
 CASES: Final = ("uncontrolled", "controlled")
 
 
 @dataclass(kw_only=True)
 class Listening:
-    """A controller that remembers its latest step; in all else the one inside.
+    """A controller that stores its latest step, and otherwise does what the inner controller does.
 
     Attributes:
-        inner: computes the steps.
-        latest: of `inner`, until it is taken.
+        inner: controller that computes the steps.
+        latest: latest step of `inner`; None after it was taken.
     """
 
     inner: RunnableController
@@ -67,7 +67,7 @@ class Listening:
         return self.latest
 
     def taken(self) -> ControlStep | None:
-        """The latest step, once."""
+        """Return the latest step and forget it."""
         step, self.latest = self.latest, None
         return step
 
@@ -82,7 +82,7 @@ def main(
     controlled: Annotated[float, typer.Option(help="Time with control, t_c.", min=20.0)] = 100.0,
     settle: Annotated[float, typer.Option(help="Left out of the controlled averages, t_c.", min=0.0)] = 40.0,
 ) -> None:
-    """Close the loop once, write figures and pictures."""
+    """Run the closed loop once, and write figures and pictures."""
     release, config = open_release(bundle, trust), load_config()
     horizon, period = release.manifest.mpc.horizon, config.flow.control_period
     listening = Listening(inner=OnnxController.of(release))
@@ -119,15 +119,15 @@ def main(
     }  # fmt: skip
     report(json_file, figures, facts, tables.release_forecasts, tables.release_distributions)
     drawn = release_drawings.drawn(figures) | {"release_mean_flow": release_drawings.mean_flows(wake, flows)}
-    # Without a file of results the run is what they were drawn from.
+    # Without a results file, the pictures' source is the run.
     draw(drawn, RunFolder(run).summary if json_file is None else json_file.resolve(), folder=pictures)
 
 
 def measured(log: RunLog, forecasts: Array, settled: int) -> dict[str, Any]:
-    """Errors of the forecasts and distributions.
+    """Compute errors of the forecasts, and distributions.
 
     Args:
-        forecasts: (n, H, 2) forces forecast in every period for the next ones; NaN where none was made.
+        forecasts: (n, H, 2) forces forecast in every period for the next periods; NaN without a forecast.
         settled: index of the first row that counts as under control.
     """
     truth = np.column_stack([log.series["Cd"], log.series["Cl"]])
@@ -145,11 +145,11 @@ def measured(log: RunLog, forecasts: Array, settled: int) -> dict[str, Any]:
 
 
 def forecast_errors(forecasts: Array, truth: Array) -> list[Array]:
-    """|forecast - truth| at h = 1 .. H, (m_h, 2) each.
+    """Return |forecast - truth| at h = 1 .. H, (m_h, 2) each.
 
     Args:
-        forecasts: (n, H, 2), row k for k + 1 .. k + H; NaN where none was made.
-        truth: (n, 2).
+        forecasts: (n, H, 2), row k for k + 1 .. k + H; NaN without a forecast.
+        truth: (n, 2) forces of the flow.
     """
     found = []
     for ahead in range(1, forecasts.shape[1] + 1):
@@ -187,7 +187,7 @@ def _distribution(values: list[Array]) -> dict[str, Any]:
 
 
 def _mean(wake: TruckWake, flow: Flow) -> dict[str, Any]:
-    """Figures of a mean flow: its bubble, its forces, and Cp at all sensors."""
+    """Return the figures of a mean flow: bubble length, forces, and Cp at all sensors."""
     seen = wake.surface.measure(flow)
     return {
         "recirculation_length": recirculation_length(wake.grid, flow),

@@ -2,9 +2,9 @@
 
     python -m benchmarks release-loop [--bundle BUNDLE] [--config FILE] [--json FILE]
 
-Each run is one of `stillwake run`: through CAN, int8, ONNX Runtime, 25 t_c without control and 100 with it, of which
-the last 60 are averaged. Another body's settings come with its release; its wake develops from rest first. Finished
-runs are kept.
+Each run is like `stillwake run`: over CAN, int8, ONNX Runtime, 25 t_c without control and 100 t_c with control, of
+which the last 60 are averaged. For another body, give its settings with its release; its wake first develops from rest.
+Finished runs are stored.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -49,7 +49,7 @@ FIGURES: Final = (
     *("Cd_uncontrolled", "Cd_controlled", "Cd_net_uncontrolled", "Cd_net_controlled"),
     *("net_reduction_percent", "net_of_power_percent"),
 )
-"""The figures of a phase, and of the mean and spread of all."""
+"""Figures of a phase, for which mean and spread over all phases are computed."""
 
 
 def main(
@@ -60,7 +60,7 @@ def main(
     bundle: Annotated[Path, typer.Option(help="Another release in place of the shipped one.")] = BUNDLE,
     config_file: Annotated[Path | None, typer.Option("--config", help="Settings of its body and flow (TOML).")] = None,
 ) -> None:
-    """Close the loop from every phase and print a table."""
+    """Run the closed loop from every phase and print a table."""
     release = bundles.load(bundle)
     config = replace(load_config(config_file), mpc=release.manifest.mpc)
     kept = kept_starts(parts, release, phases, config)
@@ -83,7 +83,7 @@ def main(
 
 
 def kept_starts(parts: Path, release: Bundle, phases: int, config: Config) -> CampaignFolder:
-    """A folder of the release with its starts in so many phases of the shedding cycle."""
+    """Return a folder of the release with its starts in `phases` phases of the shedding cycle."""
     kept = CampaignFolder(parts / f"{release.digest[:12]}_{phases}")
     kept.start(0).parent.mkdir(parents=True, exist_ok=True)
     keep_states(kept, starting_states(kept, config, phases))
@@ -91,10 +91,10 @@ def kept_starts(parts: Path, release: Bundle, phases: int, config: Config) -> Ca
 
 
 def with_net(row: Mapping[str, Any]) -> dict[str, Any]:
-    """A run's figures with what is left of the reduction when the jets are paid for, in per cent.
+    """Return a run's figures with the reductions in per cent that remain after the costs of the jets.
 
-    `net_reduction_percent` is of `Cd_net`: wall, slot faces and the jets' momentum. `net_of_power_percent` is of
-    `Cd_net` and the jets' power together: at the vehicle's speed, a unit of `jet_power` is the power of a unit of Cd.
+    `net_reduction_percent` is of `Cd_net`: wall, slot faces and the jets' momentum. `net_of_power_percent` is of the
+    sum of `Cd_net` and the jets' power: at the vehicle's speed, a unit of `jet_power` is the power of a unit of Cd.
     """
     before, under = row["Cd_net_uncontrolled"], row["Cd_net_controlled"]
     return {
@@ -105,10 +105,10 @@ def with_net(row: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def spread(rows: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, float]]:
-    """Mean, least and most over the phases, of every figure that all phases have.
+    """Return mean, minimum and maximum over the phases, for every figure that all phases have.
 
-    With several phases also the half width of the mean's 95 % confidence interval by Student's t. It takes the starts
-    as independent; where neighbouring ones come out alike, it is too narrow.
+    With several phases the result also has the half width of the mean's 95 % confidence interval by Student's t. The
+    interval assumes independent starts; it is too narrow if neighbouring starts give similar results.
     """
     found = {}
     for name in FIGURES:
@@ -122,11 +122,10 @@ def spread(rows: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, float]]:
 
 
 def _runs(bundle: Path, config: Config, kept: CampaignFolder, phases: int, workers: int) -> Iterator[dict[str, Any]]:
-    """The figures of every phase, in order."""
     files = [kept.path / f"phase_{number}.json" for number in range(phases)]
     starts = [kept.start(number) for number in range(phases)]
     missing = sum(not file.is_file() for file in files)
-    # A process of its own costs seconds: none is made for what is kept.
+    # A process takes seconds to start, so there is none if all runs are stored.
     with nullcontext() if missing == 0 else process_pool(min(workers, missing)) as pool:
         each = partial(_kept_run, bundle, config)
         yield from map(each, files, starts) if pool is None else pool.map(each, files, starts)
@@ -138,7 +137,7 @@ def _kept_run(bundle: Path, config: Config, file: Path, start: Path) -> dict[str
 
 
 def measured(release: Bundle, config: Config, start: Path, calibration: Calibration | None = None) -> dict[str, Any]:
-    """One run from there, with what is left of its reduction when the jets are paid for."""
+    """Run from a start, and return the figures with the reductions that remain after the costs of the jets."""
     wake = TruckWake(config.flow, body=config.body)
     wake.reset(load_state(start))
     found = summary(Simulation(release, config, spans=SPANS, calibration=calibration).run(wake))

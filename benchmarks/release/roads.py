@@ -1,10 +1,10 @@
-"""The release's rows in the table of roads to less drag: as it is shipped, and its prior alone.
+"""The release's rows in the table of ways to reduce drag: the shipped release, and its prior alone.
 
     python -m benchmarks roads [--json FILE]
 
-The release's row is what `python -m benchmarks release-loop` measured. The prior alone is the same bundle in the same
-loop with all cost weights at zero, so that the iterations change nothing. Rows of other roads stay as they are: their
-code is finished, and in the history (version 0.9.0 and the commits up to b1dfcd12).
+The release's row has the results of `python -m benchmarks release-loop`. The prior alone is the same bundle in the same
+loop with all cost weights at zero, so that the iterations change nothing. Rows of other ways stay as they are: their
+studies are finished, and their code is in the history (version 0.9.0 and the commits up to b1dfcd12).
 """
 
 import time
@@ -42,7 +42,7 @@ def main(
     parts: Parts = Path("runs/roads"),
     phases: Annotated[int, typer.Option(min=1, max=25, help="Starts of the prior alone, as of release-loop.")] = 3,
 ) -> None:
-    """Measure both rows, and put them in place of those that the file has."""
+    """Measure both rows, and replace those in the file."""
     release = bundles.load(BUNDLE)
     of_loop = read(ROOT / "results" / "release_loop.json")
     config = load_config()
@@ -66,7 +66,7 @@ def main(
 
 
 def row(release: Bundle, road: str, title: str, runs: Sequence[Tree]) -> dict[str, Any]:
-    """A row of the table, from figures of runs."""
+    """Compute a row of the table from the figures of runs."""
     training = read(ROOT / "results" / "refine.json")["figures"]
     over = {name: found["mean"] for name, found in spread(runs).items()}
     reduction = [run["reduction_percent"] for run in runs]
@@ -100,13 +100,13 @@ def row(release: Bundle, road: str, title: str, runs: Sequence[Tree]) -> dict[st
 
 
 def _m7_ms(release: Bundle) -> float | None:
-    """Modelled at 480 MHz, the whole ECU; None while another release's is on record."""
+    """Return the modelled time of the whole ECU at 480 MHz in ms; None if the results are of another release."""
     found = read(ROOT / "results" / "mcu.json")["figures"]["release"]
     return float(found["modelled_ms_480"]) if found["bundle"] == release.manifest.name else None
 
 
 def median_step_ms(release: Bundle) -> float:
-    """Median CPU time of a control step in ONNX Runtime here, ms: other work on the machine hardly shows in it."""
+    """Return the median CPU time in ms of a control step in ONNX Runtime; other processes hardly affect it."""
     controller, sizes = OnnxController.of(release), release.manifest.sizes
     controller.warm_up(10)
     generator, taken = np.random.default_rng(0), []

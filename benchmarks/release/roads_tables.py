@@ -1,4 +1,4 @@
-"""The table of the roads to less drag."""
+"""The table of the ways to reduce drag."""
 
 from pathlib import Path
 from typing import Any
@@ -11,13 +11,13 @@ _DEFAULT_MESH = (443, 164)
 
 
 def tables(results: Path) -> dict[str, str]:
-    """Every table by its marker."""
+    """Return every table by its marker."""
     rows = read(results / "roads.json")["figures"]
     return {"roads": table(_HEADS, [_cells(row) for row in rows]), "environment": _environment(rows)}
 
 
 def _environment(rows: list[dict[str, Any]]) -> str:
-    """What the environment gives a policy: the rows of its own mesh that know no more of the flow than it shows."""
+    """Return the table of policies in the environment: rows on its mesh that use only its observations."""
     known = [row for row in rows if tuple(row["mesh"]) == _DEFAULT_MESH and row["kind"] != "oracle"]
     heads = ("policy", "mean reward", "mean `Cd_net`", "mean abs Cl", "mean Cl", "mean `jet_power`", "steps")
     return table(

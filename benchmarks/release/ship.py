@@ -1,8 +1,9 @@
-"""Put a trained model and the release made from it where a checkout has them, and write the model's provenance.
+"""Copy a trained model and its release to their places in the checkout, and write the model's provenance.
 
     python -m benchmarks.release.ship MODEL BUNDLE --command "stillwake train ..."
 
-`make release` calls it. The bundle must be of the model and signed with the key of the project, or nothing happens.
+`make release` calls this module. It changes nothing unless the bundle is of the model and signed with the project's
+key.
 """
 
 import argparse
@@ -25,14 +26,14 @@ BUNDLE: Final = ROOT / "contract" / "release" / "shipped"
 
 
 def ship(model: Path, release: Path, *, command: str, on: date, data: Path = DATA, bundle: Path = BUNDLE) -> None:
-    """Replace the shipped model and bundle by these. Raises ModelError if the model is not sound; BundleError if the
-    bundle is not sound, not signed with the project's key, or of another model.
+    """Replace the shipped model and bundle. Raises ModelError if the model is damaged; BundleError if the bundle is
+    damaged, not signed with the project's key, or of another model.
 
     Args:
-        command: what trained the model.
-        on: today.
+        command: command that trained the model.
+        on: today's date.
         data: folder of `model` and `provenance.json`.
-        bundle: of the shipped release.
+        bundle: folder of the shipped release.
     """
     trained, found = read(model), bundles.load(release, project_key())
     if found.manifest.weights_sha256 != trained.weights_sha256:

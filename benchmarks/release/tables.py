@@ -1,4 +1,4 @@
-"""The tables of the shipped release in the closed loop, from what `stillwake run` and `develop --steady` measured."""
+"""The tables of the shipped release in the closed loop, from the results of `stillwake run` and `develop --steady`."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -8,7 +8,7 @@ from benchmarks.common.markdown import read, table
 
 
 def tables(results: Path) -> dict[str, str]:
-    """Every table by its marker."""
+    """Return every table by its marker."""
     return {
         "summary": summary(results),
         "demo": demo(results),
@@ -21,7 +21,7 @@ def tables(results: Path) -> dict[str, str]:
 
 
 def release_forecasts(found: Any) -> str:
-    """Errors of the controller's forecasts in the loop."""
+    """Return the table of errors of the controller's forecasts in the loop."""
     figures = found["figures"]
     sigma = figures["sigma"]["uncontrolled"]
     rows = [
@@ -45,7 +45,7 @@ Measured on {found["date"]} with {found["facts"]["bundle"]["name"]}, over the la
 
 
 def release_distributions(found: Any) -> str:
-    """Base pressure, velocity at the probe and the bubble, ours and the paper's."""
+    """Return the table of base pressure, velocity at the probe and bubble length, with the paper's values."""
     figures = found["figures"]
     base, probe, mean = figures["base_Cp"], figures["Uy"], figures["mean"]
     cases = ("uncontrolled", "controlled")
@@ -59,7 +59,7 @@ def release_distributions(found: Any) -> str:
 
 
 def bundle_fuzz(results: Path) -> str:
-    """What became of damaged bundles, graphs and C headers."""
+    """Return the table of damaged bundles, graphs and C headers, and whether they were accepted."""
     found = read(results / "bundle_fuzz.json")
     figures = found["figures"]
     rows = [
@@ -77,7 +77,7 @@ that are accepted are sound bundles of another content, which no one signed.
 
 
 def summary(results: Path) -> str:
-    """Uncontrolled, the best sine and the closed loop on both plants, side by side."""
+    """Return the table of the uncontrolled wake, the best sine, and the closed loop on both plants."""
     loop = read(results / "demo.json")["figures"]
     openfoam = read(results / "openfoam_loop.json")
     second, of = openfoam["figures"], openfoam["facts"]["controller"].partition(" ")[0]
@@ -122,7 +122,7 @@ Mean Cl under control is {loop["mean_Cl_controlled"]:+.3f}. A control step takes
 
 
 def _from_phases(results: Path) -> tuple[object, ...]:
-    """The closed loop from several phases of the shedding cycle: the row of their means."""
+    """Return the row with the means of the closed loop over several phases of the shedding cycle."""
     found = read(results / "release_loop.json")
     figures = found["figures"]
     spread = figures["over_phases"]
@@ -137,7 +137,7 @@ def _from_phases(results: Path) -> tuple[object, ...]:
 
 
 def _linear(results: Path) -> tuple[object, ...]:
-    """The linear controller identified under the release, by version 1.0.0: the row of its means over phases."""
+    """Return the row of the linear controller identified by version 1.0.0, with its means over phases."""
     row = next(row for row in read(results / "roads.json")["figures"] if row["road"] == "linear-under-release")
     return (
         f"a linear controller instead (by version 1.0.0), from {len(row['outcomes'])} starts, mean",
@@ -148,12 +148,11 @@ def _linear(results: Path) -> tuple[object, ...]:
 
 
 def _under(loop: Mapping[str, Any], names: tuple[str, ...]) -> tuple[float, ...]:
-    """Under control."""
     return (*(loop[f"{name}_controlled"] for name in names), loop["rms_action"], loop["jet_power_controlled"])
 
 
 def demo(results: Path) -> str:
-    """The loop of `make demo`, without control and with it."""
+    """Return the table of the loop of `make demo`, without and with control."""
     found = read(results / "demo.json")
     figures, facts = found["figures"], found["facts"]
     latency = "/".join(f"{figures[name]:.2f}" for name in ("mpc_ms_p50", "mpc_ms_p99", "mpc_ms_max"))
@@ -168,7 +167,6 @@ Control step, wall clock p50/p99/max: {latency} ms of {figures["mpc_budget_ms"]:
 
 
 def _before_and_under(figures: Mapping[str, Any]) -> str:
-    """Averages of a run without and with control."""
     rows = [
         ("mean Cd (wall)", figures["Cd_uncontrolled"], figures["Cd_controlled"]),
         ("mean base Cp", figures["base_Cp_uncontrolled"], figures["base_Cp_controlled"]),
@@ -182,7 +180,7 @@ def _before_and_under(figures: Mapping[str, Any]) -> str:
 
 
 def limits(results: Path) -> str:
-    """What latency, planning ahead and few iterations cost."""
+    """Return the table of the effects of latency, planning ahead and few iterations."""
     names = ("Cd_controlled", "reduction_percent", "abs_Cl_controlled", "mean_Cl_controlled", "rms_action")
     rows = []
     facts = read(results / "demo.json")["facts"]
@@ -202,7 +200,7 @@ plans; {late:g} ms after it, which the controller's model leaves out; or at the 
 
 
 def steady(results: Path) -> str:
-    """The wake held symmetric, the shedding one, and the bound that follows."""
+    """Return the table of the wake held symmetric and of the shedding wake, and the resulting bound."""
     found = read(results / "steady.json")
     held, shedding = found["figures"], read(results / "demo.json")["figures"]
     rows = [

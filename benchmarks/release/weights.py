@@ -1,10 +1,11 @@
-"""What a weight of the cost changes under a release: side force, jets and drag, in the closed loop.
+"""The effect of a cost weight under a release: side force, jets and drag, in the closed loop.
 
     python -m benchmarks weights [--workers 2] [--json FILE]
 
-On the mesh that the prior is trained on, through CAN and ECU, int8: 15 t_c without and 85 with control, of which the
-last 50 count, from three starts. A weight has seven values over the range that the prior knows; the others are the
-release's. Spearman's rank correlation says how well the effect follows the weight.
+The runs are on the mesh of the prior's training, over CAN and with the ECU, in int8: 15 t_c without and 85 t_c with
+control, of which the last 50 count, from three starts. A weight has seven values over the range of the prior's
+training; the other weights are the release's. Spearman's rank correlation states how well the effect follows the
+weight.
 """
 
 from collections.abc import Mapping, Sequence
@@ -43,14 +44,14 @@ from wake.truck.truck_wake import TruckWake
 
 SPANS: Final = Spans(lead_in=15.0, controlled=85.0, settle=35.0)
 SHARES: Final = (np.arange(7) / 6) ** 2
-"""The shares of the dearest weight: the prior takes its root, so these are equal steps of what it reads."""
+"""Shares of the largest weight, equally spaced in the prior's input, which is the square root of the weight."""
 DEAREST: Final = {"lift": DEAREST_LIFT, "effort": DEAREST_EFFORT}
 EFFECTS: Final = {"lift": ("abs_Cl_controlled",), "effort": ("rms_action", "jet_power_controlled")}
-"""What each weight is called after."""
+"""Figures that each weight is meant to reduce."""
 
 
 class Case(NamedTuple):
-    """One run: a weight, its value, and where in the shedding cycle it starts."""
+    """One run: a weight, its value, and the starting phase in the shedding cycle."""
 
     weight: str
     value: float
@@ -94,7 +95,7 @@ def main(
 
 
 def started(folder: Path, phases: int) -> Path:
-    """The folder with a developed wake on the training's mesh in each phase of the shedding cycle."""
+    """Return a folder with a developed wake on the training's mesh in each phase of the shedding cycle."""
     folder.mkdir(parents=True, exist_ok=True)
     config = mesh_of(load_config())
     wake = TruckWake(config.flow, body=config.body)
@@ -110,7 +111,7 @@ def started(folder: Path, phases: int) -> Path:
 
 
 def outcome(bundle: Path, start: Path, calibration: Calibration) -> dict[str, Any]:
-    """Figures of a run with these values on the vehicle."""
+    """Return the figures of a run with this calibration in the ECU."""
     release, config = bundles.load(bundle), mesh_of(load_config())
     wake = TruckWake(config.flow, body=config.body)
     wake.reset(load_state(start))
@@ -127,7 +128,7 @@ def _kept(folder: Path, bundle: Path, case: Case) -> dict[str, Any]:
 
 
 def means(rows: Sequence[Mapping[str, Any]], weight: str) -> dict[float, dict[str, float]]:
-    """Every figure's mean over the starts, by the weight's value."""
+    """Return every figure's mean over the starts, by the weight's value."""
     found: dict[float, dict[str, float]] = {}
     for value in dict.fromkeys(row["value"] for row in rows if row["weight"] == weight):
         runs = [row for row in rows if (row["weight"], row["value"]) == (weight, value)]
@@ -137,9 +138,9 @@ def means(rows: Sequence[Mapping[str, Any]], weight: str) -> dict[float, dict[st
 
 
 def _correlations(rows: Sequence[Mapping[str, Any]]) -> dict[str, float]:
-    """Spearman's rank correlation over all runs: 1 where the effect falls whenever the weight rises.
+    """Compute Spearman's rank correlation over all runs, which is 1 if the effect falls whenever the weight rises.
 
-    Of a weight with several effects it is that of the one that follows least.
+    For a weight with several effects, the smallest correlation counts.
     """
     found = {}
     for weight, effects in EFFECTS.items():
@@ -150,7 +151,7 @@ def _correlations(rows: Sequence[Mapping[str, Any]]) -> dict[str, float]:
 
 
 def _end_to_end(rows: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, float]]:
-    """How much less of each effect there is at the dearest value than at none, in per cent of that."""
+    """Return the reduction of each effect from no weight to the largest weight, in per cent."""
     found = {}
     for weight, effects in EFFECTS.items():
         first, *_, last = means(rows, weight).values()
@@ -159,7 +160,7 @@ def _end_to_end(rows: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, float]
 
 
 def drawn(figures: Mapping[str, Any]) -> dict[str, Figure]:
-    """The picture of `docs/explanation/through-the-flow.md`: each effect and the drag over its weight."""
+    """Draw the picture of `docs/explanation/through-the-flow.md`: each effect and the drag against the weight."""
     figure = Figure(figsize=(8.0, 3.0), layout="constrained")
     shown = (("lift", "abs_Cl_controlled", "mean |Cl|"), ("effort", "jet_power_controlled", "jet power"))
     for axes, (weight, name, label) in zip(figure.subplots(1, 2), shown, strict=True):

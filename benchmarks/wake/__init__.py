@@ -1,1 +1,1 @@
-"""Measurements of the plant, and their tables and figure."""
+"""Measurements of the plant, and their tables."""

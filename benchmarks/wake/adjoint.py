@@ -1,10 +1,11 @@
-"""Gradients through the flow: how exact they are, what they cost, and what they keep in memory.
+"""Gradients through the flow: their error, computing time and memory.
 
     python -m benchmarks adjoint [--json FILE] [--refinement 0.75 ...]
 
-One core. Of the summed wall drag of a window under random actions, from the shipped wake, in double precision and in
-single. Both precisions, forward and backward periods are timed in turn; the figures are medians. Differences of whole
-runs judge the gradient of double precision, and that one judges single's.
+The measurement runs on one core. The gradient is of the wall drag summed over a window with random actions, from the
+shipped wake, in double and in single precision. Both precisions, and forward and backward periods, are timed in turn;
+the figures are medians. Finite differences of whole runs check the gradient in double precision, which in turn checks
+the gradient in single precision.
 """
 
 from dataclasses import replace
@@ -27,11 +28,11 @@ from wake.truck.tape import Tape, no_weights
 from wake.truck.truck_wake import TruckWake
 
 SUBSTEPS: Final = {1.0: 30}
-"""Steps a period of the default mesh; coarser ones have the roads' 15."""
+"""Time steps per control period on the default mesh; coarser meshes have 15, as in the table of ways to reduce drag."""
 WINDOW, ROUNDS, STEP = 20, 5, 1e-5
-"""Control periods, windows timed, and half the difference of an action that gradients are held against."""
+"""Control periods of a window, number of timed windows, and half the difference in an action for finite differences."""
 LONG: Final = 500
-"""Periods without jets over whose last half the drag of both precisions is averaged."""
+"""Number of control periods without jets; the drag in both precisions is averaged over the last half."""
 PRECISIONS: Final = {"double": np.float64, "single": np.float32}
 
 
@@ -55,7 +56,7 @@ def _measure(refinement: float) -> list[dict[str, Any]]:
     tapes = {name: Tape(plant) for name, plant in plants.items()}
     times: dict[str, list[tuple[float, float, float]]] = {name: [] for name in plants}
     gradients = dict[str, Any]()
-    # As in the training.
+    # The training runs without denormal numbers, too.
     with without_denormals():
         for _ in range(1 + ROUNDS):
             for name, plant in plants.items():
@@ -84,7 +85,7 @@ def _measure(refinement: float) -> list[dict[str, Any]]:
 
 
 def _visit(plant: TruckWake, tape: Tape, start: State, actions: Array) -> tuple[Array, tuple[float, float, float]]:
-    """The gradient, and the seconds of a run without tape, with it, and backwards."""
+    """Return the gradient, and the seconds of a run without tape, of a run with tape, and of the backward pass."""
     drag = replace(no_weights(len(plant.layout)), Cd=1.0)
     began = process_time()
     _drag(plant, start, actions)
@@ -114,7 +115,7 @@ def _drag(plant: TruckWake, start: State, actions: Array) -> float:
 
 
 def _mean_drag(plant: TruckWake, start: State) -> float:
-    """The mean drag of the wake without jets, over the cycles of the last half."""
+    """Return the mean drag of the wake without jets, over the whole cycles in the last half of the periods."""
     plant.reset(start)
     samples = [plant.advance(0.0) for _ in range(LONG)][LONG // 2 :]
     t, Cl, Cd = (np.array([getattr(sample, name) for sample in samples]) for name in ("t", "Cl", "Cd"))

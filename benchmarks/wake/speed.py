@@ -1,9 +1,9 @@
-"""What a time step of the plant costs, where the time goes, and how far that is from what the machine can do.
+"""The time of a time step of the plant, its distribution over the parts, and its ratio to the machine's limits.
 
     python -m benchmarks wake-speed [--json FILE] [--refinement 0.7 ...]
 
-One core. Every figure is the median over rounds that visit all cases in turn, because machines are noisy; bandwidth and
-arithmetic are measured in the same rounds, on arrays of the plant's size.
+The measurement runs on one core. Every figure is the median over rounds that measure all cases in turn, because times
+on a machine fluctuate. Memory bandwidth and arithmetic are measured in the same rounds, on arrays of the plant's size.
 """
 
 from collections import defaultdict
@@ -37,8 +37,8 @@ _PARTS: Final = {
     "fill_edges": "edges",
     "fill_walls": "walls",
 }
-# Numbers read or written per cell, were every array touched once a pass: a stage moves u, v, p and both rates, and
-# writes four of them; the correction moves u, v, p and phi.
+# Numbers read or written per cell if every array were accessed once per pass: a stage reads u, v, p and both rates, and
+# writes four of them; the correction accesses u, v, p and phi.
 _STAGE_NUMBERS: Final = 9
 _CORRECTION_NUMBERS: Final = 7
 _SETTLE: Final = 3.0
@@ -49,7 +49,7 @@ def main(
     refinement: Annotated[list[float], typer.Option(help="Divides every spacing.")] = [0.7, 1.0, 1.4],  # noqa: B006
     rounds: Annotated[int, typer.Option(help="Visits of every case.")] = 9,
 ) -> None:
-    """Measure and print two tables."""
+    """Measure the cases and print two tables."""
     cases = [(value, name) for value in refinement for name in PRECISIONS]
     plants = [_plant(*case) for case in cases]
     spent: list[defaultdict[str, list[float]]] = [defaultdict(list) for _ in plants]
@@ -81,7 +81,7 @@ def _plant(refinement: float, precision: str) -> TruckWake:
 
 
 def _visit(wake: TruckWake, times: defaultdict[str, list[float]]) -> None:
-    """One control period without control, one at full amplitude, one with a clock on every part, two yardsticks."""
+    """Time a control period without control, one at full amplitude, one in parts, and the machine's two limits."""
     limit = wake.config.action_limit
     times["free"].append(_clock(lambda: wake.advance(0.0)))
     wake.advance(limit)
@@ -104,12 +104,12 @@ def _row(wake: TruckWake, refinement: float, times: dict[str, list[float]]) -> d
     cells, h = nx * ny, ny // 2
     period = {name: median(values) for name, values in times.items()}
     parts = {label: sum(period[key] for key, other in _PARTS.items() if other == label) for label in _PARTS.values()}
-    # One element of the triad moves three numbers.
+    # One element of the triad reads or writes three numbers.
     size = wake.flow.flat.itemsize
     bandwidth = 3 * size * cells / period["triad"]
     arithmetic = 2 * nx * h * h / period["product"]
     sweeps = size * cells * (3 * _STAGE_NUMBERS + _CORRECTION_NUMBERS)
-    # Two transforms there and two back, each for the even and the odd half.
+    # There are two forward and two inverse transforms, each for the even and the odd half.
     transforms = 4 * 2 * nx * h * h
     return {
         "refinement": refinement,
@@ -128,7 +128,7 @@ def _row(wake: TruckWake, refinement: float, times: dict[str, list[float]]) -> d
 
 @contextmanager
 def _clocked_parts() -> Iterator[dict[str, float]]:
-    """Put a clock around every compiled part of a time step, and take it off again."""
+    """Time every compiled part of a time step while the context is open."""
     spent: dict[str, float] = dict.fromkeys(_PARTS, 0.0)
     owners: dict[str, Any] = {name: poisson.PoissonSolver if name == "solve_into" else kernels for name in _PARTS}
     originals = {name: getattr(owner, name) for name, owner in owners.items()}

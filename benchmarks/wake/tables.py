@@ -1,4 +1,4 @@
-"""The tables of the plant: square cylinder, cost of a time step, and the second plant."""
+"""The tables of the plant: time of a time step, live wake, adjoint, square cylinder, and the second plant."""
 
 from pathlib import Path
 from typing import Final
@@ -9,12 +9,12 @@ LITERATURE: Final = (
     ("Sohankar, Norberg and Davidson 1998, blockage 5 %", "0.146", "1.44 to 1.48", "0.13 to 0.19"),
     ("Sharma and Eswaran 2004, blockage 5 %", "0.149", "1.49", "0.19"),
 )
-"""Strouhal number, mean drag of all faces and rms lift of a square cylinder at Re = 100: Int. J. Numer. Meth. Fluids 26
-(1998) 39-56; Numer. Heat Transfer A 45 (2004) 247-269."""
+"""Strouhal number, mean drag of all faces and rms lift of a square cylinder at Re = 100, from Int. J. Numer. Meth.
+Fluids 26 (1998) 39-56 and Numer. Heat Transfer A 45 (2004) 247-269."""
 
 
 def tables(results: Path) -> dict[str, str]:
-    """Every table by its marker."""
+    """Return every table by its marker."""
     return {
         "steps": _steps(results),
         "live": _live(results),
@@ -76,7 +76,7 @@ def _live(results: Path) -> str:
 
 
 def _openfoam_loop(results: Path) -> str:
-    """The shipped release in the closed loop on both plants."""
+    """Return the table of the shipped release in the closed loop on both plants."""
     columns = {
         "Cd_uncontrolled": "Cd before",
         "Cd_controlled": "Cd under control",

@@ -1,1 +1,1 @@
-"""Every setting as one tree of frozen dataclasses, and how it is read."""
+"""The tree of all settings, built from frozen dataclasses, and the functions that read it."""

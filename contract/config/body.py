@@ -1,4 +1,4 @@
-"""The body in the project's own solver, and the sensors on it."""
+"""Settings of the body's shape in the project's own solver, and of the sensors on the body."""
 
 from dataclasses import dataclass
 from typing import Annotated, Final
@@ -21,18 +21,18 @@ _RADIUS: Final = Rule(
 class BodyConfig(Settings, source=paper("section 2.1")):
     """The body: a box of width 1 with its front at x = 0, two jets at the edges of its base, and pressure sensors.
 
-    The defaults are the truck's. Every other body is for the project's own solver, and needs a start of its own from
-    `stillwake develop`.
+    The defaults describe the truck. Any other body works only in the project's own solver, and needs its own developed
+    start from `stillwake develop`.
     """
 
     length: Annotated[float, _LENGTH, WIDTHS] = LENGTH
-    """1 is a square cylinder."""
+    """Length of the body; 1 gives a square cylinder."""
     leading_edge_radius: Annotated[float, _RADIUS, WIDTHS] = LEADING_EDGE_RADIUS
     """Radius of the two front corners; 0 leaves them sharp."""
     sensors_per_side: Annotated[int, within(1, 450, "as many as can be told apart")] = 40
-    """Evenly spaced between the rounded edge and the base, on the upper and on the lower side."""
+    """Sensors per side, upper and lower, evenly spaced between the rounded edge and the base."""
     sensors_on_base: Annotated[int, within(1, 100, "as many as can be told apart")] = 10
-    """Evenly spaced between the two slots."""
+    """Sensors on the base, evenly spaced between the two slots."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -40,8 +40,8 @@ class BodyConfig(Settings, source=paper("section 2.1")):
 
     @property
     def wake_probe(self) -> tuple[float, float]:
-        """Where the transverse velocity is watched: as far behind the base as the truck's probe at (10, 0)."""
-        # Rounded, so that the truck's is 10 to the bit.
+        """Probe position of the transverse velocity: as far downstream of the base as the truck's (10, 0)."""
+        # Rounding makes the truck's value exactly 10.
         return round(self.length + _PROBE_DISTANCE, 9), 0.0
 
 

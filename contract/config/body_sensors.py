@@ -1,7 +1,7 @@
-"""The sensors of a body in the project's own solver: the truck's by the paper's table, another's by the same rule.
+"""The sensor layout of a body in the project's own solver: the paper's for the truck, the same spacing for others.
 
-Order and names are the truck's: `upper_00` .. front to rear, `lower_00` .. front to rear, `base_0` .. from top to
-bottom, as many of each as the settings of the body give.
+Order and names are the same for every body: `upper_00` .. front to rear, `lower_00` .. front to rear, `base_0` .. from
+top to bottom. The body's settings give the number of each kind.
 """
 
 import numpy as np
@@ -13,14 +13,14 @@ from contract.sensor_layout import SensorLayout
 
 
 def layout_of(body: BodyConfig) -> SensorLayout:
-    """Names and positions on the body's surface, in W."""
+    """Return the sensors' names and their positions on the body's surface, in W."""
     if body == TRUCK_BODY:
         return sensors.TRUCK
     sides, on_base = body.sensors_per_side, body.sensors_on_base
-    # Ends left out and rounded, as in the paper.
+    # The paper leaves out the end points and rounds the positions, so this does too.
     side_x = np.round(np.linspace(body.leading_edge_radius, body.length, sides + 2)[1:-1], 6)
     between_slots = np.linspace(1.0, -1.0, on_base + 2)[1:-1] * (HALF_WIDTH - JET_WIDTH)
-    # The two halves are made mirror images to the bit before they are rounded; + 0.0 turns -0.0 into 0.0.
+    # The two halves are made exact mirror images before they are rounded; + 0.0 turns -0.0 into 0.0.
     base_y = np.round(0.5 * (between_slots - between_slots[::-1]), 6) + 0.0
     upper = np.column_stack([side_x, np.full(sides, HALF_WIDTH)])
     base = np.column_stack([np.full(on_base, body.length), base_y])

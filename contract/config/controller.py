@@ -9,34 +9,34 @@ from contract.config.rules import STEPS, AtLeastOne, Finite, NonNegative, Positi
 
 @dataclass(frozen=True, kw_only=True)
 class CostWeights(Settings, section="mpc.weights", source=paper("section 2.4.1")):
-    """Weights of the MPC cost J (paper, section 2.4.1); forces and actions in physical units."""
+    """Weights of the MPC cost J (paper, section 2.4.1), computed from forces and actions in physical units."""
 
     drag_mean: Annotated[NonNegative[float], paper("equation 13", "the term has no factor")] = 1.0
-    """Weighs the horizon's mean C_d, less `mpc.drag_reference`."""
+    """Weight of the horizon's mean C_d, minus `mpc.drag_reference`."""
     drag_fluctuation: NonNegative[float] = 0.1
-    """Weighs the largest C_d of the horizon less the smallest."""
+    """Weight of the largest minus the smallest C_d in the horizon."""
     lift: NonNegative[float] = 0.01
-    """Weighs the horizon's mean |C_l|."""
+    """Weight of the horizon's mean |C_l|."""
     lift_mean: Annotated[NonNegative[float], paper("equation 14", "without this term")] = 0.0
-    """Weighs the square of the horizon's mean C_l. The horizon is one shedding cycle, so this mean is the steady
-    deflection of the wake, which the paper's terms let the optimiser trade for drag."""
+    """Weight of the horizon's squared mean C_l. The horizon is one shedding cycle, so this mean is the steady
+    deflection of the wake, which the paper's terms let the optimiser accept to reduce drag."""
     smoothness: NonNegative[float] = 8.0
-    """Weighs the mean squared step between the plan's consecutive actions."""
+    """Weight of the mean squared difference between consecutive actions of the plan."""
     effort: Annotated[NonNegative[float], paper("equation 15", "without this term")] = 0.0
-    """Weighs the plan's mean squared action."""
+    """Weight of the plan's mean squared action."""
     rate: Annotated[NonNegative[float], paper("equation 15", "without this term")] = 0.0
-    """Weighs the squared step from the action in force to the first planned one."""
+    """Weight of the squared difference between the action in force and the first planned action."""
     prior: Annotated[NonNegative[float], paper("equation 15", "without this term")] = 0.0
-    """Weighs the plan's mean squared distance from where the optimiser starts: the prior's plan, or where a model has
-    no prior the shifted previous one."""
+    """Weight of the plan's mean squared distance from the optimiser's initial plan: the prior's plan, or without a
+    prior the shifted previous plan."""
 
     def as_tuple(self) -> tuple[float, ...]:
-        """Weights in declaration order, the order of the controller's `weights` input."""
+        """Return the weights in declaration order, which is the order of the controller's `weights` input."""
         return tuple(float(getattr(self, item.name)) for item in fields(self))
 
     @classmethod
     def of(cls, values: Iterable[float]) -> "CostWeights":
-        """The weights that `as_tuple` gives; raises ConfigError for a value below zero."""
+        """Build the weights from the values that `as_tuple` returns. Raises ConfigError for a negative value."""
         return cls(**{item.name: float(value) for item, value in zip(fields(cls), values, strict=True)})
 
 
@@ -45,14 +45,14 @@ class MpcConfig(Settings, source=paper("section 2.4.2")):
     """The fixed-iteration optimiser (paper, section 2.4)."""
 
     horizon: Annotated[int, at_least(2), STEPS, paper("section 2.4")] = 25
-    """H: how far the optimiser looks ahead; about one shedding cycle."""
+    """H: length of the optimiser's prediction; about one shedding cycle."""
     iterations: AtLeastOne[int] = 5
-    """Steps of Adam on the plan in each control step."""
+    """Adam iterations on the plan in each control step."""
     learning_rate: Positive[float] = 1e-3
-    """Learning rate of these steps of Adam."""
+    """Learning rate of the Adam iterations on the plan."""
     epsilon: Annotated[Positive[float], ours("Kingma and Ba's; the paper gives none")] = 1e-8
-    """What Adam adds to the root of the second moment. Far below the gradients a first step is a whole learning
-    rate, far above them it is the gradient times `mpc.learning_rate` over this."""
+    """Constant that Adam adds to the root of the second moment. Far below the gradients, the first step equals the
+    learning rate; far above, it is gradient times learning rate / `mpc.epsilon`."""
     drag_reference: Annotated[Finite[float], paper("section 2.4.1")] = 1.051
-    """C_d,ref: mean drag without control. It shifts the cost, and changes no plan."""
+    """C_d,ref: mean drag without control. It shifts the cost and changes no plan."""
     weights: CostWeights = field(default_factory=CostWeights)

@@ -1,4 +1,4 @@
-"""Identifiers of diagnosis and calibration on the bus: settings, with nothing of the control under the same ones."""
+"""Settings of the CAN identifiers for diagnosis and calibration; they must differ from the control messages'."""
 
 import re
 from collections.abc import Mapping
@@ -13,13 +13,14 @@ MOST_STANDARD: Final = 0x7FF
 MOST_EXTENDED: Final = 0x1FFF_FFFF
 _TEXT: Final = re.compile(r"0[xX]([0-9a-fA-F]{1,3}|[0-9a-fA-F]{8})")
 _SHORT: Final = 3
-"""Digits of an identifier of 11 bits, as candump writes it; one of 29 bits has eight there, others are slips."""
+"""Hex digits of an 11-bit identifier in candump's notation. A 29-bit identifier has eight digits; any other number of
+digits is taken for a typing error."""
 _NOTATION: Final = "0x and 3 hex digits (11 bits, up to 0x7FF), or 0x and 8 (29 bits, up to 0x1FFFFFFF)"
 _PAGE: Final = "reference/diagnosis.md#identifiers-on-the-bus"
 
 
 class CanId(NamedTuple):
-    """An identifier; one of 29 bits is another one than that of 11 bits with the same number."""
+    """A CAN identifier. An 11-bit and a 29-bit identifier with the same number are different identifiers."""
 
     number: int
     is_extended: bool = False
@@ -29,9 +30,10 @@ class CanId(NamedTuple):
 
 
 def parse_id(value: int | str) -> CanId | None:
-    """The identifier in a setting, or None: of 11 bits with up to three digits, of 29 with eight.
+    """Parse the identifier in a setting: up to three hex digits for 11 bits, eight for 29 bits. Return None if the text
+    is no identifier.
 
-    A number has lost the zeros in front of it: one that needs more than three digits stands for eight.
+    An int has no leading zeros: it is read as three digits if they suffice, otherwise as eight.
     """
     if isinstance(value, int):
         value = f"0x{value:03X}" if value < 1 << 4 * _SHORT else f"0x{value:08X}"
@@ -50,20 +52,20 @@ _ID_OR_NONE: Final = Rule(wording=f"empty, {_NOTATION}", holds=lambda value: val
 class DiagnosisConfig(
     Settings, section="bus.diagnosis", source=standard("ISO 15765-4", "the first ECU of legislated diagnosis")
 ):
-    """The identifiers by which a tester and a calibration tool reach the ECU: `0x7E0`, with three digits, has 11 bits,
-    `0x18DA10F1`, with eight, has 29. Both ends of a conversation need the same settings."""
+    """The CAN identifiers that a tester and a calibration tool use to reach the ECU. `0x7E0`, with three digits, has 11
+    bits; `0x18DA10F1`, with eight, has 29. The ECU and the tool need the same settings."""
 
     request_id: Annotated[int | str, _ID] = "0x7E0"
-    """The tester's requests to this ECU alone (physical addressing)."""
+    """Identifier of the tester's requests to this ECU alone (physical addressing)."""
     response_id: Annotated[int | str, _ID] = "0x7E8"
-    """The ECU's answers."""
+    """Identifier of the ECU's answers to the tester."""
     functional_id: Annotated[int | str, _ID_OR_NONE, ours("others' testers get no answer", page=_PAGE)] = ""
-    """The tester's requests to every ECU (functional addressing), usually 0x7DF or 0x18DB33F1; none are heard
-    without it."""
+    """Identifier of the tester's requests to every ECU (functional addressing), usually 0x7DF or 0x18DB33F1; if empty,
+    they are ignored."""
     xcp_command_id: Annotated[int | str, _ID, ours("free beside the others", page=_PAGE)] = "0x7D0"
-    """The calibration tool's commands."""
+    """Identifier of the calibration tool's commands."""
     xcp_response_id: Annotated[int | str, _ID, ours("free beside the others", page=_PAGE)] = "0x7D8"
-    """The ECU's packets to the calibration tool."""
+    """Identifier of the ECU's packets to the calibration tool."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -100,12 +102,12 @@ class DiagnosisConfig(
 
     @property
     def heard(self) -> frozenset[CanId]:
-        """What an ECU takes."""
+        """The diagnosis and calibration identifiers that an ECU receives."""
         return frozenset(filter(None, (self.request, self.functional, self.xcp_command)))
 
     @property
     def names(self) -> Mapping[CanId, str]:
-        """What each identifier carries, for people."""
+        """What each identifier carries, as a short text."""
         found = {self.request: "UDS request", self.response: "UDS answer"}
         found |= {self.xcp_command: "XCP command", self.xcp_response: "XCP answer"}
         return found if self.functional is None else found | {self.functional: "UDS request to all"}
@@ -123,12 +125,12 @@ _LIKE: Final = {
     "xcp_command_id": "xcp_command_id",
     "xcp_response_id": "xcp_command_id",
 }
-"""The setting with whose identifier each one's must agree in length."""
+"""Map of each setting to the setting whose identifier must have the same length."""
 
 
 @cache
 def _messages() -> Mapping[CanId, str]:
-    """The messages of the DBC by their identifiers, in words."""
+    """Return a description of every message in the DBC, by identifier."""
     text = files("contract").joinpath("stillwake.dbc").read_text(encoding="utf-8")
     found = ((int(number), name) for number, name in re.findall(r"^BO_ (\d+) (\w+)", text, re.MULTILINE))
     return {CanId(number & MOST_EXTENDED, bool(number >> 31)): f"{name} in the DBC" for number, name in found}

@@ -21,7 +21,7 @@ from contract.config.rules import (
 )
 
 SelectionMethod = Literal["shap", "qr", "greedy", "random", "hand"]
-"""How the slim encoder's sensors are chosen (`train.selection`)."""
+"""The methods that choose the slim encoder's sensors (`train.selection`)."""
 
 _ENCODER_ALONE: Final = ours("the paper distils the encoder alone", page="explanation/studies.md#smaller-networks")
 _SLIMMED: Final = paper("section 2.3.2", "only the encoder is slimmed")
@@ -32,24 +32,24 @@ class ModelConfig(Settings, source=paper("table 1")):
     """Shapes of the three networks (paper, table 1)."""
 
     window: Annotated[AtLeastOne[int], STEPS, paper("section 2.2.1")] = 32
-    """L: how many samples back the encoder reads."""
+    """L: number of past samples that the encoder reads."""
     latent: AtLeastOne[int] = 8
-    """Numbers in a latent state."""
+    """Dimension of the latent state."""
     lstm_width: AtLeastOne[int] = 64
     dynamics_width: AtLeastOne[int] = 256
     decoder_width: AtLeastOne[int] = 128
     decoder_blocks: AtLeastOne[int] = 2
-    """Residual blocks of the decoder."""
+    """Residual blocks in the decoder."""
     dropout: Fraction[float] = 0.25
-    """Probability, between the decoder's layers, in the joint fit."""
+    """Dropout probability between the decoder's layers during the joint fit."""
     slim_dynamics_width: Annotated[AtLeastOneOrNone, _SLIMMED] = None
-    """Width of the dynamics that the controller rolls out, distilled from the trained ones; None deploys those."""
+    """Width of the deployed dynamics, distilled from the trained dynamics. None deploys the trained dynamics."""
     slim_decoder_width: Annotated[AtLeastOneOrNone, _SLIMMED] = None
-    """The same of the decoder."""
+    """Width of the deployed decoder, distilled from the trained decoder. None deploys the trained decoder."""
 
     @property
     def slim(self) -> "ModelConfig":
-        """Shapes of the networks that are deployed. Dropout is left out: the student's teacher makes no noise."""
+        """Return the shapes of the deployed networks. Dropout is 0, because the teacher's outputs have no noise."""
         return replace(
             self,
             dynamics_width=self.slim_dynamics_width or self.dynamics_width,
@@ -59,20 +59,20 @@ class ModelConfig(Settings, source=paper("table 1")):
 
     @property
     def is_slimmed(self) -> bool:
-        """Whether dynamics and decoder are distilled too, and not the encoder alone."""
+        """Whether the dynamics or the decoder is distilled in addition to the encoder."""
         return self.slim_dynamics_width is not None or self.slim_decoder_width is not None
 
 
 @dataclass(frozen=True, kw_only=True)
 class FinishConfig(Settings, section="train.finish", source=ours("the paper has no finish", page="how-to/train.md")):
-    """Last passes of the joint fit, with a longer unroll. Started with it, training stalls on the mean forces; from
-    a model that already predicts 5 steps it brings the error at the controller's horizon down.
+    """Last passes of the joint fit, with a longer unroll. A training that starts with it stalls at the mean forces; on
+    a model that predicts 5 steps, it reduces the error at the controller's horizon.
 
-    A field replaces that of the same name in `train`.
+    Its fields replace those of the same name in `train`.
     """
 
     epochs: Annotated[NonNegative[float], PASSES, paper("section 2.2.4", "without a finish")] = 0.0
-    """0 leaves the finish out."""
+    """Passes of the finish; 0 skips it."""
     unroll: Annotated[AtLeastOne[int], STEPS] = 20
     learning_rate: Positive[float] = 5e-4
     force_weight: NonNegative[float] = 2.0
@@ -84,18 +84,19 @@ class TrainConfig(Settings, source=paper("section 2.2.4")):
     """Joint loss, optimiser and distillation (paper, sections 2.2.4 and 2.3)."""
 
     unroll: Annotated[AtLeastOne[int], STEPS] = 5
-    """k: steps that the dynamics predict from each encoded state, in the loss."""
+    """k: number of steps that the dynamics predict from each encoded state in the loss."""
     force_weight: NonNegative[float] = 0.25
-    """Weighs the error of the forces read from predicted latents."""
+    """Weight of the error of the forces decoded from predicted latents."""
     decode_weight: Annotated[NonNegative[float], paper("equation 5", "without this term")] = 0.0
-    """Weighs the forces read from the encoded latents themselves; the paper's loss sees predicted ones only."""
+    """Weight of the error of the forces decoded from the encoded latents. The paper's loss uses predicted latents only.
+    """
     variance_weight: NonNegative[float] = 0.02
-    """Weighs how far a latent's standard deviation over the batch is below 1."""
+    """Weight of the amount by which a latent's standard deviation over the batch is below 1."""
     covariance_weight: NonNegative[float] = 0.02
-    """Weighs the squared covariances between latents over the batch."""
+    """Weight of the squared covariances between latents over the batch."""
     batch_size: Annotated[int, at_least(2, "for the variance over a batch"), WINDOWS] = 512
     learning_rate: Positive[float] = 1e-3
-    """Learning rate of Adam, in every phase but the finish."""
+    """Learning rate of Adam in every phase except the finish."""
     epochs: Annotated[Positive[float], PASSES] = 300.0
     """Passes over the windows of the recording and of its mirror image; fractions are allowed."""
     segment: Annotated[
@@ -103,44 +104,44 @@ class TrainConfig(Settings, source=paper("section 2.2.4")):
         WINDOWS,
         ours("the plain way; the paper does not give how windows are drawn", page="how-to/train.md"),
     ] = 1
-    """Consecutive windows drawn together; 1 draws each on its own. Neighbours share most of their work, so 8 makes an
-    iteration several times cheaper for a batch of the same size."""
+    """Consecutive windows drawn together; 1 draws each window separately. Consecutive windows share most of their
+    computation, so 8 makes an iteration several times cheaper at the same batch size."""
     streamed: Annotated[bool, paper("section 2.2.1", "the encoder reads windows")] = False
-    """Whether the joint fit reads each drawn stretch once, with the LSTM's state carried on, instead of window by
-    window; the passes of `finish` read windows in any case."""
+    """Whether the joint fit reads each drawn segment once and carries the LSTM's state on, instead of reading window by
+    window. The passes of `finish` always read windows."""
     schedule: Annotated[Literal["constant", "one_cycle"], paper("section 2.2.4", "one learning rate")] = "constant"
-    """Course of the learning rate over a phase's steps; `one_cycle` raises it to `train.learning_rate`, then
-    lowers it to zero."""
+    """Learning rate over a phase's steps; `one_cycle` raises it to `train.learning_rate`, then lowers it to 0."""
     finish: FinishConfig = field(default_factory=FinishConfig)
     stream_epochs: Annotated[NonNegative[float], PASSES, paper("section 2.3.2", "the encoder reads windows")] = 0.0
-    """Passes of the distillation that read the recording as a stream, before those that read windows: they cost a
-    small part of them and leave them little to do."""
+    """Passes of the distillation that read the recording as a stream. They come before the passes that read windows,
+    cost far less, and leave little for those to improve."""
     distil_epochs: Annotated[Positive[float], PASSES, ours("as in the joint fit; the paper gives none")] = 300.0
-    """Passes of the distillation of the slim encoder that read windows."""
+    """Passes of the slim encoder's distillation that read windows."""
     predictor_epochs: Annotated[Positive[float], PASSES, _ENCODER_ALONE] = 10.0
-    """Passes over the roll-outs that dynamics and decoder of the slim widths are distilled on."""
+    """Passes over the roll-outs from which the slim dynamics and decoder are distilled."""
     predictor_lessons: Annotated[AtLeastOne[int], _ENCODER_ALONE] = 65536
-    """Roll-outs of the trained networks that these learn from (`train.distillation.lessons`), at least."""
+    """Smallest number of roll-outs that the slim dynamics and decoder learn from (`train.distillation.lessons`)."""
     slope_weight: Annotated[NonNegative[float], _ENCODER_ALONE] = 0.0
-    """Weighs the cost's slope along the plan, beside latents and forces, where dynamics and decoder are distilled."""
+    """Weight of the error of the cost's gradient along the plan, beside those of latents and forces (1), in the
+    distillation of dynamics and decoder."""
     sensor_noise: Annotated[NonNegative[float], paper("appendix B", "noise in tests only")] = 0.0
-    """Noise on the slim encoder's inputs while it is distilled, and on sensors compared by greedy and random selection:
-    standard deviation in global deviations of pressure (paper, appendix B). Noise-free, a sensor far upstream that
-    barely moves counts as much as one on the base."""
+    """Noise on the slim encoder's inputs during distillation, and on the sensors that greedy and random selection
+    compare: standard deviation in global standard deviations of pressure (paper, appendix B). Without noise, a sensor
+    far upstream with small fluctuations counts as much as a sensor on the base."""
     sensors: Annotated[AtLeastOne[int], paper("section 3.2")] = 4
-    """How many sensors the slim encoder reads."""
+    """Sensors that the slim encoder reads."""
     selection: Annotated[SelectionMethod, paper("section 2.3.1")] = "shap"
-    """How they are chosen; the others are what the paper's method is measured against."""
+    """Method that chooses the slim encoder's sensors. `shap` is the paper's method; the others serve as comparison."""
     shap_background: Annotated[AtLeastOne[int], WINDOWS, paper("section 2.3.1")] = 100
-    """Drawn as the reference for a typical input."""
+    """Windows drawn as background, which represents the typical input."""
     shap_explained: Annotated[AtLeastOne[int], WINDOWS, paper("section 2.3.1")] = 500
-    """Drawn to score the sensors on."""
+    """Windows drawn for the scores of the sensors."""
     shap_repeats: Annotated[AtLeastOne[int], paper("section 2.3.1")] = 10
-    """Rankings with draws of their own."""
+    """Rankings, each with its own random draws."""
     shap_samples: Annotated[AtLeastOne[int], ours("the default of the package shap; the paper gives none")] = 200
     """Points on the paths from the background to each explained window."""
     seed: Annotated[NonNegative[int], ours("any would do; the paper gives none")] = 0
-    """Seed of initial weights, batches, draws and noise."""
+    """Random seed of initial weights, batches, draws and noise."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -149,58 +150,57 @@ class TrainConfig(Settings, source=paper("section 2.2.4")):
 
 @dataclass(frozen=True, kw_only=True)
 class RefineConfig(Settings, source=ours("the paper has no prior", page="explanation/through-the-flow.md")):
-    """Training of the plan's prior through the flow, in closed loop."""
+    """Training of the prior in closed loop, through the flow."""
 
     memory: Annotated[int, at_least(2), STEPS] = 64
     """Rows of sensor differences and actions that the prior reads."""
     units: AtLeastOne[int] = 24
-    """The width of the prior's hidden layer."""
+    """Width of the prior's hidden layer."""
     updates: AtLeastOne[int] = 450
-    """Updates of its weights, one a stretch of closed loop."""
+    """Updates of the prior's weights, each from `refine.batch` stretches of closed loop."""
     shortest: Annotated[int, at_least(2), STEPS] = 75
-    """Length of a stretch in the first updates; it grows to `longest` over the first half of them. The flow takes 65
-    control periods from the jets to the far end of the bubble."""
+    """Length of a stretch in the first update; it grows to `longest` over the first half of the updates. The effect of
+    the jets takes 65 control periods to reach the far end of the recirculation bubble."""
     longest: Annotated[int, at_least(2), STEPS] = 125
-    """Length of a stretch in the second half."""
+    """Length of a stretch in the second half of the updates."""
     streams: AtLeastOne[int] = 4
-    """Flows under the prior that stretches are cut from in turn."""
+    """Flows controlled by the prior; the stretches are cut from them in turn."""
     stretches: AtLeastOne[int] = 10
-    """Stretches after which a stream begins again in the developed wake; 2 more for each further stream."""
+    """Stretches after which the first stream restarts from the developed wake; each further stream runs 2 more."""
     learning_rate: Positive[float] = 5e-3
-    """The learning rate of Adam at the start."""
+    """Initial learning rate of Adam."""
     last_rate: Positive[float] = 0.1
-    """What is left of it at the end."""
+    """Ratio of the final to the initial learning rate."""
     lift_price: NonNegative[float] = 0.04
-    """The price of the lift coefficient's magnitude, in units of the drag coefficient."""
+    """Weight of the lift coefficient's magnitude in the cost; the drag's weight is 1."""
     effort_price: NonNegative[float] = 0.0
-    """The price of the squared action in force."""
+    """Weight of the squared action in force in the cost."""
     goals: bool = False
-    """Whether prices of lift and effort, and a limit of the jets, are drawn for each stream, half of each at those
-    above."""
+    """Whether each stream draws its own weights of lift and effort and limit of the jets; each keeps the configured
+    value with probability one half."""
     motion_price: NonNegative[float] = 0.2
-    """The price of the squared transverse velocity at the wake probe, which foretells drag beyond a stretch."""
+    """Weight of the squared transverse velocity at the wake probe, which indicates drag after a stretch's end."""
     sensor_noise: NonNegative[float] = 0.3
-    """Largest standard deviation of noise on the sensors, in global deviations of pressure; mostly it is far less."""
+    """Largest standard deviation of sensor noise, in global deviations of pressure; most stretches have far less."""
     offset: NonNegative[float] = 0.0
-    """Standard deviation of an offset in Cp that both sensors of a pair have for a stretch."""
+    """Standard deviation of an offset in Cp that both sensors of a mirrored pair have during a stretch."""
     speed_error: Annotated[float, within(0.0, 0.5, "a speed")] = 0.0
-    """Largest share by which the speed that the prior is told is wrong for a stretch; half of them are told rightly."""
+    """Largest relative error of the prior's input speed, constant during a stretch; half of the stretches have none."""
     loss: Fraction[float] = 0.0
-    """Largest share of periods without pressures; half of the stretches have none."""
+    """Largest share of periods without pressures in a stretch; half of the stretches lose none."""
     refinement: Positive[float] = 0.75
-    """The refinement of the training's grid, as `flow.refinement`: a quarter of the default one's cost, and the
-    coarsest on which a controller does what it does on the default one."""
+    """Refinement of the training's grid, like `flow.refinement`. The default takes a quarter of the time of 1, and is
+    the coarsest grid on which a controller behaves as it does at 1."""
     substeps: AtLeastOne[int] = 15
-    """Time steps a control period on that grid, at the design speed; more at higher ones."""
+    """Time steps per control period on the training's grid at the design speed; higher speeds use more."""
     single_precision: bool = True
-    """Whether the flow of the training has 32 bits, in two thirds of the time; the gradient is that of 64 to 1e-5."""
+    """Whether the training's flow uses 32 bits, which takes two thirds of the time; the gradient agrees to 1e-5."""
     batch: AtLeastOne[int] = 1
-    """Stretches that an update rests on, each of another stream."""
+    """Stretches that are averaged in one update, each from a different stream."""
     slowest: Annotated[float, within(0.1, 1.0, "the design speed belongs to the range")] = 1.0
-    """The smallest ratio of a speed in training to the design speed."""
+    """Smallest ratio of a training speed to the design speed."""
     fastest: Annotated[float, within(1.0, 10.0, "the design speed belongs to the range")] = 1.0
-    """The largest ratio of a speed in training to the design speed; speeds are drawn in between, and change within
-    stretches."""
+    """Largest ratio of a training speed to the design speed; the speed varies randomly up to it."""
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -1,6 +1,6 @@
-"""Every setting as one line of a table: its value, default, unit, bounds, source and meaning, all from the dataclasses.
+"""A table of all settings, one row each: value, default, unit, bounds, source and meaning.
 
-A bound, a unit and the default's source are in the field's type, and a meaning is the text below the field.
+The bounds, the unit and the default's source are in the field's type; the meaning is the text below the field.
 """
 
 import ast
@@ -18,13 +18,13 @@ from contract.config.tree import Config
 
 @dataclass(frozen=True, kw_only=True)
 class Setting:
-    """One setting.
+    """A row of the table of settings.
 
     Attributes:
         name: dotted, as `--set` takes it.
-        unit: what numbers are counted in; "" for a ratio, a count that the name states, or text.
-        bounds: what a value must be; for text the words to choose from.
-        meaning: one paragraph; "" where the name is enough.
+        unit: unit of the number; "" for a ratio, a count that the name states, or text.
+        bounds: condition on the value; for a choice of words, the words.
+        meaning: one paragraph; "" if the name is enough.
     """
 
     name: str
@@ -37,18 +37,18 @@ class Setting:
 
     @property
     def is_changed(self) -> bool:
-        """Whether it differs from the paper's."""
+        """Whether the setting's value differs from the paper's value."""
         return bool(self.value != self.paper)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Section:
-    """Settings that stand together.
+    """A section of settings.
 
     Attributes:
-        name: dotted, as a TOML file's header has it.
+        name: dotted, as in the header of a TOML file.
         meaning: one paragraph.
-        settings: its own, without those of the sections in it.
+        settings: settings of this section, without those of its subsections.
     """
 
     name: str
@@ -57,18 +57,18 @@ class Section:
 
 
 def sections(config: Config) -> tuple[Section, ...]:
-    """All settings of a tree, outer sections first; a section without settings of its own is left out."""
+    """List a tree's sections with their settings, outer sections first; a section without own settings is left out."""
     return tuple(_sections("", config, Config()))
 
 
 def as_toml(listed: Sequence[Section], *, base: str | None = None) -> str:
-    """A TOML file of these settings, which `contract.config.loading.load` reads back as they are.
+    """Write the listed settings as a TOML file that `contract.config.loading.load` reads back unchanged.
 
-    TOML has no word for "none": such a setting is left out, which gives the paper's value.
+    TOML cannot express "none": a setting that is None is left out and gets the paper's value when the file is read.
 
     Args:
-        listed: sections, perhaps with some of their settings only.
-        base: what the file goes on top of, "paper" or "release"; None leaves the line out.
+        listed: sections; each may have only some of its settings.
+        base: name of the settings that the file modifies, "paper" or "release"; None leaves the line out.
     """
     parts = [] if base is None else [f"base = {_toml(base)}\n"]
     for section in listed:
@@ -80,7 +80,7 @@ def as_toml(listed: Sequence[Section], *, base: str | None = None) -> str:
 
 
 def shown(value: object) -> str:
-    """A value for people, in as few characters as read back the same."""
+    """Format a value for people: the shortest text from which the same value can be read."""
     if value is None or value == "":
         return "none"
     if isinstance(value, list | tuple):
@@ -117,7 +117,7 @@ def _settings(prefix: str, group: Any, paper: Any) -> Iterator[Setting]:
 
 
 def _bounds(hint: Any) -> str:
-    """What a type allows: a rule's wording, or the words to choose from."""
+    """Return the condition that a type sets: a rule's wording, or the words to choose from."""
     for part in (hint, *get_args(hint)):
         if isinstance(part, Rule):
             return part.wording
@@ -128,7 +128,7 @@ def _bounds(hint: Any) -> str:
 
 @cache
 def _meanings(group: type) -> Mapping[str, str]:
-    """The text below each field, in the source of the class and of those it extends."""
+    """Return the text below each field, read from the source of the class and of its base classes."""
     meanings: dict[str, str] = {}
     for base in reversed([base for base in group.__mro__ if base is not object]):
         (node,) = ast.parse(inspect.getsource(base)).body
@@ -144,7 +144,7 @@ def _flat(text: str) -> str:
 
 
 def _toml(value: object) -> str:
-    """A value in TOML: text, a number, or a list of them."""
+    """Format a value in TOML: text, a number, or a list of them."""
     if isinstance(value, str):
         return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
     if isinstance(value, list | tuple):

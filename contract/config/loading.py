@@ -1,4 +1,4 @@
-"""Configuration from TOML files and `key.path=value` overrides, and what a wrong name was meant to be."""
+"""Reading of the configuration from TOML files and `key.path=value` overrides, with corrections for wrong names."""
 
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
@@ -17,8 +17,8 @@ from contract.typed import LONGEST_SHOWN, typed
 
 
 def check_names(tree: Mapping[str, Any], above: str = "") -> None:
-    """Refuse a tree with a name that is not in `Config`, a value for a section, or a section for a value. Raises
-    ConfigError, which names what is wrong and what comes nearest to it."""
+    """Check that every name in a tree is in `Config`, and that sections and values are where they belong. Raises
+    ConfigError, which states the wrong name and the nearest right names."""
     for key, value in tree.items():
         name = f"{above}.{key}" if above else key
         if name not in _hints():
@@ -32,14 +32,14 @@ def check_names(tree: Mapping[str, Any], above: str = "") -> None:
 
 
 def takes_text(name: str) -> bool:
-    """Whether the setting of that dotted name holds text; False for a name that does not exist."""
+    """Return whether the setting with this dotted name holds text; False if no setting has this name."""
     hint = _hints().get(name)
     words = get_args(hint)
     return hint is str or str in words or (get_origin(hint) is Literal and all(isinstance(one, str) for one in words))
 
 
 def _unknown(section: str, key: str) -> str:
-    """The error for a section, or for the tree if it is "", without such a key, with the nearest ones."""
+    """Return the message for an unknown key of a section, with the nearest keys. The section "" is the root."""
     inside = [name.rpartition(".")[2] for name in _hints() if name.rpartition(".")[0] == section]
     if not section:
         inside.sort(key=lambda name: -SequenceMatcher(None, key, name).ratio())
@@ -52,7 +52,7 @@ def _unknown(section: str, key: str) -> str:
 
 @cache
 def _hints() -> Mapping[str, Any]:
-    """The type without metadata of every setting, and the dataclass of every section, by dotted name."""
+    """Return the type (without metadata) of every setting and the dataclass of every section, by dotted name."""
     return dict(_walk(Config, ""))
 
 
@@ -66,19 +66,23 @@ def _walk(group: Any, above: str) -> Iterator[tuple[str, Any]]:
 
 
 _RELEASE = "release"
-"""Name of the packaged settings the shipped bundle was made with."""
+"""Name of the packaged settings with which the shipped bundle was built."""
 PAPER = "paper"
-"""Name of the bare defaults."""
+"""Name of the settings without any change, which are the paper's values."""
 BASE_KEY = "base"
-"""The key in a TOML file that states which of the two it goes on top of."""
+"""The key in a TOML file that states whether the file modifies the paper's settings or the release's."""
 RETIRED: Final = {"refine.iterations": False}
-"""Settings that earlier versions wrote down and this one lacks, with the value that they may still be read with."""
+"""Settings of earlier versions' files that this version does not have; a file may contain them with this value."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Loaded:
-    """Settings, and which of them a user asked for. `in_file` and `in_overrides` are the dotted names of those in the
-    TOML file and among the overrides."""
+    """Loaded settings, and the names of those that the user gave.
+
+    Attributes:
+        in_file: dotted names of the settings in the TOML file.
+        in_overrides: dotted names of the settings in the overrides.
+    """
 
     config: Config
     in_file: frozenset[str] = frozenset()
@@ -86,24 +90,23 @@ class Loaded:
 
     @property
     def given(self) -> frozenset[str]:
-        """Dotted names of every setting that the user gave, such as "mpc.weights.lift"."""
+        """Dotted names of all settings that the user gave, such as "mpc.weights.lift"."""
         return self.in_file | self.in_overrides
 
 
 def load_config(path: Path | None = None, overrides: Sequence[str] = ()) -> Config:
-    """The settings of `load`, without where they come from."""
+    """Return the settings that `load` returns, without the names of those that the user gave."""
     return load(path, overrides).config
 
 
 def load(path: Path | None = None, overrides: Sequence[str] = (), *, base: Config | None = None) -> Loaded:
-    """The release's settings, with those of a TOML file and then the overrides on top. Raises ConfigError for an
-    unreadable file, an unknown key, a wrong type or a value out of range.
+    """Read the release's settings, then apply a TOML file, then the overrides. Raises ConfigError for an unreadable
+    file, an unknown key, a wrong type or a value out of range.
 
     Args:
-        path: a TOML file; its first line may be `base = "paper"`, to go on top of the paper's settings instead.
-        overrides: `section.key=value` strings, the value in TOML syntax. Text needs no quotation marks, because
-            shells take them away.
-        base: what the file and the overrides go on top of, in place of the release's settings.
+        path: a TOML file. With `base = "paper"` as its first line, it modifies the paper's settings instead.
+        overrides: `section.key=value` strings, the value in TOML syntax. Text needs no quotation marks.
+        base: settings that the file and the overrides modify, instead of the release's.
     """
     tree = _packaged(_RELEASE) if base is None else to_tree(base)
     asked = {} if path is None else read_toml(path, "configuration")
@@ -124,7 +127,8 @@ def load(path: Path | None = None, overrides: Sequence[str] = (), *, base: Confi
 
 
 def training(*, quick: bool = False) -> Config:
-    """The release's settings with those of a model without a prior on top, and then those of a quicker training."""
+    """Return the settings for training a model: the release's, modified by those of a model without a prior, and for a
+    quick training also by those of `quick.toml`."""
     tree = _packaged(_RELEASE)
     for name in ("trained", "quick") if quick else ("trained",):
         _merge(tree, _packaged(name))
@@ -132,14 +136,14 @@ def training(*, quick: bool = False) -> Config:
 
 
 def from_tree(tree: Mapping[str, Any]) -> Config:
-    """A validated Config from nested mappings; missing keys take the paper's values."""
+    """Build a validated Config from nested mappings; missing keys get the paper's values."""
     kept = without_retired(tree)
     check_names(kept)
     return typed(kept, Config)
 
 
 def without_retired(tree: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Nested mappings without the settings of `RETIRED`; raises ConfigError for one with another value."""
+    """Return the nested mappings without the settings in `RETIRED`; raises ConfigError if one has another value."""
     for name, value in RETIRED.items():
         section, _, key = name.partition(".")
         if not isinstance(inside := tree.get(section), Mapping) or key not in inside:
@@ -151,7 +155,7 @@ def without_retired(tree: Mapping[str, Any]) -> Mapping[str, Any]:
 
 
 def to_tree(config: Config) -> dict[str, Any]:
-    """Nested plain values, accepted back by `from_tree`."""
+    """Convert the settings to nested plain values, which `from_tree` accepts."""
     return asdict(config)
 
 
@@ -167,7 +171,7 @@ def _check(tree: Mapping[str, Any], source: str) -> None:
 
 
 def _parsed_override(text: str) -> dict[str, Any]:
-    """The tree of one `section.key=value`."""
+    """Parse a `section.key=value` text into a tree."""
     name, separator, value = text.partition("=")
     *sections, key = (part.strip() for part in name.split("."))
     if not separator or not key:
@@ -179,7 +183,7 @@ def _parsed_override(text: str) -> dict[str, Any]:
 
 
 def _parsed_value(name: str, value: str, text: str) -> object:
-    # A setting that holds text takes whatever is no string in TOML as it stands: `bus.channel=/dev/ttyUSB0`.
+    # A text setting takes a value that is not a TOML string literally, for example `bus.channel=/dev/ttyUSB0`.
     as_text = takes_text(name)
     if not value.isprintable():
         raise ConfigError(f"override {_short(text)}: holds a character that cannot be printed")
@@ -197,7 +201,7 @@ def _short(value: object) -> str:
 
 
 def _merge(tree: dict[str, Any], change: Mapping[str, Any]) -> None:
-    """Put the change's values into the tree, section by section; both have the names of `Config`."""
+    """Copy the values of `change` into the tree, section by section. The names of both must be in `Config`."""
     for key, value in change.items():
         if isinstance(value, Mapping):
             _merge(tree.setdefault(key, {}), value)

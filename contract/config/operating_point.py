@@ -1,7 +1,7 @@
-"""The scales between the non-dimensional flow and the engineering units of the bus.
+"""The scales that convert between the non-dimensional flow and the engineering units of the bus.
 
-The defaults are a full-size truck on a motorway. The flow behind them stays the paper's two-dimensional
-Re = 500: the operating point sets clocks and scales, it does not make the wake a truck's.
+The defaults describe a full-size truck on a motorway. The simulated flow remains the paper's two-dimensional flow at Re
+= 500: the operating point sets time and other scales only, and does not turn the flow into a real truck's wake.
 """
 
 from dataclasses import dataclass
@@ -14,20 +14,20 @@ from contract.config.rules import Settings, Unit, ours, within
 class OperatingPoint(
     Settings, section="operating_point", source=ours("a full-size truck on a motorway", page="architecture.md")
 ):
-    """Width W, speed U_inf and density rho."""
+    """The operating point: width W, speed U_inf and density rho."""
 
     width: Annotated[float, within(0.01, 100, "a body on a road or in a tunnel"), Unit("m")] = 2.5
-    """W: the unit of lengths."""
+    """W: the reference length."""
     speed: Annotated[float, within(0.01, 1000, "a flow past such a body"), Unit("m/s")] = 25.0
-    """U_inf: the unit of speeds; W / U_inf is the unit of times."""
+    """U_inf: the reference speed; W / U_inf is the reference time."""
     density: Annotated[
         float, within(0.01, 10_000, "gas or liquid"), Unit("kg/m3"), ours("air at 20 degrees C, at sea level")
     ] = 1.2
-    """rho: scales pressures and forces."""
+    """rho: density, which scales pressures and forces."""
 
     @property
     def convective_time(self) -> float:
-        """t_c = W / U_inf in s."""
+        """t_c = W / U_inf in s: the convective time."""
         return self.width / self.speed
 
     @property
@@ -37,9 +37,9 @@ class OperatingPoint(
 
     @property
     def flow_rate_scale(self) -> float:
-        """U_inf W in m2/s: jet flow rate per unit span that corresponds to an action of 1."""
+        """U_inf W in m2/s: the jet flow rate per unit span at an action of 1."""
         return self.speed * self.width
 
     def period_ns(self, control_period: float) -> int:
-        """A control period given in t_c, as whole nanoseconds."""
+        """Convert a control period from t_c to whole nanoseconds."""
         return round(control_period * self.convective_time * 1e9)

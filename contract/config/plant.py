@@ -1,4 +1,4 @@
-"""Settings of the flow, its forcing and the second plant."""
+"""Settings of the flow, its forcing, and the second plant (OpenFOAM)."""
 
 from dataclasses import dataclass
 from typing import Annotated, Final
@@ -24,55 +24,54 @@ _REFINEMENT: Final = within(0.1, 10, "coarser, no jet is left; finer, a grid has
 
 @dataclass(frozen=True, kw_only=True)
 class FlowConfig(Settings, source=paper("section 2.1")):
-    """The plant and its clock (paper, section 2.1)."""
+    """Reynolds number, clock, jets and grid of the plant (paper, section 2.1)."""
 
     reynolds: Positive[float] = 500.0
-    """U_inf W / nu: the paper's regime, three to four orders of magnitude below a truck on a road."""
+    """U_inf W / nu: the paper's value, three to four orders of magnitude below a truck on a road."""
     control_period: Annotated[Positive[float], TIME] = 0.2
-    """Between two samples of the pressures, and between two actions."""
+    """Time between two samples of the pressures, and between two actions."""
     substeps: Annotated[int, _SUBSTEPS, ours("half the time step changes nothing that matters", page=_MESH)] = 30
-    """Time steps of the solver in a control period: dt = 1/150, set by the jets at full amplitude."""
+    """Time steps of the solver per control period: dt = 1/150 t_c, which the jets at full amplitude require."""
     action_limit: Annotated[Positive[float], FLOW_RATE] = 0.075
-    """Largest action, to either side: the jet flow rate at full amplitude."""
+    """Largest magnitude of the action: the jet flow rate at full amplitude."""
     refinement: Annotated[float, _REFINEMENT, ours("the grid of the mesh study", page=_MESH)] = 1.0
-    """Divides every spacing of the own solver's grid: below 1 it is coarser, and faster. The shipped recording, and so
-    the shipped controller, is of 1."""
+    """Divisor of all grid spacings of the project's own solver; below 1, the grid is coarser and faster. The shipped
+    recording and controller were computed with 1."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ForcingConfig(Settings, source=paper("section 2.1")):
-    """The open-loop training waveform and the chirp (paper, section 2.1). Frequencies in 1/t_c."""
+    """Open-loop training waveform and chirp (paper, section 2.1). Frequencies are in 1/t_c."""
 
     base_frequency: Annotated[Positive[float], FREQUENCY] = 0.2
-    """Frequency of the carrier: about the wake's shedding frequency."""
+    """Frequency of the carrier, close to the wake's shedding frequency."""
     modulation_cutoff: Annotated[Positive[float], FREQUENCY] = 0.05
     """Cut-off of the low-pass filter on the noise that modulates the carrier's frequency."""
     modulation_index: Annotated[NonNegative[float], FREQUENCY] = 0.25
-    """Largest deviation of the carrier's frequency from the base."""
+    """Largest deviation of the carrier's frequency from `forcing.base_frequency`."""
     envelope_frequency: Annotated[Positive[float], FREQUENCY] = 0.005
     """Frequency of the slow sine that modulates the amplitude."""
     envelope_depth: Fraction[float] = 0.45
-    """Share of the amplitude that this sine takes away and adds."""
+    """Share of the amplitude by which the slow sine reduces and raises it."""
     chirp_start: Annotated[Positive[float], FREQUENCY] = 0.1
-    """The chirp of the test episode sweeps from here to `forcing.chirp_end`."""
+    """Start frequency of the test episode's chirp, which ends at `forcing.chirp_end`."""
     chirp_end: Annotated[Positive[float], FREQUENCY] = 0.4
     extended_chirp_start: Annotated[Positive[float], FREQUENCY, paper("appendix A")] = 0.01
-    """The extended chirp reaches past what the training waveform explores (paper, appendix A)."""
+    """Start frequency of the extended chirp, which exceeds the training waveform's range (paper, appendix A)."""
     extended_chirp_end: Annotated[Positive[float], FREQUENCY, paper("appendix A")] = 0.8
     exploration_time: Annotated[
         Positive[float], TIME, ours("a fifth of a shedding cycle", page="how-to/record-data.md")
     ] = 1.0
-    """Correlation time, in t_c, of the noise added to a controller's commands while they are recorded: long enough
-    for the wake to answer."""
+    """Correlation time of the noise on a controller's commands in a recording; long enough for the wake to respond."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class OpenFoamConfig(Settings, source=ours("the second plant is not the paper's case", page="how-to/use-openfoam.md")):
-    """The second plant's mesh and start. Its time step in a coupled run is `flow`'s."""
+    """Mesh and start of the second plant, OpenFOAM. In a coupled run its time step is that of `flow`."""
 
     refinement: Annotated[float, _REFINEMENT, ours("the mesh of the comparison", page="how-to/use-openfoam.md")] = 1.0
-    """Divides every spacing of the body-fitted mesh; the time step must shrink with it."""
+    """Divisor of all spacings of the body-fitted mesh; a finer mesh needs a smaller time step."""
     develop_time: Annotated[Positive[float], TIME] = 50.0
-    """Time without jets before a first run, t_c, from the own solver's developed wake."""
+    """Time without jets before the first run, from the own solver's developed wake."""
     develop_substeps: AtLeastOne[int] = 20
-    """Time steps a control period meanwhile."""
+    """Time steps per control period during `openfoam.develop_time`."""

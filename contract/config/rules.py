@@ -1,10 +1,10 @@
-"""Metadata of a setting's type: what it may hold, what it is counted in, where its default comes from.
+"""Metadata of a setting's type: the allowed values, the unit, and the source of the default.
 
     horizon: Annotated[int, at_least(2), STEPS, paper("section 2.4")] = 25
 
-`Settings` checks the rules of its fields when it is built; a condition on two fields is a `require` in the class's own
-`__post_init__`. A number without a unit is a ratio, or counts what its name states; nothing is converted. A field
-without a source of its own has that of its section.
+`Settings` checks the rules of its fields when it is created; a condition on two fields is a `require` in the class's
+own `__post_init__`. A number without a unit is a ratio, or a count of what its name states; nothing is converted. A
+field without its own source has the source of its section.
 """
 
 from collections.abc import Callable, Mapping
@@ -18,12 +18,12 @@ from contract.printable import LARGEST, quoted
 
 @dataclass(frozen=True)
 class Source:
-    """Metadata of an `Annotated` type, and of a class of settings: where defaults come from.
+    """Source of a default value: metadata of an `Annotated` type, or of a class of settings.
 
     Attributes:
-        place: in the paper, or the name of the standard; "" where the default is ours.
-        note: how the default follows from it; for ours the reason.
-        page: of `docs/`, with more about it; "" for none.
+        place: place in the paper, or name of the standard; "" if the default is the project's own.
+        note: how the default follows from the source; for the project's own defaults, the reason.
+        page: page of `docs/` with more about the default; "" if there is none.
     """
 
     kind: Literal["paper", "standard", "ours"]
@@ -33,67 +33,65 @@ class Source:
 
     @property
     def name(self) -> str:
-        """Who gives the default, and where: "paper, section 2.1", "SAE J2284-4", "ours"."""
+        """The source and the place in it, as one text: "paper, section 2.1", "SAE J2284-4", "ours"."""
         return self.place if self.kind == "standard" else ", ".join(filter(None, (self.kind, self.place)))
 
 
 def paper(place: str, note: str = "") -> Source:
-    """A number that the paper gives at that place, e.g. "section 2.1"; a note where it follows without being written.
-
-    Numbers of equations are those of the manuscript, counted through.
-    """
+    """Mark a default as the paper's number at the given place, e.g. "section 2.1". The note says how the number follows
+    if the paper does not state it. Equation numbers are those of the manuscript, numbered throughout."""
     return Source("paper", place=place, note=note)
 
 
 def standard(name: str, note: str) -> Source:
-    """A number of a published standard."""
+    """Mark a default as a number from a published standard."""
     return Source("standard", place=name, note=note)
 
 
 def ours(reason: str, *, page: str = "") -> Source:
-    """A number of this project: why it is this one, and the page with more about it, if there is one."""
+    """Mark a default as the project's own number, with the reason for it and, if given, a page with more."""
     return Source("ours", note=reason, page=page)
 
 
 @dataclass(frozen=True)
 class Unit:
-    """Metadata of an `Annotated` type: a unit as it is written behind a number."""
+    """Metadata of an `Annotated` type: a unit, as written after a number."""
 
     name: str
 
 
 WIDTHS: Final = Unit("W")
-"""Widths of the body."""
+"""Unit of lengths: widths of the body."""
 TIME: Final = Unit("t_c")
-"""Convective times, W / U_inf."""
+"""Unit of times: convective times, W / U_inf."""
 FREQUENCY: Final = Unit("1/t_c")
 FLOW_RATE: Final = Unit("U_inf W")
-"""Flow rate of the jets by unit span: the unit of actions."""
+"""Unit of actions: flow rate of the jets per unit span."""
 STEPS: Final = Unit("control steps")
 PERIODS: Final = Unit("periods")
-"""Control periods, on the clock of the vehicle."""
+"""Unit of durations on the vehicle's clock: control periods."""
 FRAMES: Final = Unit("frames")
 BIT_RATE: Final = Unit("bit/s")
 MILLISECONDS: Final = Unit("ms")
 PASSES: Final = Unit("passes")
-"""Over the recording."""
+"""Unit of training lengths: passes over the recording."""
 WINDOWS: Final = Unit("windows")
-"""Stretches of consecutive rows of a recording."""
+"""Unit of counts of windows; a window is a number of consecutive rows of a recording."""
 
 
 T = TypeVar("T", int, float)
 
 TINY: Final = 1e-45
 HUGE: Final = 1e12
-"""Sizes of a setting that is a real number and not 0: also of a float32 from calibration."""
+"""Smallest and largest magnitude of a nonzero real setting. They also hold for a float32 value from calibration."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Rule:
-    """A condition on a number, which must also be finite, or on a text.
+    """A condition on a text, or on a number, which must also be finite.
 
     Attributes:
-        wording: of the condition, after "must be".
+        wording: text of the condition, to follow "must be".
         or_none: whether None is also allowed.
     """
 
@@ -102,7 +100,7 @@ class Rule:
     or_none: bool = False
 
     def admits(self, value: float | str | None) -> bool:
-        """Whether a field may hold this value."""
+        """Return whether a field may hold this value."""
         if value is None and self.or_none:
             return True
         if isinstance(value, str):
@@ -113,13 +111,13 @@ class Rule:
 
 
 def at_least(least: int, reason: str = "", *, or_none: bool = False) -> Rule:
-    """A lower bound, with the reason for it where there is one."""
+    """Return the rule of a lower bound, with its reason if one is given."""
     wording = f"at least {least}{f', {reason}' if reason else ''}"
     return Rule(wording=wording, holds=lambda value: value >= least, or_none=or_none)
 
 
 def within(least: float, most: float, reason: str) -> Rule:
-    """Both bounds, and the reason for them."""
+    """Return the rule of a lower and an upper bound, with the reason for them."""
     return Rule(wording=f"in {least}..{most}: {reason}", holds=lambda value: least <= value <= most)
 
 
@@ -132,13 +130,13 @@ AtLeastOneOrNone = Annotated[int | None, at_least(1, or_none=True)]
 
 
 class Settings:
-    """Base of the dataclasses of settings: one that exists is valid.
+    """Base class of the settings' dataclasses; it validates every instance when it is created.
 
-    Raises ConfigError for a value that breaks its field's rule; the message names section, field, value and rule.
+    Raises ConfigError for a value that breaks its field's rule; the message states section, field, value and rule.
 
     Attributes:
-        section: the dotted name of the section in the tree. Without one it is the name of the class without "Config".
-        source: where the defaults of fields come from whose types name no source; None if all do.
+        section: the dotted name of the section in the tree; by default, the class name without "Config".
+        source: source of the defaults of fields whose types state none; None if every field states its own.
     """
 
     section: ClassVar[str]
@@ -155,12 +153,12 @@ class Settings:
         for name, rule in self._rules.items():
             value = getattr(self, name)
             if isinstance(value, float) and isfinite(value) and value:
-                # Beyond, a product of two settings is soon no number.
+                # Outside these bounds, the product of a few settings may overflow or underflow.
                 require(TINY <= abs(value) <= HUGE, self, name, f"0, or from {TINY:g} to {HUGE:g} in size")
             require(rule.admits(value), self, name, rule.wording)
 
 
 def require(holds: bool, owner: Settings, name: str, wording: str) -> None:
-    """Raise ConfigError with the value of that field, unless the condition holds."""
+    """Raise ConfigError with the value of the named field, unless the condition holds."""
     if not holds:
         raise ConfigError(f"{owner.section}.{name} = {quoted(getattr(owner, name))}: must be {wording}")

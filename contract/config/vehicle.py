@@ -1,4 +1,4 @@
-"""Settings of the bus, the ECU and the vehicle around it."""
+"""Settings of the bus, the ECU and the simulated vehicle."""
 
 from dataclasses import dataclass, field
 from typing import Annotated, Final, Literal
@@ -26,7 +26,7 @@ from contract.config.rules import (
 
 LARGEST_NOMINAL_BITRATE: Final = 1_000_000
 LARGEST_DATA_BITRATE: Final = 8_000_000
-"""Bit rates of arbitration and of the data phase that ISO 11898-2:2016 and CiA 601-4 specify transceivers up to."""
+"""Largest bit rates of arbitration and data phase with transceivers specified in ISO 11898-2:2016 and CiA 601-4."""
 
 _CAN_FD: Final = standard("SAE J2284-4", "CAN FD in vehicles, 500 kbit/s with data at 2 Mbit/s")
 _DELAY: Final = within(0, 10_000, "more outlast any horizon")
@@ -41,19 +41,19 @@ class E2eConfig(
     section="bus.e2e",
     source=ours("AUTOSAR E2E leaves these numbers to the project", page="explanation/protection.md"),
 ):
-    """When a receiver of an E2E-protected message trusts the stream."""
+    """Conditions under which a receiver of an E2E-protected message accepts the stream as valid."""
 
     max_delta: Annotated[
         int, within(1, 127, "half the counter's period"), FRAMES, ours("as many lost as the ECU rides out", page=_GATE)
     ] = 4
-    """Largest step of the counter that still counts as the next frame: with 4, three may be lost in a row, as
-    many as the ECU's fail-safe rides out."""
+    """Largest counter increment that is still accepted as the next frame. With 4, three frames in a row may be lost, as
+    many as the ECU's fail-safe bridges."""
     window: Annotated[AtLeastOne[int], FRAMES] = 5
     """Latest checks that are judged together."""
     min_ok: Annotated[int, FRAMES] = 2
-    """Good ones among them that make a stream valid."""
+    """Good checks in the window that make a stream valid."""
     max_errors: Annotated[int, FRAMES] = 2
-    """Most wrong CRCs among them."""
+    """Largest number of CRC errors in the window."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -65,15 +65,14 @@ class E2eConfig(
 class BackgroundConfig(
     Settings, section="bus.background", source=ours("a bus without other nodes", page="explanation/simulated-bus.md")
 ):
-    """Other nodes' traffic on the simulated bus; without it arbitration hardly shows."""
+    """Traffic of other nodes on the simulated bus; without it, arbitration has hardly any effect."""
 
     load: Fraction[float] = 0.0
-    """Share of the bus's time that made-up periodic messages take, their stuff bits included."""
+    """Share of the bus time that generated periodic messages take, stuff bits included."""
     dbc: str = ""
-    """File with messages to send at their cycle times (`GenMsgCycleTime`), in place of made-up ones; their contents
-    are random."""
+    """DBC file whose messages, at their `GenMsgCycleTime`, replace the generated messages; contents are random."""
     seed: Annotated[NonNegative[int], ours("any would do")] = 0
-    """Seed of identifiers, phases and contents."""
+    """Random seed of identifiers, phases and contents."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -81,29 +80,29 @@ class BackgroundConfig(
 
 
 SIMULATED: Final = "simulated"
-"""The interface of stillwake's own bus."""
+"""Name of the interface to stillwake's simulated bus."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class BusConfig(Settings, source=ours("needs no hardware", page="explanation/simulated-bus.md")):
-    """The CAN bus. Bit rates in bit/s."""
+    """The CAN bus. Bit rates are in bit/s."""
 
     interface: str = SIMULATED
-    """`simulated` is stillwake's own, in virtual time. The others are in real time: `virtual`, `udp_multicast`,
-    `slcan`, `socketcan` or another one that python-can knows; `python-can` takes its own configuration, section
-    `channel`."""
+    """Kind of CAN interface. `simulated` is stillwake's own bus in virtual time. The others run in real time:
+    `virtual`, `udp_multicast`, `slcan`, `socketcan` or another interface of python-can. `python-can` reads python-can's
+    own configuration, section `channel`."""
     channel: Annotated[str, ours("a name of our own")] = "stillwake"
-    """A name (virtual), multicast address (udp_multicast, e.g. 239.74.163.2), serial port (slcan) or network
-    device (socketcan, e.g. can0). The simulated bus has none."""
+    """Name (virtual), multicast address (udp_multicast, e.g. 239.74.163.2), serial port (slcan) or network device
+    (socketcan, e.g. can0) of the bus; the simulated bus has none."""
     nominal_bitrate: Annotated[int, within(1, LARGEST_NOMINAL_BITRATE, "CAN's highest"), BIT_RATE, _CAN_FD] = 500_000
-    """Bit rate of arbitration, and of whole frames of classic CAN."""
+    """Bit rate of the arbitration phase, and of whole classic CAN frames."""
     data_bitrate: Annotated[Positive[int], BIT_RATE, _CAN_FD] = 2_000_000
-    """Bit rate of the data phase of CAN FD."""
+    """Bit rate of CAN FD's data phase."""
     frames: Annotated[Literal["fd", "classic"], ours("the stronger check", page="explanation/protection.md")] = "fd"
-    """CAN FD, or the set of messages for classic CAN: eight bytes, coarser pressures, a weaker check."""
+    """Set of messages: CAN FD, or classic CAN with eight data bytes, coarser pressures and a weaker check."""
     key: Annotated[str, ours("a key is the user's to make", page="explanation/protection.md")] = ""
-    """File with a 128-bit key. With one, both nodes authenticate every frame (AUTOSAR SecOC) and refuse others; CAN FD
-    alone has room for it."""
+    """File with a 128-bit key. With it, both nodes authenticate every frame (AUTOSAR SecOC) and refuse unauthenticated
+    frames. Only CAN FD frames have room for it."""
     background: BackgroundConfig = field(default_factory=BackgroundConfig)
     e2e: E2eConfig = field(default_factory=E2eConfig)
     diagnosis: DiagnosisConfig = field(default_factory=DiagnosisConfig)
@@ -130,26 +129,26 @@ class SensorCheckConfig(
     section="ecu.sensor_check",
     source=ours("above what sound sensors reach", page=_LIES),
 ):
-    """When the ECU no longer believes a pressure sensor. Levels are ratios of variances; what sound sensors reach is
-    over the whole shipped recording (docs/explanation/what-shuts-the-jets.md)."""
+    """Thresholds above which the ECU no longer uses a pressure sensor. Levels are ratios of variances; figures of
+    healthy sensors are over the whole shipped recording (docs/explanation/what-shuts-the-jets.md)."""
 
     enabled: Annotated[bool, ours("a liar costs most of the gain", page=_LIES)] = True
-    """Check the pressures against each other, with the bundle's estimator, and go on without a sensor that lies."""
+    """Whether the ECU checks the pressures with the bundle's estimator, and continues without a faulty sensor."""
     liar_level: Positive[float] = 14.0
-    """How much further a sensor is from the estimate by the others than these are from each other, from which on it is
-    set aside. Sound sensors reach 8."""
+    """Ratio at which a sensor is set aside: its deviation from the other sensors' estimate over the deviation of the
+    others from each other. Healthy sensors reach 8."""
     bias_level: Positive[float] = 20.0
-    """The same for averages over two shedding cycles, in which small biases and drifts show. Sound sensors reach 16."""
+    """Ratio like `liar_level` over two shedding cycles, for small biases and drifts. Healthy sensors reach 16."""
     swap_level: Positive[float] = 2.5
-    """How much better the pressures agree with two of them exchanged, from which on the wiring is in doubt. Sound
-    sensors reach 0.9."""
+    """Ratio at which two sensors are taken for exchanged: disagreement of the pressures as wired over their
+    disagreement with the two exchanged. Healthy sensors reach 0.9."""
     doubt_level: Positive[float] = 16.0
-    """Disagreement among the pressures that no single sensor explains, from which on they are in doubt; twice as much
-    once one is set aside. Sound sensors reach 12, under forcing beyond what the model has seen."""
+    """Disagreement among the pressures, explained by no single sensor, at which a period counts as doubtful; twice this
+    value once a sensor is set aside. Healthy sensors reach 12, under forcing beyond the training data."""
     doubt_periods: Annotated[AtLeastOne[int], PERIODS, ours("a shedding cycle")] = 25
-    """Periods in doubt, less those out of it, from which on the jets go to zero and the fault latches."""
+    """Doubtful periods, minus others, at which the jets go to zero and the fault latches."""
     flat_periods: Annotated[AtLeastOne[int], PERIODS, ours("longer than a sound reading rests", page=_LIES)] = 10
-    """Periods in a row in which a reading is the same to the last bit, from which on the sensor is stuck."""
+    """Consecutive periods with bit-identical readings after which a sensor is taken for stuck."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -158,22 +157,23 @@ class BenefitCheckConfig(
     section="ecu.benefit_check",
     source=ours("between useful and harmful control", page=_HELPS),
 ):
-    """When the ECU no longer believes that control helps (docs/explanation/what-shuts-the-jets.md)."""
+    """Thresholds by which the ECU decides that control does not help (docs/explanation/what-shuts-the-jets.md)."""
 
     enabled: Annotated[bool, ours("off its design a controller can raise drag", page=_HELPS)] = True
-    """Compare the base pressure under control with that before, and shut the jets where control does not help."""
+    """Whether the ECU compares base pressures with and without control, and shuts the jets if control does not help."""
     mean_periods: Annotated[AtLeastOne[int], PERIODS, ours("two shedding cycles")] = 50
-    """The periods over which pressures are averaged, with and without control."""
+    """Periods over which pressures are averaged, with and without control."""
     wake_periods: Annotated[AtLeastOne[int], PERIODS, ours("until shedding is as before", page=_HELPS)] = 150
-    """The periods with the jets shut after which the wake is taken to be that without control."""
+    """Periods with the jets shut after which the wake is taken to be the wake without control."""
     first_period: Annotated[AtLeastOne[int], PERIODS, ours("the wake needs a cycle to answer", page=_HELPS)] = 60
-    """The first period of control that is judged: the wake has to answer before."""
+    """First period of control that is judged; before it the wake has not yet responded."""
     least_gain: NonNegative[float] = 0.04
-    """Share of the base's suction that control has to take away."""
+    """Smallest share of the base suction that control must remove to count as help."""
     most_swing: Positive[float] = 1.15
-    """Largest difference of mirrored sensors, as a share of that without control."""
+    """Largest mean difference of mirrored sensors that counts as help, relative to that without control."""
     doubt_periods: Annotated[AtLeastOne[int], PERIODS, ours("a shedding cycle")] = 25
-    """Periods without such a gain, less those with it, from which on the jets are shut and the fault latches."""
+    """Periods in which control did not help, minus those in which it helped, at which the jets are shut for a test. The
+    fault latches if the test fails."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -184,16 +184,15 @@ class BenefitCheckConfig(
 class SpeedConfig(
     Settings, section="ecu.speed", source=ours("what a vehicle can do", page="explanation/other-speeds.md")
 ):
-    """When the ECU believes the vehicle's speed, with a release that serves a range of speeds."""
+    """Conditions under which the ECU accepts the vehicle's speed, for a release that covers a range of speeds."""
 
     oldest_ms: Annotated[Positive[float], MILLISECONDS] = 500.0
-    """The longest time from measuring a speed to the control step. The last speed stays in force for so long where no
-    other one comes."""
+    """Longest time from the measurement of a speed to its use in a control step, if no newer speed arrives."""
     most_acceleration: Annotated[Positive[float], Unit("m/s2")] = 15.0
-    """The largest acceleration of a vehicle: a speed that is further from the last one is not believed."""
+    """Largest acceleration of a vehicle. A speed that would need more to be reached from the last speed is rejected."""
     margin: Annotated[Fraction[float], ours("a wind of a tenth and a gust", page="explanation/other-speeds.md")] = 0.12
-    """Share by which the speed may leave the release's range before the jets are shut: the air's may still be in it.
-    Until then it is taken for the end of the range. They come back when it is within the range."""
+    """Share by which the speed may leave the release's range before the jets are shut: the air speed may still be
+    within. Up to this margin the ECU uses the end of the range. The jets restart when the speed is within the range."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -201,46 +200,46 @@ class EcuConfig(Settings, source=ours("our ECU; the paper has none", page=_GATE)
     """Timing and fail-safe behaviour of the ECU."""
 
     compute_time_ms: Annotated[NonNegative[float], MILLISECONDS, ours("a stated share of the 20 ms of a period")] = 8.0
-    """Time between frame and command that the virtual ECU charges for its control step. It is a stated
-    budget share, not a measurement; measured latency is reported next to it."""
+    """Time from frame to command that the virtual ECU takes for its control step. It is a stated share of the budget,
+    not a measurement; reports show the measured latency beside it."""
     hold_periods: Annotated[NonNegative[int], PERIODS] = 1
     """Missed periods during which the last command is held."""
     decay_periods: Annotated[NonNegative[int], PERIODS] = 2
-    """Missed periods after that during which the command is halved each period, before zero and latch."""
+    """Further missed periods that each halve the command; then it is zero and the fault latches."""
     rearm_frames: Annotated[AtLeastOne[int], FRAMES, ours("a tenth of a second", page=_GATE)] = 5
-    """Consecutive good frames, together with an enable edge, that end a latched fault."""
+    """Consecutive good frames that, together with an enable edge, end a latched fault."""
     pressure_age: Annotated[Positive[float], PERIODS] = 1.5
-    """Oldest pressures, from sampling to control step, that may be planned on: one period of waiting for the step, and
-    half a one for the way. Pressures 20 ms late cost the loop little; with 40 ms the side force grows."""
+    """Largest age of pressures, from sampling to control step, that may be used for planning: one period of waiting for
+    the step, and half a period of transmission. A delay of 20 ms has little effect; at 40 ms the side force grows."""
     loss_window: Annotated[AtLeastOne[int], PERIODS, ours("a second", page=_GATE)] = 50
-    """Latest periods under control that are judged together by `ecu.loss_limit`."""
+    """Latest periods under control that `ecu.loss_limit` refers to."""
     loss_limit: Annotated[int, PERIODS, ours("four deviations above a quarter lost at random", page=_GATE)] = 25
-    """Periods without usable pressures among them, in a row or not, from which on the jets go to zero and the fault
-    latches: a controller that sees every other pressure at best is not in control."""
+    """Periods without usable pressures, among the latest `ecu.loss_window`, at which the jets go to zero and the fault
+    latches. A controller that gets at most every second sample does not control the flow."""
     deadline_misses: Annotated[AtLeastOne[int], STEPS] = 3
-    """Steps that came a period or more late, or too early by half a one, among the latest `ecu.deadline_window`, from
-    which on the ECU switches itself off. More than the window: never."""
+    """Steps off time (a period late or half a period early), among the latest `ecu.deadline_window`, at which the ECU
+    switches itself off. A number above the window disables the check."""
     deadline_window: Annotated[AtLeastOne[int], STEPS] = 10
-    """Latest steps that are judged together by `ecu.deadline_misses`."""
+    """Latest steps that `ecu.deadline_misses` refers to."""
     plan_ahead: Annotated[bool, ours("takes off more drag", page="reference/results.md#what-limits-the-reduction")] = (
         True
     )
-    """Plan for the next control period: the jets begin to move at its start, wherever in this one the command arrives,
-    and computing may take all of this one. Without, they move as soon as the command is there."""
+    """Whether the ECU plans for the next control period. If so, the jets begin to move at its start, and computing may
+    take the whole present period. If not, they move as soon as the command arrives."""
     step_offset_ms: Annotated[
         NonNegative[float], MILLISECONDS, ours("a fifth of a period for jitter", page="how-to/run-on-an-ecu.md")
     ] = 4.0
-    """The real time from the expected arrival of a pressure frame to the control step that uses it. Pressures that come
-    later by less than this are still used in their own period; the plan is made a period ahead, so that the waiting
-    costs nothing while the step is done before the period's end."""
+    """Time from the expected arrival of a pressure frame to the control step that uses it. Pressures that arrive later
+    than expected by less than this are still used in their own period. The plan is for the next period, so waiting
+    costs nothing if the step is finished before the period ends."""
     delay_steps: Annotated[int, _DELAY, PERIODS, paper("appendix B", "the case without delay")] = 0
     """Actuator delay in control periods that the controller compensates (paper, appendix B)."""
     sensor_check: SensorCheckConfig = field(default_factory=SensorCheckConfig)
     benefit_check: BenefitCheckConfig = field(default_factory=BenefitCheckConfig)
     speed: SpeedConfig = field(default_factory=SpeedConfig)
     command_step: Annotated[Positive[float], FLOW_RATE, ours("half the full range", page=_GATE)] = 0.075
-    """Largest change of the jet command in one period that the command gate lets pass, in U_inf W: three times what
-    the training waveform does at full amplitude."""
+    """Largest change of the jet command per period that the command gate lets pass, in U_inf W: three times the largest
+    change of the training waveform at full amplitude."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -248,7 +247,7 @@ class EcuConfig(Settings, source=ours("our ECU; the paper has none", page=_GATE)
 
     @property
     def frozen_actions(self) -> int:
-        """Periods whose action is settled when the ECU plans: the actuator's delay, and this one if it plans ahead."""
+        """Number of periods whose action is fixed before planning: actuator delay, plus 1 if the ECU plans ahead."""
         return self.delay_steps + self.plan_ahead
 
 
@@ -257,16 +256,16 @@ class VehicleConfig(Settings, source=ours("the same as the ECU's", page=_GATE)):
     """The simulated vehicle."""
 
     actuator_delay: Annotated[int, _DELAY, PERIODS, paper("appendix B", "the case without delay")] = 0
-    """Control periods by which the jets follow a command late. `ecu.delay_steps` is what the controller assumes."""
+    """Delay of the jets after a command, in control periods. The controller assumes `ecu.delay_steps`."""
     action_step: Annotated[Positive[float], FLOW_RATE] = 0.075
-    """Largest change of the jets' action in one period that their driver makes, in U_inf W, shutting apart: the same as
-    `ecu.command_step`, and kept by the vehicle itself."""
+    """Largest change of the jets' action per period that the jets' driver permits, in U_inf W, except when it shuts
+    them. It equals `ecu.command_step`; the vehicle enforces it independently."""
     loss_window: Annotated[AtLeastOne[int], PERIODS] = 50
-    """Latest periods under control that are judged together by `vehicle.loss_limit`: a second, as by the ECU."""
+    """Latest periods under control that `vehicle.loss_limit` refers to: one second, as in the ECU."""
     loss_limit: Annotated[int, PERIODS] = 25
-    """Periods without a usable command among them from which on the vehicle shuts its jets and withdraws its request,
-    until its own request was low once. Like `ecu.loss_limit`, for the other direction: jets that follow every other
-    command at best are not under control."""
+    """Periods without a usable command, among the latest `vehicle.loss_window`, at which the vehicle shuts its jets and
+    withdraws its enable request until that request has been low once. Counterpart of `ecu.loss_limit`: jets that follow
+    at most every second command are not under control."""
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -1,1 +1,1 @@
-"""What runs a released controller: its interface, ONNX Runtime, and the C library on this machine."""
+"""The interface of a released controller, and the files of its C library."""

@@ -1,13 +1,13 @@
-"""The folder of a C library, one control step in C99 and the ECU around it: its files' names, and their formats.
+"""The folder of a C library, which has one control step in C99 and the ECU around it: file names and formats.
 
-`export` writes the folder; the ECU and the emulated microcontroller read it. `stillwake.h` in it describes the calls.
-Every folder has the same file names, whatever the program and the precision: sources that are the same for every
-program, `sw_settings.h` and `sw_weights.c`, which are generated, and `recorded.txt` and `expected.txt` for the example
-program `replay.c`. Folders of older versions have no `expected.txt` and no documents; nothing here needs them.
+`export` writes the folder; the ECU and the emulated microcontroller read it. The folder's `stillwake.h` describes the
+calls. Every folder has the same file names, independent of program and precision: sources that are the same for every
+program, the generated `sw_settings.h` and `sw_weights.c`, and `recorded.txt` and `expected.txt` for the example program
+`replay.c`. Folders of older versions have no `expected.txt` and no documents; nothing here needs them.
 
-A folder with `sw_ecu_settings.h` has the whole ECU as well: `sw_ecu.h` and its sources next to the control step's, and
-programs with a `main` of their own in `examples/`. Without it, as for a controller whose sensors the bus does not
-carry, it has the control step alone.
+A folder with `sw_ecu_settings.h` also has the whole ECU: `sw_ecu.h` and its sources beside the control step's, and
+programs with their own `main` in `examples/`. A folder without it has the control step alone, for example if the bus
+does not transmit the controller's sensors.
 """
 
 import re
@@ -24,31 +24,31 @@ from contract.errors import LibraryError
 from contract.printable import quoted, shown
 
 PROGRAM_SETTINGS: Final = "sw_settings.h"
-"""Sizes and settings of one program, and the hashes of the program and of the DBC that it was built for."""
+"""Name of the header with sizes and settings of one program, and the hashes of the program and of its DBC."""
 ECU_SETTINGS: Final = "sw_ecu_settings.h"
-"""The DBC's messages, the release's figures, the vehicle's settings: where it stands, the ECU does."""
+"""Name of the header with DBC messages, release figures and vehicle settings. Only a folder with the ECU has it."""
 PROGRAM_WEIGHTS: Final = "sw_weights.c"
-"""The arrays that `sw_weights.h` declares."""
+"""Name of the source file with the arrays that `sw_weights.h` declares."""
 REPLAY: Final = "replay.c"
-"""Example program: runs control steps from recorded rows on a host; not part of the library."""
+"""Name of the example program, which runs control steps from recorded rows on a host. It is not part of the library."""
 RECORDED: Final = "recorded.txt"
 NO_LIBRARY: Final = "this is no folder written by `stillwake export --c`"
-"""Rows for the example program: pressures, then the action commanded one step before."""
+"""Name of the file with the example program's input rows: pressures, then the action commanded one step before."""
 EXPECTED: Final = "expected.txt"
-"""What the example program answers to those rows."""
+"""Name of the file with the example program's expected answers to the recorded rows."""
 DOCUMENTS: Final = ("README.md", "CMakeLists.txt", "LICENSE")
-"""What is not compiled: for people, for CMake, and for lawyers."""
+"""Files of the folder that are not compiled: the readme, the CMake file and the licence."""
 BILL: Final = "sbom.cdx.json"
-"""Bill of materials of the folder, CycloneDX."""
+"""Name of the folder's bill of materials, in CycloneDX."""
 BOARD: Final = ("board", "loader")
-"""Folders with the firmware around the ECU: drivers, start and main loop of a board; flashing and diagnosis."""
+"""Folders with the firmware around the ECU: a board's drivers, start-up code and main loop; flashing and diagnosis."""
 COMPILE_FLAGS: Final = "compile_flags.txt"
-"""Flags for editors (clangd), one a line; only in sample folders."""
+"""Name of the file with compiler flags for editors (clangd), one flag per line; only in sample folders."""
 
 ProgramRows = npt.NDArray[np.float32]
 
 _MAX_BYTES: Final = 64 * 2**20
-"""Bytes of all sources of a folder: the paper's weights are a few megabytes of text."""
+"""Largest size of all sources of a folder, in bytes; the paper's weights take a few megabytes of text."""
 
 _NUMBER: Final = re.compile("[0-9]{1,9}")
 _ESCAPED: Final = re.compile(r"\\(.)")
@@ -56,7 +56,7 @@ _DEFINITION: Final = re.compile(r"^#define (SW_\w+) (\S.*)$", re.MULTILINE)
 
 
 class ProgramSettings:
-    """The definitions of a generated header; raises LibraryError for one that is missing or makes no sense."""
+    """The definitions of a generated header. Raises LibraryError for a definition that is missing or invalid."""
 
     def __init__(self, header: bytes) -> None:
         try:
@@ -66,14 +66,14 @@ class ProgramSettings:
 
     @classmethod
     def of(cls, contents: Mapping[str, bytes]) -> "ProgramSettings":
-        """Those of a library's files; raises LibraryError if the header is not among them."""
+        """Read the definitions from a library's files. Raises LibraryError if the header is missing."""
         if PROGRAM_SETTINGS not in contents:
             raise LibraryError(f"{PROGRAM_SETTINGS} is missing: {NO_LIBRARY}")
         return cls(contents[PROGRAM_SETTINGS])
 
     @property
     def definitions(self) -> dict[str, str]:
-        """All of them as they stand."""
+        """All definitions as they are in the header."""
         return self._found
 
     def text(self, name: str) -> str:
@@ -91,7 +91,7 @@ class ProgramSettings:
         return int(value)
 
     def multiply_accumulates(self) -> int:
-        """Products of weights in a control step: there is one forward pass more than adjoints."""
+        """Return the weight products of a control step; it has one forward pass more than adjoint passes."""
         sizes = {
             name: self.number(f"SW_{name}")
             for name in ("WINDOW", "SENSORS", "LSTM", "HEAD", "LATENT", "DYN1", "DYN2", "DECODER", "BLOCKS")
@@ -105,7 +105,7 @@ class ProgramSettings:
 
 
 def settings_header(definitions: Mapping[str, int | str | np.float32]) -> bytes:
-    """`sw_settings.h` from its definitions, which `ProgramSettings` reads again; text is quoted."""
+    """Write `sw_settings.h` from definitions, in the form that `ProgramSettings` reads; text is quoted."""
     lines = "\n".join(f"#define {name} {_literal(value)}" for name, value in definitions.items())
     return (
         "/* Generated: sizes and settings of one trained program. */\n"
@@ -116,22 +116,22 @@ def settings_header(definitions: Mapping[str, int | str | np.float32]) -> bytes:
 def _literal(value: int | str | np.float32) -> str:
     if isinstance(value, np.float32):
         return float_literal(value)
-    # A question mark could begin a trigraph, which C99 reads as another character.
+    # An unescaped question mark could begin a trigraph, which C99 reads as another character.
     return '"' + re.sub(r'(["\\?])', r"\\\1", value) + '"' if isinstance(value, str) else str(value)
 
 
 def float_literal(value: np.float32) -> str:
-    """The shortest C literal that is this float32 again."""
+    """Return the shortest C literal that gives exactly this float32."""
     return f"{np.format_float_scientific(value, trim='0')}f"
 
 
 def c_files(folder: Traversable) -> dict[str, bytes]:
-    """Sources, headers and linker scripts in a folder of hand-written sources, by name."""
+    """Return the sources, headers and linker scripts of a folder, by name."""
     return {item.name: item.read_bytes() for item in folder.iterdir() if item.name.endswith((".c", ".h", ".ld"))}
 
 
 def library_sources(contents: Mapping[str, bytes]) -> dict[str, bytes]:
-    """The files that a compiler takes for the library: sources and headers without the example programs."""
+    """Return the files that are compiled into the library: sources and headers without the example programs."""
     return {
         name: content
         for name, content in contents.items()
@@ -140,8 +140,8 @@ def library_sources(contents: Mapping[str, bytes]) -> dict[str, bytes]:
 
 
 def read_sources(folder: Path, *, board: bool = False) -> dict[str, bytes]:
-    """All sources and headers of a folder by name, with `board` those of `BOARD` by their paths as well. Raises
-    LibraryError if it cannot be read or is too large."""
+    """Read all sources and headers of a folder by name; with `board`, also those in the folders `BOARD`, by their
+    paths. Raises LibraryError if the folder cannot be read or is too large."""
     try:
         found = [item for item in folder.iterdir() if item.suffix in (".c", ".h")]
         for part in BOARD if board else ():
@@ -157,8 +157,8 @@ def read_sources(folder: Path, *, board: bool = False) -> dict[str, bytes]:
 
 
 def read_recorded(folder: Path) -> ProgramRows:
-    """The recorded rows of a folder, (n, S+1): pressures Cp, and the action commanded one step before in U_inf W.
-    Raises LibraryError if there are none, or one of them is not made of numbers."""
+    """Read the recorded rows of a folder, (n, S+1): pressures Cp, and the action commanded one step before in U_inf W.
+    Raises LibraryError if there are no rows, or a row has anything but numbers."""
     path = folder / RECORDED
     try:
         if path.stat().st_size > _MAX_BYTES:
@@ -178,24 +178,24 @@ def read_recorded(folder: Path) -> ProgramRows:
 
 
 def rows_text(rows: npt.NDArray[np.floating]) -> str:
-    """`recorded.txt`, and the input of the example program: a row a line, in the digits of float32."""
+    """Format rows as in `recorded.txt`, the example program's input: one row per line, with the digits of float32."""
     return "".join(" ".join(f"{value:.9g}" for value in row) + "\n" for row in rows.astype(np.float64))
 
 
 def rows_from_text(text: str) -> ProgramRows:
-    """Rows of numbers as the example program reads and prints them; raises ValueError."""
+    """Parse rows of numbers as the example program reads and prints them. Raises ValueError for other text."""
     return np.loadtxt(text.splitlines(), dtype=np.float32, ndmin=2)
 
 
 def check_replaceable(folder: Path) -> None:
-    """Raises LibraryError if writing a library, which replaces a whole folder, would replace something else."""
+    """Raise LibraryError if writing a library would replace a folder with other contents."""
     if folder.is_dir() and any(folder.iterdir()) and not (folder / PROGRAM_SETTINGS).is_file():
         raise LibraryError(f"{folder}: that directory holds something else; name another")
 
 
 def write_folder(folder: Path, contents: Mapping[str, bytes]) -> None:
-    """Write a library's folder, whole or not at all; a name may have one folder before it. Raises LibraryError if the
-    folder holds something else; StillwakeError if it cannot be written."""
+    """Write a library's folder, completely or not at all. A file's name may include one subfolder. Raises LibraryError
+    if the folder has other contents; StillwakeError if it cannot be written."""
     check_replaceable(folder)
     with replacing(folder) as temporary:
         temporary.mkdir()

@@ -1,7 +1,7 @@
-"""Numbers of a release as a struct in C: the constant that a compiler takes, and the bytes that it makes of it.
+"""The numbers of a release as a C struct: the constant for the compiler, and the bytes that the compiler makes of it.
 
-Both come from one description, the arrays in the order of the struct's members, so that what is compiled in and what an
-image has (`contract.controller.image_payload`) are the same.
+Both come from one description, the arrays in the order of the struct's members, so that compiled-in numbers and the
+numbers of an image (`contract.controller.image_payload`) are equal.
 """
 
 from collections.abc import Mapping, Sequence
@@ -19,12 +19,12 @@ _TYPES: Final = {"float64": "double", "float32": "float"}
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Numbers:
-    """A struct of arrays.
+    """A C struct of arrays.
 
     Attributes:
-        struct: the name of its type in C.
-        members: values by the members' names, in the struct's order, in the types that C has them in.
-        alignment: of every member in bytes; that of its type if None.
+        struct: name of the struct's type in C.
+        members: values by the members' names, in the struct's order and in the types that C uses.
+        alignment: alignment of every member in bytes; None uses the alignment of each member's type.
     """
 
     struct: str
@@ -32,7 +32,7 @@ class Numbers:
     alignment: int | None = None
 
     def definition(self, name: str) -> str:
-        """A constant with these values, and the line that has the compiler refuse another layout."""
+        """Return the C definition of a constant with these values, and a compile-time check of its layout."""
         check = f"typedef char {name}_as_packed[{self.as_packed} ? 1 : -1];"
         return f"const {self.struct} {name} = {self.initialiser};\n\n#if defined(__GNUC__)\n{check}\n#endif"
 
@@ -43,13 +43,13 @@ class Numbers:
 
     @property
     def as_packed(self) -> str:
-        """An expression in C: whether the compiler lays the struct out as `packed` does."""
+        """A C expression that is true if the compiler lays the struct out as `packed` does."""
         places, size = self._places()
         places_in_c = (f"offsetof({self.struct}, {name}) == {place}" for name, place in places.items())
         return f"({' && '.join([*places_in_c, f'sizeof({self.struct}) == {size}'])})"
 
     def packed(self) -> bytes:
-        """Little-endian, zeros in between."""
+        """Return the struct's bytes, little-endian, with zeros as padding."""
         places, size = self._places()
         content = bytearray(size)
         for name, values in self.members.items():
@@ -58,7 +58,7 @@ class Numbers:
         return bytes(content)
 
     def settings(self, prefix: str) -> dict[str, int | str]:
-        """Definitions for a header: the size, and of each member the name, type, sides and place."""
+        """Return definitions for a header: the struct's size, and the name, type, shape and offset of each member."""
         places, size = self._places()
         members = (
             f"{name} {values.dtype} {'x'.join(map(str, values.shape or (1,)))} {places[name]}"
@@ -76,14 +76,14 @@ class Numbers:
 
 
 def numbers_source(what: str, includes: Sequence[str], constants: Mapping[str, Numbers], tables: str = "") -> bytes:
-    """A source file that defines constants by their names."""
+    """Return a C source file that defines constants by name."""
     lines = [f"/* Generated: {what}. */", "\n".join(f"#include {name}" for name in ("<stddef.h>", *includes))]
     parts = [*lines, tables, *(values.definition(name) for name, values in constants.items())]
     return ("\n\n".join(part for part in parts if part) + "\n").encode()
 
 
 def table(name: str, values: npt.NDArray[Any]) -> str:
-    """A constant array by itself."""
+    """Return the C definition of a single constant array."""
     sides = "".join(f"[{size}]" for size in values.shape)
     return f"const SW_ALIGNED {_type(values)} {name}{sides} = {_initialiser(values)};"
 

@@ -1,6 +1,6 @@
-"""What may be changed of a release on the vehicle: the goal of the control, and how far the jets may go for it.
+"""The settings of a release that may be changed on the vehicle: the goal of the control, and the limits of the jets.
 
-The paper's controller takes its goal as data: the weights of the cost are inputs of every control step (section on
+The paper's controller gets its goal as data: the weights of the cost are inputs of every control step (section on
 multi-objective control), so that a fleet can trade drag for side force without training or flashing anything. The
 limits can be narrowed this way, never widened.
 """
@@ -18,16 +18,16 @@ from contract.controller.interface import TERMS
 from contract.errors import ConfigError
 
 CALIBRATION_NAMES: Final = (*TERMS, "action_limit", "command_step", "delay_steps")
-"""Names of all values, in the order in which they are packed."""
+"""Names of all calibration values, in the order in which they are packed."""
 _PACKED: Final = struct.Struct(f"<{len(CALIBRATION_NAMES) - 1}fI")
 PACKED_BYTES: Final = _PACKED.size
 LARGEST_WEIGHT: Final = 1000.0
-"""Far beyond any that makes sense: the greatest of the defaults is 8."""
+"""Largest weight that is accepted, far above every useful one; the largest default is 8."""
 _MOST_STEPS: Final = 2**32 - 1
 
 
 def as_float32(value: float) -> float:
-    """The nearest float32, in the fewest decimal digits that name it: 0.1 stays 0.1."""
+    """Return the nearest float32, as the number with the fewest decimal digits that gives it: 0.1 stays 0.1."""
     with np.errstate(over="ignore"):
         return float(str(np.float32(value)))
 
@@ -40,15 +40,15 @@ def _kept(name: str, value: float) -> float:
 
 @dataclass(frozen=True, kw_only=True)
 class Calibration:
-    """One set of values, each of them a float32 from here on, as over the bus, in C and in the controller's input.
+    """A set of calibration values. Each is rounded to float32 here, as on the bus, in C and in the controller's input.
 
-    They are rounded here and nowhere else, by `as_float32`: what is read back is what was written, and two sets are
-    equal if their values are. Raises ConfigError if a value has no place in its 4 bytes.
+    The values are rounded here and nowhere else, by `as_float32`: a value read back equals the value written, and two
+    sets are equal if their values are. Raises ConfigError if a value does not fit into its 4 bytes.
 
     Attributes:
         action_limit: largest |a| that the command gate lets pass, in U_inf W.
-        command_step: largest change of it in a control period, in U_inf W.
-        delay_steps: actuator delay in control periods that is compensated.
+        command_step: largest change of the command in a control period, in U_inf W.
+        delay_steps: actuator delay that is compensated, in control periods.
     """
 
     weights: CostWeights
@@ -71,8 +71,8 @@ class Calibration:
 
     @classmethod
     def of(cls, values: Sequence[float]) -> "Calibration":
-        """The calibration of `values`; raises ConfigError for one that has no place in its 4 bytes."""
-        # A weight that is no number is refused under its name here, before `CostWeights` sees it.
+        """Build a calibration from `values`. Raises ConfigError for a value that does not fit into its 4 bytes."""
+        # A weight that is not a number is refused here with its name, before it reaches `CostWeights`.
         *weights, action_limit, command_step = map(_kept, CALIBRATION_NAMES, values[:-1])
         return cls(
             weights=CostWeights.of(weights),
@@ -82,12 +82,12 @@ class Calibration:
         )
 
     def pack(self) -> bytes:
-        """`PACKED_BYTES` bytes, little-endian: float32 each, and `delay_steps` as a 32-bit integer."""
+        """Pack the values, little-endian: float32 each, and `delay_steps` as a 32-bit integer."""
         return _PACKED.pack(*self.values[:-1], self.delay_steps)
 
     @classmethod
     def unpack(cls, raw: bytes) -> "Calibration":
-        """What `pack` made; raises ConfigError for another length or a value that is no calibration's."""
+        """Read the bytes that `pack` returns. Raises ConfigError for another length or an invalid value."""
         if len(raw) != PACKED_BYTES:
             raise ConfigError(f"calibration of {len(raw)} bytes: must have {PACKED_BYTES}")
         return cls.of(_PACKED.unpack(raw))
@@ -95,14 +95,15 @@ class Calibration:
 
 @dataclass(frozen=True, kw_only=True)
 class CalibrationLimits:
-    """Least and greatest allowed values: those of the release and of the vehicle's settings, never wider."""
+    """The smallest and largest allowed values, which follow from the release and the vehicle's settings."""
 
     least: Calibration
     greatest: Calibration
 
     def changed(self, now: Calibration, values: Mapping[str, object]) -> Calibration:
-        """A calibration with other values, by name: the way of every weight to an ECU, whoever gives it. Raises
-        ConfigError for an unknown name, what is no number, or a value that is out of the limits."""
+        """Return a calibration with some values replaced, by name. Every change of a weight on an ECU uses this
+        function. Raises ConfigError for an unknown name, a value that is not a number, or a value outside the limits.
+        """
         wanted = dict(zip(CALIBRATION_NAMES, now.values, strict=True))
         for name, value in values.items():
             if name not in CALIBRATION_NAMES:
@@ -116,11 +117,11 @@ class CalibrationLimits:
         return Calibration.of(tuple(wanted.values()))
 
     def check(self, calibration: Calibration) -> None:
-        """Raises ConfigError for a value that is out of range; the message names it and the range."""
+        """Raise ConfigError for a value that is out of range; the message states its name and the range."""
         self.check_values(calibration.values)
 
     def check_values(self, values: Sequence[float]) -> None:
-        """The same for what is to become a calibration, in the order of `CALIBRATION_NAMES`."""
+        """Check values in the order of `CALIBRATION_NAMES`. Raises ConfigError as `check` does."""
         rows = zip(CALIBRATION_NAMES, values, self.least.values, self.greatest.values, strict=True)
         for name, value, least, greatest in rows:
             if not least <= value <= greatest:

@@ -1,18 +1,18 @@
-"""What estimates a pressure from the others: the interface of a bundle's `sensors.onnx`, and its network as numbers.
+"""The interface of a bundle's `sensors.onnx`, which estimates each pressure from the others, and the network's numbers.
 
-The sensor check of the ECU asks two things of the readings: does each agree with the others, and if not, which one
-must be left out, or which two exchanged, so that the rest agree. So one call estimates every pressure from several
-views of the same window. With S sensors there are
+The sensor check of the ECU asks two questions about the readings. Does each reading agree with the others? If not,
+which sensor must be left out, or which two exchanged, so that the rest agree? So one call estimates every pressure from
+several views of the same window. With S sensors there are
 
 * S views with one sensor left out,
-* S (S - 1) / 2 views with two left out: the rest's estimates of a sensor when another one is suspected too,
-* S views for each pair of sensors, in which that pair is exchanged, as if its plugs were, and one sensor is left out.
+* S (S - 1) / 2 views with two left out: they estimate a sensor when another sensor is suspected too,
+* S views for each pair of sensors, in which the pair's readings are exchanged and one sensor is left out.
 
 ========= ========  ==================================================================================================
 tensor    shape     meaning
 ========= ========  ==================================================================================================
-window    (L, S+1)  as the controller's: oldest row first; row k is (Cp_k, a_{k-1})
-estimates (V, S)    of the newest Cp by every view; meant for the sensors that the view leaves out, never built on them
+window    (L, S+1)  the controller's window: oldest row first; row k is (Cp_k, a_{k-1})
+estimates (V, S)    the newest Cp as estimated by every view; valid for the sensors that the view leaves out
 ========= ========  ==================================================================================================
 """
 
@@ -26,27 +26,27 @@ import numpy as np
 from contract.arrays import Array, Index
 
 ESTIMATOR: Final = "sensors.onnx"
-"""The file's name in a bundle."""
+"""Name of the estimator's file in a bundle."""
 ESTIMATOR_INPUT: Final = "window"
 ESTIMATOR_OUTPUT: Final = "estimates"
 REACH: Final = 16.0
-"""Standardised readings are cut off here: sound ones stay within 11 in the shipped recording, and of a broken one no
-estimate needs more. In integers the network has the same range."""
+"""Limit at which standardised readings are clipped. Healthy sensors stay within 11 in the shipped recording, and an
+estimate needs no larger value of a faulty sensor. The network in integers has the same range."""
 
 
 class WindowView(NamedTuple):
-    """A way to look at a window.
+    """A selection of a window's columns as input of the estimator.
 
     Attributes:
-        left_out: sensors whose columns are not seen.
-        exchanged: sensors whose readings change places before that; empty for none.
+        left_out: sensors whose columns are not used.
+        exchanged: pair of sensors whose readings are exchanged first; empty for none.
     """
 
     left_out: tuple[int, ...]
     exchanged: tuple[int, ...] = ()
 
     def order(self, sensors: int) -> list[int]:
-        """Which column of the window stands where, (S+1,)."""
+        """Return the order of the window's columns in this view, (S+1,)."""
         columns = list(range(sensors + 1))
         if self.exchanged:
             i, j = self.exchanged
@@ -55,12 +55,12 @@ class WindowView(NamedTuple):
 
 
 def pairs(sensors: int) -> list[tuple[int, int]]:
-    """All pairs of sensors, in order."""
+    """Return all pairs of sensors, in order."""
     return list(combinations(range(sensors), 2))
 
 
 def views(sensors: int) -> list[WindowView]:
-    """All V of them, in the order of the rows of `estimates`."""
+    """Return all V views, in the order of the rows of `estimates`."""
     single = [WindowView((j,)) for j in range(sensors)]
     double = [WindowView(pair) for pair in pairs(sensors)]
     exchanged = [WindowView((j,), pair) for pair in pairs(sensors) for j in range(sensors)]
@@ -69,12 +69,12 @@ def views(sensors: int) -> list[WindowView]:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Hypotheses:
-    """Where in `estimates` the judgement of each hypothesis stands: one row for each sensor that may lie, then one for
-    each pair that may be exchanged.
+    """The rows of `estimates` that belong to each hypothesis. The hypotheses are: one of the S sensors reads wrongly,
+    or one of the P pairs is exchanged.
 
     Attributes:
         view: (S + P, S) row of `estimates` for each hypothesis and sensor.
-        reading: (S + P, S) which reading is compared with it.
+        reading: (S + P, S) index of the reading that is compared with the estimate.
     """
 
     view: Index
@@ -82,7 +82,7 @@ class Hypotheses:
 
     @classmethod
     def of(cls, sensors: int) -> "Hypotheses":
-        """Those for so many sensors."""
+        """Build the hypotheses for a number of sensors."""
         place = {item: row for row, item in enumerate(views(sensors))}
         liars = [
             [place[WindowView((i,) if i == j else (min(i, j), max(i, j)))] for i in range(sensors)]
@@ -94,28 +94,29 @@ class Hypotheses:
         return cls(view=np.array(liars + swaps), reading=np.array(own + crossed))
 
     def residuals(self, readings: Array, estimates: Array) -> Array:
-        """(S + P, S) reading less estimate, in Cp. Row j < S leaves j out of all; its entry j is j by all others."""
+        """Return the residuals (S + P, S), reading minus estimate, in Cp. Row j < S estimates every sensor without
+        sensor j; its entry j estimates sensor j from all others."""
         found: Array = readings[self.reading] - estimates[self.view, np.arange(len(readings))]
         return found
 
 
 def estimator_shapes(window: int, sensors: int) -> Mapping[str, tuple[int, ...]]:
-    """The shape of input and output by name."""
+    """Return the shapes of input and output by name."""
     return {ESTIMATOR_INPUT: (window, sensors + 1), ESTIMATOR_OUTPUT: (len(views(sensors)), sensors)}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class EstimatorNetwork:
-    """The one network behind all views, fitted by `train.sensor_estimator`.
+    """The network that computes all views, fitted by `train.sensor_estimator`.
 
-    Its input is the standardised window within `REACH`, oldest row first, row after row, with the columns of the
-    sensors that are left out at zero, and then a flag for every sensor, 1 for those; ReLU between the layers. Its
-    output is standardised Cp.
+    Its input has two parts. First comes the standardised window, clipped to `REACH`, row by row, oldest row first; the
+    columns of sensors that are left out are zero. Then comes one flag for every sensor, 1 if the sensor is left out.
+    The hidden layers have ReLU. The output is standardised Cp.
 
     Attributes:
         window: L.
         mean, std: of the columns of the window, (S+1,).
-        layers: (weight (outputs, inputs), bias (outputs,)) of each.
+        layers: weight (outputs, inputs) and bias (outputs,) of each layer.
     """
 
     window: int
@@ -125,11 +126,11 @@ class EstimatorNetwork:
 
     @property
     def sensors(self) -> int:
-        """S."""
+        """S, the number of sensors."""
         return len(self.mean) - 1
 
     def estimates(self, window: Array) -> Array:
-        """(V, S) for a window (L, S+1), as the graph computes them; (n, V, S) for n windows."""
+        """Return the estimates (V, S) for a window (L, S+1), as the graph computes them; (n, V, S) for n windows."""
         sensors, rows = self.sensors, []
         for view in views(sensors):
             seen = np.ones(sensors + 1)

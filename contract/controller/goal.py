@@ -1,8 +1,8 @@
-"""What a prior knows of the goal: how dear effort and lift are beside drag, and how far the jets may go.
+"""The goal as the prior's input: the weights of effort and lift relative to drag, and the limit of the jets.
 
-The prior of the plan is trained for a range of goals (`train.refinement`); in every control step it is told where in
-that range the present one lies. What is asked beyond the range, and every term of the cost that the prior does not
-know, is left to the iterations (`beyond`).
+The prior of the plan is trained for a range of goals (`train.refinement`); in every control step it gets the position
+of the present goal in that range. The MPC iterations take over what lies beyond the range, and every term of the cost
+that the prior was not trained for (`beyond`).
 """
 
 from dataclasses import replace
@@ -12,24 +12,25 @@ from typing import Final, NamedTuple
 from contract.config.controller import CostWeights
 
 DEAREST_EFFORT: Final = 100.0
-"""The largest weight on effort beside one of 1 on drag that a prior is trained for, in Cd per (U_inf W)^2."""
+"""Largest weight of effort, relative to a weight of 1 on drag, that a prior is trained for, in Cd per (U_inf W)^2."""
 DEAREST_LIFT: Final = 1.0
-"""The same of the weight on lift, in Cd per |Cl|."""
+"""Largest weight of lift, relative to a weight of 1 on drag, that a prior is trained for, in Cd per |Cl|."""
 NARROWEST: Final = 0.5
-"""The least limit of the jets that it is trained for, as a share of the release's."""
+"""Smallest limit of the jets that a prior is trained for, as a share of the release's limit."""
 SPEED_SCALE: Final = 0.4
-"""The scale of the speed less the design speed, in design speeds: how far a vehicle's may be from it."""
+"""Difference between a vehicle's speed and the design speed that is scaled to 1, in units of the design speed."""
 SCHEDULED: Final = ("one", "speed", "effort", "lift", "limit")
-"""What schedules a prior's units besides the sums, in the order of its tensors: 1, the scaled speed, a goal's parts."""
+"""Names of the scheduling inputs of a prior's units, in the order of its tensors: 1, the scaled speed, the parts of the
+goal. The sums of sensors are inputs too."""
 
 
 class Goal(NamedTuple):
-    """A place in the range, each part from 0 to 1.
+    """A position in the range of goals; each part is between 0 and 1.
 
     Attributes:
         effort: root of the weight on effort over `DEAREST_EFFORT`.
         lift: root of the weight on lift over `DEAREST_LIFT`.
-        limit: how far the jets' limit is narrowed: 0 at the release's own, 1 at `NARROWEST` of it and below.
+        limit: 0 at the release's own limit of the jets, 1 at `NARROWEST` times that limit and below.
     """
 
     effort: float = 0.0
@@ -38,7 +39,7 @@ class Goal(NamedTuple):
 
     @classmethod
     def of(cls, weights: CostWeights, share_of_limit: float = 1.0) -> "Goal":
-        """Where weights and a limit of the jets, as a share of the release's, lie in the range."""
+        """Compute the position of weights and a jet limit in the range; the limit is a share of the release's."""
         return cls(
             effort=_root(weights.effort, weights.drag_mean * DEAREST_EFFORT),
             lift=_root(weights.lift, weights.drag_mean * DEAREST_LIFT),
@@ -46,31 +47,31 @@ class Goal(NamedTuple):
         )
 
     def prices(self) -> tuple[float, float]:
-        """Weights on effort and lift beside one of 1 on drag."""
+        """Return the weights of effort and lift relative to a weight of 1 on drag."""
         return DEAREST_EFFORT * self.effort**2, DEAREST_LIFT * self.lift**2
 
     def share_of_limit(self) -> float:
-        """The limit of the jets as a share of the release's."""
+        """Return the limit of the jets as a share of the release's limit."""
         return 1.0 - (1.0 - NARROWEST) * self.limit
 
 
 OWN: Final = Goal()
-"""Drag alone, with all that the jets can do."""
+"""The goal of drag reduction alone, with the release's full limit of the jets."""
 
 
 def schedule(speed: float, goal: Goal) -> tuple[float, ...]:
-    """The values of `SCHEDULED` at a speed in design speeds, for a goal."""
+    """Return the values of `SCHEDULED` for a goal at a speed in units of the design speed."""
     return (1.0, (speed - 1.0) / SPEED_SCALE, *goal)
 
 
 def beyond(weights: CostWeights, *, knows_goal: bool = True) -> CostWeights:
-    """The weights that the iterations take where a plan starts at a prior: what is asked beyond its range of goals.
+    """Return the weights for MPC iterations that start from a prior's plan: the part beyond the prior's range of goals.
 
-    A prior that was trained for drag alone knows no other goal, and leaves effort and lift to the iterations whole.
+    A prior trained for drag alone gets no other goal, so the iterations keep the weights of effort and lift.
 
-    A prior that was trained through the flow is stationary for the goals that it knows. The expected slope of their
-    cost along its plan is zero, so what a model finds of such a slope is noise and error. Of what is asked beyond the
-    range, and of the terms that the prior does not know, the whole slope remains.
+    A prior that was trained through the flow is stationary for the goals in its range: the expected gradient of their
+    cost along its plan is zero. A gradient that the model computes for them is noise and error, so their weights are
+    removed. The weights beyond the range, and those of terms that the prior was not trained for, stay.
     """
     drag = weights.drag_mean if knows_goal else 0.0
     return replace(

@@ -1,14 +1,14 @@
-"""What an image for a microcontroller has behind its header: a release's numbers as C reads them, then what they are.
+"""The payload of an image for a microcontroller: a release's numbers as C reads them, then the text of their layout.
 
-`sw_payload` of `sw_image.h`, and a text that C does not read: the layout, a line for every setting and every struct on
-which the places of the numbers depend, or their meaning. Its SHA-256 names the layout in the image's header and in
-`sw_layout.h` of a build; numbers of another layout are not for that build. A library's headers have nothing else that
-belongs to a release, but for what identifies the one that is compiled in.
+The numbers are `sw_payload` of `sw_image.h`. The text is not read by C. It is the layout: one line for every setting
+and every struct on which the positions or the meaning of the numbers depend. Its SHA-256 identifies the layout in the
+image's header and in a build's `sw_layout.h`; a build refuses numbers of another layout. Nothing else in a library's
+headers belongs to a release, except what identifies the compiled-in release.
 
-No ECU may use a number as an index or a bound that it cannot be. The rules stand here once: a build's `sw_layout.h` has
-them as a table, by which `sw_image_open` judges an image, and `check_numbers` judges one in Python. Numbers in floating
-point are finite. Those that are divided by, or are widths, are positive; integers stay where no sum of the int8
-library's can overflow. What no table has is in C and in `_together`.
+An ECU must not use an invalid number as an index or a bound. The rules are stated here once: a build's `sw_layout.h`
+has them as a table, with which `sw_image_open` checks an image in C, and `check_numbers` checks it in Python.
+Floating-point numbers must be finite. Divisors and widths must be positive. Integers must be in a range in which no sum
+of the int8 library overflows. Rules that do not fit into the table are in C and in `_together`.
 """
 
 import hashlib
@@ -24,9 +24,9 @@ from contract.errors import BundleContainerError
 
 LEAST_FIGURE: Final = 1e-9
 MOST_FIGURE: Final = 1e3
-"""Bounds in Cp, of sound residuals and of the wake without jets, whose squares are divided by."""
+"""Bounds of the magnitude, in Cp, of healthy residuals and of the wake without jets; their squares are divisors."""
 _TYPES: Final = ("int8", "uint8", "int32", "float32", "float64")
-"""Types by their numbers in `sw_image.c`."""
+"""Types, in the order of their numbers in `sw_image.c`."""
 _POSITIVE: Final = frozenset(
     {
         *("design_speed", "design_density", "window_factor", "force_std", "action_limit", "action_factor", "factor"),
@@ -36,21 +36,20 @@ _POSITIVE: Final = frozenset(
 )
 _NOT_NEGATIVE: Final = frozenset({"weights", "default_weights", "slowest", "decoder_largest"})
 _ESTIMATOR_MOST: Final = 2.0**17
-"""The largest number with which every estimate is finite."""
+"""Largest magnitude of the estimator's numbers for which every estimate is finite."""
 _GAIN_ONE: Final = 2.0**22
 _ROW_SCALE_ONE: Final = 2.0**23
-"""The same as in `export.to_c.int8_format`."""
+"""Scales that represent 1; they equal those in `export.to_c.int8_format`."""
 _OF_ELU_MOST: Final = 65535.0
-"""An ELU's integer in those of the decoder's residuals."""
+"""Largest factor that converts an ELU's integer to the scale of the decoder's residuals."""
 
 Member = tuple[str, tuple[int, ...], int]
-"""The type of an array, its sides, and its place in the payload."""
+"""Type, shape and offset in the payload of an array."""
 Range = tuple[float, float]
 
 
 class Limits(NamedTuple):
-    """The bounds of numbers in a payload: `groups` of `run` numbers each, `stride` bytes apart from the place of the
-    first."""
+    """The bounds of numbers in a payload: `groups` of `run` numbers each, `stride` bytes apart from `place` on."""
 
     name: str
     dtype: str
@@ -63,19 +62,19 @@ class Limits(NamedTuple):
 
     @property
     def in_c(self) -> str:
-        """Initialises an `sw_limits`."""
+        """The C initialiser of an `sw_limits`."""
         numbers = (*self[2:6], _TYPES.index(self.dtype))
         return f"{{{', '.join(f'{number}u' for number in numbers)}, {self.least!r}, {self.most!r}}}"
 
 
 def limits_in(members: Mapping[str, Member], layout: Mapping[str, str]) -> Iterator[Limits]:
-    """The table, by a layout and its members' names of struct and array."""
+    """Return the table of limits, from a layout and its members by the names of struct and array."""
     for name, (dtype, sides, place) in members.items():
         struct, _, member = name.partition(".")
         each = _ranges(struct, member, dtype, layout)
         if not each:
             continue
-        # Constants of outputs stand in eights, others next to each other.
+        # Constants of outputs are interleaved in groups of eight, other constants one by one.
         run = 1 if sides[-1] == len(each) else sides[-1]
         count, size = int(np.prod(sides)), np.dtype(dtype).itemsize
         if len(each) == 1:
@@ -89,7 +88,7 @@ def limits_in(members: Mapping[str, Member], layout: Mapping[str, str]) -> Itera
 def wrong_in(
     payload: bytes, members: Mapping[str, Member], arrays: Mapping[str, npt.NDArray[Any]], layout: Mapping[str, str]
 ) -> str | None:
-    """The first number that is out of its limits, in words; None without any."""
+    """Describe the first number that is outside its limits; None if all numbers are inside."""
     for one in limits_in(members, layout):
         dtype = np.dtype(one.dtype).newbyteorder("<")
         for group in range(one.groups):
@@ -101,12 +100,13 @@ def wrong_in(
 
 
 def _ranges(struct: str, member: str, dtype: str, layout: Mapping[str, str]) -> tuple[Range, ...]:
-    """One for all numbers of an array, or one for each of the constants that it interleaves; none for any number."""
+    """Return one range for all numbers of an array, or one for each of the constants that the array interleaves; an
+    empty tuple if any number is allowed."""
     if dtype.startswith("float"):
         info: Any = np.finfo(dtype)
         return _of_floats(struct, member, layout, float(info.tiny), float(info.max))
     if dtype == "int8":
-        # With -128 a sum of products may overflow.
+        # The value -128 is excluded because a sum of products with it may overflow.
         return ((-127.0, 127.0),)
     if member in ("base", "pairs"):
         return ((0.0, _stated(layout, "SW_SENSORS", 256) - 1.0),)
@@ -135,7 +135,7 @@ def _of_floats(struct: str, member: str, layout: Mapping[str, str], positive: fl
 
 
 def _widest_integer(layout: Mapping[str, str]) -> float:
-    """C's `SW_QMAX` of the LSTM's hidden state, which is rounded and not saturated."""
+    """Return the largest integer of the LSTM's hidden state, C's `SW_QMAX`. The state is rounded and not saturated."""
     lanes, most = _stated(layout, "SW_LANES", 8), _stated(layout, "SW_INT16_QMAX", 32767)
     padded = -(-_stated(layout, "SW_LSTM", 1) // lanes) * lanes
     is_full = padded <= _stated(layout, "SW_FULL_RANGE_WIDTH", padded)
@@ -143,12 +143,12 @@ def _widest_integer(layout: Mapping[str, str]) -> float:
 
 
 def _stated(layout: Mapping[str, str], name: str, otherwise: int) -> int:
-    """A definition; an image without it is of no ECU, and not judged by it."""
+    """Return a definition as a number. Without it the image belongs to no ECU, and `otherwise` skips the check."""
     return int(layout.get(name, otherwise))
 
 
 def _together(arrays: Mapping[str, npt.NDArray[Any]], layout: Mapping[str, str]) -> Iterator[str]:
-    """What numbers within their limits must not be together: as `are_sound_together` in `sw_image.c` has it."""
+    """Describe numbers that contradict each other; the rules are those of `are_sound_together` in `sw_image.c`."""
     rows = arrays.get("weights.prior_filter_rows")
     if rows is not None:
         memory, all_rows = (_stated(layout, f"SW_PRIOR_{name}", 1) for name in ("MEMORY", "FILTER_ROWS"))
@@ -164,25 +164,25 @@ def _together(arrays: Mapping[str, npt.NDArray[Any]], layout: Mapping[str, str])
 
 
 LAYOUT: Final = "sw_layout.h"
-"""Generated from the other generated headers."""
+"""Name of the header that is generated from the other generated headers."""
 RELEASE_PART: Final = "sw_release.bin"
 WEIGHTS_PART: Final = "sw_weights.bin"
 ESTIMATOR_PART: Final = "sw_estimator_weights.bin"
-"""Parts of a payload; the last one where there is a sensor check."""
+"""Names of the payload's parts; the last part exists only with a sensor check."""
 _ESTIMATOR_SETTINGS: Final = "sw_estimator_settings.h"
 _IDENTITY: Final = "SW_PROGRAM_SHA256"
-"""What `sw_settings.h` has of the program that is compiled in."""
+"""Definition in `sw_settings.h` that identifies the compiled-in program."""
 _OF_ECU: Final = ("SW_RELEASE_LAYOUT", "SW_RELEASE_BYTES", "SW_PAST", "SW_SENSOR_CHECK")
-"""Settings of `sw_ecu_settings.h` that the numbers depend on; the others are the vehicle's."""
+"""Settings of `sw_ecu_settings.h` on which the numbers depend; the other settings are the vehicle's."""
 _TITLE: Final = "layout 2 of a stillwake controller image\n"
-"""Its number rises when a member's meaning changes and its size does not: in the first, the wake without jets was in
-shares of the design speed's."""
+"""First line of a layout. Its number rises when a member's meaning changes but its size does not: in layout 1, the wake
+without jets was given as a share of the wake at the design speed."""
 _STRUCTS: Final = ("SW_RELEASE", "SW_WEIGHTS", "SW_HOT", "SW_ESTIMATOR")
-"""The structs of a payload, in its order."""
+"""The structs of a payload, in their order."""
 
 
 def layout_of(files: Mapping[str, bytes]) -> str:
-    """The layout of a library with its ECU, by the names of its files."""
+    """Return the layout of a library with an ECU, from the library's files by name."""
     ecu = ProgramSettings(files[ECU_SETTINGS]).definitions
     found = ProgramSettings.of(files).definitions | {name: ecu[name] for name in _OF_ECU}
     if ecu["SW_SENSOR_CHECK"] != "0":
@@ -191,7 +191,7 @@ def layout_of(files: Mapping[str, bytes]) -> str:
 
 
 def with_layout(files: Mapping[str, bytes]) -> dict[str, bytes]:
-    """The files of a library, with `sw_layout.h` where there is an ECU."""
+    """Return the files of a library, with `sw_layout.h` added if it has an ECU."""
     if ECU_SETTINGS not in files:
         return dict(files)
     layout = layout_of(files)
@@ -207,12 +207,12 @@ def with_layout(files: Mapping[str, bytes]) -> dict[str, bytes]:
 
 
 def sha256_of(layout: str) -> bytes:
-    """The name of a layout."""
+    """Return the SHA-256 that identifies a layout."""
     return hashlib.sha256(layout.encode()).digest()
 
 
 def payload_of(files: Mapping[str, bytes]) -> bytes:
-    """The payload of a library's release: `sw_release.bin`, and what else the folder has of it."""
+    """Return the payload of a library's release: the contents of its binary parts, then the layout."""
     alignment, content = ProgramSettings.of(files).number("SW_ALIGNMENT"), b""
     for name in (RELEASE_PART, WEIGHTS_PART, ESTIMATOR_PART):
         content += files.get(name, b"")
@@ -221,7 +221,7 @@ def payload_of(files: Mapping[str, bytes]) -> bytes:
 
 
 def layout_in(payload: bytes, sha256: bytes) -> dict[str, str]:
-    """The definitions of a payload's layout; raises BundleContainerError if it has none of this name."""
+    """Return the definitions of a payload's layout. Raises BundleContainerError for another SHA-256."""
     start = payload.rfind(_TITLE.encode())
     if start < 0 or hashlib.sha256(payload[start:]).digest() != sha256:
         raise BundleContainerError(f"image: no text of its layout {sha256.hex()[:12]} behind its numbers")
@@ -229,8 +229,8 @@ def layout_in(payload: bytes, sha256: bytes) -> dict[str, str]:
 
 
 def check_numbers(payload: bytes, sha256: bytes) -> None:
-    """Raise BundleContainerError for a payload that no ECU of the layout of this name opens: one that is too short, or
-    has a number that is no index or no bound (`contract.controller.image_payload`)."""
+    """Raise BundleContainerError for a payload that no ECU with this layout accepts: a payload that is too short, or
+    has a number that is invalid as an index or a bound (`contract.controller.image_payload`)."""
     layout = layout_in(payload, sha256)
     if _starts(layout)[""] > payload.rfind(_TITLE.encode()):
         raise BundleContainerError(f"image: a payload of {len(payload)} bytes is too short for its layout")
@@ -240,7 +240,7 @@ def check_numbers(payload: bytes, sha256: bytes) -> None:
 
 
 def arrays_in(payload: bytes, layout: Mapping[str, str]) -> dict[str, npt.NDArray[Any]]:
-    """Every array of a payload by the names of its struct and of itself, such as "weights.window_mean"."""
+    """Return every array of a payload by the names of struct and array, such as "weights.window_mean"."""
     found = {}
     for name, (kind, sides, place) in members_in(layout).items():
         values = np.frombuffer(payload, np.dtype(kind).newbyteorder("<"), int(np.prod(sides)), place)
@@ -253,7 +253,7 @@ def _definitions(layout: str) -> dict[str, str]:
 
 
 def _starts(layout: Mapping[str, str]) -> dict[str, int]:
-    """Where each struct of a payload begins, and the next one would."""
+    """Return the offset of each struct of a payload, and of the end under the name ""."""
     found, start = {}, 0
     for struct in (*_STRUCTS, ""):
         found[struct] = start
@@ -263,7 +263,7 @@ def _starts(layout: Mapping[str, str]) -> dict[str, int]:
 
 
 def members_in(layout: Mapping[str, str]) -> dict[str, Member]:
-    """Every array by the names of its struct and of itself."""
+    """Return type, shape and offset of every array by the names of struct and array."""
     found = {}
     for struct, start in _starts(layout).items():
         for member in filter(None, layout.get(f"{struct}_LAYOUT", "").strip('"').split("; ")):

@@ -1,20 +1,20 @@
-"""One control step of a released controller: what goes in, what comes out, and what runs it.
+"""One control step of a released controller: its inputs, its outputs, and the classes that compute it.
 
-Every lowering has this interface: `controller.onnx` in a release bundle by the names below, the C library by the
-members of its structures. With L the window, S the sensors and H the horizon:
+Every lowering has this interface: `controller.onnx` in a release bundle with the names below, the C library as members
+of its structures. L is the window, S the number of sensors and H the horizon:
 
 =========  ========  =====================================================================================
 input      shape     meaning
 =========  ========  =====================================================================================
 window     (L, S+1)  oldest row first; row k is (Cp_k at the manifest's sensors, a_{k-1})
-plan       (H,)      the previous step's plan, as it came out; the controller shifts it by one step
+plan       (H,)      the previous step's `new_plan`, unchanged; the controller shifts it by one step
 free       (H,)      1 where the optimiser may change the shifted plan, 0 where it is committed (delay)
 weights    (8,)      cost weights in the order of `CostWeights`; optional, defaults to the manifest's
 speed      ()        the vehicle's speed as a ratio to the design speed; optional, 1 by default
 limit      ()        bound on |a| in U_inf W; optional, defaults to the manifest's, and is never above it
 =========  ========  =====================================================================================
 
-A graph whose plan does not depend on the speed has no such input. One of release 1.0.0 has no limit.
+A graph whose plan does not depend on the speed has no input `speed`. A graph of release 1.0.0 has no input `limit`.
 
 =========  ========  =====================================================================================
 output     shape     meaning
@@ -37,11 +37,11 @@ from contract.errors import StillwakeError
 INPUTS: Final = ("window", "plan", "free", "weights", "speed", "limit")
 OUTPUTS: Final = ("new_plan", "forces", "terms", "cost")
 TERMS: Final = tuple(item.name for item in fields(CostWeights))
-"""Cost terms in the order of every array of them."""
+"""Names of the cost terms, in the order of every array of terms."""
 REFUSALS: Final = {1: "a number is not finite", 2: "this build, or the processor's mode, computes not as IEEE 754 does"}
-"""What the C library's statuses mean, but for 0, an answer."""
+"""Meanings of the C library's status codes except 0, which is an answer."""
 FORCES: Final = 2
-"""(Cd, Cl)."""
+"""Number of forces: Cd and Cl."""
 
 
 class ControllerError(StillwakeError):
@@ -50,14 +50,14 @@ class ControllerError(StillwakeError):
 
 @dataclass(frozen=True, kw_only=True)
 class Sizes:
-    """What the shapes of the interface follow from: L, S and H."""
+    """The sizes from which the shapes of the interface follow: L, S and H."""
 
     window: int
     sensors: int
     horizon: int
 
     def shapes(self) -> dict[str, tuple[int, ...]]:
-        """The shape of every input and output by its name."""
+        """Return the shape of every input and output by name."""
         inputs = ((self.window, self.sensors + 1), (self.horizon,), (self.horizon,), (len(TERMS),), (), ())
         outputs = ((self.horizon,), (self.horizon, FORCES), (len(TERMS),), ())
         return dict(zip(INPUTS + OUTPUTS, inputs + outputs, strict=True))
@@ -65,7 +65,7 @@ class Sizes:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ControlStep:
-    """Outcome of a control step.
+    """Result of a control step.
 
     Attributes:
         plan: (H,) actions a_t .. a_{t+H-1} in U_inf W; the first one is commanded.
@@ -81,7 +81,7 @@ class ControlStep:
 
 
 class Controller(Protocol):
-    """What computes control steps: all that the ECU and the gates of the export need."""
+    """An object that computes control steps: all that the ECU and the gates of the export need."""
 
     def control_step(
         self,
@@ -92,28 +92,26 @@ class Controller(Protocol):
         speed: float = 1.0,
         limit: float | None = None,
     ) -> ControlStep:
-        """One control step; without weights or a limit the controller's own apply. Raises ControllerError if there is
-        no answer."""
+        """Compute a control step; weights and limit default to the controller's. Raises ControllerError on failure."""
 
 
 class RunnableController(Controller, Protocol):
-    """A controller on this machine: it has a description and can be made ready before a run. `description` is what
-    computes the step, for people."""
+    """A controller that runs on this machine and can be warmed up. `description` states what computes the step."""
 
     description: str
 
     def warm_up(self, steps: int) -> None:
-        """Run on zeros, so that the first real step does not pay for what happens once."""
+        """Run control steps on zeros, so that one-time work does not slow down the first real step."""
 
 
 class CompiledLibrary(Controller, Protocol):
-    """A C library, compiled and loaded."""
+    """A C library that is compiled and loaded."""
 
     @property
     def workspace_bytes(self) -> int:
-        """Scratch memory that a caller has to own."""
+        """Size of the scratch memory that the caller has to provide."""
 
 
 CompileLibrary = Callable[[Mapping[str, bytes], Sizes], CompiledLibrary]
-"""(files by name, sizes) to the library on this machine; raises LibraryError. `ecu.in_c` has one, and the
-command line hands it to `export`, which checks what it compiles without knowing a compiler."""
+"""A function that compiles files by name, for given sizes, into a library on this machine; raises LibraryError.
+`ecu.in_c` has one. The command line passes it to `export`, which checks the C code without depending on a compiler."""

@@ -1,13 +1,13 @@
-"""The past at another speed: rows of control periods read again at steps of one convective time each.
+"""The past at another speed: rows of control periods, resampled to steps of `flow.control_period` in convective time.
 
-A controller knows steps of `flow.control_period` convective times. At s times its speed a control period lasts s of
-these steps. What lies behind is then read between the rows of the periods, as far back in convective times, that is in
-lengths travelled, as the controller expects it.
+A controller expects steps of `flow.control_period` convective times. At s times the design speed a control period lasts
+s of these steps. So the past is interpolated between the rows of the control periods, at the convective times (lengths
+travelled) that the controller expects.
 
-Below its own speed the periods are shorter than these steps. A controller that answers in each of them to what it just
-measured would answer faster than it was made to, and jets act on the pressures at the wall at once: it sets the air in
-motion to and fro. What is read and what is commanded therefore go only part of the way in a period (`followed`): with
-s for the speed, pressures the share s and the command the share s^2.
+Below the design speed the control periods are shorter than these steps. A controller that reacted fully in every period
+would react faster than it was designed to. The jets act on the pressures at the wall immediately, so it would drive the
+air back and forth. Therefore pressures and command move only part of the way in a period (`followed`): at s times the
+design speed, pressures by the share s and the command by the share s^2.
 """
 
 from collections.abc import Sequence
@@ -19,18 +19,18 @@ from contract.arrays import Array, Index
 
 
 class Places(NamedTuple):
-    """Where the rows lie that a controller reads, oldest first.
+    """Interpolation positions of the rows that a controller reads, oldest first.
 
     Attributes:
-        newer: (m,) the row of a period, at that time or after it.
-        share: (m,) how far from there towards the row before it, 0 to below 1.
+        newer: (m,) index of the row at that time or after it.
+        share: (m,) distance from that row towards the row before it, from 0 to below 1.
     """
 
     newer: Index
     share: Array
 
     def of(self, rows: Array) -> Array:
-        """(m, ...) the rows between these (n, ...)."""
+        """Interpolate rows (n, ...) at these positions; returns (m, ...)."""
         share = self.share.reshape(-1, *[1] * (rows.ndim - 1))
         newer, older = rows[self.newer], rows[self.newer - (self.share > 0.0)]
         return np.asarray(newer + share * (older - newer))
@@ -40,19 +40,19 @@ T = TypeVar("T", Array, float)
 
 
 def followed(before: T, new: T, share: float) -> T:
-    """Where pressures that are kept, or a command, are after a period in which they should get to `new`.
+    """Return the stored pressures, or the command, after a period in which they move towards `new`.
 
-    They get there with a share of 1 and above, at the controller's own speed and above it.
+    They reach `new` if the share is 1 or more, that is, at the design speed and above.
     """
     return new if share >= 1.0 else before + share * (new - before)
 
 
 def places(speeds: Sequence[float], length: int) -> Places:
-    """Where `length` rows lie, the newest at the newest period; fewer where the periods do not reach back that far.
+    """Compute the positions of `length` rows, the newest at the newest period; fewer if the past is too short.
 
     Args:
-        speeds: (n,) at each period's sample, oldest first, as a ratio to the controller's own, above 0; the period that
-            ends with a sample is taken to have had its speed.
+        speeds: (n,) speed at each period's sample, oldest first, as a ratio to the design speed, above 0; it is taken
+            for the speed of the period that ends with the sample.
         length: L.
     """
     newer, share = np.empty(length, dtype=np.intp), np.empty(length)

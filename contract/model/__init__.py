@@ -1,1 +1,1 @@
-"""The folders that hold a trained model, which `train` writes and `export` reads."""
+"""The folder of a trained model, which `train` writes and `export` reads."""

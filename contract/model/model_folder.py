@@ -1,16 +1,17 @@
-"""A trained model on disk: a directory of `model.safetensors` and `model.json`, whole or not there.
+"""A trained model on disk: a directory with `model.safetensors` and `model.json`, written completely or not at all.
 
-`model.safetensors` holds the weights under `encoder.` (the teacher on all sensors), `slim.`, `dynamics.` and
-`decoder.`, and where the configuration asks for narrower ones, under `slim_dynamics.` and `slim_decoder.`;
-`model.json` holds what they assume and where they come from:
+`model.safetensors` has the weights with the prefixes `encoder.` (the teacher on all sensors), `slim.`, `dynamics.` and
+`decoder.`; narrower networks, if configured, have `slim_dynamics.` and `slim_decoder.`. `model.json` has the weights'
+assumptions and origin:
 
     schema, config (all settings), scaling (contract.release.manifest.Scaling),
     layout (names, positions, base and mirror images of all sensors, in the order of the scaling),
     sensors (the slim encoder's inputs in order),
     dataset_sha256, weights_sha256, metrics, ranking, versions
 
-A model of the first schema has no layout: it is the truck's. Tensors are arrays here: `train` makes networks of them,
-`export` a controller program. safetensors is imported when it is needed: a vehicle imports this package and has none.
+A model of the first schema has no layout, because its layout is the truck's. Tensors are arrays here: `train` builds
+networks from them, `export` a controller program. safetensors is imported only when needed, because a vehicle imports
+this package without having safetensors.
 """
 
 import hashlib
@@ -34,17 +35,17 @@ from contract.typed import typed
 
 MODEL_SCHEMA: Final = "stillwake-model/2"
 MODEL_SCHEMA_1: Final = "stillwake-model/1"
-"""Still read: a model of the truck's 90 sensors."""
+"""First schema, which is still read: a model of the truck's 90 sensors."""
 DESCRIPTION: Final = "model.json"
 MODEL_WEIGHTS: Final = "model.safetensors"
 TEACHER: Final = "encoder"
 SLIM: Final = "slim"
 PRIOR: Final = "prior"
-"""What the controller's plan starts from, where a model was refined (`train.refinement`)."""
+"""Prefix of the prior's tensors. It computes the iterations' initial plan (`train.refinement`)."""
 RESTING: Final = "resting"
-"""The tensor of the prior that no network has: (K, 3) speeds, base and swing of the wake without jets."""
+"""Name of a tensor beside the prior's: (K, 3) speeds, base pressure and swing of the wake without jets."""
 PREDICTOR: Final = ("dynamics", "decoder")
-"""Networks that a model may hold a second time, narrower, with `SLIM` in front of the name."""
+"""Networks that a model may also have in a narrower form, stored with the prefix `SLIM`."""
 
 _NETWORKS: Final = (TEACHER, SLIM, PRIOR, *PREDICTOR, *(f"{SLIM}_{name}" for name in PREDICTOR))
 _HASH: Final = "weights_sha256"
@@ -56,17 +57,17 @@ Tensors = Mapping[str, npt.NDArray[Any]]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Description:
-    """What the weights assume and where they come from.
+    """Description of a model: the assumptions of the weights and their origin.
 
     Attributes:
         layout: of all sensors, in the order of the scaling.
         scaling: of all pressures, the action and the forces.
         sensors: names, in the order of the slim encoder's inputs.
         dataset_sha256: of the recording that the model was fitted to.
-        metrics: "teacher", "slim" and with narrower networks "deployed" (`train.distillation.evaluate.EncoderMetrics`),
-            and "slim_latent" (L1/sigma against the teacher).
-        ranking: method and order of the sensors; of SHAP also every sensor's mean and std, stability of the best sets.
-        versions: of the software; "torch_threads" is the number of threads that it trained with.
+        metrics: "teacher", "slim" and, with narrower networks, "deployed"
+            (`train.distillation.evaluate.EncoderMetrics`), and "slim_latent" (L1/sigma against the teacher).
+        ranking: method and order of the sensors; for SHAP also every sensor's mean and std, and stability of the sets.
+        versions: of the software; "torch_threads" is the number of threads during training.
     """
 
     config: Config
@@ -88,10 +89,10 @@ class Description:
 
 @dataclass(frozen=True, kw_only=True)
 class Provenance:
-    """Where a trained model comes from, for a release made of it.
+    """Origin of a trained model, as a release that is exported from it states it.
 
     Attributes:
-        metrics, versions, config: as the model's description has them.
+        metrics, versions, config: as in the model's description.
     """
 
     dataset_sha256: str
@@ -101,7 +102,7 @@ class Provenance:
     config: Mapping[str, Any]
 
     def training(self) -> dict[str, Any]:
-        """What a bundle's manifest has as `provenance`; for the hashes it has fields of their own."""
+        """Return the `provenance` of a bundle's manifest, without the hashes, which have their own fields."""
         return {"metrics": self.metrics, "versions": self.versions, "config": self.config}
 
 
@@ -110,8 +111,8 @@ class ModelFolder:
     """A verified model directory.
 
     Attributes:
-        tensors: by their names in the file; every one belongs to a network that a model may have.
-        config_tree: the settings as they were written down, defaults of later versions left out.
+        tensors: by their names in the file; each belongs to a network that a model may have.
+        config_tree: the settings as stored, without the defaults of later versions.
     """
 
     description: Description
@@ -120,21 +121,21 @@ class ModelFolder:
     config_tree: Mapping[str, Any]
 
     def network(self, name: str) -> dict[str, npt.NDArray[Any]]:
-        """One network's tensors, named as in its own state dict; empty if the model does not hold it."""
+        """Return one network's tensors with the names of its state dict; empty if the model has no such network."""
         return {key.partition(".")[2]: value for key, value in self.tensors.items() if key.split(".")[0] == name}
 
     def deployed(self, name: str) -> dict[str, npt.NDArray[Any]]:
-        """The tensors of `dynamics` or `decoder` that go on the vehicle: the narrower ones where there are any."""
+        """Return the vehicle's tensors of `dynamics` or `decoder`: the narrower network's, if there is one."""
         return self.network(f"{SLIM}_{name}") or self.network(name)
 
     @property
     def prior(self) -> dict[str, npt.NDArray[Any]]:
-        """The tensors of the plan's prior; empty without one."""
+        """The tensors of the plan's prior; empty if the model has no prior."""
         return {name: value for name, value in self.network(PRIOR).items() if name != RESTING}
 
     @property
     def resting(self) -> RestingWake | None:
-        """The wake without jets by speed; None of a model for one speed. Raises ModelError for another shape."""
+        """The wake without jets by speed; None for a model of one speed. Raises ModelError for another shape."""
         table = self.tensors.get(f"{PRIOR}.{RESTING}")
         if table is None:
             return None
@@ -145,7 +146,7 @@ class ModelFolder:
 
     @property
     def provenance(self) -> Provenance:
-        """The origin as a release made of the model keeps it."""
+        """The model's origin, in the form that a release states."""
         return Provenance(
             dataset_sha256=self.description.dataset_sha256,
             weights_sha256=self.weights_sha256,
@@ -162,8 +163,8 @@ def check_free(path: Path) -> None:
 
 
 def write(path: Path, description: Description, tensors: Tensors) -> None:
-    """Write the directory, replacing a model that is there. Raises StillwakeError if the place cannot be written or
-    holds something that is not a model."""
+    """Write the model directory, replacing an existing model. Raises StillwakeError if the directory cannot be written
+    or contains something other than a model."""
     import safetensors.numpy
 
     check_free(path)
@@ -184,7 +185,7 @@ def write(path: Path, description: Description, tensors: Tensors) -> None:
 
 
 def read_description(path: Path) -> dict[str, Any]:
-    """The description, complete and of a schema that is read; raises ModelError if it is not."""
+    """Read the description. Raises ModelError if it is incomplete or its schema is not supported."""
     try:
         body = json.loads(_read_bytes(path, DESCRIPTION))
     except ValueError as error:
@@ -200,7 +201,7 @@ def read_description(path: Path) -> dict[str, Any]:
 
 def read(path: Path) -> ModelFolder:
     """Read and verify a model directory. Raises ModelError if a file is missing, damaged, altered or of another schema,
-    or the description does not fit itself; the message names the file and the entry."""
+    or if parts of the description contradict each other; the message states the file and the entry."""
     import safetensors
     import safetensors.numpy
 

@@ -1,4 +1,4 @@
-"""Adding episodes to a data set that is already there."""
+"""Functions that add episodes to an existing data set."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -12,12 +12,12 @@ from contract.sensors import TRUCK
 
 
 def read_to_append(path: Path, facts: Mapping[str, Any], layout: SensorLayout = TRUCK) -> tuple[Episode, ...]:
-    """The episodes that are there, none if there is no file. Raises DatasetError if the file is no data set, of the
-    first schema, of other sensors, or has an episode with other facts; the message names the first difference.
+    """Return the episodes of an existing data set, none if there is no file. Raises DatasetError if the file is no data
+    set, has the first schema or other sensors, or an episode with other facts; the message states the first.
 
     Args:
-        facts: provenance that every episode must share with what will be added, such as the flow's settings.
-        layout: of the sensors of what will be added.
+        facts: provenance that the existing episodes must share with the new episodes, such as the flow's settings.
+        layout: sensors of the new episodes.
     """
     return _to_append(path, facts, layout).episodes
 
@@ -45,13 +45,13 @@ def _to_append(path: Path, facts: Mapping[str, Any], layout: SensorLayout) -> Da
 
 
 def append(path: Path, episodes: Sequence[Episode], facts: Mapping[str, Any], layout: SensorLayout = TRUCK) -> None:
-    """Add episodes at the end, or make the data set of them if there is none; the old file stays until the new one is
-    whole, and its episodes keep their values to the bit.
+    """Add episodes at the end of a data set, or create it if there is no file. The old file stays until the new file is
+    complete, and its episodes keep their values bit for bit.
 
     Args: as for `read_to_append`.
 
     Raises:
-        DatasetError: as `read_to_append` and `contract.recording.dataset.write` do, or if a name is taken.
+        DatasetError: as `read_to_append` and `contract.recording.dataset.write` do, or if a name is already used.
         StillwakeError: if the file cannot be written.
     """
     there = _to_append(path, facts, layout)
@@ -59,7 +59,7 @@ def append(path: Path, episodes: Sequence[Episode], facts: Mapping[str, Any], la
 
 
 def _differences(there: Mapping[str, Any], here: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, Any, Any]]:
-    """(name, value there, value here) of what differs, nested names joined by dots; what is missing is None."""
+    """List the differences as (name, value there, value here), with dotted names and None for a missing value."""
     for key in sorted(there.keys() | here.keys()):
         a, b = there.get(key), here.get(key)
         if isinstance(a, Mapping) and isinstance(b, Mapping):

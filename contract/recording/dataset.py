@@ -1,7 +1,7 @@
-"""The recording format: HDF5, one group an episode, and the sensors' layout (docs/reference/data-set.md).
+"""The recording format: an HDF5 file with one group per episode and the sensors' layout (docs/reference/data-set.md).
 
-Measured series are 16-bit integers: value = integer * quantum, as a 16-bit sensor would give them. The quantum is a
-power of two, so that reading is exact and writing what was read changes nothing.
+Measured series are stored as 16-bit integers, value = integer * quantum, like the output of a 16-bit sensor. The
+quantum is a power of two, so that reading is exact, and writing unchanged data again gives the same integers.
 """
 
 import io
@@ -28,17 +28,17 @@ from contract.sensor_layout import SensorLayout
 from contract.sensors import TRUCK
 
 LARGEST_INTEGER: Final = 32767
-"""Largest integer; its negative is the smallest, so that a series and its mirror image are stored alike."""
+"""Largest integer; the smallest is its negative, so that a mirrored series has the same magnitudes."""
 
 
 def pack(values: Array, finest: float, coarsest: float) -> tuple[npt.NDArray[np.int16], float]:
-    """Integers and their quantum: the finest power of two that holds every value, and not below `finest`. Raises
-    ValueError if a value lies outside +-32767 * coarsest; nothing is clipped and nothing wraps around.
+    """Convert values to integers and their quantum: the finest power of two with which every value fits, at least
+    `finest`. Raises ValueError if a value lies outside +-32767 * coarsest; no value is clipped or wraps around.
 
     Args:
         values: finite, any shape.
-        finest: quantum of a series that stays within +-32767 of them.
-        coarsest: quantum that is never exceeded; `finest` times a power of two.
+        finest: quantum of a series that fits into +-32767 times this quantum.
+        coarsest: largest quantum that is used; `finest` times a power of two.
     """
     quantum, peak = finest, float(np.abs(values).max(initial=0.0))
     while np.rint(peak / quantum) > LARGEST_INTEGER:
@@ -49,37 +49,37 @@ def pack(values: Array, finest: float, coarsest: float) -> tuple[npt.NDArray[np.
 
 
 def unpack(integers: npt.NDArray[np.int16], quantum: float) -> Array:
-    """The values, each within half a quantum of what was packed."""
+    """Return the values, each within half a quantum of the packed value."""
     return integers.astype(np.float64) * quantum
 
 
 DATASET_SCHEMA: Final = "stillwake-dataset/3"
 DATASET_SCHEMA_2: Final = "stillwake-dataset/2"
-"""Still read: the truck's 90 sensors by name alone, all ten series, facts in the episodes' provenance."""
+"""Older schema that is still read: the truck's sensors by name, all ten series, facts in the episodes' provenance."""
 DATASET_SCHEMA_1: Final = "stillwake-dataset/1"
-"""Still read: float32 series, and one `Cd_slot` where pressure and viscous force now stand apart."""
+"""First schema, which is still read: float32 series, and one `Cd_slot` instead of pressure and viscous force."""
 SCHEMAS: Final = (DATASET_SCHEMA, DATASET_SCHEMA_2, DATASET_SCHEMA_1)
 
 _EXACT: Final = frozenset({"t", "action"})
-"""Stored in double precision: they are set, not measured."""
+"""Series stored in double precision, because they are set and not measured."""
 QUANTUM: Final = 2.0**-15
 CP_QUANTUM: Final = 2.0**-13
-"""Finest quantum of a measured series: 16 bits over +-1, for Cp over +-4. The bus carries 2.7e-4 of Cp (0.1 Pa at the
-default operating point). A series that reaches further takes the next power of two that holds it."""
+"""Finest quantum of measured series: with 16 bits, +-1 for most series and +-4 for Cp. The bus carries 2.7e-4 of Cp
+(0.1 Pa at the default operating point). A series with larger values uses the next power of two with which it fits."""
 COARSEST_QUANTUM: Final = 2.0**-8
-"""A series beyond +-128 is refused: no coefficient of this flow comes near that."""
+"""Coarsest quantum, so values beyond +-128 are refused: no coefficient of this flow comes near that."""
 _CHUNK: Final = 1000
-"""Control steps compressed together."""
+"""Number of control steps that are compressed together."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Dataset:
-    """Episodes in recorded order, and the plant that they are of.
+    """Episodes in recorded order, and facts about their plant.
 
     Attributes:
-        episodes: with different names; every Cp has a column a sensor of the layout.
-        layout: of the sensors; the truck's if none is given.
-        facts: of the plant. Without them, the episodes' provenance and times are asked; see `plant`.
+        episodes: with different names; every Cp has one column for each sensor of the layout.
+        layout: of the sensors; by default the truck's.
+        facts: of the plant. If None, the facts come from the episodes' provenance and times; see `plant`.
 
     Raises DatasetError for episodes that do not fit each other or the layout.
     """
@@ -97,7 +97,7 @@ class Dataset:
                 raise DatasetError(problem)
 
     def with_role(self, role: Role) -> tuple[Episode, ...]:
-        """The episodes of that role; raises DatasetError if there is none."""
+        """Return the episodes with this role; raises DatasetError if there are none."""
         found = tuple(episode for episode in self.episodes if episode.role == role)
         if not found:
             raise DatasetError(f"dataset has no episode with role {role!r}")
@@ -105,14 +105,14 @@ class Dataset:
 
     @property
     def plant(self) -> PlantFacts:
-        """The facts, and where one is missing, what the episodes give: their provenance, then the step of t."""
+        """The plant's facts. Missing facts come from the episodes' provenance, a missing control period also from t."""
         given = () if self.facts is None else (self.facts,)
         return first_known([*given, *(facts_in(item.provenance) for item in self.episodes), _clock(self.episodes)])
 
 
 def read(path: Path) -> Dataset:
-    """Read and check a dataset. Raises DatasetError if the file is missing, truncated, of another schema, or a field
-    does not fit; the message names the file, the episode and the field."""
+    """Read and check a data set. Raises DatasetError if the file is missing, truncated or of another schema, or a field
+    does not fit; the message states the file, the episode and the field."""
     dataset, problems = survey(path)
     if dataset is None or problems:
         first = problems[0]
@@ -121,9 +121,9 @@ def read(path: Path) -> Dataset:
 
 
 def survey(path: Path) -> tuple[Dataset | None, tuple[str, ...]]:
-    """The episodes that can be read, and everything that stands against the file, one line each.
+    """Read the valid episodes, and list every problem of the file, one line each.
 
-    None in place of the data set if no episode can be read.
+    The data set is None if no episode can be read.
     """
     problems: list[str] = []
     dataset = None
@@ -137,19 +137,19 @@ def survey(path: Path) -> tuple[Dataset | None, tuple[str, ...]]:
 
 
 def schema_of(path: Path) -> str:
-    """The schema that a data set's file names; raises DatasetError if it is none that this version reads."""
+    """Return the schema that a data set's file states. Raises DatasetError for a schema that is not supported."""
     with opened(path) as file:
         return _schema(path, file)
 
 
 def write(path: Path, dataset: Dataset) -> None:
-    """Write a dataset, whole or not at all.
+    """Write a data set, completely or not at all.
 
-    `t` and `action` are stored in double precision, what was measured as 16-bit integers: each value within half of the
-    quantum that stands with its series. Raises DatasetError if a series exceeds what 16 bits can hold; the message
-    names episode and field; StillwakeError if the file cannot be written.
+    `t` and `action` are stored in double precision, measured series as 16-bit integers: each value is within half of
+    the quantum that is stored with its series. Raises DatasetError if a series exceeds the range of 16 bits; the
+    message states episode and field. Raises StillwakeError if the file cannot be written.
     """
-    # In memory first: HDF5 gives no clear error when a disk is full.
+    # The file is built in memory first, because HDF5 gives no clear error when a disk is full.
     image = io.BytesIO()
     with h5py.File(image, "w", track_order=True) as file:
         file.attrs["schema"] = DATASET_SCHEMA
@@ -199,11 +199,11 @@ def _column_problems(episode: Episode, layout: SensorLayout) -> list[str]:
 
 
 def _clock(episodes: tuple[Episode, ...]) -> PlantFacts:
-    """The step of the first episode that has one."""
+    """Return the control period as the time step of the first episode that has one."""
     for episode in episodes:
         t = episode.series["t"]
         if len(t) > 1 and t[-1] > t[0]:
-            # Rounded, so that 0.2 is found where it was meant.
+            # Rounding removes the floating-point error, so that a period of 0.2 is exactly 0.2.
             return PlantFacts(control_period=float(f"{(t[-1] - t[0]) / (len(t) - 1):.9g}"))
     return PlantFacts()
 
@@ -263,7 +263,7 @@ def _write_episode(node: h5py.Group, episode: Episode) -> None:
 
 
 def _read_episode(name: str, node: h5py.Group | h5py.Dataset, schema: str, problems: list[str]) -> Episode | None:
-    """The episode; None if something stands against it, which is then among the problems."""
+    """Read an episode. Return None if it has a problem; the problems are appended to the list."""
     found: list[str] = []
     fields = node if isinstance(node, h5py.Group) else {}
     series: dict[str, Array] = {}
@@ -275,7 +275,7 @@ def _read_episode(name: str, node: h5py.Group | h5py.Dataset, schema: str, probl
         elif field in REQUIRED or schema != DATASET_SCHEMA:
             found.append(f"episode {name}: field {field!r} is missing")
     if schema == DATASET_SCHEMA_1 and "Cd_slot" in series:
-        # The one recorded force stands under pressure, which is nearly all of it; the sum is as recorded.
+        # The single recorded force counts as pressure force, which is nearly all of it, so that the sum is unchanged.
         series["Cd_slot_pressure"] = series.pop("Cd_slot")
         series["Cd_slot_viscous"] = np.zeros_like(series["Cd_slot_pressure"])
     attributes = {}
@@ -295,7 +295,7 @@ def _read_episode(name: str, node: h5py.Group | h5py.Dataset, schema: str, probl
         found.append(f"episode {name}: attribute 'provenance' is not JSON")
     if not isinstance(provenance, dict):
         found.append(f"episode {name}: attribute 'provenance' is not a JSON object")
-    # What could not be read is named already.
+    # A series that could not be read is already listed, so "is missing" is not repeated for it.
     found += [
         line
         for line in problems_of(name, attributes.get("role", "train"), series, initial_action)
@@ -323,7 +323,7 @@ def _fields_of(schema: str) -> tuple[str, ...]:
 
 
 def _read_series(name: str, field: str, stored: h5py.Dataset, problems: list[str]) -> Array | None:
-    """Floating-point numbers as they are, integers times their quantum; None, and a line more, for anything else."""
+    """Read floating-point numbers unchanged, integers times their quantum; else append a problem and return None."""
     unit, found = UNITS.get(field, "1"), stored.attrs.get("units")
     if found != unit:
         what = "has no attribute 'units'" if found is None else f"is in {found!r}"

@@ -1,9 +1,9 @@
-"""One uninterrupted recording: its series, their units, and what is refused.
+"""An episode, which is one uninterrupted recording: its series, their units, and the conditions that they must meet.
 
-Sample k holds Cp, the forces at t_k and the action a_k commanded at t_k; the jet ramps linearly from a_{k-1}
-to a_k over [t_k, t_{k+1}]. Cd and Cl are the wall's: pressure and viscous force without the slot faces.
+Sample k holds Cp, the forces at t_k and the action a_k commanded at t_k; the jet ramps linearly from a_{k-1} to a_k
+over [t_k, t_{k+1}]. Cd and Cl are the wall's: pressure and viscous force without the slot faces.
 
-Its plant is known by facts: clock, limit of the jets, Reynolds number.
+Facts describe the plant: control period, limit of the jets, Reynolds number.
 """
 
 from collections.abc import Iterable, Mapping
@@ -18,12 +18,12 @@ from contract.errors import DatasetError
 from contract.ledger import LEDGER_FIELDS, DragLedger, ledger_of
 
 ForcesClock = Literal["log", "start", "t_c"]
-"""What times of forces next to a log count: s on its clock, s since its first pressure, or W / U_inf since then."""
+"""Clock of forces beside a log: s on the log's clock, s since the log's first pressure, or W / U_inf since then."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class PlantFacts:
-    """Facts that training must agree with; None where one is not known.
+    """Facts about the plant that training settings must agree with; None for an unknown fact.
 
     Attributes:
         control_period: time between two samples, in t_c = W / U_inf.
@@ -43,7 +43,7 @@ class PlantFacts:
                 raise DatasetError(f"{name} = {value}: must be positive and finite")
 
     def as_dict(self) -> dict[str, float | None]:
-        """The facts by name, in order; the names are those of the settings `flow.*`."""
+        """Return the facts by name, in order; the names are those of the settings `flow.*`."""
         return {name: getattr(self, name) for name in FACTS}
 
 
@@ -52,14 +52,14 @@ FACTS: Final = tuple(item.name for item in fields(PlantFacts))
 
 
 def facts_in(provenance: Mapping[str, Any]) -> PlantFacts:
-    """The facts that an episode's own provenance has under "flow"; unknown where it has none."""
+    """Return the facts that an episode's provenance states under "flow"; the others are None."""
     flow = provenance.get("flow")
     found = flow if isinstance(flow, Mapping) else {}
     return PlantFacts(**{name: _number(found.get(name)) for name in FACTS})
 
 
 def first_known(facts: Iterable[PlantFacts]) -> PlantFacts:
-    """Every fact as the first that knows it has it."""
+    """Combine facts: each one is taken from the first item in which it is known."""
     known: dict[str, float | None] = dict.fromkeys(FACTS)
     for one in facts:
         known = {name: value if known[name] is None else known[name] for name, value in one.as_dict().items()}
@@ -71,9 +71,8 @@ def _number(value: object) -> float | None:
 
 
 Role = Literal["train", "test", "extended", "controlled", "calm"]
-"""The model is fitted to "train" and judged on "test"; "extended" asks for more than it was trained for; "controlled"
-is held out like them, and recorded while a controller drove the jets; "calm" is held out, too, and begins at the steady
-wake."""
+"""Use of an episode. The model is fitted to "train" and tested on "test". The other roles are held out too: "extended"
+has forcing beyond the training range, "controlled" has a controller, "calm" begins at the steady wake."""
 ROLES: Final[tuple[Role, ...]] = get_args(Role)
 
 UNITS: Final[Mapping[str, str]] = {
@@ -88,10 +87,10 @@ UNITS: Final[Mapping[str, str]] = {
     "jet_power": "rho U_inf^3 W / 2",
     "Uy_probe": "U_inf",
 }
-"""Series of an episode and their units; all have one row a control step, Cp has a column a sensor."""
+"""Series of an episode and their units. Every series has one row per control step; Cp has one column per sensor."""
 
 REQUIRED: Final = ("t", "action", "Cp", "Cd", "Cl")
-"""What training and export read. The other series are there where the plant knows them."""
+"""Series that training and export read. The other series exist only if the plant provides them."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -99,13 +98,13 @@ class Episode:
     """One uninterrupted recording of n control steps.
 
     Attributes:
-        name: unique within the dataset.
-        role: what the model may use it for.
+        name: unique within the data set.
+        role: use of the episode in training and tests.
         series: the arrays of `REQUIRED` and any others of `UNITS`; Cp is (n, sensors), the others (n,).
         initial_action: a_{-1}, the action in force before the first sample.
         provenance: forcing parameters, seed, solver settings, software versions.
 
-    Raises DatasetError for what does not fit; the message names episode and field.
+    Raises DatasetError for a part that does not fit; the message states episode and field.
     """
 
     name: str
@@ -123,16 +122,16 @@ class Episode:
 
     @property
     def previous_action(self) -> Array:
-        """a_{k-1} for every k, shape (n,): the encoder's input next to Cp_k."""
+        """a_{k-1} for every k, shape (n,), which the encoder reads together with Cp_k."""
         return np.concatenate([[self.initial_action], self.series["action"][:-1]])
 
     def rows(self, columns: Index, sign: float = 1.0) -> Array:
-        """(n, S+1): rows (Cp_k, a_{k-1}) of S sensors; the mirror image of an action has another sign."""
+        """Return rows (Cp_k, a_{k-1}) of S sensors, (n, S+1). In a mirror image the action has the sign -1."""
         return np.column_stack([self.series["Cp"][:, columns], sign * self.previous_action])
 
     @property
     def ledger(self) -> DragLedger[Array]:
-        """The drag ledger, every entry of shape (n,). Raises DatasetError if a series of it was not recorded."""
+        """The drag ledger; every entry has shape (n,). Raises DatasetError if one of its series was not recorded."""
         for field in LEDGER_FIELDS:
             if field not in self.series:
                 raise DatasetError(f"episode {self.name}: the drag ledger needs the series {field!r}, which is missing")
@@ -140,7 +139,7 @@ class Episode:
 
 
 def problems_of(name: str, role: object, series: Mapping[str, Array], initial_action: float) -> list[str]:
-    """Everything that stands against an episode of these parts, one line each; empty if nothing does."""
+    """List every problem of an episode with these parts, one line each; empty if there is none."""
     found: list[str] = []
 
     def refuse(field: str, reason: str) -> None:

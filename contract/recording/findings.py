@@ -1,4 +1,4 @@
-"""Everything about a data set that training or export would stumble over, found before either begins."""
+"""A check of a data set that finds everything on which training or export would fail, before either begins."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -16,39 +16,41 @@ from contract.recording.needs import Need
 from contract.recording.plausible import dominant_frequency, implausible, longest_run, share_near
 
 STEP_TOLERANCE: Final = 0.05
-"""Deviation of a step from the control period: a clock read to a twentieth of a period blurs the jets' ramp less than
-the four pressures' own resolution does."""
+"""Largest relative deviation of a time step from the control period. A clock error of a twentieth of a period blurs the
+jets' ramp less than the resolution of the four pressures does."""
 CLOCK_TOLERANCE: Final = 1e-3
-"""Deviation of the mean step: over a horizon of 25 steps the model's clock is then off by a fortieth of a step."""
+"""Largest relative deviation of the mean time step from the control period. Over a horizon of 25 steps, the model's
+clock is then wrong by a fortieth of a step."""
 LIMIT_TOLERANCE: Final = 1e-6
-"""Excess of an action over the limit, as a share of it: rounding of a text file, not a command."""
+"""Largest relative excess of an action over the limit, which rounding in a text file explains."""
 QUIET: Final = 0.05
-"""Share of the action limit up to which jets count as off or weak."""
+"""Share of the action limit below which jets count as off or weak."""
 _SPAN: Final = (0.05, 50.0)
-"""Extent of the sensors' places, in W, that a body has; in millimetres or in metres it mostly lies outside."""
+"""Smallest and largest plausible extent of the sensors' positions, in W; in mm or m it is mostly outside."""
 _USED: Final = 0.25
-"""Part of the action limit that training episodes reach at least; percent or another unit make it far less."""
+"""Smallest plausible ratio of the largest training action to the limit; with a wrong unit it is far smaller."""
 _FREQUENCY: Final = (0.02, 2.0)
-"""Peak of Cl's spectrum, in U_inf / W, that a wake may have, with a wide margin; seconds make it another."""
+"""Smallest and largest plausible frequency of the peak of Cl's spectrum, in U_inf / W, with a wide margin. If times are
+in seconds, the peak is mostly outside."""
 _NARROW: Final = 0.1
-"""Relative width of a band that counts as one frequency."""
+"""Relative width of a frequency band that counts as one frequency."""
 _POOR: Final = 0.9
-"""Share of the actions' power in one such band above which the forcing is of one frequency. A sine has 1, even with an
-envelope; the paper's training waveform 0.24, its chirp 0.42."""
+"""Share of the actions' power in one narrow band above which the forcing counts as a single frequency. A sine has 1,
+even with an envelope; the paper's training waveform has 0.24, its chirp 0.42."""
 _SKEWED: Final = 0.5
-"""Difference of the means of two mirror images, in their standard deviations: 0.1 in the shipped recording, 0.25 in one
-of its episodes."""
+"""Largest difference between the means of two mirrored sensors, in standard deviations of their pressures. It is 0.1 in
+the shipped recording, 0.25 in one of its episodes."""
 _SAME: Final = 1e-6
-"""Relative difference up to which a fact and a setting are the same number."""
+"""Relative difference up to which a fact and a setting count as equal."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Finding:
-    """One thing that stands out.
+    """A problem or a warning about a data set.
 
     Attributes:
-        stops: what cannot be done because of it; None for a warning.
-        text: one line, which names the place and what would be right.
+        stops: the step that the problem prevents; None for a warning.
+        text: one line, which states the place and what would be right.
     """
 
     stops: Literal["training", "export"] | None
@@ -56,8 +58,8 @@ class Finding:
 
 
 def findings(dataset: Dataset, config: Config, *, choosing: bool = True) -> tuple[Finding, ...]:
-    """All that stands out under these settings, what stops training first. `choosing` states whether training is to
-    choose the sensors, as `config.train` has it; not if the caller names them."""
+    """List all findings under the given settings, those that prevent training first. `choosing` states whether training
+    chooses the sensors according to `config.train`; it is False if the caller names the sensors."""
     found = [
         *_disagreements(dataset, config),
         *_missing_roles(dataset),
@@ -73,13 +75,13 @@ def findings(dataset: Dataset, config: Config, *, choosing: bool = True) -> tupl
 
 
 def agreeing(dataset: Dataset, config: Config) -> Config:
-    """The settings with the facts that the data set knows."""
+    """Return the settings with the facts that the data set states."""
     known: dict[str, Any] = {name: value for name, value in dataset.plant.as_dict().items() if value is not None}
     return replace(config, flow=replace(config.flow, **known))
 
 
 def refuse_unfit(found: Sequence[Finding], name: str) -> None:
-    """Raise DatasetError for the first finding that stops training, with the number of others."""
+    """Raise DatasetError for the first finding that prevents training, with the number of further findings."""
     stopping = [item.text for item in found if item.stops == "training"]
     if stopping:
         others = f" (and {len(stopping) - 1} more: see `stillwake dataset inspect {name}` with the same settings)"
@@ -88,13 +90,13 @@ def refuse_unfit(found: Sequence[Finding], name: str) -> None:
 
 
 def trainable(dataset: Dataset, config: Config) -> tuple[Episode, ...]:
-    """The training episodes that are long enough."""
+    """Return the training episodes that are long enough."""
     steps = needs.fitting_need(config).steps
     return tuple(item for item in dataset.episodes if item.role == "train" and len(item) >= steps)
 
 
 def left_out(dataset: Dataset, config: Config) -> tuple[str, ...]:
-    """A line for every training episode that is too short."""
+    """Return a line for every training episode that is too short."""
     need = needs.fitting_need(config)
     return tuple(
         f"episode {item.name} has {len(item)} steps, too short for training: {_needed(need)}; it is left out"
@@ -150,7 +152,7 @@ def _of_episode(episode: Episode, dataset: Dataset, config: Config) -> Iterator[
 
 
 def clock_problem(t: Array, period: float) -> str | None:
-    """What is wrong with times that should rise by `period`; None if nothing is."""
+    """Describe what is wrong with times that should rise by `period`; None if nothing is."""
     if len(t) < 2:
         return None
     steps = np.diff(t)
@@ -277,7 +279,7 @@ def _hints(dataset: Dataset, config: Config) -> Iterator[Finding]:
 
 
 def asymmetry(dataset: Dataset) -> Iterator[Finding]:
-    """Mean pressures that mirror images do not share: training would mirror a recording of another flow."""
+    """Report mirrored sensors whose mean pressures differ, so that the mirrored recording is no possible flow."""
     mirror, training = dataset.layout.mirror, [item.series["Cp"] for item in dataset.episodes if item.role == "train"]
     if mirror is None or not training:
         return
@@ -296,7 +298,7 @@ def asymmetry(dataset: Dataset) -> Iterator[Finding]:
 
 
 def _forcing(dataset: Dataset) -> Iterator[Finding]:
-    """Training episodes that are all forced at one frequency."""
+    """Report that all training episodes are forced at one frequency."""
     period = dataset.plant.control_period
     if period is None:
         return
@@ -320,7 +322,7 @@ def _forcing(dataset: Dataset) -> Iterator[Finding]:
 
 
 def _units(dataset: Dataset) -> Iterator[Finding]:
-    """Numbers that a slip of units would explain: millimetres, seconds, a limit in other units than the actions."""
+    """Report numbers that a wrong unit explains: millimetres, seconds, a limit in another unit than the actions."""
     positions = dataset.layout.positions
     span = float(np.ptp(positions, axis=0).max())
     if len(positions) > 1 and not _SPAN[0] <= span <= _SPAN[1]:

@@ -1,4 +1,4 @@
-"""HDF5 files from anyone: no numbers of another file, no names that are no text, and a bound before the work."""
+"""A reader of HDF5 files of unknown origin: it refuses external data and unprintable names, and bounds the size."""
 
 import math
 from collections.abc import Iterator
@@ -13,14 +13,14 @@ from contract.errors import DatasetError
 
 @contextmanager
 def opened(path: Path) -> Iterator[h5py.File]:
-    """A file to read from. Raises DatasetError if it is not there, refers to another file or to itself, or holds more
-    than `MOST_VALUES`; OSError, RuntimeError, KeyError, ValueError, TypeError if it is damaged, as h5py has it."""
+    """Open a file for reading. Raises DatasetError if it is missing, refers to another file or to itself, or holds more
+    than `MOST_VALUES` values. A damaged file raises h5py's OSError, RuntimeError, KeyError, ValueError or TypeError."""
     if not path.is_file():
         raise DatasetError(f"{path}: no such dataset")
     values, seen = 0, set[int]()
     with h5py.File(path, "r") as file:
         groups: list[h5py.Group] = [file]
-        # h5py's own visitor stumbles over names that are no UTF-8.
+        # h5py's own visitor fails on names that are not UTF-8.
         for group in groups:
             for raw in group.id:
                 name = f"{group.name.rstrip('/')}/{raw.decode('utf-8', 'surrogateescape')}"[1:]
@@ -32,7 +32,7 @@ def opened(path: Path) -> Iterator[h5py.File]:
                 if virtual or kind == h5py.h5l.TYPE_EXTERNAL:
                     raise DatasetError(f"{path}: {name} is virtual or in another file: copy its numbers into this one")
                 if isinstance(node, h5py.Dataset):
-                    # A chunk is read as a whole, and may be larger than the array.
+                    # h5py reads whole chunks, and a chunk may be larger than the array.
                     size = max(node.size or 0, math.prod(node.chunks or (0,)))
                     values += max(size, size * node.dtype.itemsize // 8)
                 elif isinstance(node, h5py.Group) and (place := h5py.h5o.get_info(node.id).addr) not in seen:

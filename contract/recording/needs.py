@@ -1,6 +1,6 @@
-"""How many control steps an episode must have for training and export, and why.
+"""The number of control steps that an episode must have for training and export, and the reasons.
 
-Windows do not cross an episode's boundary, so each episode must hold what is read at once.
+Windows do not cross an episode's boundary, so each episode must contain all steps that are read together.
 """
 
 from dataclasses import dataclass
@@ -10,36 +10,35 @@ from contract.config.learning import TrainConfig
 from contract.config.tree import Config
 
 HORIZONS: Final = (5, 10, 25)
-"""Control steps ahead at which open-loop prediction is judged; 25 is one shedding cycle of the truck, the MPC's
-horizon."""
+"""Steps ahead at which open-loop prediction is tested; 25 is the truck's shedding cycle and the MPC's horizon."""
 
 STRETCH: Final = 64
-"""Latents that the distillation learns from in one pass over a stretch of the recording."""
+"""Number of latents that the distillation learns from in one pass over a stretch of the recording."""
 
 GATE_WINDOWS: Final = 50
-"""Consecutive recorded windows that the export gates replay."""
+"""Number of consecutive recorded windows that the export gates replay."""
 
 CALIBRATION_WINDOWS: Final = 400
-"""Recorded windows from which int8 rounding is calibrated, of every kind of forcing together."""
+"""Number of recorded windows with which int8 rounding is calibrated, all kinds of forcing together."""
 
 LEAST_CALIBRATION: Final = 50
-"""The least number of windows. Fewer let the ranges of the activations rest on less than a shedding cycle or two: 50
-steps are two of the truck's. A value beyond a calibrated range saturates on the vehicle."""
+"""Smallest number of windows to calibrate int8: two shedding cycles of the truck. With fewer, the measured ranges of
+the activations may miss parts of the cycle, and a value outside a calibrated range saturates on the vehicle."""
 
 WINDOW_STEP: Final = 8
-"""The sensor check of the ECU in C takes windows of whole multiples of so many steps."""
+"""Number of steps of which the window must be a multiple for the sensor check of the ECU in C."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Need:
-    """A least number of control steps and what it is made of, in words."""
+    """A smallest number of control steps, and the explanation of its parts."""
 
     steps: int
     reason: str
 
 
 def fitting_need(config: Config) -> Need:
-    """Steps of an episode with role "train"."""
+    """Return the steps that an episode with role "train" needs."""
     window, train = config.model.window, config.train
     needs = [_of_fit(window, train, train.unroll)]
     if train.finish.epochs:
@@ -50,13 +49,13 @@ def fitting_need(config: Config) -> Need:
 
 
 def judging_need(config: Config) -> Need:
-    """Steps of one episode with role "test": the longest roll-out by which the model is judged."""
+    """Return the steps that one episode with role "test" needs, for the longest roll-out in the model's test."""
     window, ahead = config.model.window, max(HORIZONS)
     return Need(steps=window + ahead, reason=f"a window of {window} and {ahead} steps ahead")
 
 
 def roll_out_need(config: Config) -> Need | None:
-    """Steps of one episode with role "train", if narrower dynamics and decoder are distilled on roll-outs."""
+    """Return the steps that one episode with role "train" needs for distilling dynamics and decoder; else None."""
     if not config.model.is_slimmed:
         return None
     window, horizon = config.model.window, config.mpc.horizon
@@ -64,13 +63,13 @@ def roll_out_need(config: Config) -> Need | None:
 
 
 def gate_need(config: Config) -> Need:
-    """Steps of the first episode with role "test": the export's gates replay it."""
+    """Return the steps that the first episode with role "test" needs, because the export's gates replay it."""
     window = config.model.window
     return Need(steps=window - 1 + GATE_WINDOWS, reason=f"{GATE_WINDOWS} windows of {window} for the export's gates")
 
 
 def calibration_need(config: Config) -> Need:
-    """Steps of the episodes with role "train" that int8 is calibrated on, one of each kind of forcing."""
+    """Return the steps that a "train" episode of each kind of forcing needs for calibrating int8."""
     window = config.model.window
     return Need(
         steps=window - 1 + LEAST_CALIBRATION,
@@ -79,12 +78,12 @@ def calibration_need(config: Config) -> Need:
 
 
 def window_for_c(steps: float) -> int:
-    """The window nearest to so many steps that the ECU in C takes."""
+    """Return the window nearest to `steps` that the ECU in C accepts."""
     return max(1, round(steps / WINDOW_STEP)) * WINDOW_STEP
 
 
 def windows_in(steps: int, window: int) -> int:
-    """Full windows of an episode of so many steps."""
+    """Return the number of full windows in an episode of `steps` control steps."""
     return max(0, steps - window + 1)
 
 

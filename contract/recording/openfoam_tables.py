@@ -1,4 +1,4 @@
-"""Tables over time that OpenFOAM's function objects write, put together over restarts."""
+"""Tables over time that OpenFOAM's function objects write, joined over restarts."""
 
 import re
 from dataclasses import dataclass
@@ -9,17 +9,17 @@ import numpy as np
 from contract.arrays import Array
 
 _SAME = 1e-6
-"""Difference by which rounded times of one instant may differ."""
+"""Largest difference between two rounded times of the same instant."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FoamTable:
-    """One table.
+    """A table of OpenFOAM.
 
     Attributes:
-        header: the lines of comments, without #.
-        rows: the time and the values, (n, columns); brackets of vectors are passed over.
-        files: that it is made of, in order.
+        header: the comment lines, without #.
+        rows: the time and the values, (n, columns); brackets of vectors are ignored.
+        files: files with the table's rows, in order.
     """
 
     header: tuple[str, ...]
@@ -28,13 +28,13 @@ class FoamTable:
 
 
 def read_foam_table(folder: Path, file: str, *, cut_off: bool = False) -> FoamTable | None:
-    """The table of a function object's folder, which has a folder for every start, also of a case that was continued:
-    each start's lines replace the older ones from there on. None if there is no such file. Raises OSError, ValueError
-    by file and line.
+    """Read the table in a function object's folder, which has a folder for every start of the case. The rows of each
+    start replace older rows from its first time on. None if there is no such file. Raises OSError, or ValueError that
+    states file and line.
 
     Args:
         file: regular expression of the file's name.
-        cut_off: whether a last line without an end, of a run that is going on, is passed over.
+        cut_off: whether an incomplete last line is ignored, as a case that is still running has it.
     """
     starts = sorted((start, len(path.name), path) for path, start in _starts(folder, file))
     header: tuple[str, ...] = ()

@@ -1,7 +1,7 @@
-"""Numbers that no wall, no balance and no logger in order gives, each with its likely cause and what to do.
+"""Checks for implausible numbers of a wall, a force balance or a logger, with likely cause and remedy.
 
-Judged by episode and by sensor. Nothing here stops training: the bounds are those of bodies in a stream, and a body may
-be another one.
+The checks are per episode and per sensor. None of them stops training: the bounds are those of usual bodies in a
+stream, and the body may be unusual.
 """
 
 import itertools
@@ -15,24 +15,24 @@ from contract.recording.dataset import Dataset, Episode
 
 
 def dominant_frequency(values: Array, period: float) -> float | None:
-    """Frequency of the largest peak of a series' spectrum; None for less than 16 samples or a constant.
+    """Return the frequency of the largest peak of a series' spectrum; None for less than 16 samples or a constant.
 
-    Hann window, zero-padded eightfold: the peak is found to an eighth of 1 / duration.
+    The spectrum has a Hann window and is zero-padded eightfold, so the peak is found to an eighth of 1 / duration.
     """
     fluctuation = values - values.mean()
     if len(values) < 16 or not fluctuation.any():
         return None
     padded = 8 * len(values)
     spectrum = np.abs(np.fft.rfft(fluctuation * np.hanning(len(values)), padded))
-    # Slower than one and a half periods of the record is drift.
+    # Lower frequencies are drift: less than one and a half periods in the record.
     first = 12
     return float((first + spectrum[first:].argmax()) / (padded * period))
 
 
 def share_near(values: Array, period: float, frequency: float, width: float) -> float:
-    """Share of a series' fluctuations within `width`, relative, of a frequency; Hann window.
+    """Return the share of a series' fluctuation power within the relative `width` of a frequency, with a Hann window.
 
-    Never narrower than two bins of the spectrum, the width of the window's own peak.
+    The band is never narrower than two bins of the spectrum, which is the width of the Hann window's own peak.
     """
     power = np.abs(np.fft.rfft((values - values.mean()) * np.hanning(len(values)))) ** 2
     bins = np.fft.rfftfreq(len(values), period)
@@ -41,48 +41,48 @@ def share_near(values: Array, period: float, frequency: float, width: float) -> 
 
 
 _HIGHEST: Final = 1.1
-"""Mean Cp: 1 is the stagnation pressure of a steady stream, and a tenth is left to p_inf and q of a tunnel."""
+"""Highest plausible mean Cp. 1 is the stagnation pressure of a steady stream; a tenth is for errors of p_inf and q."""
 _LOWEST: Final = -5.0
-"""Mean Cp, to which a tenth is left: the strongest suction peaks, at a leading edge or beside a rotating cylinder."""
+"""Lowest plausible mean Cp: suction peaks at a leading edge or a rotating cylinder. A tenth more is accepted."""
 _SWINGS: Final = (-6.0, 1.25)
-"""Cp that one row of twenty may pass: gusts and noise of 15 % at a stagnation point do not."""
+"""Bounds of Cp that at most one row in twenty may exceed; gusts and noise of 15 % at a stagnation point do not."""
 _MOMENT: Final = 20.0
-"""|Cp| of a single row that is an error: conical vortices on roofs reach 15 for moments."""
+"""|Cp| above which a single row is an error: conical vortices on roofs reach 15 for moments."""
 _FORCE: Final = 5.0
-"""Mean Cd and deviation of Cl: a plate across the stream has a Cd of 2, in a narrow tunnel 4; only creeping flow, which
-has no wake, is above. Cylinders that swing with their wake have a Cl of 3."""
+"""Largest plausible mean Cd and standard deviation of Cl. A plate across the stream has a Cd of 2, in a narrow tunnel
+4; only creeping flow, which has no wake, is above. Cylinders that oscillate with their wake have a Cl of 3."""
 _DRAG: Final = 0.02
-"""Mean Cd by the width across the stream: slender sections have 0.04."""
+"""Smallest plausible mean Cd, based on the width across the stream: slender sections have 0.04."""
 _FLAT: Final = 0.01
-"""Root mean square of all Cp: the base of a slender body has a tenth."""
+"""Smallest plausible root mean square of all Cp: the base of a slender body has a tenth."""
 _SCALE: Final = 3.0
-"""Ratio of mean Cd or of rms Cp between two files: control saves half of a drag, seldom two thirds."""
+"""Largest plausible ratio of mean Cd or rms Cp between files: control removes half of the drag, rarely more."""
 _SCALE_OF_LIFT: Final = 10.0
-"""Ratio between two files of Cl's deviation to that of Cp, which answer to the same wake."""
+"""Largest plausible ratio between files of the deviation of Cl over that of Cp; both come from one wake."""
 _FAR: Final = (4.0, 10.0)
-"""Distance, in itself and in widths of the middle half of the others, from which a value that comes again is no
-reading: -99, 99.99, -9.99."""
+"""Smallest distances of a repeated extreme value that is no reading, such as -99, 99.99 or -9.99: from the next value,
+and from the median in interquartile ranges of the other values."""
 _STILL: Final = 20
-"""Rows for which a sensor may stand still while the others move: most of a cycle of shedding."""
+"""Number of rows during which a sensor may be constant while the others change: most of a shedding cycle."""
 _STEPS: Final = 4.0
-"""Steps of its resolution by which a sensor would have had to move in that time."""
+"""Expected change of a constant sensor, in steps of its resolution, above which it counts as stuck."""
 _FINEST: Final = 2.0**-12
-"""Resolution: twice that in which a data set is stored."""
+"""Finest resolution that is assumed for a series: twice the resolution in which a data set is stored."""
 _CLIPPED: Final = 0.03
-"""Share of rows, in threes or more, at the largest or the smallest value."""
+"""Share of rows at the largest or smallest value, in runs of three or more, above which a sensor may be saturated."""
 _SHOWN: Final = 3
-"""Episodes or sensors of one kind that are listed."""
+"""Largest number of episodes or sensors that one line lists."""
 _CELLS: Final = 256
-"""Parts of a column's deviation within which two values are the same; sixteen of them are alike."""
+"""Number of cells per standard deviation of a column. Values in one cell count as equal, in 16 cells as similar."""
 _ALIKE: Final = (10, 0.25)
-"""Rows of two files that are the same, in order, or their share in any order, from which one was made of the other."""
+"""Number of equal rows in order, or share of equal rows in any order, above which a file is a copy of another."""
 
 _Note = tuple[str, str]
-"""What stands out in an episode; its cause, and what to do."""
+"""A note: the observation in an episode, and its cause with the remedy."""
 
 
 def implausible(dataset: Dataset) -> Iterator[str]:
-    """One line for every cause, with the episodes and values that speak for it, then what is between episodes."""
+    """Report one line per cause, with the episodes and values that indicate it, then findings between episodes."""
     names = (*dataset.layout.names, "Cd", "Cl")
     tables = [np.column_stack([item.series[name] for name in ("Cp", "Cd", "Cl")]) for item in dataset.episodes]
     missing = [_stand_for_none(table) for table in tables]
@@ -105,7 +105,7 @@ def implausible(dataset: Dataset) -> Iterator[str]:
 
 
 def longest_run(quiet: Mask) -> tuple[int, int]:
-    """Start and length of the longest stretch of True; (0, 0) if there is none."""
+    """Return start and length of the longest run of True; (0, 0) if there is none."""
     starts, lengths = _runs(quiet)
     if not lengths.size:
         return 0, 0
@@ -114,7 +114,7 @@ def longest_run(quiet: Mask) -> tuple[int, int]:
 
 
 def _usual(tables: Sequence[Array], columns: int) -> tuple[Array, Array]:
-    """Standard deviation and resolution of every column, by all tables."""
+    """Return the standard deviation and the resolution of every column, over all tables."""
     count, total, squares, finest = 0, np.zeros(columns), np.zeros(columns), np.full(columns, 1e3)
     for table in tables:
         count, total = count + len(table), total + table.sum(axis=0)
@@ -122,7 +122,7 @@ def _usual(tables: Sequence[Array], columns: int) -> tuple[Array, Array]:
         steps = np.abs(np.diff(table, axis=0))
         finest = np.minimum(finest, np.where(steps > 0, steps, np.inf).min(axis=0, initial=np.inf))
     variance = squares / max(count, 1) - np.square(total / max(count, 1))
-    # What is constant has rounding alone.
+    # The variance of a constant column consists of rounding errors only.
     return np.sqrt(np.where(variance > 1e-12 * squares / max(count, 1), variance, 0.0)), finest.clip(_FINEST)
 
 
@@ -132,7 +132,7 @@ def _runs(mask: Mask) -> tuple[Any, Any]:
 
 
 def _stand_for_none(table: Array) -> Mask:
-    """Where a value far from all others, that comes again or that no wall has, stands for a missing one."""
+    """Return where a value stands for a missing one: far from all others, and repeated or beyond any wall pressure."""
     found = np.zeros(table.shape, dtype=np.bool_)
     for extreme, sign in ((table.max(axis=0), 1.0), (table.min(axis=0), -1.0)):
         here = table == extreme
@@ -224,7 +224,7 @@ def _listed(names: Sequence[str], which: Mask) -> str:
 
 
 def _divisor(episode: Episode) -> float:
-    """What the import divided the file's pressures by."""
+    """Return the number by which the import divided the file's pressures."""
     references = episode.provenance.get("references")
     found = references.get("Cp") if isinstance(references, dict) else None
     number = found[0] if isinstance(found, list) and found else None
@@ -234,8 +234,8 @@ def _divisor(episode: Episode) -> float:
 def _readings(
     names: Sequence[str], table: Array, told: Mask, spread: Array, finest: Array, action: Array
 ) -> Iterator[_Note]:
-    """Sensors that hang, saturate or are another one's copy, and rows that are there twice; `told` are columns of which
-    something was told already."""
+    """Report sensors that are stuck, saturated or copies of another sensor, and repeated rows. `told` marks columns for
+    which something has been reported already."""
     rows = len(table)
     changes = np.flatnonzero((np.diff(table, axis=0) != 0).any(axis=1))
     gaps = np.diff(changes)
@@ -268,11 +268,11 @@ def _readings(
             here = table[:, k] == extreme
             starts, lengths = _runs(here)
             clipped = int(lengths[lengths >= 3].sum())
-            # Rows that a sine spends within a step of its resolution of its peak, and twice as many.
+            # Rows that a sine spends within four steps of its resolution of its peak, times two.
             usual = 2.0 * np.sqrt(4.0 * finest[k] / max(swing[k], finest[k])) / np.pi
             if clipped <= max(_CLIPPED, usual) * rows or len(starts) < 2:
                 continue
-            # In a wake at rest the others stand still as well.
+            # The check compares with the other sensors, because in a steady wake they are constant too.
             if finest[k] * _STEPS < spread[k] * _activity(table[here], k, spread, action[here], action):
                 yield (
                     f"{name} is at its {word} value, {extreme:.4g}, in {clipped} of {rows} rows",
@@ -286,7 +286,7 @@ def _readings(
 
 
 def _activity(table: Array, k: int, spread: Array, action: Array, all_actions: Array) -> float:
-    """How much the other columns, or the jets, move here, of what they move in all."""
+    """Return how much the other columns, or the jets, vary in these rows, relative to their variation in all rows."""
     others = np.delete(np.arange(len(spread)), k)
     others = others[spread[others] > 0]
     moved = float(np.median(table[:, others].std(axis=0) / spread[others])) if others.size else 0.0
@@ -294,7 +294,7 @@ def _activity(table: Array, k: int, spread: Array, action: Array, all_actions: A
 
 
 def _scales(episodes: Sequence[Episode], tables: Sequence[Array]) -> Iterator[str]:
-    """Files whose numbers are so many times another's that they have another unit."""
+    """Report files whose numbers differ from another file's by a factor that suggests another unit."""
     if len([table for table in tables if len(table) > 1]) < len(tables):
         return
     deviation = np.array([np.sqrt(table[:, :-2].var(axis=0).mean()) for table in tables])
@@ -315,13 +315,13 @@ def _scales(episodes: Sequence[Episode], tables: Sequence[Array]) -> Iterator[st
 
 
 def _copies(episodes: Sequence[Episode], tables: Sequence[Array], spread: Array) -> Iterator[str]:
-    """Files that have rows of another one: a test on them tests nothing."""
+    """Report files that contain rows of another file: a test on such rows tests nothing."""
     chosen = [*np.unique(np.linspace(0, len(spread) - 3, 4).astype(int)), -2, -1]
     cells = np.maximum(2 * _FINEST, spread[chosen] / _CELLS)
     rows = np.concatenate([np.round(table[:, chosen] / cells) for table in tables]).astype(np.int64)
     owner = np.repeat(np.arange(len(tables)), [len(table) for table in tables])
     step = np.concatenate([np.arange(len(table)) for table in tables])
-    # A wake that repeats itself does so in its own file, too: only rows that are unlike all others there count.
+    # A periodic wake repeats itself in its file too. So only rows that are unlike all others of their file count.
     _, back, counts = np.unique(np.column_stack([owner, rows >> 4]), axis=0, return_inverse=True, return_counts=True)
     alone = counts[back.ravel()] == 1
     _, kind = np.unique(rows[alone], axis=0, return_inverse=True)
@@ -338,7 +338,7 @@ def _copies(episodes: Sequence[Episode], tables: Sequence[Array], spread: Array)
         in_order = pairs[pairs[:, 0] - pairs[:, 1] == offsets[times.argmax()], 1]
         between = (owner == b) & alone & (step >= in_order.min()) & (step <= in_order.max())
         few, ahead = min(len(tables[a]), len(tables[b])), int(offsets[times.argmax()])
-        # What was rounded falls into other cells: by the offset of those that did not, rows are compared themselves.
+        # Rounding may move values into other cells, so the rows themselves are compared at the matches' offset.
         one, other = tables[a][max(ahead, 0) :], tables[b][max(-ahead, 0) :]
         size = min(len(one), len(other))
         same = np.abs(one[:size] - other[:size]).max(axis=1) <= 4 * _FINEST

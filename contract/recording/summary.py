@@ -1,4 +1,4 @@
-"""What is in a data set: figures of every episode, and the settings that fit the plant it is of."""
+"""A summary of a data set: figures of every episode, and the settings that fit its plant."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -12,14 +12,14 @@ from contract.recording.needs import WINDOW_STEP, window_for_c
 from contract.recording.plausible import dominant_frequency, longest_run
 
 HORIZON_CYCLES: Final = 1.0
-"""The MPC looks one shedding cycle ahead (paper, section 2.4)."""
+"""The MPC's horizon, in shedding cycles (paper, section 2.4)."""
 WINDOW_CYCLES: Final = 1.28
-"""The encoder looks back as far as the paper's 32 steps do, at 25 to a cycle."""
+"""The encoder's window, in shedding cycles: the paper's 32 steps at 25 steps per cycle."""
 _PRACTICAL: Final = (10, 60)
-"""Control steps of a cycle for which horizon and window are set from it. With fewer the jets' ramp is coarse, with more
-a control step gets slow."""
+"""Smallest and largest number of control steps per cycle for which horizon and window are derived from the cycle. With
+fewer steps the jets' ramp is coarse, with more a control step takes too long."""
 LEAST_CALM: Final = 25
-"""Control steps without forcing whose mean stands for the uncontrolled flow: a cycle of the truck's wake."""
+"""Smallest number of unforced steps whose mean represents the uncontrolled flow: one cycle of the truck's wake."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,7 +31,7 @@ class EpisodeSummary:
         action_rms: root mean square of the action, in U_inf W.
         drag: mean Cd.
         lift: standard deviation of Cl.
-        frequency: where Cl's spectrum is largest, in 1/t_c; None for a series that is too short or constant.
+        frequency: of the largest peak of Cl's spectrum, in 1/t_c; None for a series that is short or constant.
     """
 
     name: str
@@ -45,13 +45,13 @@ class EpisodeSummary:
 
 
 def summarise(dataset: Dataset) -> tuple[EpisodeSummary, ...]:
-    """Figures of every episode, in order."""
+    """Return the figures of every episode, in order."""
     period = dataset.plant.control_period
     return tuple(_summary(episode, period) for episode in dataset.episodes)
 
 
 def uncontrolled(dataset: Dataset) -> Episode | None:
-    """The longest stretch of any episode with the jets off or weak, as an episode; None if there is none."""
+    """Return the longest part of any episode with the jets off or weak, as an episode; None if there is none."""
     limit = dataset.plant.action_limit
     best: Episode | None = None
     for episode in dataset.episodes:
@@ -71,7 +71,7 @@ def uncontrolled(dataset: Dataset) -> Episode | None:
 
 
 def fitting_settings(dataset: Dataset) -> str:
-    """A TOML file of the settings that follow from the data set, for `--set`; each with its reason."""
+    """Return the text of a TOML file for `--set`: the settings that follow from the data set, and their reasons."""
     return "\n".join(_settings_lines(dataset)) + "\n"
 
 

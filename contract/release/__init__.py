@@ -1,1 +1,1 @@
-"""Release bundles: container, manifest, signature, and the checks that loading makes."""
+"""Release bundles: container, manifest, signature, and the checks made when a bundle is loaded."""

@@ -1,14 +1,16 @@
-"""The release bundle: what is flashed onto an ECU, as a directory.
+"""The release bundle: a directory with everything that is flashed onto an ECU.
 
-`manifest.json` names the sensors, scaling, limits, MPC settings and timing budget the controller was built for, the
-data set, weights and program it comes from, and the SHA-256 of every other file and of its DBC.
-`manifest.sig`, where there is one, is an Ed25519 signature of the manifest's bytes (`contract.release.signing`), and so
-of all that. Loading verifies everything and refuses a mismatch by name. The manifest's own hash guards against
-accidents; a signature by a key that the reader trusts guards against people.
+`manifest.json` states the sensors, scaling, limits, MPC settings and timing budget that the controller was built for,
+the data set, weights and program that it was built from, and the SHA-256 of every other file and of the DBC.
 
-`controller.onnx` computes one control step, with the inputs and outputs of `contract.controller.interface`; its bytes
-are judged whenever it is loaded (`contract.release.onnx_graph`). So are those of `sensors.onnx`, where there is one: it
-estimates the pressures from each other, for the ECU's sensor check (`contract.controller.estimator`).
+`manifest.sig`, if present, is an Ed25519 signature of the manifest's bytes (`contract.release.signing`), and so covers
+everything that the manifest states. Loading verifies everything; an error states the file or field. The manifest's own
+hash detects accidental changes, a signature by a trusted key deliberate changes.
+
+`controller.onnx` computes one control step, with the inputs and outputs of `contract.controller.interface`.
+`sensors.onnx`, if present, estimates the pressures from each other for the ECU's sensor check
+(`contract.controller.estimator`). The bytes of both graphs are checked at every loading
+(`contract.release.onnx_graph`).
 """
 
 from collections.abc import Callable, Collection, Mapping
@@ -30,7 +32,7 @@ from contract.release.signing import PublicKey
 
 @dataclass(frozen=True, kw_only=True)
 class MadeEstimator:
-    """A sensor estimator for a bundle. `figures` is what the manifest holds of it."""
+    """A sensor estimator for a bundle. `figures` is the estimator's part of the manifest."""
 
     graph: bytes
     figures: SensorEstimator
@@ -38,8 +40,8 @@ class MadeEstimator:
 
 
 def pack(manifest: Manifest, contents: Mapping[str, bytes], key: Ed25519PrivateKey | None = None) -> dict[str, bytes]:
-    """All files of the bundle, the manifest with its hashes and, given a key, its signature included. Raises
-    BundleFileError for a file name that is a path or taken."""
+    """Return all files of the bundle, including the manifest with its hashes and, if a key is given, its signature.
+    Raises BundleFileError for a file name that is a path or is reserved."""
     for name in contents:
         if name in (MANIFEST, SIGNATURE) or not is_plain_name(name):
             raise BundleFileError(f"bundle file {name!r}: must be a plain file name other than {MANIFEST}, {SIGNATURE}")
@@ -51,15 +53,15 @@ def pack(manifest: Manifest, contents: Mapping[str, bytes], key: Ed25519PrivateK
 
 
 def write(path: Path, manifest: Manifest, contents: Mapping[str, bytes], key: Ed25519PrivateKey | None = None) -> None:
-    """Write a bundle directory, whole or not at all; unsigned without a key. Raises BundleError for a bad file name, or
-    if the path is a directory with something else in it; StillwakeError if the place cannot be written."""
+    """Write a bundle directory, completely or not at all; without a key it is unsigned. Raises BundleError for a bad
+    file name, or if the path is a directory with other contents; StillwakeError if the directory cannot be written."""
     packed = pack(manifest, contents, key)
     check_replaceable(path)
     write_files(path, packed)
 
 
 def check_replaceable(path: Path) -> None:
-    """Raises BundleError if writing a bundle, which replaces a whole directory, would replace something else."""
+    """Raise BundleError if writing a bundle would replace a directory with other contents."""
     if path.suffix.lower() == ".zip":
         raise BundleError(f"bundle {path}: is written as a directory; name one that does not end in .zip")
     if path.is_dir() and not (path / MANIFEST).is_file() and any(path.iterdir()):
@@ -67,8 +69,8 @@ def check_replaceable(path: Path) -> None:
 
 
 def sign(path: Path, key: Ed25519PrivateKey, judge: Callable[[Bundle], object] | None = None) -> Bundle:
-    """Verify all of a bundle but its signature, and sign it in place. Raises BundleError as `load` does; StillwakeError
-    if it cannot be written. `judge` is called with the bundle before that; it raises for one that must not be."""
+    """Verify everything in a bundle except its signature, and sign it in place. Raises BundleError as `load` does;
+    StillwakeError if it cannot be written. `judge` is called before signing; it raises an error to prevent it."""
     contents = read_files(path)
     contents.pop(SIGNATURE, None)
     bundle = read_checked(path, contents)
@@ -79,7 +81,7 @@ def sign(path: Path, key: Ed25519PrivateKey, judge: Callable[[Bundle], object] |
 
 
 def with_estimator(manifest: Manifest, contents: dict[str, bytes], made: MadeEstimator) -> Manifest:
-    """The manifest of a bundle that has this sensor estimator; its graph is put into the contents."""
+    """Put the estimator's graph into the contents; return the manifest with the estimator's figures and provenance."""
     contents[ESTIMATOR] = made.graph
     provenance = {**manifest.provenance, "sensor_estimator": made.provenance}
     return replace(manifest, provenance=provenance, sensor_estimator=made.figures)
@@ -101,24 +103,24 @@ def renew(
     estimator: MadeEstimator | None = None,
     judge: Callable[[Bundle], object] | None = None,
 ) -> Bundle:
-    """Write a bundle of another version's DBC again, with this version's, under another name, and sign it.
+    """Write a bundle again under another name, for this version's DBC, and sign it. The old DBC may be another one.
 
-    Or of another operating point: the controller knows Cp and U_inf W, not Pa and m/s; the control period, and with it
-    the budget, follow.
+    The new bundle may also have another operating point: the controller works in Cp and U_inf W, not in Pa and m/s. The
+    control period and the budget follow from the operating point.
 
-    Everything else about the old bundle must be in order. Its controller is kept to the byte; the new manifest's
-    provenance names the old one's hash. A controller knows pressures and flow rates, not frames, so a change of the DBC
-    leaves it as good as it was. Raises BundleError as `load` does, and for a bad name or a target that holds something
-    else; StillwakeError if it cannot be written.
+    Everything else about the old bundle must be in order. Its controller is copied unchanged; the new manifest's
+    provenance has the old manifest's hash. A change of the DBC does not affect the controller, because its inputs are
+    pressures and flow rates, not frames. Raises BundleError as `load` does, and for a bad name or a target directory
+    with other contents; StillwakeError if it cannot be written.
 
     Args:
         created: day, YYYY-MM-DD.
         trusted: the key that must have signed the old bundle, as in `load`.
-        operating_point: width, speed or density in place of the old bundle's, by name.
-        weights: of the cost, in place of the old bundle's, by name.
-        security_version, hardware: in place of the old bundle's.
-        speeds: part of the old bundle's range, outside of which the ECU is to shut the jets.
-        estimator: a sensor estimator; without it, one that is there is kept.
+        operating_point: new width, speed or density, by name; the others are the old bundle's.
+        weights: new weights of the cost, by name; the others are the old bundle's.
+        security_version, hardware: new values; None keeps the old bundle's.
+        speeds: part of the old bundle's speed range; the ECU shuts the jets outside of it.
+        estimator: new sensor estimator; None keeps the old bundle's, if it has one.
         judge: called with the new bundle before it is written, as in `sign`.
     """
     old = read_checked(path, read_files(path), trusted, any_dbc=True)
@@ -149,27 +151,27 @@ def _within(speeds: SpeedRange, old: SpeedRange | None) -> SpeedRange:
 
 
 def load(path: Path, trusted: PublicKey | None = None, *, any_dbc: bool = False) -> Bundle:
-    """Read and verify a bundle directory. Raises BundleError if anything is missing, added, altered, of another
-    schema or not signed as demanded; the message names it, and the subclass is of its kind.
+    """Read and verify a bundle directory. Raises BundleError if a file is missing, added, altered, of another schema or
+    not signed as required. The message states the file; the error's subclass tells the kind of fault.
 
     Args:
-        trusted: the key that must have signed it. Without one an unsigned bundle passes, and so does any key's good
-            signature; `Bundle.signer` names it.
+        trusted: the key that must have signed the bundle. If it is None, an unsigned bundle passes, and so does a valid
+            signature by any key; `Bundle.signer` is that key.
         any_dbc: also read a bundle for another version's DBC.
     """
     return read_checked(path, read_files(path), trusted, any_dbc=any_dbc)
 
 
 def verified(name: str, contents: Mapping[str, bytes], trusted: Collection[PublicKey]) -> Bundle:
-    """The bundle of files that are in memory, every check of `load` made. Raises BundleError as `load`. One of the keys
-    in `trusted` must have signed it."""
+    """Verify files in memory with every check of `load`, and return their bundle. Raises BundleError as `load` does.
+    One of the keys in `trusted` must have signed the bundle."""
     return read_checked(Path(name), contents, frozenset(trusted))
 
 
 def examine(path: Path, trusted: PublicKey | None = None) -> list[Check]:
-    """Every check that `load` makes, in the same order, the failed ones with their errors.
+    """Return the results of every check that `load` makes, in the same order; failed checks have their errors.
 
-    Where a check cannot be made because an earlier one failed, the list ends.
+    The list ends at a check that cannot be made because an earlier check failed.
     """
     try:
         contents = read_files(path)

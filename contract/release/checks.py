@@ -1,6 +1,6 @@
-"""The checks of a release bundle's files: nothing is parsed before its signature is good, and all are listed once.
+"""The checks of a release bundle's files. Nothing is parsed before its signature is verified.
 
-A manifest's own hash guards against accidents; a signature by a key that the reader trusts guards against people.
+The manifest's own hash detects accidental changes, a signature by a trusted key deliberate changes.
 """
 
 import hashlib
@@ -32,7 +32,7 @@ UNSIGNED: Final = "unsigned: its hashes show accidents, not who made it"
 
 _T = TypeVar("_T")
 Trusted = PublicKey | frozenset[PublicKey] | None
-"""The keys of which one must have signed; None where none need have."""
+"""The keys of which one must have signed the bundle; None if no signature is required."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -40,10 +40,10 @@ class Bundle:
     """A verified bundle.
 
     Attributes:
-        files: all but manifest and signature.
-        digest: SHA-256 of the manifest; its first 4 bytes go on the bus. A signature does not change it.
-        signer: who signed the manifest, with a signature that is good; None if no one did.
-        is_trusted: whether it was loaded with that key as the one to trust.
+        files: all files except manifest and signature.
+        digest: SHA-256 of the manifest; its first 4 bytes are sent on the bus. A signature does not change it.
+        signer: key of a valid signature of the manifest; None if the bundle is unsigned.
+        is_trusted: whether a trusted key was required when the bundle was loaded.
     """
 
     manifest: Manifest
@@ -67,7 +67,7 @@ class Bundle:
 
 @dataclass(frozen=True, kw_only=True)
 class Check:
-    """One thing that was verified about a bundle; `error` is None if it is in order."""
+    """The result of one check of a bundle; `error` is None if the check passed."""
 
     name: str
     found: str = ""
@@ -75,29 +75,29 @@ class Check:
 
 
 def sha256(data: bytes) -> str:
-    """The hash in hex, as manifests hold it."""
+    """Return the SHA-256 in hex, as manifests state it."""
     return hashlib.sha256(data).hexdigest()
 
 
 def dbc_bytes() -> bytes:
-    """The DBC of this version."""
+    """Return the bytes of this version's DBC."""
     return files("contract").joinpath("stillwake.dbc").read_bytes()
 
 
 def dbc_sha256() -> str:
-    """Its hash, in hex, as manifests and generated headers hold it."""
+    """Return the SHA-256 of this version's DBC in hex, as manifests and generated headers state it."""
     return sha256(dbc_bytes())
 
 
 @dataclass(kw_only=True)
 class Made:
-    """The checks of a reading; the first that fails ends it, unless they are to be listed."""
+    """The checks made so far while a bundle is read. The first failed check ends the reading, unless `lists` is set."""
 
     lists: bool = False
     checks: list[Check] = field(default_factory=list)
 
     def check(self, name: str, verify: Callable[[], _T], in_words: Callable[[_T], str] = str) -> _T | None:
-        """Make a check that no other one builds on; None where it failed."""
+        """Make a check on which no other check depends; return None if it failed and the checks are listed."""
         try:
             value = verify()
         except BundleError as error:
@@ -109,7 +109,7 @@ class Made:
         return value
 
     def need(self, name: str, make: Callable[[], _T]) -> _T:
-        """Make what the next checks need; the reading ends where it fails."""
+        """Compute a value that later checks need; an error always ends the reading."""
         try:
             return make()
         except BundleError as error:
@@ -125,8 +125,8 @@ def read_checked(
     *,
     any_dbc: bool = False,
 ) -> Bundle:
-    """The bundle of these files, with every check; nothing is parsed before its signature is good. Raises BundleError
-    for the first check that fails; one that lists them goes on where it can."""
+    """Check a bundle's files and return the bundle; nothing is parsed before its signature is verified. Raises
+    BundleError for the first check that fails. If `made` lists the checks, reading continues if possible."""
     made = Made() if made is None else made
     raw, signature, parts = made.need(MANIFEST, lambda: _taken_apart(path, contents))
 
@@ -136,7 +136,7 @@ def read_checked(
     signer = made.check(SIGNATURE, lambda: _verify_signature(path, raw, signature, trusted), signed_by)
     opened = made.need(MANIFEST, lambda: open_manifest(path, raw))
     made.check(MANIFEST, lambda: opened.digest)
-    # Of the files that are there or should be.
+    # Names of the files that are present or must be present.
     names = sorted({CONTROLLER} | opened.hashes.keys() | parts.keys())
     sound = {name for name in names if made.check(name, partial(_verify_file, path, name, parts, opened.hashes))}
     if not any_dbc:
@@ -153,7 +153,7 @@ def read_checked(
 
 
 def _taken_apart(path: Path, found: Mapping[str, bytes]) -> tuple[bytes, bytes | None, dict[str, bytes]]:
-    """Manifest, signature and all other files."""
+    """Split the files into the manifest, the signature and all other files."""
     contents = dict(found)
     raw, signature = contents.pop(MANIFEST, None), contents.pop(SIGNATURE, None)
     if raw is None:
@@ -162,7 +162,7 @@ def _taken_apart(path: Path, found: Mapping[str, bytes]) -> tuple[bytes, bytes |
 
 
 def _verify_signature(path: Path, raw: bytes, signature: bytes | None, trusted: Trusted) -> PublicKey | None:
-    """Who signed it."""
+    """Verify the signature and return the signer's key; None if the bundle is unsigned."""
     keys = frozenset({trusted}) if isinstance(trusted, PublicKey) else trusted
     allowed = "no key that is trusted" if not keys else " or ".join(sorted(f"key {key.fingerprint}" for key in keys))
     if signature is None:

@@ -1,7 +1,8 @@
-"""The files of a bundle in a directory: read with suspicion, written whole or not at all.
+"""The files of a bundle in a directory: read with bounds and checks, written completely or not at all.
 
-What is read may come from anyone. So names are plain, nothing is followed, and every size is bounded by what is read.
-What travels is an image (`contract.release.image`, `contract.release.controller_image`).
+A bundle may come from anyone. So names must be plain, links are not followed, and sizes are limited while reading.
+
+For transfer, a bundle is packed into an image (`contract.release.image`, `contract.release.controller_image`).
 """
 
 import errno
@@ -17,27 +18,27 @@ from contract.printable import is_name, quoted, shown
 
 MAX_FILES: Final = 64
 MAX_BYTES: Final = 32 * 2**20
-"""Size of all files together: nearly two hundred controllers of the paper's size."""
+"""Largest size of all files together, in bytes: nearly two hundred controllers of the paper's size."""
 MAX_BYTES_OF: Final = {"manifest.json": 2**20, "manifest.sig": 2**12}
-"""Sizes of files that are read before anything vouches for them."""
+"""Largest sizes, in bytes, of the files that are read before a signature has been verified."""
 
 _CHUNK: Final = 2**20
 
 
 def is_plain_name(name: str) -> bool:
-    """Whether this names a file, and no path, in characters that a terminal can show."""
+    """Return whether the name is a file name, not a path, and consists of printable characters."""
     return is_name(name) and name not in (".", "..") and not any(character in name for character in "/\\:")
 
 
 def read_files(path: Path) -> dict[str, bytes]:
-    """All files of a bundle by name. Raises BundleContainerError if it is no directory, is too large, or holds
-    something else than plain files; the message names the entry."""
+    """Read all files of a bundle by name. Raises BundleContainerError if the path is no directory, is too large, or
+    contains anything but plain files; the message states the entry."""
     try:
         if path.is_dir():
             return _collect(path)
         if path.is_file():
             with path.open("rb") as file:
-                # Up to version 1.0.0 a bundle could be a zip.
+                # Up to version 1.0.0 a bundle could be a zip file.
                 is_zip = file.read(4) == b"PK\x03\x04"
             hint = f"; unpack it: python -m zipfile -e {path} FOLDER" if is_zip else ""
             raise BundleContainerError(f"bundle {path}: must be a directory{hint}")
@@ -47,7 +48,7 @@ def read_files(path: Path) -> dict[str, bytes]:
 
 
 def write_files(path: Path, contents: Mapping[str, bytes]) -> None:
-    """Write a directory in place of what is there. Raises StillwakeError if the place cannot be written."""
+    """Write a directory, replacing an existing one. Raises StillwakeError if it cannot be written."""
     with replacing(path) as temporary:
         temporary.mkdir()
         for name, data in contents.items():
@@ -57,7 +58,7 @@ def write_files(path: Path, contents: Mapping[str, bytes]) -> None:
 def _collect(path: Path) -> dict[str, bytes]:
     found: dict[str, bytes] = {}
     left = MAX_BYTES
-    # Not `iterdir`, which lists a directory of millions before the first one is counted.
+    # `iterdir` would list a directory with millions of entries before the first entry is counted.
     with os.scandir(path) as items:
         for item in items:
             trouble = None
@@ -82,7 +83,7 @@ def _collect(path: Path) -> dict[str, bytes]:
 
 
 def _open_plain(path: Path, name: str) -> IO[bytes]:
-    """Open what was a plain file a moment ago, and still has to be one: no link is followed, no pipe waited for."""
+    """Open a file that was listed as plain, and check that it still is: no link is followed, and no pipe blocks."""
     flags = os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
     try:
         file = os.fdopen(os.open(path / name, flags), "rb")
@@ -97,7 +98,7 @@ def _open_plain(path: Path, name: str) -> IO[bytes]:
 
 
 def _read_at_most(file: IO[bytes], most: int) -> bytes:
-    """A file's content up to that many bytes, in pieces: a sparse file states a size that no memory has."""
+    """Read up to `most` bytes in pieces, because a sparse file can state a size larger than any memory."""
     pieces: list[bytes] = []
     while most > 0 and (piece := file.read(min(most, _CHUNK))):
         pieces.append(piece)

@@ -1,10 +1,10 @@
-"""A release for a microcontroller as one string of bytes: a header of 512 bytes, then numbers that are read in place.
+"""The image of a release for a microcontroller: a header of 512 bytes, then numbers that are read in place.
 
     0   8   "SWCTRL01"
     8   4   length of the whole image
     12  4   length of the header, 512
-    16  32  SHA-256 of the payload, all that is behind the header
-    48  32  layout: SHA-256 that names the build's layout of the payload
+    16  32  SHA-256 of the payload, which is everything after the header
+    48  32  SHA-256 that identifies the build's layout of the payload
     80  32  SHA-256 of stillwake.dbc
     112 32  digest of the release
     144 4   security version
@@ -16,9 +16,9 @@
     256 64  name of the release
     320 96  zeros
     416 32  Ed25519 public key of the signer; zeros: unsigned
-    448 64  Ed25519 signature of all before it; zeros: unsigned
+    448 64  Ed25519 signature of all bytes before it; zeros: unsigned
 
-Numbers are little-endian, as the cores are that read them; names are printable ASCII, padded with zeros.
+Numbers are little-endian, like the processors that read them; names are printable ASCII, padded with zeros.
 """
 
 import hashlib
@@ -35,11 +35,11 @@ from contract.release.signing import PublicKey
 
 SUFFIX: Final = ".swi"
 HEADER_BYTES: Final = 512
-"""Bytes."""
+"""Size of the header, in bytes."""
 VEHICLE: Final = slice(148, 192)
-"""What is compared with the vehicle: control period, operating point, action limit, number of sensors."""
+"""Header bytes compared with the vehicle's: control period, operating point, action limit, number of sensors."""
 _MAX_NAME: Final = 64
-"""Bytes."""
+"""Largest size of a name, in bytes."""
 _MAGIC: Final = b"SWCTRL01"
 _FACTS: Final = struct.Struct("<8sII32s32s32s32sI44s64s64s96s")
 _VEHICLE: Final = struct.Struct("<Q3ddI")
@@ -49,16 +49,16 @@ _UNSIGNED: Final = bytes(96)
 
 @dataclass(frozen=True, kw_only=True)
 class ImageFacts:
-    """What the header states of an image.
+    """The facts about an image that its header states.
 
     Attributes:
-        layout: SHA-256, 32 bytes, that names the build's layout of the payload.
+        layout: SHA-256, 32 bytes, that identifies the build's layout of the payload.
         dbc: SHA-256 of stillwake.dbc, 32 bytes.
         digest: of the release, 32 bytes.
         period_ns: control period.
         operating_point: width in m, speed in m/s, density in kg/m3.
         action_limit: of the jets, in free-stream speed times width.
-        hardware: name of the ECU hardware that it may be flashed to; None for any.
+        hardware: name of the ECU hardware that the image may be flashed to; None for any.
     """
 
     layout: bytes
@@ -74,13 +74,13 @@ class ImageFacts:
 
     @property
     def vehicle(self) -> bytes:
-        """Bytes `VEHICLE` of the header."""
+        """The header's bytes in `VEHICLE`."""
         return _VEHICLE.pack(self.period_ns, *self.operating_point, self.action_limit, self.sensors)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ControllerImage:
-    """An image in order; `signer` has signed it, None if no one did."""
+    """A verified image; `signer` is the key that signed it, None if it is unsigned."""
 
     facts: ImageFacts
     payload: bytes
@@ -88,27 +88,23 @@ class ControllerImage:
 
     @property
     def digest(self) -> str:
-        """The digest of the release, in hex."""
         return self.facts.digest.hex()
 
     @property
     def name(self) -> str:
-        """The release's name."""
         return self.facts.name
 
     @property
     def security_version(self) -> int:
-        """The release's security version."""
         return self.facts.security_version
 
     @property
     def vehicle(self) -> bytes:
-        """Bytes `VEHICLE` of the header."""
         return self.facts.vehicle
 
 
 def seal(payload: bytes, facts: ImageFacts, key: Ed25519PrivateKey | None) -> bytes:
-    """The image of a payload, signed if there is a key; raises BundleContainerError for a name that it cannot hold."""
+    """Build the image of a payload, signed if there is a key; raises BundleContainerError for a bad name."""
     header = _FACTS.pack(
         _MAGIC,
         HEADER_BYTES + len(payload),
@@ -130,11 +126,11 @@ def seal(payload: bytes, facts: ImageFacts, key: Ed25519PrivateKey | None) -> by
 
 
 def signer_of(image: bytes) -> PublicKey | None:
-    """Who signed an image, of which nothing else is judged; None if no one did.
+    """Verify an image's signature and return the signer's key; None if the image is unsigned. Nothing else is checked.
 
     Raises:
-        BundleContainerError: it is no whole image.
-        BundleSignatureError: the signature is not that of the key in it.
+        BundleContainerError: the bytes are no complete image.
+        BundleSignatureError: the signature was not made with the key in the image.
     """
     if len(image) < HEADER_BYTES:
         raise BundleContainerError(f"image of {len(image)} bytes: must have {HEADER_BYTES} or more")
@@ -154,11 +150,11 @@ def signer_of(image: bytes) -> PublicKey | None:
 
 
 def read(image: bytes) -> ControllerImage:
-    """An image in order, whoever signed it.
+    """Check an image and return it, whichever key signed it.
 
     Raises:
-        BundleContainerError: it is damaged, or no image.
-        BundleSignatureError: the signature is not that of the key in it.
+        BundleContainerError: the image is damaged, or the bytes are no image.
+        BundleSignatureError: the signature was not made with the key in the image.
     """
     signer, payload = signer_of(image), image[HEADER_BYTES:]
     _, _, _, sha256, layout, dbc, digest, version, vehicle, hardware, name, reserved = _FACTS.unpack_from(image)

@@ -1,6 +1,6 @@
-"""Two bundles or two controller images compared, and what an image holds, for people.
+"""A comparison of two bundles or two controller images, and a description of an image's contents.
 
-Bundles differ in signer, manifest and files; images in the header's facts, the layout, and the numbers by name.
+Bundles are compared by signer, manifest and files; images by the header's facts, the layout, and every array by name.
 """
 
 from collections.abc import Iterator, Mapping
@@ -21,21 +21,21 @@ from contract.release.signing import PublicKey
 
 _MAX_BYTES: Final = 64 * 2**20
 _FEW: Final = 8
-"""So many numbers are shown as they are; of more, the type, the sides and the hash."""
+"""Largest number of values that are shown; for a larger array, its type, shape and hash are shown."""
 
 
 def is_image(path: Path) -> bool:
-    """Whether the file's name is that of an image."""
+    """Return whether the file's name has the suffix of an image."""
     return path.suffix.lower() == SUFFIX
 
 
 def opened(path: Path, trusted: PublicKey | None = None) -> ControllerImage:
-    """The image in a file.
+    """Read and check the image in a file.
 
     Raises:
-        BundleContainerError: it cannot be read, is damaged, no image, or one that no ECU opens.
-        BundleSignatureError: the signature is not that of the key in it.
-        BundleSignerError: it is not signed by the key that is to be trusted.
+        BundleContainerError: the file cannot be read, is damaged or no image, or holds an image that no ECU accepts.
+        BundleSignatureError: the signature was not made with the key in the image.
+        BundleSignerError: the image is not signed by the trusted key.
     """
     try:
         if path.stat().st_size > _MAX_BYTES:
@@ -51,7 +51,7 @@ def opened(path: Path, trusted: PublicKey | None = None) -> ControllerImage:
 
 
 def described(image: ControllerImage) -> dict[str, str]:
-    """The facts by name, in the order in which they are shown."""
+    """Return the facts of an image by name, in the order in which they are shown."""
     facts, layout = image.facts, layout_in(image.payload, image.facts.layout)
     width, speed, density = facts.operating_point
     return {
@@ -72,7 +72,7 @@ def described(image: ControllerImage) -> dict[str, str]:
 
 
 def _of_image(image: ControllerImage) -> dict[str, str]:
-    """The facts, every setting of the layout, and every array, by names: what two images may differ in."""
+    """Return all comparable parts of an image by name: facts, settings of the layout, and arrays."""
     layout = layout_in(image.payload, image.facts.layout)
     arrays = {
         f"array {name}": " ".join(map(str, values.ravel().tolist()))
@@ -85,11 +85,11 @@ def _of_image(image: ControllerImage) -> dict[str, str]:
 
 
 _MISSING: Final = "-"
-"""Stands for what one of the two lacks."""
+"""Shown in place of a value that one of the two does not have."""
 
 
 class Difference(NamedTuple):
-    """One thing that differs, and what it is in either bundle."""
+    """A difference between two bundles: the name of the value, and its text in each bundle."""
 
     name: str
     a: str
@@ -97,8 +97,8 @@ class Difference(NamedTuple):
 
 
 def differences(a: Path, b: Path) -> list[Difference]:
-    """All of them, manifest fields by dotted names; the bundles may be of other versions' DBCs. Raises BundleError as
-    `contract.release.bundle.load` does, but for the DBC."""
+    """List all differences, manifest fields by dotted names. The bundles may be for other versions' DBCs. Raises
+    BundleError as `contract.release.bundle.load` does, except for the DBC."""
     rows = []
     ours, theirs = _facts(a), _facts(b)
     for name in [*ours, *(name for name in theirs if name not in ours)]:
@@ -107,7 +107,7 @@ def differences(a: Path, b: Path) -> list[Difference]:
 
 
 def _facts(path: Path) -> dict[str, Any]:
-    """All that is compared, in the order in which it is shown."""
+    """Return everything that is compared, in the order in which it is shown."""
     if is_image(path):
         return {**_of_image(opened(path))}
     bundle = bundles.load(path, any_dbc=True)
@@ -127,7 +127,7 @@ def _facts(path: Path) -> dict[str, Any]:
 
 
 def _compared(name: str, a: object, b: object) -> Iterator[Difference]:
-    """Where two values differ, down to the single entries of tables and of lists of one length."""
+    """List the differences between two values, down to single entries of tables and of lists of equal length."""
     if isinstance(a, Mapping) and isinstance(b, Mapping):
         for key in sorted(a.keys() | b.keys()):
             yield from _compared(f"{name}.{key}", a.get(key), b.get(key))

@@ -1,4 +1,4 @@
-"""A release as one string of bytes, the image that is flashed: what a boot loader in C can read without a library.
+"""The image of a release that is flashed: one string of bytes that a boot loader in C can read without a library.
 
     0   8  "SWIMAGE1"
     8   4  length of the whole image
@@ -6,8 +6,8 @@
     16     n entries: length of the name (2), length of the file (4), name (UTF-8)
            the files' contents, in the same order, without gaps
 
-Numbers are big-endian. `manifest.json` and `manifest.sig` come first, so that whoever receives an image can judge its
-manifest before the rest has come; the others follow by name. Equal bundles have equal images.
+Numbers are big-endian. `manifest.json` and `manifest.sig` come first, so that the receiver of an image can check the
+manifest before the rest arrives; the other files follow in the order of their names. Equal bundles have equal images.
 """
 
 import struct
@@ -27,7 +27,7 @@ _FIRST: Final = (MANIFEST, SIGNATURE)
 
 
 def image_of(files: Mapping[str, bytes]) -> bytes:
-    """The image of a bundle's files, by name; raises BundleContainerError for more than a bundle may have."""
+    """Build the image of a bundle's files; raises BundleContainerError for too many files or bytes."""
     if len(files) > MAX_FILES or sum(map(len, files.values())) > MAX_BYTES:
         raise BundleContainerError(f"image: more than {MAX_FILES} files or {MAX_BYTES} bytes")
     names = sorted(files, key=lambda name: (_FIRST.index(name) if name in _FIRST else len(_FIRST), name))
@@ -37,7 +37,7 @@ def image_of(files: Mapping[str, bytes]) -> bytes:
 
 
 def files_of(image: bytes) -> dict[str, bytes]:
-    """The files in an image by name; raises BundleContainerError if it is no whole image of plain files."""
+    """Return an image's files by name; raises BundleContainerError if it is no complete image of plain files."""
     if len(image) < _HEADER.size:
         raise BundleContainerError(f"image of {len(image)} bytes: must have {_HEADER.size} or more")
     magic, length, count = _HEADER.unpack_from(image)

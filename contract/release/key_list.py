@@ -1,8 +1,8 @@
-"""Which keys may sign releases for an ECU: a list with a version, signed by a root key that signs nothing else.
+"""The list of keys that may sign releases for an ECU: it has a version, and is signed by a root key.
 
-A release key that leaks is taken off the list; the root key, which is needed once in years, can stay in a safe. An ECU
-knows its root key from production on. It takes a list only if the root key signed it and its version is greater than
-that of the list it has, so that an old list cannot bring a revoked key back.
+A release key that leaks is removed from the list. The root key signs nothing else; it is needed once in years and can
+stay in a safe. An ECU gets its root key in production. It accepts a list only if the root key signed it and its version
+is greater than that of the present list, so that an old list cannot make a revoked key valid again.
 
     0   8   "SWKEYS01"
     8   4   version
@@ -10,8 +10,8 @@ that of the list it has, so that an old list cannot bring a revoked key back.
     13  1   number of revoked keys, m
     14  2   zeros
     16  32  root key
-    48      the n keys of 32 bytes, ascending, then the m revoked ones, ascending
-        64  Ed25519 signature of all before it by the root key
+    48      the n keys of 32 bytes, ascending, then the m revoked keys, ascending
+        64  Ed25519 signature of all bytes before it by the root key
 
 Numbers are big-endian.
 """
@@ -38,12 +38,13 @@ _SIGNATURE: Final = 64
 
 @dataclass(frozen=True, kw_only=True)
 class KeyList:
-    """Raises KeyFileError for a version or a number of keys out of range.
+    """The keys that may sign releases. Raises KeyFileError for a version or a number of keys out of range.
 
     Attributes:
-        version: of the list; a greater one replaces it.
-        keys: that may sign releases, by their bytes.
-        revoked: that must not any more. A key that is on neither list may not either; this one is for people to see.
+        version: version of the list; an ECU replaces its list by one with a greater version.
+        keys: keys that may sign releases.
+        revoked: keys that may no longer sign releases. A key on neither list may not sign either; this list informs
+            people.
     """
 
     version: int
@@ -65,14 +66,14 @@ class KeyList:
 
 
 def is_list(path: Path) -> bool:
-    """Whether a file begins as a list does; False where it cannot be read."""
+    """Return whether a file begins like a key list; False if it cannot be read."""
     with suppress(OSError), path.open("rb") as file:
         return file.read(len(_MAGIC)) == _MAGIC
     return False
 
 
 def encode(listed: KeyList, root: Ed25519PrivateKey) -> bytes:
-    """The signed list."""
+    """Return the bytes of the list, signed with the root key."""
     allowed, revoked = (sorted(key.raw for key in keys) for keys in (listed.keys, listed.revoked))
     header = _HEADER.pack(_MAGIC, listed.version, len(allowed), len(revoked), 0, signing.public_key(root).raw)
     text = header + b"".join(allowed + revoked)
@@ -80,7 +81,7 @@ def encode(listed: KeyList, root: Ed25519PrivateKey) -> bytes:
 
 
 def signer(raw: bytes) -> PublicKey:
-    """The root key that signed a list; raises KeyFileError if none did."""
+    """Verify a list's signature and return the root key. Raises KeyFileError without a valid signature."""
     if raw.startswith(b"{"):
         raise KeyFileError("key list: is of an older version; make it again with `stillwake bundle keylist`")
     if len(raw) < _HEADER.size + _SIGNATURE or not raw.startswith(_MAGIC):
@@ -92,10 +93,10 @@ def signer(raw: bytes) -> PublicKey:
 
 
 def decode(raw: bytes, root: PublicKey) -> KeyList:
-    """A list that the root key signed.
+    """Decode a list that the root key signed.
 
     Raises:
-        KeyFileError: another key signed it, or no one did, or it is damaged.
+        KeyFileError: the list is unsigned, signed by another key, or damaged.
     """
     if (found := signer(raw)) != root:
         raise KeyFileError(f"key list: signed by key {found.fingerprint}, must be by the root key {root.fingerprint}")

@@ -1,4 +1,4 @@
-"""The manifest of a release bundle: what a controller assumes about the vehicle, where it is from, and all hashes."""
+"""The manifest of a release bundle: the controller's assumptions about the vehicle, its provenance, and all hashes."""
 
 import re
 from collections.abc import Iterator, Mapping
@@ -25,27 +25,27 @@ from contract.sensor_layout import SensorLayout
 from contract.typed import typed
 
 _SCHEMA: Final = "stillwake-bundle/8"
-"""The one that is read: older ones do not state what the wake is without jets at their speeds."""
+"""The schema that this version reads. Older schemas do not state the wake without jets at other speeds."""
 FIRST_SECURITY_VERSION: Final = 1
-"""Security version of a release that nothing was raised for: the least that an ECU with a store takes."""
+"""Security version of a release if it was never raised, and the smallest that an ECU with a store accepts."""
 LARGEST_SECURITY_VERSION: Final = 2**32 - 1
 MANIFEST: Final = "manifest.json"
 MAX_STEPS: Final = 10_000
-"""Longest window and horizon: hundreds of times the release's, and still no burden to allocate."""
+"""Largest window and horizon, in steps: hundreds of times the release's, and still cheap to allocate."""
 MAX_RESTING: Final = 100
-"""Most speeds of the wake without jets: the ECU looks through them in every period."""
+"""Largest number of speeds for which the wake without jets is stated. The ECU searches them in every period."""
 WeightPrecision = Literal["float32", "int8"]
-"""Type of the weights; arithmetic is float32 in either `controller.onnx`."""
+"""Type of the weights; `controller.onnx` calculates in float32 with both types."""
 PRECISIONS: Final[tuple[WeightPrecision, ...]] = get_args(WeightPrecision)
 
 _SHA256: Final = re.compile("[0-9a-f]{64}")
 _DATE: Final = re.compile("[0-9]{4}-[0-9]{2}-[0-9]{2}")
-"""The one form of ISO 8601 that is written: `date.fromisoformat` also takes weeks."""
+"""The only form of ISO 8601 that is written and accepted; `date.fromisoformat` alone would also accept week dates."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Scaling:
-    """Standardisation inside the controller: scaled = (value - mean) / std, per sensor and per force."""
+    """Standardisation inside the controller: scaled = (value - mean) / std, for each sensor and each force."""
 
     pressure_mean: tuple[float, ...]
     pressure_std: tuple[float, ...]
@@ -55,7 +55,7 @@ class Scaling:
 
     @property
     def window_mean(self) -> tuple[float, ...]:
-        """Means of the columns of the controller's window (Cp_k, a_{k-1}), (S+1,): an action is only divided."""
+        """Means of the columns of the controller's window (Cp_k, a_{k-1}), (S+1,). The mean of the action is 0."""
         return (*self.pressure_mean, 0.0)
 
     @property
@@ -64,22 +64,22 @@ class Scaling:
         return (*self.pressure_std, self.action_std)
 
     def of_sensors(self, columns: Index) -> Self:
-        """The same of the sensors in these columns alone."""
+        """Return the scaling of the sensors in the given columns."""
         mean, std = (tuple(np.array(each)[columns].tolist()) for each in (self.pressure_mean, self.pressure_std))
         return replace(self, pressure_mean=mean, pressure_std=std)
 
 
 FAST_PERIODS: Final = 4
 SLOW_PERIODS: Final = 64
-"""Control periods over which the ECU's sensor check averages residuals: a sixth of a shedding cycle, which takes most
-of a sensor's noise away, and two cycles, in which a small bias or a drift stands out."""
+"""Averaging times of the residuals in the ECU's sensor check, in control periods. The short one, a sixth of a shedding
+cycle, removes most of a sensor's noise. The long one, two cycles, shows a small bias or a drift."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class SensorEstimator:
-    """What residuals `sensors.onnx` leaves on sound sensors; a figure for every pair of them.
+    """Size of the residuals of `sensors.onnx` when all sensors are healthy, one value for each pair of sensors.
 
-    Row j, column i is of sensor i, estimated without j and, as always, without itself: of all the others if i = j.
+    Entry (j, i) is the residual of sensor i, estimated from all sensors except i and j; for i = j, from all except i.
 
     Attributes:
         fast, slow: (S, S) root mean square of the residuals in Cp, averaged over `FAST_PERIODS` and `SLOW_PERIODS`.
@@ -91,7 +91,7 @@ class SensorEstimator:
 
 @dataclass(frozen=True, kw_only=True)
 class SpeedRange:
-    """The vehicle speeds that a controller was made for, as ratios to the operating point's."""
+    """The range of vehicle speeds that a controller was built for, as ratios to the operating point's speed."""
 
     slowest: float
     fastest: float
@@ -99,10 +99,10 @@ class SpeedRange:
 
 @dataclass(frozen=True, kw_only=True)
 class RestingWake:
-    """The wake without jets by the vehicle's speed: what the ECU's benefit check compares pressures with.
+    """The wake without jets as a function of the vehicle's speed; the ECU's benefit check compares pressures with it.
 
     Attributes:
-        speeds: (K,) in design speeds, rising.
+        speeds: (K,) in units of the design speed, rising.
         base: (K,) mean pressure of the release's sensors on the base, in Cp.
         swing: (K,) mean magnitude of the differences of its mirrored sensors, in Cp.
     """
@@ -114,9 +114,9 @@ class RestingWake:
 
 @dataclass(frozen=True, kw_only=True)
 class Manifest:
-    """What the controller in a bundle assumes about the vehicle around it.
+    """The assumptions of a bundle's controller about the vehicle around it.
 
-    Raises BundleManifestError if the scaling does not fit the sensors, or a number, date or hash makes no sense.
+    Raises BundleManifestError if the scaling does not fit the sensors, or a number, date or hash is invalid.
 
     Attributes:
         created: day of the export, YYYY-MM-DD.
@@ -124,24 +124,24 @@ class Manifest:
         sensors: names in the order of the controller's window and of the Pressure message.
         window: L, control steps of history.
         control_period: in t_c.
-        action_limit: bound on |a| the optimiser keeps.
-        mpc: horizon, iterations, learning rate, weights of the cost. The ECU gives the weights to the controller in
-            every step: those inside it, from its export, count without a manifest only.
-        budget_ms: latest answer after a pressure frame.
-        compute_time_ms: what of it the release's settings allot to the control step.
+        action_limit: bound on |a| that the optimiser keeps.
+        mpc: horizon, iterations, learning rate, weights of the cost. The ECU passes these weights to the controller in
+            every step; the weights inside the controller, from its export, only apply without a manifest.
+        budget_ms: largest time from a pressure frame to the command.
+        compute_time_ms: part of `budget_ms` that the release's settings assign to the control step.
         dataset_sha256: of the recording that the model was fitted to.
         weights_sha256: of the trained model's tensors.
         program_sha256: of the program that `controller.onnx` computes (`export.program.controller_program`); a C
             library of the same program has it in its header.
-        provenance: settings, metrics and versions of the training, and what the export's gates measured.
-        sensor_positions: (x, y) of every sensor in the body's reference length W; None where no one stated them.
-        sensor_estimator: of `sensors.onnx`; None without that file.
-        security_version: an ECU on which a release with a greater one was confirmed refuses this one; raised when an
-            older release must not come back.
-        hardware: name of the ECU hardware that it may be flashed to; None for any.
-        speeds: for which the ECU gives it a past at steps of the present speed; None for the operating point's alone,
-            whatever the vehicle's is.
-        resting: of a release for a range of speeds; None takes the wake without jets to be the same at all speeds.
+        provenance: settings, metrics and versions of the training, and the results of the export's gates.
+        sensor_positions: (x, y) of every sensor in the body's reference length W; None if they are not known.
+        sensor_estimator: figures of `sensors.onnx`; None without that file.
+        security_version: an ECU that has confirmed a release with a greater security version refuses this release;
+            raised when an older release must not be installed again.
+        hardware: name of the ECU hardware that the release may be flashed to; None for any.
+        speeds: speeds at which the ECU resamples the controller's past to steps of the present speed; None if the
+            controller assumes the operating point's speed at all times.
+        resting: wake without jets of a release for a range of speeds; None assumes the same wake at all speeds.
     """
 
     name: str
@@ -169,7 +169,8 @@ class Manifest:
 
     @property
     def past(self) -> int:
-        """Control periods behind the controller's window: more than its rows where the vehicle may be slower."""
+        """Number of past control periods needed for the controller's window; more than the window's rows if the vehicle
+        may be slower than the design speed."""
         slowest = 1.0 if self.speeds is None else self.speeds.slowest
         return self.window if slowest == 1.0 else ceil(self.window / slowest) + 1
 
@@ -184,7 +185,7 @@ class Manifest:
             raise BundleManifestError(wrong)
 
     def _wrong(self) -> Iterator[str]:
-        """What makes no sense, in words."""
+        """Describe each invalid field."""
         if self.provenance.get("kind") == "linear":
             yield "a linear controller, which version 1.0.0 alone takes: examples/linear_feedback.py makes one anew"
         for what, name in (("name", self.name), ("hardware", self.hardware)):
@@ -263,7 +264,7 @@ def _unlike_a_wake(resting: RestingWake) -> Iterator[str]:
 
 
 class Opened(NamedTuple):
-    """A manifest whose own hash is right, taken apart: schema, fields, hashes of every file and of the DBC, its own."""
+    """A manifest whose own hash is correct, split into schema, fields, hashes of files and DBC, and its own hash."""
 
     schema: str
     body: Mapping[str, Any]
@@ -273,13 +274,13 @@ class Opened(NamedTuple):
 
 
 def is_sha256(value: object) -> bool:
-    """Whether this is a SHA-256 as manifests hold it."""
+    """Return whether the value is a SHA-256 as manifests state it."""
     return isinstance(value, str) and _SHA256.fullmatch(value) is not None
 
 
 def encode(manifest: Manifest, hashes: Mapping[str, str], dbc: str) -> bytes:
-    """The file's content, its own hash included. Raises BundleManifestError for a provenance that JSON has no words
-    for, such as a figure that is not finite."""
+    """Return the manifest file's content, including its own hash. Raises BundleManifestError for a provenance that JSON
+    cannot express, such as a figure that is not finite."""
     body = {"schema": _SCHEMA, **asdict(manifest), "dbc_sha256": dbc, "files": dict(hashes)}
     try:
         body["manifest_sha256"] = digest_of(body)
@@ -289,7 +290,7 @@ def encode(manifest: Manifest, hashes: Mapping[str, str], dbc: str) -> bytes:
 
 
 def open_manifest(path: Path, raw: bytes) -> Opened:
-    """Take a bundle's manifest apart; raises BundleManifestError if it is damaged, altered or of another schema."""
+    """Split a manifest into its parts; raises BundleManifestError if it is damaged, altered or of another schema."""
     try:
         body = strict_json.decode(raw)
         schema, digest = body.pop("schema"), body.pop("manifest_sha256")
@@ -320,9 +321,9 @@ def open_manifest(path: Path, raw: bytes) -> Opened:
 
 
 def parse(path: Path, opened: Opened) -> Manifest:
-    """Its fields; raises BundleManifestError for one that is missing, unknown or makes no sense."""
+    """Convert an opened manifest; raises BundleManifestError for a missing, unknown or invalid field."""
     try:
-        # The bundle was built with its maker's defaults, not with those of this version: every field must be there.
+        # Every field must be present: the bundle was built with the defaults of its own version, not of this one.
         return typed(dict(opened.body), Manifest, complete=True)
     except (ConfigError, BundleManifestError) as error:
         raise BundleManifestError(f"bundle {path}: {MANIFEST}: {shown(error)}") from error

@@ -1,26 +1,25 @@
-"""What no graph of a bundle may hold, whoever signed it: its bytes are judged before ONNX Runtime sees them.
+"""Content that is forbidden in a bundle's graphs; the bytes are checked before ONNX Runtime reads them.
 
-A graph may come from anyone. ONNX Runtime refuses operators that it does not know, other inputs, outputs and shapes
-are refused where its session is opened, and a first step runs in bounded time and memory (`contract.runtime`). What is
-left are constants in other files and operators that are not ONNX's own. Both have a text in the file, wherever in the
-graph they stand, and no export writes one with it. Whoever signs a graph judges it more strictly
-(`export.release.judged`).
+A graph may come from anyone. ONNX Runtime refuses unknown operators. Opening its session refuses other inputs, outputs
+and shapes, and a first step runs in bounded time and memory (`contract.runtime`). Two cases remain: constants in other
+files, and operators that are not ONNX's own. Both put a certain text into the file, wherever they are in the graph, and
+no exported graph contains such a text. When a graph is signed, it is checked more strictly (`export.release.judged`).
 """
 
 from typing import Final
 
 MAX_GRAPH_BYTES: Final = 16 * 2**20
-"""Size of the file: a hundred times the paper's controller in int8."""
+"""Largest size of a graph's file, in bytes: a hundred times the paper's controller in int8."""
 FORBIDDEN: Final = {
     b"location": "a constant is kept in another file: must be in this one",
     b"com.microsoft": "an operator is of ONNX Runtime's own domain: must be one of ONNX's",
     b"ai.onnx.": "an operator is of another domain than ONNX's first: must be of that",
 }
-"""Texts that stand in no sound graph, and what they mean. An external tensor names its file by the key `location`."""
+"""Texts that no valid graph contains, and their meanings. A tensor in another file has the key `location`."""
 
 
 def check_graph(content: bytes) -> None:
-    """Raise ValueError for a file that is too large, reads others, or has operators that are not ONNX's own."""
+    """Raise ValueError for a graph that is too large, refers to other files, or has operators other than ONNX's own."""
     if len(content) > MAX_GRAPH_BYTES:
         raise ValueError(f"it has {len(content)} bytes: at most {MAX_GRAPH_BYTES}")
     for text, wording in FORBIDDEN.items():

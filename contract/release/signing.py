@@ -1,14 +1,14 @@
-"""Ed25519 signatures (RFC 8032) of release manifests: keys as PEM files, and the text that stands in `manifest.sig`.
+"""Ed25519 signatures (RFC 8032) of release manifests: keys as PEM files, and the text of `manifest.sig`.
 
-A signature is made over the very bytes of the manifest, so that nothing has to be parsed before it is verified. It
-stands in a file of its own with the public key it claims to be of:
+A signature covers the bytes of the manifest, so that nothing has to be parsed before it is verified. It is in a file of
+its own, together with the public key of its claimed signer:
 
     stillwake-signature/1
     key <32 bytes in hex>
     signature <64 bytes in hex>
 
-The key in the file proves nothing by itself: it names who signed, and only a key that the reader has from
-elsewhere makes a signature trusted.
+The key in the file proves nothing by itself: it states who signed. A signature is trusted only if the reader has the
+key from another source.
 """
 
 import hashlib
@@ -42,8 +42,9 @@ _SMALL_ORDER: Final = frozenset(
         "ee" + "ff" * 30 + "7f",
     )
 )
-"""Points that eight times are nothing, by their y, the last two not reduced. A "signature" by one of them is good for
-any text, so none of them is anyone's key (RFC 8032, section 8.8; the list is libsodium's)."""
+"""The y coordinates of the points of small order, whose multiple by eight is the identity; the last two are not
+reduced. A "signature" by one of these keys is valid for any text, so they are refused as keys (RFC 8032, section 8.8;
+the list is libsodium's)."""
 _OWNER_ONLY: Final = 0o600
 _ALL_READ: Final = 0o644
 
@@ -56,18 +57,18 @@ class PublicKey:
 
     @property
     def fingerprint(self) -> str:
-        """First 16 bytes of its SHA-256, in hex: for people to compare. Programs compare whole keys."""
+        """First 16 bytes of the key's SHA-256, in hex, for people to compare. Programs compare whole keys."""
         return hashlib.sha256(self.raw).hexdigest()[:32]
 
 
 def sign(key: Ed25519PrivateKey, data: bytes) -> bytes:
-    """The signature file's content for these bytes."""
+    """Return the content of the signature file for these bytes."""
     return f"stillwake-signature/1\nkey {public_key(key).raw.hex()}\nsignature {key.sign(data).hex()}\n".encode()
 
 
 def signer(signature: bytes, data: bytes) -> PublicKey | None:
-    """Whose signature of these bytes a signature file holds. Raises ValueError if the file has not the form above.
-    Returns the key that the file names, or None if the signature is not its."""
+    """Check a signature file against the signed bytes. Raises ValueError if the file does not have the form above.
+    Returns the key that the file states, or None if the signature was not made with this key."""
     match = _TEXT.fullmatch(signature)
     if match is None:
         raise ValueError("not of the form stillwake-signature/1")
@@ -78,7 +79,7 @@ def signer(signature: bytes, data: bytes) -> PublicKey | None:
 
 
 def is_good(signature: bytes, key: bytes, data: bytes) -> bool:
-    """Whether 64 bytes are this key's signature of these bytes; never by a key of small order."""
+    """Return whether a signature of 64 bytes is valid for the key and the data; False for every key of small order."""
     try:
         Ed25519PublicKey.from_public_bytes(key).verify(signature, data)
     except (InvalidSignature, ValueError):
@@ -87,13 +88,13 @@ def is_good(signature: bytes, key: bytes, data: bytes) -> bool:
 
 
 def public_key(key: Ed25519PrivateKey) -> PublicKey:
-    """The public half."""
+    """Return the public half of a key pair."""
     return PublicKey(key.public_key().public_bytes_raw())
 
 
 def write_key_pair(folder: Path, key: Ed25519PrivateKey) -> PublicKey:
-    """Write `release.key` (PKCS #8, readable by its owner alone) and `release.pub` into a folder, made if need be.
-    Raises KeyFileError if one of them is there already, or the folder cannot be written."""
+    """Write `release.key` (PKCS #8, readable by its owner alone) and `release.pub` into a folder, which is created if
+    needed. Raises KeyFileError if one of the files exists, or the folder cannot be written."""
     secret = key.private_bytes(
         serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, serialization.NoEncryption()
     )
@@ -103,7 +104,7 @@ def write_key_pair(folder: Path, key: Ed25519PrivateKey) -> PublicKey:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         for name, content, mode in ((PRIVATE_KEY, secret, _OWNER_ONLY), (PUBLIC_KEY, public, _ALL_READ)):
-            # Exclusive, and with its mode from the start: no moment in which others could read it.
+            # Exclusive creation with the final mode, so that others can at no moment read the key.
             with os.fdopen(os.open(folder / name, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode), "wb") as file:
                 written.append(folder / name)
                 file.write(content)
@@ -120,7 +121,7 @@ def write_key_pair(folder: Path, key: Ed25519PrivateKey) -> PublicKey:
 
 
 def read_private_key(path: Path) -> Ed25519PrivateKey:
-    """Raises KeyFileError if the file is missing, encrypted, or not an Ed25519 private key in PEM."""
+    """Read a private key. Raises KeyFileError if the file is missing, encrypted, or no Ed25519 private key in PEM."""
     try:
         key = serialization.load_pem_private_key(_read(path), password=None)
     except TypeError as error:
@@ -133,12 +134,12 @@ def read_private_key(path: Path) -> Ed25519PrivateKey:
 
 
 def read_public_key(path: Path) -> PublicKey:
-    """Raises KeyFileError if the file is missing or not an Ed25519 public key in PEM."""
+    """Read a public key. Raises KeyFileError if the file is missing or not an Ed25519 public key in PEM."""
     return _parse_public(str(path), _read(path))
 
 
 def project_key() -> PublicKey:
-    """The key that the shipped bundle is signed with."""
+    """Return the key with which the shipped bundle is signed."""
     return _parse_public(f"contract/release/{PUBLIC_KEY}", files("contract.release").joinpath(PUBLIC_KEY).read_bytes())
 
 
@@ -155,7 +156,7 @@ def _parse_public(name: str, content: bytes) -> PublicKey:
 
 
 def is_of_small_order(raw: bytes) -> bool:
-    """Whether a key is one of those, whatever the sign of its x."""
+    """Return whether a key is a point of small order; the sign bit of x is ignored."""
     return bytes([*raw[:31], raw[31] & 0x7F]) in _SMALL_ORDER
 
 

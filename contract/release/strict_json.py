@@ -1,7 +1,7 @@
-"""JSON with nothing in it that two readers could read differently or that a reader could choke on.
+"""Strict JSON: everything is refused that readers could understand differently or that could overload them.
 
-`json` takes more than the standard: NaN, numbers beyond a double, doubled keys, lone surrogates, integers of any
-length, nesting to the limit of the stack. A manifest comes from anyone, so all of these are refused.
+Python's `json` accepts more than the standard: NaN, numbers beyond a double, duplicate keys, lone surrogates, integers
+of any length, nesting to the limit of the stack. A manifest may come from anyone, so all of these are refused.
 """
 
 import hashlib
@@ -13,11 +13,11 @@ from typing import Any, Final
 MAX_DEPTH: Final = 32
 """Deepest nesting; a release's manifest has six levels."""
 _MAX_DIGITS: Final = 19
-"""Digits of an integer of 64 bits."""
+"""Number of digits of the largest 64-bit integer."""
 
 
 def decode(raw: bytes) -> dict[str, Any]:
-    """The table that a file holds; raises ValueError for anything else."""
+    """Return the table in a file; raises ValueError for anything else."""
     try:
         tree = json.loads(
             raw.decode("utf-8"),
@@ -35,12 +35,12 @@ def decode(raw: bytes) -> dict[str, Any]:
 
 
 def encode(tree: Mapping[str, Any]) -> bytes:
-    """A table as it is stored; raises ValueError for a number that is not finite, TypeError for what JSON lacks."""
+    """Return a table as bytes. Raises ValueError for a number that is not finite, TypeError for unknown types."""
     return (json.dumps(tree, indent=2, sort_keys=True, allow_nan=False) + "\n").encode()
 
 
 def digest_of(tree: Mapping[str, Any]) -> str:
-    """SHA-256 of a table, however it is spaced and ordered, in hex; raises as `encode` does."""
+    """Return the SHA-256 of a table in hex, independent of its spacing and order. Raises as `encode` does."""
     return hashlib.sha256(json.dumps(tree, sort_keys=True, separators=(",", ":"), allow_nan=False).encode()).hexdigest()
 
 
@@ -71,7 +71,7 @@ def _short(text: str) -> int:
 
 
 def _check(tree: Any, depth: int) -> None:
-    """Raises ValueError for nesting that is too deep and for text that is not Unicode."""
+    """Raise ValueError for nesting that is too deep and for text that is not Unicode."""
     if depth > MAX_DEPTH:
         raise ValueError(f"nested more than {MAX_DEPTH} deep")
     if isinstance(tree, str):

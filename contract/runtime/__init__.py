@@ -1,1 +1,1 @@
-"""What runs the graphs of a release bundle: ONNX Runtime within bounds; and how what runs is copied."""
+"""The execution of a bundle's graphs by ONNX Runtime in bounded time and memory, and rules for copying objects."""

@@ -1,4 +1,4 @@
-"""Sessions of ONNX Runtime for graphs that may be anyone's: on one thread, and at first in bounded time and memory."""
+"""Sessions of ONNX Runtime for graphs of unknown origin: on one thread, first tried in bounded time and memory."""
 
 import os
 from collections.abc import Mapping
@@ -16,7 +16,7 @@ from contract.errors import BundleControllerError
 from contract.printable import shown
 
 MAX_MEMORY: Final = 256 * 2**20
-"""Bytes that the values of all graphs in a process may take: the paper's controller needs one million."""
+"""Largest size, in bytes, of the values of all graphs in a process; the paper's controller needs one million bytes."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -24,7 +24,7 @@ class BoundedGraph:
     """A graph in a bundle.
 
     Attributes:
-        shapes: that its inputs and outputs must have, by name.
+        shapes: required shapes of inputs and outputs, by name.
         feeds: zeros for every input without a default.
         optional: names in `shapes` that the graph may lack.
     """
@@ -37,24 +37,24 @@ class BoundedGraph:
     optional: tuple[str, ...] = ()
 
     def session(self) -> Any:
-        """The session to compute with; raises BundleControllerError if it does not load or has other shapes."""
+        """Open the session. Raises BundleControllerError if the graph does not load or has other shapes."""
         return self._opened(_options())
 
     def tried(self, limit_s: float) -> None:
-        """Run one step as the graph stands, in bounded time and memory.
+        """Run one step of the graph without optimisation, in bounded time and memory.
 
-        To optimise a graph, ONNX Runtime computes what depends on constants alone while it loads, and neither time nor
-        memory of that can be bounded. A step that was not optimised computes the same and can be. Raises
-        BundleControllerError as `session` and `run_on_zeros` do.
+        When ONNX Runtime optimises a graph, it computes constant expressions during loading, and neither the time nor
+        the memory for this can be bounded. A step without optimisation does the same computations, and it can be
+        bounded. Raises BundleControllerError as `session` and `run_on_zeros` do.
         """
         options = _options()
         options.graph_optimization_level = onnxruntime.GraphOptimizationLevel.ORT_DISABLE_ALL
         self.run_on_zeros(self._opened(options), 1, limit_s)
 
     def run_on_zeros(self, session: Any, steps: int, limit_s: float) -> None:
-        """So many steps; raises BundleControllerError if they take longer, fail, or answer with what is not finite."""
+        """Run steps on zeros; raises BundleControllerError if they take too long, fail or give non-finite numbers."""
         options = onnxruntime.RunOptions()
-        # ONNX Runtime asks between two nodes, also inside the bodies of loops, whether it is to stop.
+        # ONNX Runtime checks this flag between two nodes, also inside the bodies of loops.
         timer = Timer(limit_s, setattr, (options, "terminate", True))
         timer.daemon = True
         began = perf_counter()
@@ -84,7 +84,7 @@ class BoundedGraph:
             session = onnxruntime.InferenceSession(
                 self.model, options, providers=["CPUExecutionProvider"], enable_fallback=False
             )
-            # ONNX Runtime lists inputs that have a default apart. A name may be no text.
+            # ONNX Runtime lists inputs with a default separately. Reading a name fails if it is no valid text.
             listed = (*session.get_inputs(), *session.get_outputs(), *session.get_overridable_initializers())
             found = {item.name: item.shape for item in listed}
         except Exception as error:
@@ -100,14 +100,14 @@ class BoundedGraph:
 def _options() -> Any:
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = options.inter_op_num_threads = 1
-    # Errors are raised, and need not be printed too; the optional `weights` input, an initialiser that may be
-    # overridden, would be warned about at every load.
+    # Errors are raised, so they need not be printed too. The optional `weights` input, an initialiser that may be
+    # overridden, would cause a warning at every load.
     options.log_severity_level = 4
-    # A bundle's graph was judged to hold all its constants. Should one name a file all the same, it is searched below
-    # what is no folder, and not where the process happens to stand.
+    # The graph's bytes were checked for external constants. If the graph refers to a file all the same, the search
+    # starts at a path that is no folder, and not in the working directory.
     options.add_session_config_entry("session.model_external_initializers_file_folder_path", os.devnull)
     options.add_session_config_entry("session.load_model_format", "ONNX")
-    # Also for the steps in control: what a graph takes on zeros is not what it takes on pressures.
+    # The memory limit also applies under control, where a graph may need more memory than for zeros.
     _register_bounded_memory()
     options.add_session_config_entry("session.use_env_allocators", "1")
     return options
@@ -115,7 +115,7 @@ def _options() -> Any:
 
 @cache
 def _register_bounded_memory() -> None:
-    """Give the process memory of a bounded size that sessions may use; ONNX Runtime takes it once."""
+    """Register an allocator of bounded size that sessions can use; ONNX Runtime accepts one per process."""
     onnxruntime.create_and_register_allocator(
         onnxruntime.OrtMemoryInfo(
             "Cpu", onnxruntime.OrtAllocatorType.ORT_ARENA_ALLOCATOR, 0, onnxruntime.OrtMemType.DEFAULT

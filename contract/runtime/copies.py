@@ -1,13 +1,13 @@
-"""How objects whose parts move together are copied and pickled: whole, or not at all."""
+"""Rules for copying and pickling objects whose parts change together: completely, or not at all."""
 
 from copy import deepcopy
 from typing import ClassVar, NoReturn, Self
 
 
 class CopiedWhole:
-    """An object with a state of its own: `copy.copy` gives what `copy.deepcopy` gives, which shares nothing with it.
+    """A stateful object for which `copy.copy` acts like `copy.deepcopy`: the copy shares nothing with the original.
 
-    A copy that shared the arrays alone would be moved by the other one, and count its steps by itself.
+    A shallow copy would share the arrays but count its steps separately, so each copy would change the other's arrays.
     """
 
     def __copy__(self) -> Self:
@@ -15,10 +15,10 @@ class CopiedWhole:
 
 
 class NeverCopied:
-    """An object that holds what is this process's alone: a child, a library's memory, a socket.
+    """An object with resources of this process, which cannot be copied: a child process, a library's memory, a socket.
 
     Attributes:
-        INSTEAD: what to do in place of a copy, for the error.
+        INSTEAD: advice in the error message on what to do instead of copying.
     """
 
     INSTEAD: ClassVar[str]

@@ -1,4 +1,4 @@
-"""ONNX Runtime computes the estimates of pressures from each other, on one thread: on the ECU and in benchmarks."""
+"""The sensor estimator of a bundle, computed by ONNX Runtime on one thread: on the ECU and in benchmarks."""
 
 from typing import Any, Final
 
@@ -16,15 +16,15 @@ _WARM_UP_STEPS: Final = 3
 
 
 class OnnxEstimator:
-    """Runs `sensors.onnx`. Raises BundleControllerError if the model does not load, its shapes contradict the sizes, or
-    it does not end on zeros. Of the sizes the horizon does not matter."""
+    """An estimator that runs `sensors.onnx`. Raises BundleControllerError if the model does not load, its shapes
+    contradict the sizes, or a step on zeros does not end in time. The horizon in `sizes` is not used."""
 
     def __init__(self, model: bytes, sizes: Sizes) -> None:
         self._made_of = model, sizes
         shapes = estimator_shapes(sizes.window, sizes.sensors)
         feeds = {ESTIMATOR_INPUT: np.zeros(shapes[ESTIMATOR_INPUT], dtype=np.float32)}
         graph = BoundedGraph(name=ESTIMATOR, model=model, shapes=shapes, feeds=feeds, outputs=(ESTIMATOR_OUTPUT,))
-        # It may be anyone's, as the controller may.
+        # The model may come from anyone, so it is first tried with bounded time and memory.
         graph.tried(WARM_UP_LIMIT_S)
         self._session = graph.session()
         graph.run_on_zeros(self._session, _WARM_UP_STEPS, WARM_UP_LIMIT_S)
@@ -35,12 +35,12 @@ class OnnxEstimator:
 
     @classmethod
     def of(cls, bundle: Bundle) -> "OnnxEstimator | None":
-        """A bundle's; None if it has none. Raises BundleControllerError as the class does."""
+        """Open a bundle's estimator; None if the bundle has none. Raises BundleControllerError as the class does."""
         model = bundle.files.get(ESTIMATOR)
         return None if model is None else cls(model, bundle.manifest.sizes)
 
     def estimates(self, window: Array) -> Array:
-        """(V, S) in Cp for a window (L, S+1); raises ControllerError if they fail or are not finite."""
+        """Return estimates (V, S) in Cp for a window (L, S+1); raises ControllerError unless they are finite."""
         try:
             (values,) = self._session.run([ESTIMATOR_OUTPUT], {ESTIMATOR_INPUT: window.astype(np.float32)})
         except Exception as error:

@@ -1,4 +1,4 @@
-"""A release's controller as ONNX Runtime computes it, on one thread: in the ECU, the export's gates and benchmarks."""
+"""A release's controller, computed by ONNX Runtime on one thread: in the ECU, the export's gates and benchmarks."""
 
 from typing import Any, Final
 
@@ -12,13 +12,13 @@ from contract.release.checks import CONTROLLER, Bundle
 from contract.runtime.bounded_session import BoundedGraph
 
 WARM_UP_LIMIT_S: Final = 10.0
-"""The time for all steps of a warm-up: the paper's controller takes some milliseconds a step, and its deadline is 20. A
-graph that needs a thousand times as long never ends, or is no controller."""
+"""Longest time for all steps of a warm-up, in s. The paper's controller takes some milliseconds per step, and its
+deadline is 20 ms. A graph that takes a thousand times as long does not end or is no controller."""
 
 
 class OnnxController:
-    """Runs `controller.onnx`. Raises BundleControllerError if the model does not load or its shapes contradict the
-    sizes. A copy has a session of its own. `description` is what computes the step, for people."""
+    """A controller that runs `controller.onnx`. Raises BundleControllerError if the model does not load or its shapes
+    contradict the sizes. A copy has its own session. `description` tells people what computes the step."""
 
     def __init__(self, model: bytes, sizes: Sizes) -> None:
         self._made_of = model, sizes
@@ -29,9 +29,9 @@ class OnnxController:
 
     @classmethod
     def of(cls, bundle: Bundle) -> "OnnxController":
-        """A bundle's; raises BundleControllerError if its model does not load or contradicts the manifest.
+        """Open a bundle's controller. Raises BundleControllerError if it does not load or fit the manifest.
 
-        The model may be anyone's, so it first shows that a step of it ends, and in little memory.
+        The model may come from anyone, so one step is first tried with bounded time and memory.
         """
         model, sizes = bundle.files[CONTROLLER], bundle.manifest.sizes
         _graph(model, sizes).tried(WARM_UP_LIMIT_S)
@@ -43,8 +43,8 @@ class OnnxController:
         return OnnxController, self._made_of, {"description": self.description}
 
     def warm_up(self, steps: int, limit_s: float = WARM_UP_LIMIT_S) -> None:
-        """Run on zeros, so that the first real step does not pay for ONNX Runtime's first allocations. Raises
-        BundleControllerError if they take longer, fail, or answer with numbers that are not finite."""
+        """Run steps on zeros, so that the first real step does not include ONNX Runtime's first allocations. Raises
+        BundleControllerError if they exceed the time limit, fail, or give numbers that are not finite."""
         self._graph.run_on_zeros(self._session, steps, limit_s)
 
     def control_step(
@@ -56,7 +56,7 @@ class OnnxController:
         speed: float = 1.0,
         limit: float | None = None,
     ) -> ControlStep:
-        """One control step in float32 (`contract.controller.interface`); raises ControllerError if it fails."""
+        """Compute one control step in float32 (`contract.controller.interface`); raises ControllerError if it fails."""
         feeds = {"window": window, "plan": plan, "free": free}
         for name, value in (("weights", weights), ("speed", speed), ("limit", limit)):
             if value is not None and name in self._defaults:

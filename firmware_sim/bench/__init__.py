@@ -1,1 +1,1 @@
-"""The closed loop: the vehicle's side, virtual time, and the wiring of a run."""
+"""The closed loop: the vehicle's side, virtual time, and the assembly of a run."""

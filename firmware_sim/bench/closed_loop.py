@@ -1,4 +1,4 @@
-"""One closed-loop run from bundle to run folder."""
+"""One closed-loop run that takes a bundle and writes a run folder."""
 
 import json
 from collections.abc import Callable, Sequence
@@ -45,25 +45,26 @@ def run_closed_loop(
     report: Callable[[RunFolder], object] = lambda folder: None,
     **parts: Any,
 ) -> RunLog:
-    """Run a wake under the bundle's controller and keep the results in `output`. Raises StillwakeError if the folder
+    """Run a wake under the bundle's controller and write the results to `output`. Raises StillwakeError if the folder
     cannot be written, the bundle does not fit the vehicle, the bus cannot carry virtual time, the jets could never
     move, a span is too short, or a disturbance could not act.
 
     Args:
-        output: run folder (`firmware_sim.runs.run_folder`), created if need be. A run that is there is replaced when
-            this one is whole.
-        config: the vehicle; its operating point and control period must be the bundle's.
+        output: run folder (`firmware_sim.runs.run_folder`), created if need be. An earlier run there is replaced when
+            this run is complete.
+        config: settings of the vehicle; its operating point and control period must be those of the bundle.
         lead_in, controlled, settle, averages: `firmware_sim.bench.spans.Spans`.
-        origin: what the run records about its making; made today without one.
-        ready: called with the periods in all, once everything is checked and open, before the first period.
-        progress: called with (row, periods done, periods in all) after every period.
-        plant: the wake, opened here; the own solver from its shipped start without one.
-        faults: what disturbs the run; their times are in s of it.
-        progress_without: called with (periods done, periods in all) while the drive goes on without control.
-        report: writes what else belongs into the folder, when the others are in it.
-        parts: controller, calibration, ecu and drive of `Simulation`; the flow has the time steps for the drive.
+        origin: date and origin that the run records; if None, today's date.
+        ready: called with the total number of periods before the first period, when everything is checked and open.
+        progress: called with (row, periods done, total periods) after every period.
+        plant: the wake, opened here; if None, the built-in solver from its shipped start.
+        faults: disturbances of the run; their times are in s from its start.
+        progress_without: called with (periods done, total periods) while the drive runs without control.
+        report: writes further files into the folder after all others.
+        parts: controller, calibration, ecu and drive of `Simulation`; `config.flow` must have the time steps for the
+            drive.
     """
-    # python-can loads all that it can write with, which takes a second.
+    # Importing here saves a second elsewhere: python-can loads every writer that it has.
     from can_bridge.logs import frame_log
 
     disturbances = Disturbances(items=tuple(faults))
@@ -76,7 +77,7 @@ def run_closed_loop(
         **parts,
     )
     with ExitStack() as stack:
-        # Whole runs only: all files appear when the block has succeeded, and none before.
+        # The output appears only when the block succeeds, so a folder never holds part of a run.
         folder = RunFolder(stack.enter_context(replacing(output, keep=True)))
         folder.path.mkdir()
         frames = stack.enter_context(ExitStack())
@@ -90,7 +91,7 @@ def run_closed_loop(
             recorder.record(0, wake.t, picture.levels)
 
         def record(row: Row, done: int, total: int) -> None:
-            # The wake stands at the start of the next period, of which the run has none after its last.
+            # The wake is now at the start of the next period; the last period has no next one to record.
             if done < total:
                 recorder.record(done, wake.t, picture.levels)
             progress(row, done, total)
@@ -115,6 +116,6 @@ def run_closed_loop(
 
 
 def _draw(wake: LivePlant, bundle: Bundle, state: str, target: Path) -> None:
-    """The vorticity now, as PNG, with the bundle's sensors marked."""
+    """Save the present vorticity as PNG, with the bundle's sensors marked."""
     figure = vorticity_figure(wake, bundle.manifest.sensors, title=f"{state}, t = {wake.t:.1f} $t_c$")
     figure.savefig(target, format="png")

@@ -1,16 +1,16 @@
-"""What disturbs a run, as a line of text each, with its place in s of the run behind an @.
+"""Disturbances of a run, each described by a line of text, with its time span in s of the run after an @.
 
-    noise:level=0.5                        every transducer
-    stuck:sensor=base_7@2..5               one of them, from 2 s until before 5 s
+    noise:level=0.5                        on every transducer
+    stuck:sensor=base_7@2..5               on one transducer, from 2 s until before 5 s
     ecu:drop:probability=0.3               in a node's port: `firmware_sim.bench.run_faults`
     wire_errors:bit_error_rate=1,node=ecu@2..2.01
-    reset@4                                once
-    reynolds=700                           the flow is not the one of the training
-    body:length=1                          nor the vehicle
+    reset@4                                once, at 4 s
+    reynolds=700                           the flow differs from the training's
+    body:length=1                          the vehicle differs from the training's
     gust:amplitude=0.1,period=20
 
-A disturbance is plain data; `disturbing.py` puts all of them to work. Sensors are the bundle's: no other one is read.
-Levels are in global deviations of pressure (`firmware_sim.bench.sensor_faults`).
+A disturbance is plain data; `disturbing.py` applies it. Its sensors must be sensors of the bundle, because no others
+are read. Levels are in global deviations of pressure (`firmware_sim.bench.sensor_faults`).
 """
 
 from collections.abc import Iterable
@@ -35,64 +35,66 @@ Share = Annotated[T, Rule(wording="above 0 and at most 1", holds=lambda value: 0
 
 @dataclass(frozen=True, kw_only=True)
 class WireNoise(Span, section="wire_errors"):
-    """Bits that are wrong on the wire: CAN notices, sends again, and counts errors up to bus-off."""
+    """Bit errors on the bus: CAN detects them, repeats the frame, and counts errors up to bus-off."""
 
     bit_error_rate: Probability[float]
-    """Each bit is wrong with this probability, independent of the others."""
+    """Probability that a bit is wrong, independent for each bit."""
     node: Literal["all", "vehicle", "ecu"] = "all"
-    """Only frames that this node sends, or with at=receive only what it hears."""
+    """The node whose sent frames have errors; with at=receive, the node that receives with errors."""
     at: Literal["send", "receive"] = "send"
-    """Wrong for all nodes, or for a receiver alone."""
+    """Place of the errors: send for errors that all nodes see, receive for errors that one receiver sees."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Reset(Instant, section="reset"):
-    """The ECU loses its state, hears nothing while it boots, and starts again.
+    """A reset: the ECU loses its state, receives nothing while it boots, and starts again.
 
-    What it handed over to its CAN controller goes out. Freshness values of `bus.key` are in lasting memory.
+    Frames that its CAN controller already has are still sent. Freshness values of `bus.key` are in non-volatile memory.
     """
 
     node: Literal["ecu"] = "ecu"
     boot_s: NonNegative[float] = 0.2
-    """The time from the reset to the first step."""
+    """Time from the reset to the first step."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class WrongClock(Span, section="clock"):
-    """The ECU's clock runs at another rate than the vehicle's, whose periods are the run's, or is set.
+    """A wrong ECU clock: its rate differs from the vehicle's, or its time is offset. The run's periods are the
+    vehicle's.
 
-    It stamps the frames that the ECU receives and gives it the time; right again at the end of the span, with a jump.
+    The clock stamps the frames that the ECU receives and gives the ECU its time. At the end of the span it jumps back
+    to the right time.
     """
 
     node: Literal["ecu"] = "ecu"
     ppm: Annotated[float, Rule(wording="above -10^6", holds=lambda value: value > -1e6)] = 0.0
-    """The rate by which the clock is fast."""
+    """Error of the clock's rate, in parts per million; a positive value makes the clock fast."""
     offset_s: Finite[float] = 0.0
-    """The time by which the clock is ahead at the start of the span."""
+    """Time by which the clock is ahead at the start of the span."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class NoRequest(Span, section="no_request"):
-    """The vehicle takes back its request for control, and raises it again afterwards: what ends a latched fault."""
+    """The vehicle withdraws its request for control and raises it again afterwards, which clears a latched fault."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Reynolds(Span, section="reynolds"):
-    """The flow's viscosity is another one than that of `flow.reynolds`; own solver alone."""
+    """The flow has another viscosity than that of `flow.reynolds`; only the built-in solver can do this."""
 
     reynolds: Positive[float]
-    """U_inf W / nu."""
+    """Reynolds number U_inf W / nu."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class OtherBody(Span, section="body"):
-    """The vehicle is another body than the one the release was made for, with sensors of the same names at its own
-    places; own solver alone, for the whole run. The ECU does not know it."""
+    """The vehicle's body differs from the body that the release was made for. Its sensors have the same names but their
+    own places. The ECU has no information about it. Only the built-in solver can do this, and only for a whole run."""
 
     length: Finite[float]
-    """W, as `body.length`."""
+    """Length of the body in W, as `body.length`."""
     leading_edge_radius: NonNegative[float] = 0.0
-    """W, as `body.leading_edge_radius`."""
+    """Radius of the leading edge in W, as `body.leading_edge_radius`."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -100,51 +102,51 @@ class OtherBody(Span, section="body"):
         self.instead_of(TRUCK_BODY)
 
     def instead_of(self, body: BodyConfig) -> BodyConfig:
-        """This body, with as many sensors as that one. Raises ConfigError if the solver takes no such body."""
+        """Return `body` with this disturbance's dimensions. Raises ConfigError if the solver does not accept it."""
         return replace(body, length=self.length, leading_edge_radius=self.leading_edge_radius)
 
 
 @dataclass(frozen=True, kw_only=True)
 class GustyWind(Span, section="gust"):
-    """The wind against the vehicle varies: U(t) = U_inf (1 + amplitude sin(2 pi t / period)); own solver alone.
+    """The wind against the vehicle varies: U(t) = U_inf (1 + amplitude sin(2 pi t / period)); built-in solver only.
 
-    `wake.plant.drive` defines that frame of reference. Forces and pressures stay in units of the mean U_inf, as
-    the jets do. It ends with the last whole period in the span.
+    `wake.plant.drive` defines the frame of reference. Forces, pressures and jets stay in units of the mean U_inf. The
+    gust ends with the last whole period in the span.
     """
 
     amplitude: Below[float]
     period: Positive[float]
-    """t_c."""
+    """Period of the gust in t_c."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class VehiclePoint(Span, section="operating_point"):
-    """The vehicle moves at another speed, or in other air, than the ECU was made for.
+    """The vehicle's speed or the air's density differs from the ECU's settings.
 
-    Its transducers' pressures and its jets' flow scale accordingly. Clocks stay: a control period is as many t_c as
-    before, and the wake behaves as at `flow.reynolds`.
+    Transducer pressures in Pa and jet flow in m2/s scale accordingly. A control period has as many t_c as before, and
+    the wake behaves as at `flow.reynolds`.
     """
 
     speed: Annotated[float | None, Rule(wording="positive", holds=lambda value: value > 0, or_none=True)] = None
-    """m/s; that of `operating_point.speed` without."""
+    """Speed in m/s; if None, `operating_point.speed`."""
     density: Annotated[float | None, Rule(wording="positive", holds=lambda value: value > 0, or_none=True)] = None
-    """kg/m3, likewise."""
+    """Density in kg/m3; if None, `operating_point.density`."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ActionLimit(Span, section="action_limit"):
-    """The jets saturate below what the ECU takes for their limit."""
+    """The jets saturate below the limit that the ECU has for them."""
 
     action_limit: Share[float]
-    """Share of `flow.action_limit` that they reach."""
+    """Share of `flow.action_limit` at which the jets saturate."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class StuckJets(Span, section="stuck_jets"):
-    """The jets' actuator stands still, whatever it is commanded."""
+    """The jets' actuator does not move, whatever the command."""
 
     stuck_jets: Annotated[Finite[float], Rule(wording="between -1 and 1", holds=lambda value: -1 <= value <= 1)]
-    """The share of `flow.action_limit` at which the jets stand; 0 is shut."""
+    """Share of `flow.action_limit` at which the jets are stuck; 0 is shut."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -156,15 +158,15 @@ class SpeedScale(Span, section="speed_scale"):
 
 @dataclass(frozen=True, kw_only=True)
 class SpeedLate(Span, section="speed_late"):
-    """The speed that the vehicle sends is the one of so long before, without showing its age."""
+    """The speed that the vehicle sends is old, but has no age in its frame."""
 
     speed_late: NonNegative[float]
-    """s; rounded to whole control periods."""
+    """Age of the speed in s, rounded to whole control periods."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class SpeedFrozen(Span, section="speed_frozen"):
-    """The speed that the vehicle sends stays what it is at the start of the span."""
+    """The speed that the vehicle sends keeps its value from the start of the span."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -174,12 +176,12 @@ class NoSpeed(Span, section="no_speed"):
 
 @dataclass(frozen=True, kw_only=True)
 class Density(Span, section="density"):
-    """The air has another density than the ECU was made for: pressures scale with it, the jets' flow does not."""
+    """The air's density differs from the ECU's settings: pressures scale with it, the jets' flow does not."""
 
     density: Positive[float]
-    """kg/m3."""
+    """Density in kg/m3."""
     stated: bool = False
-    """Whether the vehicle knows it, and sends it with its speed."""
+    """Whether the vehicle knows the density and sends it with its speed."""
 
 
 KINDS: Final[dict[str, type[Span]]] = {
@@ -191,14 +193,13 @@ KINDS: Final[dict[str, type[Span]]] = {
         *(SpeedScale, SpeedLate, SpeedFrozen, NoSpeed, Density),
     )
 }
-"""The kinds by the name that texts use; what begins with the name of a node is a `NodeFault`."""
+"""Classes of disturbances by their name in texts; a text that begins with a node's name is a `NodeFault` instead."""
 
 Disturbance = NodeFault | Span
 
 
 def parse_disturbance(text: str) -> Disturbance:
-    """What a text describes. Raises ConfigError naming the text, and what is not known, missing, of another type or out
-    of its bounds."""
+    """Return the disturbance that a text describes. Raises ConfigError that states the text and its faulty part."""
     node, colon, _ = text.partition(":")
     if colon and node in NODES:
         return parse_node_fault(text)
@@ -207,38 +208,38 @@ def parse_disturbance(text: str) -> Disturbance:
 
 @dataclass(frozen=True, kw_only=True)
 class Disturbances:
-    """Everything that disturbs a run; comparable, picklable, and read back from its own texts.
+    """All disturbances of a run; comparable, picklable, and equal to the result of parsing `texts`.
 
     Attributes:
-        items: in the order given, each with draws of its own by its place. Of several on the sensors the first is next
-            to the wall, of several in a port next to the wire; of several of the flow or the vehicle that act at once
-            the last one counts.
+        items: disturbances in the order given; each draws from its own random sequence, numbered by its place. Of
+            several on the sensors, the first acts first on the wall's pressures; of several in a port, the first is
+            closest to the bus. Of several of the flow or the vehicle that act at once, the last one counts.
     """
 
     items: tuple[Disturbance, ...] = field(default=())
 
     @classmethod
     def parse(cls, texts: Iterable[str]) -> Self:
-        """See `parse_disturbance`."""
+        """Parse each text with `parse_disturbance`."""
         return cls(items=tuple(map(parse_disturbance, texts)))
 
     @property
     def texts(self) -> tuple[str, ...]:
-        """Texts of the items, which `parse` takes."""
+        """Texts of the items, in the form that `parse` accepts."""
         return tuple(one.text if isinstance(one, NodeFault) else text_of(one) for one in self.items)
 
     @property
     def other_body(self) -> OtherBody | None:
-        """What the vehicle is in place of the release's, if it is another."""
+        """The body that replaces the release's body; None if there is no such disturbance."""
         return next((one for one in reversed(self.items) if isinstance(one, OtherBody)), None)
 
     def plant(self, config: Config) -> Config:
-        """The settings with the body that the plant has."""
+        """Return the settings with the body that the plant has."""
         other = self.other_body
         return config if other is None else replace(config, body=other.instead_of(config.body))
 
     def check(self, config: Config, sensors: tuple[str, ...], *, duration_s: float) -> None:
-        """Raises ConfigError for what could not act in a run of this length with these sensors in use."""
+        """Check the disturbances; raises ConfigError for one that could not act in this run with these sensors."""
         check_faults([one for one in self.items if isinstance(one, NodeFault)], config.bus, duration_s=duration_s)
         for one, text in zip(self.items, self.texts, strict=True):
             if isinstance(one, NodeFault):
@@ -255,7 +256,7 @@ class Disturbances:
 
 
 def whole_cycles(gust: GustyWind, convective_time: float) -> float:
-    """Periods of the gust in its span; raises ConfigError if there is none."""
+    """Return the number of whole gust periods in the span; raises ConfigError if there is none."""
     if gust.end_s == inf:
         return inf
     cycles = floor((gust.end_s - gust.start_s) / (gust.period * convective_time) + 1e-9)

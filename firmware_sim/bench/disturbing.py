@@ -1,4 +1,4 @@
-"""The disturbances of a run at work: on the wire, in the ports, at the transducers, in flow, vehicle and ECU."""
+"""The disturbances of a run while it runs: on the bus, in the ports, at the transducers, in flow, vehicle and ECU."""
 
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -31,16 +31,17 @@ from wake.plant.protocol import Disturbable, Plant
 S = TypeVar("S", bound=Span)
 
 PORT_NAMES: Final = {"vehicle": "vehicle", "ecu": "ECU"}
-"""What the simulated bus calls the nodes."""
+"""Names of the nodes on the simulated bus."""
 
 
 class Disturbing:
-    """All of one run.
+    """Applies all disturbances of one run.
 
     Args:
-        sensors: that the transducers read, in their order.
-        seed: of everything that they draw; each draws from a sequence of its own.
-        before: how many there were before these, "all" and of each node's port: they draw as if they stood behind.
+        sensors: names of the transducers' sensors, in order.
+        seed: seed of all random sequences; each disturbance has its own sequence.
+        before: number of earlier disturbances, of all kinds under "all" and of each node's port under the node's name;
+            random sequences are numbered after those.
     """
 
     def __init__(
@@ -72,26 +73,26 @@ class Disturbing:
         self._ports: NodeFaults | None = None
         self._flow: tuple[Disturbable, float] | None = None  # and its own Reynolds number
 
-    # On the wire and in the ports.
+    # Methods for bus errors and for faults in the ports.
 
     @property
     def corrupts(self) -> Corrupts | None:
-        """The errors of a `SimulatedBus` that are wrong for all nodes."""
+        """Bit errors for `SimulatedBus` that all nodes see."""
         return self._wire("send")
 
     @property
     def mishears(self) -> Corrupts | None:
-        """The errors of a `SimulatedBus` that one receiver hears wrong."""
+        """Bit errors for `SimulatedBus` that only one receiver sees."""
         return self._wire("receive")
 
     def connect(self, bus: SimulatedBus) -> Callable[[str, Bus], Bus]:
-        """Begin on this bus; returns what puts a node's faults around its port."""
+        """Start the port faults on this bus; returns the function that puts a node's faults around its port."""
         faults = [one for one in map(self._in_port, range(len(self._items))) if one is not None]
         self._ports = NodeFaults(faults, bus, self._seed, self._before)
         return self._ports.around
 
     def end(self) -> None:
-        """Let them be: what acts by itself on the bus stops."""
+        """Stop the port faults that act on the bus by themselves."""
         if self._ports is not None:
             self._ports.end()
 
@@ -109,7 +110,7 @@ class Disturbing:
                 errors = WireErrors(
                     bit_error_rate=one.bit_error_rate, nodes=nodes, start_s=one.start_s, end_s=one.end_s
                 )
-                # The hook draws from its seed alone.
+                # The hook draws from this seed alone, so the seed has to include the place.
                 hooks.append((place, errors.hook(len(self._items) * self._seed + place)))
         return partial(self._first_wrong_bit, hooks) if hooks else None
 
@@ -118,10 +119,10 @@ class Disturbing:
         self._acted.update(wrong.keys())
         return min(wrong.values(), default=None)
 
-    # At the transducers.
+    # Methods for the transducers.
 
     def readings(self, cp: Array, now_ns: int) -> Array:
-        """(S,) what the transducers read where the wall has Cp (S,)."""
+        """Return the transducers' readings (S,) for wall pressures Cp (S,)."""
         for place, one, fault in self._transducers:
             if one.is_active(now_ns):
                 cp = fault(cp)
@@ -133,16 +134,16 @@ class Disturbing:
         at = [list(sensors).index(name) for name in one.named]
         return one.begun(at, self._config, int(drawn.generate_state(1)[0]))
 
-    # In the ECU.
+    # Methods for the ECU.
 
     def ecu_clock(self, now_ns: int) -> int:
-        """What the ECU's clock shows."""
+        """Return the time on the ECU's clock at a time of the run."""
         for drift in self._clocks.values():
             now_ns = drift.local_ns(now_ns)
         return now_ns
 
     def plan_resets(self, bus: SimulatedBus, loop: VirtualLoop) -> None:
-        """Have the ECU reset when its time has come."""
+        """Schedule the ECU's resets."""
 
         def reset(place: int, boot_ns: int) -> None:
             loop.reset_ecu(boot_ns)
@@ -151,14 +152,14 @@ class Disturbing:
         for place, one in self._each(kinds.Reset):
             bus.call_at(round(one.start_s * NS), partial(reset, place, round(one.boot_s * NS)))
 
-    # Around every period.
+    # Methods called around every period.
 
     def requests(self, enable_request: bool, now_ns: int) -> bool:
-        """What the vehicle requests where it should request this."""
+        """Return the vehicle's request for control: `enable_request`, unless a disturbance withdraws it."""
         return enable_request and not list(self._acting(kinds.NoRequest, now_ns))
 
     def before_period(self, now_ns: int, node: VehicleNode) -> None:
-        """Give the vehicle what is its own in the period that begins now."""
+        """Set the vehicle's disturbed properties for the period that begins now."""
         design, full = self._config.operating_point, self._config.flow.action_limit
         point, limit, stuck_at = design, full, None
         for _, vehicle in self._acting(kinds.VehiclePoint, now_ns):
@@ -181,7 +182,7 @@ class Disturbing:
         self._state_speed(now_ns, node)
 
     def _state_speed(self, now_ns: int, node: VehicleNode) -> None:
-        """What the vehicle sends about its speed; of several at once each acts on what is left of it."""
+        """Set the speed that the vehicle sends. Disturbances act in this order: late, frozen, scaled, absent."""
         self._speeds.append(node.speed)
         stated = node.speed
         for _, late in self._acting(kinds.SpeedLate, now_ns):
@@ -193,7 +194,7 @@ class Disturbing:
         node.stated_speed, node.sends_speed = stated, not list(self._acting(kinds.NoSpeed, now_ns))
 
     def set_flow(self, now_ns: int) -> None:
-        """Give the flow what is its own in the period that begins now."""
+        """Set the flow's Reynolds number for the period that begins now."""
         if self._flow is None:
             return
         plant, reynolds = self._flow
@@ -205,7 +206,7 @@ class Disturbing:
 
     @contextmanager
     def in_flow(self, plant: Plant) -> Iterator[None]:
-        """Let the wind blow on a plant that stands at the run's beginning; it is left as it was."""
+        """Add the gusts to the wind of a plant at the run's start; restore wind and Reynolds number afterwards."""
         if not any(isinstance(one, kinds.Reynolds | kinds.GustyWind) for one in self._items):
             yield
             return
@@ -219,7 +220,7 @@ class Disturbing:
         before, wind = plant.config.reynolds, plant.wind
         self._flow = plant, before
         if gusts:
-            # A gust is in the air: it comes on top of the vehicle's speed.
+            # Add the gust to the plant's wind: the vehicle's speed may vary as well.
             plant.wind = partial(_blown, wind, tuple(gusts))
         try:
             yield
@@ -229,7 +230,7 @@ class Disturbing:
                 plant.set_reynolds(before)
 
     def injected(self) -> tuple[InjectedFault, ...]:
-        """What each has done so far, in the order given."""
+        """Return each disturbance with the number of times it has acted so far, in the order given."""
         in_ports = iter(() if self._ports is None else self._ports.injected())
         faults = []
         for place, text in enumerate(self._texts):
@@ -239,11 +240,11 @@ class Disturbing:
         return tuple(faults)
 
     def _each(self, kind: type[S]) -> Iterator[tuple[int, S]]:
-        """The disturbances of a kind, each with its place."""
+        """Return the disturbances of a kind, each with its place."""
         return ((place, one) for place, one in enumerate(self._items) if isinstance(one, kind))
 
     def _acting(self, kind: type[S], now_ns: int) -> Iterator[tuple[int, S]]:
-        """Those of them that act now, counted as they come."""
+        """Return and count those disturbances of a kind that act now."""
         for place, one in self._each(kind):
             if one.is_active(now_ns):
                 self._acted[place] += 1

@@ -1,4 +1,4 @@
-"""A flow on a drive: its stream follows the vehicle's speed, under control and, for comparison, without it."""
+"""A flow on a drive: its inflow follows the vehicle's speed, under control and, for comparison, without control."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -16,10 +16,10 @@ from wake.plant.protocol import Drivable, Plant
 
 @contextmanager
 def driving(plant: Plant, drive: Drive, config: Config) -> Iterator[Drivable]:
-    """Let the stream have the drive's speed, from the plant's time on, which is the drive's 0.
+    """Make the plant's inflow follow the drive, whose time 0 is the plant's present time.
 
-    A developed wake is made that of the drive's first speed, and settles in the time without control. Raises
-    ConfigError if the plant's stream has one speed.
+    A developed wake is scaled to the drive's first speed and settles in the time without control. Raises ConfigError if
+    the plant cannot change its speed.
     """
     if not isinstance(plant, Drivable):
         raise ConfigError(f"drive {drive.name}: this plant has one speed; a drive needs the own solver")
@@ -36,12 +36,12 @@ def driving(plant: Plant, drive: Drive, config: Config) -> Iterator[Drivable]:
 def without_control(
     plant: Drivable, disturbing: Disturbing, config: Config, periods: int, progress: Callable[[int, int], None]
 ) -> dict[str, Array]:
-    """The series of `WITHOUT` over so many periods with the jets shut; the plant is left where it was. Raises
-    PlantError if the flow diverges.
+    """Compute the series of `WITHOUT` for `periods` control periods with the jets shut, and then restore the plant's
+    state. Raises PlantError if the flow diverges.
 
     Args:
-        disturbing: of the flow it takes what disturbs the run.
-        progress: called with (periods done, periods in all) after every period.
+        disturbing: disturbances of the run, of which only those of the flow act here.
+        progress: called with (periods done, total periods) after every period.
     """
     start, rows = plant.state(), np.empty((periods, len(WITHOUT)))
     with disturbing.in_flow(plant):

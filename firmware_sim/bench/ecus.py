@@ -1,4 +1,4 @@
-"""The ECU in C of a run, by its name: on this machine, or as the firmware of an emulated microcontroller."""
+"""The ECU in C for a run, selected by name: on this machine, or as the firmware of an emulated microcontroller."""
 
 from collections.abc import Mapping
 from importlib import import_module
@@ -12,16 +12,16 @@ from ecu.stepped import LoopEcu
 
 C: Final = "c"
 MCU: Final = "mcu"
-"""The whole firmware of a board with a Cortex-M7, emulated."""
+"""Name of the ECU that is the whole firmware of an emulated board with a Cortex-M7."""
 CLOCKS_MHZ: Final = (1.0, 10_000.0)
-"""Range of clocks; a core at less takes seconds for a step, and none runs at more."""
+"""Range of accepted clocks in MHz. A slower core takes seconds for a step; no core is faster."""
 
 
 def check_ecu(kind: str, clock_mhz: float) -> None:
-    """Check what can be checked before there are sources.
+    """Check the ECU's settings as far as possible without sources.
 
     Raises:
-        ConfigError: no clock that a core could have.
+        ConfigError: the clock is outside `CLOCKS_MHZ`.
         LibraryError: there is no compiler for C.
         ModuleNotFoundError: the emulator is not installed (extra mcu).
     """
@@ -37,25 +37,25 @@ def check_ecu(kind: str, clock_mhz: float) -> None:
 def loop_ecu(
     kind: str, sources: Mapping[str, bytes], *, clock_mhz: float = 480.0, secret: bytes | None = None
 ) -> LoopEcu:
-    """An ECU in C, just powered on.
+    """Return an ECU in C that has just been powered on.
 
     Args:
         kind: C or MCU.
         sources: `ecu.in_c.c_ecu.ecu_sources`.
-        clock_mhz: of the emulated core.
-        secret: the key, where the sources are of a bus with `bus.key`.
+        clock_mhz: clock of the emulated core.
+        secret: key of the bus, if the sources are for a bus with `bus.key`.
 
     Raises:
-        ConfigError: no clock that a core could have.
-        LibraryError: there is no compiler, or the sources are no ECU.
-        McuError: they do not compile for the core.
+        ConfigError: the clock is outside `CLOCKS_MHZ`.
+        LibraryError: there is no compiler, or the sources are not those of an ECU.
+        McuError: the sources do not compile for the core.
     """
     precision = ProgramSettings.of(sources).text("SW_PRECISION")
     if kind == C:
         host = CEcu(sources, secret=secret)
         return LoopEcu(ecu=host, kind=kind, computed_by=f"C99 {precision}, {host.description}")
     check_ecu(kind, clock_mhz)
-    # The emulator is of an extra.
+    # The emulator is installed only with an extra.
     from firmware_sim.mcu.board.board_ecu import BoardEcu
 
     core = BoardEcu(sources, clock_mhz=clock_mhz, secret=secret)

@@ -1,12 +1,13 @@
-"""What the vehicle makes of the jet commands that it hears: which pressures they rest on, and how many it may miss.
+"""The vehicle's checks on the jet commands that it receives: the age of their pressures, and the number of missed
+commands.
 
-A command echoes the counter of a Pressure frame, which repeats after 256 frames, in the classic set after 16. An echo
-that stands still would look fresh again after that. So echoes are followed one by one: each is taken for the first
-frame with its counter that is not older than the frame echoed before it. Where commands were interrupted there is
-nothing to follow, and the newest frame with that counter is meant.
+A command echoes the counter of a Pressure frame. The counter repeats after 256 frames, in the classic message set after
+16, so an echo that does not change would look fresh again after that time. Each echo is therefore taken for the first
+frame with its counter that is not older than the previously echoed frame. After an interruption there is no previous
+echo; then the newest frame with that counter is taken.
 
-The limit of what may be missed is (m, k)-firm. The ECU judges the pressures that it misses in the same way
-(`ecu.fail_safe`). It cannot see that its commands are lost, so the vehicle judges these by itself.
+The limit of missed commands is (m, k)-firm. The ECU checks missed pressures in the same way (`ecu.fail_safe`). The ECU
+cannot see that its commands are lost, so the vehicle checks the commands itself.
 """
 
 from dataclasses import dataclass, replace
@@ -18,12 +19,13 @@ from contract.config.vehicle import VehicleConfig
 
 @dataclass(frozen=True, kw_only=True)
 class EchoTracker:
-    """A value; frames are numbered as they are sent, from the first counter on.
+    """An immutable record of sent Pressure frames and of the last echo. Frames are numbered in the order of sending,
+    starting with the first counter.
 
     Attributes:
-        kept: times of sending of the latest frames, the newest last; at most a counter's period of them.
-        newest: number of the newest frame; None before the first.
-        echoed: number of the frame echoed last; None if there is nothing to follow.
+        kept: sending times in ns of the latest frames, newest last; at most `counter_period` of them.
+        newest: number of the newest frame; None before the first frame.
+        echoed: number of the frame echoed last; None if there is no previous echo.
     """
 
     counter_period: int
@@ -32,18 +34,18 @@ class EchoTracker:
     echoed: int | None = None
 
     def sent(self, counter: int, now_ns: int) -> "EchoTracker":
-        """Count a frame with this counter that was sent."""
+        """Record a sent frame with this counter."""
         newest = counter
         if self.newest is not None:
             newest = self.newest + (counter - self.newest) % self.counter_period
         return replace(self, newest=newest, kept=(*self.kept, now_ns)[-self.counter_period :])
 
     def interrupted(self) -> "EchoTracker":
-        """Forget the echo after commands stayed away, or came without an echo."""
+        """Forget the echo because commands were missing or had no echo."""
         return replace(self, echoed=None)
 
     def received(self, counter: int) -> "EchoTracker":
-        """Follow a command with this echo; without one to follow if it is of no frame that was sent."""
+        """Record a command's echo. If the echo is not of a frame that was sent, forget the previous echo."""
         if self.newest is None:
             return self
         oldest = self.newest - len(self.kept) + 1 if self.echoed is None else self.echoed
@@ -52,12 +54,12 @@ class EchoTracker:
 
     @property
     def age(self) -> int | None:
-        """Frames sent since the one echoed last; None without one."""
+        """Number of frames sent since the frame that was echoed last; None without an echo."""
         return None if self.newest is None or self.echoed is None else self.newest - self.echoed
 
     @property
     def sampled_ns(self) -> int | None:
-        """When the frame echoed last was sent; None without one, or if that is more than a counter's period ago."""
+        """Sending time of the frame echoed last; None without an echo, or if it is more than a counter period old."""
         age = self.age
         return self.kept[-1 - age] if age is not None and age < len(self.kept) else None
 
@@ -67,12 +69,13 @@ _NO_CONTROL: Final = (Mode.OFF, Mode.FAULT)
 
 @dataclass(frozen=True, kw_only=True)
 class CommandLosses:
-    """Counts while the ECU has control, and latches at the limit.
+    """A count of missed commands while the ECU has control; it latches at the limit.
 
     Attributes:
-        window: latest periods that are judged together.
-        limit: missed ones among them from which on control is given up.
-        missed: of the latest periods under control, at most `window`, oldest first; none while the ECU has no control.
+        window: number of latest periods that are counted.
+        limit: number of missed periods among those at which control is given up.
+        missed: whether each of the latest periods under control was missed, at most `window`, oldest first; empty while
+            the ECU has no control.
     """
 
     window: int
@@ -82,20 +85,20 @@ class CommandLosses:
 
     @classmethod
     def of(cls, config: VehicleConfig) -> "CommandLosses":
-        """None so far."""
+        """Return a count without missed commands."""
         return cls(window=config.loss_window, limit=config.loss_limit)
 
     def heard(self, mode: Mode) -> "CommandLosses":
-        """Count a period with a command of this mode."""
+        """Count a period with a command in this mode."""
         return replace(self, missed=() if mode in _NO_CONTROL else (*self.missed, False)[-self.window :])
 
     def lost(self) -> "CommandLosses":
-        """Count a period without a command that can be used."""
+        """Count a period without a usable command."""
         if not self.missed:
             return self
         missed = (*self.missed, True)[-self.window :]
         return replace(self, missed=missed, is_latched=self.is_latched or sum(missed) >= self.limit)
 
     def cleared(self) -> "CommandLosses":
-        """Once the vehicle itself does not want control."""
+        """Clear count and latch; the vehicle itself does not want control."""
         return replace(self, missed=(), is_latched=False)

@@ -1,32 +1,32 @@
-"""What must hold in every control period, whatever disturbs the run; judged on frames and the plant alone.
+"""Invariants of every control period under any disturbance, checked on frames and the plant alone.
 
-On the bus, for every JetCommand that the ECU hands over:
+On the bus, for every JetCommand that the ECU sends:
 
-    bus_bounds      the flow is within the action limit; 0 where `Enable` is off or the mode drives no jets
-    bus_rate        it differs from the flow before by `ecu.command_step` at most, unless it goes to 0
-    bus_age         in CONTROL the pressures it rests on are `ecu.pressure_age` old at most, in HOLD and DECAY as old as
-                    `ecu.hold_periods` and `ecu.decay_periods` let them get
-    enable_edge     out of OFF, out of FAULT and after a restart, which the counter shows, control only once the ECU has
-                    heard the request low, and then high
+    bus_bounds      the flow is within the action limit; it is 0 if `Enable` is off or the mode does not drive the jets
+    bus_rate        the flow differs from the previous flow by at most `ecu.command_step`, unless it goes to 0
+    bus_age         in CONTROL the command's pressures are at most `ecu.pressure_age` old; in HOLD and DECAY they are at
+                    most as old as `ecu.hold_periods` and `ecu.decay_periods` allow
+    enable_edge     after OFF, FAULT or a restart (seen in the counter) there is no control before the ECU has received
+                    a low request and then a high one
 
-At the jets, for the action that is reached at the end of every period:
+At the jets, for the action reached at the end of every period:
 
-    jets_shut       0, unless the vehicle heard a command that drives jets, which rests on pressures of its own that
-                    are not too old, in the period that decides (below), or as long before it as it holds the last
-                    command when it hears none
-    jets_request    0 where the vehicle did not want control
-    jets_losses     0 once no command came in `vehicle.loss_limit` of the latest `vehicle.loss_window` periods under
-                    control, until the vehicle did not want control
-    jets_bounds     within the action limit
-    jets_rate       within `vehicle.action_step` of the action before, unless it is 0
+    jets_shut       it is 0, unless the vehicle received a command that drives the jets, and that answers recent
+                    pressures of this vehicle, in the period that decides (below), or before it within the time for
+                    which the vehicle holds the last command
+    jets_request    it is 0 if the vehicle did not want control
+    jets_losses     it is 0 after `vehicle.loss_limit` of the latest `vehicle.loss_window` periods under control had no
+                    command, until the vehicle did not want control
+    jets_bounds     it is within the action limit
+    jets_rate       it differs from the previous action by at most `vehicle.action_step`, unless it is 0
 
-The period that decides is the action's own, with `ecu.plan_ahead` the one before it, and with `vehicle.actuator_delay`
-so many before that. Frames that the vehicle may have refused decide nothing: a command that takes the jets away counts
-only if it came as the next one of a stream without errors. All checks are one-sided in this way: they may miss a
-violation among lost and damaged frames, and report none that is not.
+The period that decides is the action's own period; with `ecu.plan_ahead` it is the period before, and with
+`vehicle.actuator_delay` it is earlier by that number of periods. Frames that the vehicle may have refused decide
+nothing: a command that shuts the jets counts only as the next command of a stream without errors. So all checks are
+one-sided: among lost and damaged frames they may miss a violation, but they report no false one.
 
-`Commands` and `Jets` judge what was read from frames, whoever reads them: the proofs in `tests/proofs/ecu` use them
-with another parser, and with what only they know.
+`Commands` and `Jets` check values that were read from frames by any reader: the proofs in `tests/proofs/ecu` use them
+with another parser, and with further data.
 """
 
 from collections import deque
@@ -52,23 +52,23 @@ T = TypeVar("T")
 
 DRIVING: Final = frozenset({Mode.CONTROL, Mode.HOLD, Mode.DECAY})
 _WANTED: Final = DRIVING | {Mode.WARMUP}
-"""Modes of an ECU that has been asked for control and has no fault."""
+"""Modes of an ECU that was asked for control and has no fault."""
 
 AGE_TOLERANCE: Final = 0.01
-"""Share of a period. Two clocks 200 ppm apart, and the wait until the bus is read, cost far less."""
+"""Tolerance of ages as a share of a period; clocks 200 ppm apart and the wait until the bus is read need far less."""
 _LONGEST_S: Final = 1e6
-"""The length of a span that has no end."""
+"""Length in s that stands for a span without end."""
 ROUNDING: Final = 1e-9
 """Tolerance for the rounding of floating-point numbers that are compared with a limit."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Violation:
-    """An invariant that did not hold.
+    """One violation of an invariant.
 
     Attributes:
-        period: of the run, from 0.
-        detail: the values, in words.
+        period: number of the period in the run, from 0.
+        detail: description with the values.
     """
 
     period: int
@@ -77,12 +77,12 @@ class Violation:
 
 
 class HeardCommand(NamedTuple):
-    """A sound command that the vehicle heard.
+    """A command that the vehicle received without errors.
 
     Attributes:
-        wanted: its mode is of an ECU that has been asked for control.
-        drives: it is enabled, in a mode that drives the jets.
-        in_time: it rests on pressures of the vehicle's own that it may take for recent ones.
+        wanted: whether its mode is one of an ECU that was asked for control.
+        drives: whether it is enabled, in a mode that drives the jets.
+        in_time: whether it answers pressures of this vehicle that are recent enough.
     """
 
     counter: int
@@ -92,13 +92,13 @@ class HeardCommand(NamedTuple):
 
 
 class _Period(NamedTuple):
-    """What the vehicle heard in a period.
+    """Commands that the vehicle received in one period.
 
     Attributes:
-        drives: a command that may drive the jets.
-        old: one that would, but for the age of its pressures.
-        shuts: a command came as it should, and takes the jets away.
-        believed: a command came as it should.
+        drives: whether a command may drive the jets.
+        old: whether a command would drive the jets if its pressures were not too old.
+        shuts: whether the command was the next of a stream without errors, and shuts the jets.
+        believed: whether the command was the next of a stream without errors.
     """
 
     drives: bool
@@ -108,7 +108,7 @@ class _Period(NamedTuple):
 
 
 class Commands:
-    """Judges the flow rates that an ECU commands; `bus_shut` is the part of `bus_bounds` without a mode that drives."""
+    """Checks of the flow rates that an ECU commands; `bus_shut` is `bus_bounds` for modes that do not drive."""
 
     def __init__(self, config: Config) -> None:
         scale = config.operating_point.flow_rate_scale
@@ -116,12 +116,12 @@ class Commands:
         self.flow = 0.0
 
     def reach(self, share: float = 1.0) -> float:
-        """How far a command may be from the one before in this share of a period, m2/s; both are on the wire's grid."""
+        """Return the largest change of flow in this share of a period, in m2/s, including the signal's resolution."""
         return self._step * share + FLOW_RESOLUTION_M2_PER_S
 
     def broken(self, flow: float, *, enable: bool, drives: bool, share: float = 1.0) -> Iterator[tuple[str, str]]:
-        """Names and values of what the next command breaks. `share` is that of a period since the command before, at
-        most 1."""
+        """Yield name and values of every invariant that the next command breaks. `share` is the time since the command
+        before, as a share of a period, at most 1."""
         before, self.flow = self.flow, flow
         if abs(flow) > self._limit + ROUNDING:
             yield "bus_bounds", f"{flow:g} m2/s, limit {self._limit:g}"
@@ -135,8 +135,8 @@ class Commands:
 
 
 class Jets:
-    """Judges what the vehicle's jets do: `heard` at the end of each period, then `broken` for the action reached in it.
-    `oldest` is the age in periods of pressures that the vehicle may still drive by."""
+    """Checks of the vehicle's jets: call `heard` at the end of each period, then `broken` for the action reached in it.
+    `oldest` is the largest age, in periods, of pressures by which the vehicle may drive the jets."""
 
     def __init__(self, config: Config) -> None:
         vehicle, self._e2e_window = config.vehicle, config.bus.e2e.window
@@ -149,7 +149,7 @@ class Jets:
         self.reset()
 
     def reset(self) -> None:
-        """The vehicle is powered on."""
+        """Start again after the vehicle was powered on."""
         self._heard: deque[_Period] = deque(maxlen=self._decides_after + self._hold + 1)
         self._requested: deque[bool] = deque(maxlen=1 + self._late)
         self._gave_up: deque[bool] = deque([False], maxlen=1 + self._late)
@@ -159,7 +159,7 @@ class Jets:
         self._action = 0.0
 
     def heard(self, commands: Sequence[HeardCommand | None], *, requested: bool) -> None:
-        """The commands of a period, None for one that is not sound, and whether the vehicle wanted control."""
+        """Record the commands of a period (None for one with errors), and whether the vehicle wanted control."""
         last = None
         for command in commands:
             if command is None:
@@ -171,7 +171,7 @@ class Jets:
         self._sound = self._sound + 1 if len(commands) == 1 and last is not None else 0
         known = [command for command in commands if command is not None]
         drives = any(command.drives and command.in_time for command in known)
-        # A stream is judged by its latest checks; without any errors among them the vehicle believes the next frame.
+        # The E2E state depends on the latest checks; if none of them failed, the vehicle accepts the next frame.
         believed = last is not None and self._sound > self._e2e_window
         old = any(command.drives and not command.in_time for command in known)
         self._heard.append(_Period(drives=drives, old=old, shuts=believed and not drives, believed=believed))
@@ -184,7 +184,7 @@ class Jets:
         self._gave_up.append(requested and (self._gave_up[-1] or too_many))
 
     def broken(self, action: float) -> Iterator[tuple[str, str]]:
-        """Names and values of what the action reached at the end of the latest period breaks."""
+        """Yield name and values of every invariant that the action at the end of the latest period breaks."""
         before, self._action = self._action, action
         if not self._heard:
             return
@@ -198,7 +198,7 @@ class Jets:
             yield "jets_request", f"action {action:g} where control was not requested"
         if len(self._gave_up) == self._gave_up.maxlen and self._gave_up[0]:
             yield "jets_losses", f"action {action:g} after too many periods without a command"
-        # The newest of these is of the period that decides, the others of those before it.
+        # The first item is the period that decides; the others are the periods before it, newest first.
         deciding = list(self._heard)[: len(self._heard) - self._decides_after][::-1]
         for period in deciding:
             if period.drives:
@@ -210,14 +210,14 @@ class Jets:
 
 
 class Invariants:
-    """An observer that keeps what did not hold.
+    """An observer that records violations of the invariants.
 
     Args:
-        hidden_ns: how much older pressures may be than the ECU can know; see `of`.
-        jets_follow: whether the jets' actuator moves; what one does that stands still is not judged.
+        hidden_ns: time by which pressures may be older than the ECU can know; see `of`.
+        jets_follow: whether the jets' actuator moves; a stuck actuator is not checked.
 
     Attributes:
-        violations: so far, in the order of time.
+        violations: violations so far, in the order of time.
     """
 
     def __init__(self, config: Config, *, hidden_ns: int = 0, jets_follow: bool = True) -> None:
@@ -227,30 +227,31 @@ class Invariants:
         self._hidden_ns = hidden_ns
         self.violations: list[Violation] = []
         self._period = 0
-        # Of the ECU.
+        # State of the ECU's checks.
         self._commands = Commands(config)
         self._counters = profile_of(self._command.spec).counter_period
         self._last_counter: int | None = None  # of its latest command
         self._was_wanted = self._low_heard = self._edge_heard = False
-        # Of the vehicle.
+        # State of the vehicle's checks.
         self._jets = Jets(config)
         self._sampled: dict[int, tuple[int, int]] = {}  # counter of a Pressure frame: (period, time in ns)
         self._arrived: list[Frame] = []
 
     @classmethod
     def of(cls, config: Config, disturbances: Disturbances) -> Self:
-        """The invariants of a run with these disturbances.
+        """Return the invariants of a run with these disturbances.
 
-        A gateway that stamps frames again, and a clock that stamps them wrong, hide their age from the ECU: by so much
-        may a command rest on older pressures. So does a buffer that is sent again unfilled, where a copy reaches the
-        ECU before the first of them. What the vehicle lets its jets do is judged by their true age.
+        A gateway that stamps frames again, and a clock that is ahead, hide the age of pressures from the ECU: commands
+        may answer pressures that are older by that time. A buffer that is sent again without new content hides the age
+        as well, if a copy reaches the ECU before the first frame. The vehicle's jets are checked by the true age of the
+        pressures.
         """
         hidden_s = 0.0
         for one in disturbances.items:
             if not isinstance(one, NodeFault):
                 continue
             if isinstance(one.fault, StuckAt) and not one.fault.counter_runs:
-                # Of the pressures alone: on their way out of the vehicle, or into the ECU.
+                # Only repeated pressures matter here: on their way out of the vehicle, or into the ECU.
                 if (one.node == "vehicle") == (one.fault.at == "send"):
                     hidden_s += min(one.fault.end_s - one.fault.start_s, _LONGEST_S)
             elif one.node == "ecu":
@@ -260,8 +261,6 @@ class Invariants:
                     hidden_s += max(0.0, one.fault.offset_s)
         jets_follow = not any(isinstance(one, StuckJets) for one in disturbances.items)
         return cls(config, hidden_ns=round(hidden_s * NS), jets_follow=jets_follow)
-
-    # See `Observer`.
 
     def frame(self, seen: SeenFrame) -> None:
         """See `Observer.frame`."""
@@ -292,14 +291,14 @@ class Invariants:
         self._judge_action(sample.action)
 
     def _judge_action(self, action: float) -> None:
-        """The one reached at the end of the latest period of which all is known."""
+        """Check the action at the end of the latest period whose frames are all known."""
         if not self._jets_follow:
             return
         for invariant, detail in self._jets.broken(action):
             self.violations.append(Violation(period=self._period - 1, invariant=invariant, detail=detail))
 
     def _read(self, frame: Frame) -> HeardCommand | None:
-        """A command at the vehicle; whether it is in time is judged by when its pressures were sampled."""
+        """Parse a command at the vehicle; it is in time if its pressures were sampled recently enough."""
         command = parsed(self._command, frame)
         if command is None:
             return None
@@ -311,7 +310,7 @@ class Invariants:
             in_time=sampled is not None and self._period - sampled[0] <= self._jets.oldest,
         )
 
-    # On the bus.
+    # Checks of commands on the bus.
 
     def _judge_command(self, command: JetCommand, counter: int, now_ns: int) -> None:
         flow, drives = command.flow_m2_per_s, command.mode in DRIVING
@@ -347,7 +346,7 @@ class Invariants:
 
 
 def parsed(message: Message[T], frame: Frame) -> T | None:
-    """The content of a frame, if it is of this message and its end-to-end CRC fits."""
+    """Return the content of a frame; None if it is another message or its end-to-end CRC does not match."""
     spec = message.spec
     if not spec.names(frame) or len(frame.data) != spec.length:
         return None

@@ -1,4 +1,4 @@
-"""Who watches a run from outside: frames at the nodes, and the plant; neither the ECU's state nor the vehicle's."""
+"""An interface to watch a run: an observer sees the nodes' frames and the plant, but no state of ECU or vehicle."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -11,11 +11,11 @@ from wake.plant.sample import Sample
 
 @dataclass(frozen=True, kw_only=True)
 class SeenFrame:
-    """A frame between a node and its port, faults of the port on the other side.
+    """A frame between a node and its port; faults of the port act on the port's other side.
 
     Attributes:
-        sent: by the node; otherwise received by it.
-        now_ns: time of the run, whatever the frame's stamp is.
+        sent: True if the node sent the frame, False if it received the frame.
+        now_ns: time of the run, independent of the frame's timestamp.
     """
 
     node: Literal["vehicle", "ecu"]
@@ -25,21 +25,21 @@ class SeenFrame:
 
 
 class Observer(Protocol):
-    """Called in the order of time; changes nothing."""
+    """An object that the loop calls in the order of time, and that changes nothing in the loop."""
 
     def frame(self, seen: SeenFrame) -> None:
-        """A node sent or received a frame."""
+        """Take a frame that a node sent or received."""
 
     def period(self, sample: Sample, *, requested: bool) -> None:
-        """A control period ended, which began with this sample and this request of the vehicle."""
+        """Take the sample at the start of a control period that has ended, and the vehicle's request in that period."""
 
     def finished(self, sample: Sample) -> None:
-        """The run ended; the sample is of its end."""
+        """Take the sample at the end of the run."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class WatchedBus:
-    """A node's port with an observer."""
+    """A node's port that shows its frames to an observer."""
 
     port: Bus
     node: Literal["vehicle", "ecu"]

@@ -1,9 +1,9 @@
-"""Faults on the bus of a run, as a line of text each: `NODE:FAULT`.
+"""Faults in the ports of a run's nodes, each described by a line of text, `NODE:FAULT`.
 
-    ecu:drop:probability=0.1@5..10       a tenth of what the ECU sends, from 5 s of the run until before 10 s
+    ecu:drop:probability=0.1@5..10       on a tenth of the ECU's frames, from 5 s until before 10 s
     vehicle:burst_loss:loss=0.1,mean_burst=5
 
-NODE is the node whose port the fault is in, FAULT as `can_bridge.bus.faults.text` has it. Times are in s of the run.
+NODE is the node whose port has the fault; `can_bridge.bus.faults.text` defines FAULT. Times are in s of the run.
 """
 
 from collections.abc import Mapping, Sequence
@@ -27,12 +27,12 @@ NODES: Final = ("vehicle", "ecu")
 NONE_BEFORE: Final[Mapping[str, int]] = MappingProxyType({})
 
 LOOK_NS: Final = 1_000_000
-"""Between two looks at the bus while there are faults: what a fault keeps becomes due without a frame on the bus."""
+"""Time in ns between two calls that release frames which a fault delays: no other event on the bus may occur then."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class NodeFault:
-    """One fault of a run."""
+    """One fault of a run, in one node's port."""
 
     text: str
     node: str
@@ -40,8 +40,7 @@ class NodeFault:
 
 
 def parse_node_fault(text: str) -> NodeFault:
-    """The fault that a text describes. Raises ConfigError naming the text, and what is not known, missing or out of its
-    bounds."""
+    """Return the fault that a text describes. Raises ConfigError that states the text and its faulty part."""
     node, colon, rest = text.partition(":")
     if not colon or node not in NODES:
         raise ConfigError(f"fault {text!r}: must begin with the node whose port it is in, vehicle: or ecu:")
@@ -52,7 +51,7 @@ def parse_node_fault(text: str) -> NodeFault:
 
 
 def check_faults(faults: Sequence[NodeFault], config: BusConfig, *, duration_s: float) -> None:
-    """Raises ConfigError for a fault that could not act in a run of this length on this bus."""
+    """Check the faults; raises ConfigError for one that could not act in a run of this length on this bus."""
     for one in faults:
         if one.fault.start_s >= duration_s:
             raise ConfigError(f"fault {one.text!r}: begins when the run has ended, after {duration_s:g} s")
@@ -64,12 +63,12 @@ def check_faults(faults: Sequence[NodeFault], config: BusConfig, *, duration_s: 
 
 
 class NodeFaults:
-    """The faults of a run at work.
+    """Applies the faults of a run in the ports.
 
     Args:
-        faults: of all nodes; those of one node from the wire to the node.
-        bus: the run's, at time 0.
-        before: how many faults of each node came before these.
+        faults: faults of all nodes; those of one node in the order from bus to node.
+        bus: bus of the run, at time 0.
+        before: number of earlier faults of each node.
     """
 
     def __init__(
@@ -86,11 +85,11 @@ class NodeFaults:
             self._look()
 
     def around(self, node: str, port: Bus) -> Bus:
-        """The node's port with its faults; the port itself if it has none."""
+        """Return the node's port with its faults; the port itself if it has none."""
         mine = [one.fault for one in self._faults if one.node == node]
         if not mine:
             return port
-        # The same fault in both nodes must not strike at the same frames.
+        # A fault that is in both nodes must not hit the same frames, so the seed includes the node.
         seed = len(NODES) * self._seed + NODES.index(node)
         first = self._before.get(node, 0)
         faulty = self._ports[node] = wrap(port, mine, lambda: self._bus.now_ns, seed=seed, first=first)
@@ -100,25 +99,25 @@ class NodeFaults:
         return self._babbling[-1]
 
     def injected(self) -> tuple[InjectedFault, ...]:
-        """What each has done so far, in the order given."""
+        """Return each fault with the number of times it has acted so far, in the order given."""
         injectors = {node: iter(port.injectors) for node, port in self._ports.items()}
         return tuple(InjectedFault(text=one.text, acted=next(injectors[one.node]).acted) for one in self._faults)
 
     def end(self) -> None:
-        """Look at the bus no more: the ports pass on what they are asked to, and nothing else."""
+        """Stop the periodic calls: the ports then act only when a node calls them."""
         self._ended = True
 
     def _look(self) -> None:
         if self._ended:
             return
-        # Each look is also an event of the bus, after which the loop asks whether the ECU has its pressures.
+        # Each call is also an event of the bus, after which the loop checks whether the ECU has its pressures.
         for port in self._babbling:
             port.look()
         self._bus.call_at(self._bus.now_ns + LOOK_NS, self._look)
 
 
 class _Babbling(WrappedBus):
-    """A port that is looked at between its node's calls, so that it babbles on; keeps what came for the node."""
+    """A port with a babbling fault, which also sends between the node's calls; it stores the node's received frames."""
 
     def __init__(self, port: Bus) -> None:
         super().__init__(port)

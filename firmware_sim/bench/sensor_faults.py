@@ -1,12 +1,11 @@
-"""Faults of what the transducers read: as a text describes them, and at work.
+"""Faults of the transducers' readings: their descriptions, and the functions that apply them.
 
-A fault that has begun is called with readings in Cp in the order of time, one frame (S,) or n frames (n, S), and
-returns what the faulty sensors read; the argument stays as it is. It keeps its place in time, so one call for n frames
-and n calls for one frame give the same.
+An applied fault is called in the order of time with readings in Cp, one frame (S,) or n frames (n, S). It returns the
+readings of the faulty sensors and leaves its argument unchanged. It stores its place in time, so one call for n frames
+and n calls for one frame give the same readings.
 
 Levels are in global deviations: the standard deviation of all 90 pressures taken together, each about its own mean
-(paper, appendix B; bias, drift and dead sensors are what the paper leaves open). So one level means the same pressure
-at every sensor.
+(paper, appendix B; the paper has no bias, drift or dead sensors). So one level means the same pressure at every sensor.
 """
 
 from abc import ABC, abstractmethod
@@ -22,50 +21,50 @@ from contract.config.rules import Finite, NonNegative, Positive, require
 from contract.config.tree import Config
 
 GLOBAL_DEVIATION: Final = 0.1276
-"""Cp: standard deviation of all 90 pressures of the shipped recording's training episodes, taken together."""
+"""Standard deviation in Cp of all 90 pressures of the shipped recording's training episodes, taken together."""
 
 SensorFault = Callable[[Array], Array]
 
 
 @dataclass(frozen=True, kw_only=True)
 class SensorDisturbance(Span, ABC, section="sensor_disturbance"):
-    """A fault of what the transducers read."""
+    """A fault of the transducers' readings."""
 
     @property
     def named(self) -> tuple[str, ...]:
-        """The sensors that it names; empty for all."""
+        """Names of the affected sensors; empty for all sensors."""
         return ()
 
     @abstractmethod
     def begun(self, at: Sequence[int], config: Config, seed: int) -> SensorFault:
-        """The fault at work.
+        """Return the function that applies the fault.
 
         Args:
-            at: places of the sensors that it names.
-            config: of the run.
-            seed: of what it draws.
+            at: places of the affected sensors.
+            config: settings of the run.
+            seed: seed of random numbers.
         """
 
 
 @dataclass(frozen=True, kw_only=True)
 class Noise(SensorDisturbance, section="noise"):
-    """White Gaussian noise on every sensor, independent (paper, appendix B)."""
+    """Independent white Gaussian noise on every sensor (paper, appendix B)."""
 
     level: NonNegative[float]
     """Standard deviation, in global deviations."""
 
     def begun(self, at: Sequence[int], config: Config, seed: int) -> SensorFault:
-        """See `SensorDisturbance.begun`, as for the others."""
+        """See `SensorDisturbance.begun`; this holds for the other subclasses too."""
         draw = np.random.default_rng(seed).standard_normal
         return lambda cp: cp + self.level * draw(cp.shape) * GLOBAL_DEVIATION
 
 
 @dataclass(frozen=True, kw_only=True)
 class Quantise(SensorDisturbance, section="quantise"):
-    """Every sensor reads whole steps."""
+    """Every reading is rounded to whole steps."""
 
     step: Positive[float]
-    """Pa."""
+    """Size of a step in Pa."""
 
     def begun(self, at: Sequence[int], config: Config, seed: int) -> SensorFault:
         step = self.step / config.operating_point.dynamic_pressure
@@ -86,10 +85,10 @@ class OneSensor(SensorDisturbance, section="one_sensor"):
 
 @dataclass(frozen=True, kw_only=True)
 class Bias(OneSensor, section="bias"):
-    """A constant on one sensor."""
+    """A constant offset on one sensor."""
 
     level: Finite[float]
-    """Global deviations."""
+    """Offset in global deviations."""
 
     def begun(self, at: Sequence[int], config: Config, seed: int) -> SensorFault:
         return lambda cp: _with(cp, at, cp[..., at] + self.level * GLOBAL_DEVIATION)
@@ -97,12 +96,12 @@ class Bias(OneSensor, section="bias"):
 
 @dataclass(frozen=True, kw_only=True)
 class Drift(OneSensor, section="drift"):
-    """A bias that grows evenly, and stays."""
+    """An offset on one sensor that grows linearly and then stays."""
 
     level: Finite[float]
-    """It grows to so many global deviations."""
+    """Final offset in global deviations."""
     over_s: Positive[float] = 5.0
-    """How long that takes."""
+    """Duration of the growth in s."""
 
     def begun(self, at: Sequence[int], config: Config, seed: int) -> SensorFault:
         ramp = np.linspace(0.0, self.level * GLOBAL_DEVIATION, round(self.over_s * NS / config.period_ns) + 1)
@@ -119,7 +118,7 @@ class Drift(OneSensor, section="drift"):
 
 @dataclass(frozen=True, kw_only=True)
 class Stuck(OneSensor, section="stuck"):
-    """One sensor keeps reading what it read first."""
+    """One sensor repeats its first reading in the span."""
 
     def begun(self, at: Sequence[int], config: Config, seed: int) -> SensorFault:
         first: list[Array] = []
@@ -142,10 +141,10 @@ class Dead(OneSensor, section="dead"):
 
 @dataclass(frozen=True, kw_only=True)
 class Swap(SensorDisturbance, section="swap"):
-    """Two sensors, each with the other's reading."""
+    """Two sensors exchange their readings."""
 
     sensors: tuple[str, ...]
-    """Two names with + between them."""
+    """Two names, joined by +."""
 
     @property
     def named(self) -> tuple[str, ...]:
@@ -161,7 +160,7 @@ class Swap(SensorDisturbance, section="swap"):
 
 
 def _with(cp: Array, at: Sequence[int], values: Array | float) -> Array:
-    """The readings with other ones at these places."""
+    """Return a copy of the readings with the values replaced at these places."""
     changed = cp.copy()
     changed[..., at] = values
     return changed

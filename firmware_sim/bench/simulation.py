@@ -1,6 +1,6 @@
-"""One run of the closed loop in virtual time, without files: checked when it is built, then run on a wake.
+"""One run of the closed loop in virtual time, without files: checked when it is created, then run on a wake.
 
-The same arguments and the same wake give the same run, to the bit, on any machine; wall-clock times are apart.
+Equal arguments and an equal wake give the same run bit for bit on any machine, except for measured wall-clock times.
 """
 
 from collections.abc import Callable
@@ -40,25 +40,25 @@ from wake.plant.drive import Drive
 from wake.plant.protocol import LoopPlant
 
 WARM_UP_PLANS: Final = 3
-"""Control steps on zeros before the run: ONNX Runtime allocates on first use, an ECU would at boot."""
+"""Number of control steps on zeros before the run: ONNX Runtime allocates on first use, where an ECU would at boot."""
 
 
 class Simulation:
-    """One run, which takes place once. Raises StillwakeError if the bundle does not fit the vehicle, the bus cannot
-    carry virtual time, the jets could never move, a span is too short, a disturbance could not act, or the calibration
-    is out of its limits. Pictures and files are `closed_loop.py`'s.
+    """One run, which can run only once; `closed_loop.py` adds pictures and files. Raises StillwakeError if the bundle
+    does not fit the vehicle, the bus cannot carry virtual time, the jets could never move, a span is too short, a
+    disturbance could not act, or the calibration is out of its limits.
 
     Args:
-        config: the vehicle; its operating point and control period must be the bundle's.
-        controller: what computes the bundle's control step; ONNX Runtime without one.
-        calibration: that the ECU gets before its first step; its own values without one.
-        disturbances: what disturbs it; their times are in s of the run.
-        ecu: in place of the ECU in Python, which `controller` is for.
-        drive: the vehicle's speeds from the request for control on, the first one before; the operating point's without
-            one. The drive's totals then stand in place of averages.
+        config: settings of the vehicle; its operating point and control period must be those of the bundle.
+        controller: computes the bundle's control step; if None, ONNX Runtime.
+        calibration: set before the ECU's first step; if None, the ECU's own values.
+        disturbances: disturbances of the run; their times are in s from its start.
+        ecu: replaces the ECU in Python, which is the only one that uses `controller`.
+        drive: the vehicle's speeds from the request for control on, with the first speed before; if None, the operating
+            point's speed. With a drive the log has its totals in place of averages.
 
     Attributes:
-        periods: control periods without control, and in all.
+        periods: number of control periods without control, and in all.
     """
 
     def __init__(
@@ -81,7 +81,7 @@ class Simulation:
         sensors = bundle.manifest.sensors
         self._disturbances.check(config, sensors, duration_s=total * config.period_ns / 1e9)
         self._authentication = authentication_in_virtual_time(config.bus)
-        # What the wire would refuse is refused before the ECU is made.
+        # Check the background traffic first: a bus that refuses it needs no ECU.
         background(config.bus.background, config.bus, [spec.frame_id for spec in message_set(config.bus).specs])
         self._ecu = self._python_ecu(bundle, controller, config) if ecu is None else ecu
         if calibration is not None:
@@ -107,17 +107,17 @@ class Simulation:
         progress: Callable[[Row, int, int], None] = lambda row, done, total: None,
         progress_without: Callable[[int, int], None] = lambda done, total: None,
     ) -> RunLog:
-        """Run on this wake, from where it stands; a drive first without control. Raises StillwakeError if the bundle is
-        of another body, or the wake's flow cannot be disturbed or diverges.
+        """Run on this wake from its present state; with a drive, run first without control. Raises StillwakeError if
+        the bundle is for another body, or the wake's flow cannot be disturbed or diverges.
 
         Args:
-            wake: at the start of a control period; afterwards at the end of the run.
-            capture: called with every frame on the bus, stamped with its end.
-            origin: what the run records about its making; made today without one.
-            ready: called with the periods in all before the first.
+            wake: a plant at the start of a control period; afterwards it is at the end of the run.
+            capture: called with every frame on the bus, stamped with the end of its transmission.
+            origin: date and origin that the run records; if None, today's date.
+            ready: called with the total number of periods before the first period.
             requesting: called before the first period in which control is requested.
-            progress: called with (row, periods done, periods in all) after every period.
-            progress_without: called with the last two after every period of a drive without control.
+            progress: called with (row, periods done, total periods) after every period.
+            progress_without: called with (periods done, total periods) after every period of a drive without control.
         """
         config, bundle = self._config, self._bundle
         self._check_body(wake.layout)
@@ -178,7 +178,7 @@ class Simulation:
         return RunLog.of(rows, lead_in, loop.totals(), metadata, wake.layout, traffic=wired.traffic(), without=without)
 
     def _check_body(self, layout: SensorLayout) -> None:
-        """Raises StillwakeError if the plant is another body than the release's, unless it is the one that disturbs."""
+        """Raise StillwakeError if the plant's body is neither the release's nor that of the disturbance."""
         other = self._disturbances.other_body
         if other is None:
             check_sensors(self._bundle, layout)
@@ -187,7 +187,7 @@ class Simulation:
 
 
 def _check_vehicle(config: Config, requested: int) -> None:
-    """Raises StillwakeError for a bus or an actuator with which the run could not be one."""
+    """Raise StillwakeError if the bus or the actuator does not allow a run."""
     if config.bus.interface != SIMULATED:
         raise BusError(
             f"bus.interface = {config.bus.interface!r}: a run is in virtual time, on a bus that is simulated; only "

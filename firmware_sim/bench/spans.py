@@ -1,4 +1,4 @@
-"""How long a run goes on: without control, with it, and what its averages leave out."""
+"""Lengths of a run: without control, under control, and the time left out of its averages."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -6,21 +6,21 @@ from typing import Final
 from contract.errors import StillwakeError
 
 SHEDDING_TIME: Final = 5.0
-"""t_c: a shedding cycle of the truck's wake, by its Strouhal number of 0.2."""
+"""Length in t_c of a shedding cycle of the truck's wake, from its Strouhal number of 0.2."""
 _LONGEST: Final = 1e6
-"""t_c: a run of a day."""
+"""Longest span in t_c: a run of a day."""
 CYCLES: Final = 2
-"""A span of two cycles holds a whole one wherever in a cycle it begins."""
+"""Number of shedding cycles in the shortest span: two cycles always include a whole cycle."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Spans:
-    """A run's spans in t_c, checked before it starts. Raises StillwakeError if a span is not a number of t_c, or too
-    short for averages where they are asked for.
+    """Lengths of a run's spans in t_c, checked at construction. Raises StillwakeError if a span is not a number of t_c,
+    or too short for averages with `averages` set.
 
     Attributes:
-        lead_in: without control; the controller's window fills meanwhile.
-        settle: after the request, left out of the controlled averages.
+        lead_in: time without control, in which the controller's window fills.
+        settle: time after the request that the controlled averages leave out.
     """
 
     lead_in: float
@@ -46,8 +46,7 @@ class Spans:
             )
 
     def periods(self, control_period: float) -> tuple[int, int]:
-        """Control periods without control, and in all. Raises StillwakeError if a span is shorter than a control
-        period."""
+        """Return the numbers of periods without control, and in all. Raises StillwakeError if one would be 0."""
         counts = []
         for name in ("lead_in", "controlled"):
             counts.append(round(getattr(self, name) / control_period))

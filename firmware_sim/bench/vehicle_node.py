@@ -1,10 +1,10 @@
 """The vehicle's side of the bus: it samples the wall pressures and drives the jets as commanded.
 
-With every period's pressures it also sends its speed, and the air's density where it knows it.
+With every period's pressures it also sends its speed, and the air's density if it is known.
 
-It drives them only while it wants control itself, and only by a command that is enabled, in a mode in which jets may
-run, and that rests on pressures it sent not long ago. No single signal of a command decides. Where too many commands
-are missing it gives up control by itself, and announces it on the bus: it no longer requests it (`heard_commands`).
+The jets run only while the vehicle itself wants control, and only by a command that is enabled, in a mode that drives
+the jets, and computed from recent pressures. No single signal of a command decides. If too many commands are missing,
+the vehicle gives up control and withdraws its request on the bus (`heard_commands`).
 """
 
 from collections.abc import Callable, Sequence
@@ -34,13 +34,13 @@ _DRIVING: Final = (Mode.CONTROL, Mode.HOLD, Mode.DECAY)
 
 @dataclass(frozen=True, kw_only=True)
 class Actuation:
-    """What the jets' driver does in one control period.
+    """Result of the jets' driver for one control period.
 
     Attributes:
-        action: to be reached at the period's end, U_inf W.
-        command: the valid frame of the period; None if none came.
-        next_period: the jets follow that frame in the next period, and in this one the frame before it.
-        sampled_ns: when the pressures behind that command were sampled; None without one.
+        action: action at the period's end, in U_inf W.
+        command: valid frame of the period; None if there was none.
+        next_period: True if the jets follow that frame in the next period, and the previous frame in this period.
+        sampled_ns: sampling time of the command's pressures; None without a command.
     """
 
     action: float
@@ -51,23 +51,23 @@ class Actuation:
 
 class VehicleNode:
     """Four transducers and the jets' driver on one CAN node. Raises ConfigError if the plant has no sensor of that
-    name, or one is named twice; or `bus.key` without `authentication`, or the other way round.
+    name, or a name occurs twice; or if only one of `bus.key` and `authentication` is given.
 
     Args:
-        sensor_names: what the transducers are mounted on, in the order of the bundle.
+        sensor_names: sensors of the transducers, in the order of the bundle.
         config: operating point, E2E and fail-safe settings.
-        authentication: with `bus.key`, what the node needs of it.
-        read: (Cp at the transducers (S,), time in ns) to what they read.
+        authentication: key and freshness values of the node, with `bus.key`.
+        read: function from (Cp at the transducers (S,), time in ns) to their readings.
 
     Attributes:
-        operating_point: of the vehicle itself; `config`'s unless it is set.
-        action_limit: what its jets reach, U_inf W; likewise.
-        stuck_at: where their actuator stands still, U_inf W; None for one that moves.
-        speed: of the vehicle, m/s; `config`'s unless it is set. Pressures and jets do not scale with it.
-        stated_speed: what the vehicle sends as its speed; None where it does not know it. One that does not fit the
-            wire is sent as unknown.
-        stated_density: likewise, kg/m3.
-        sends_speed: whether it sends them at all.
+        operating_point: operating point of the vehicle itself; initially that of `config`.
+        action_limit: action at which its jets saturate, in U_inf W; initially that of `config`.
+        stuck_at: action at which the actuator is stuck, in U_inf W; None for one that moves.
+        speed: speed of the vehicle in m/s; initially that of `config`. Pressures and jets do not scale with it.
+        stated_speed: speed that the vehicle sends, in m/s; None if it is not known. A speed outside the signal's range
+            is sent as unknown.
+        stated_density: density that the vehicle sends, in kg/m3; None if it is not known.
+        sends_speed: whether the vehicle sends VehicleSpeed frames.
     """
 
     def __init__(
@@ -106,16 +106,17 @@ class VehicleNode:
         self._driven_to = 0.0  # in the period before, without the actuator's delay
         self._commanded = DelayLine.filled(config.vehicle.actuator_delay)
         self._echo = EchoTracker(counter_period=profile_of(self._messages.pressure.spec).counter_period)
-        # As old as the ECU's gate lets pressures be, and a period for computing and the way.
+        # The ECU's command gate accepts pressures of this age; computing and transmission take up to one more period.
         self._oldest_echo = 2 + config.ecu.hold_periods + config.ecu.decay_periods
         self.frames_sent = 0
 
     def sample(self, cp: Array, *, enable_request: bool, now_ns: int, age_ns: int = 0) -> Frame:
-        """The Pressure frame for the wall pressures Cp of all the plant's sensors, (n,), at the instant `now_ns`.
+        """Return the Pressure frame for the wall pressures Cp of all the plant's sensors, (n,), at the instant
+        `now_ns`.
 
-        It is handed over `age_ns` later. A pressure beyond the transducer's range saturates and is marked invalid; one
-        that is no number is sent as 0. The request goes out as long as the vehicle has not given up control, which ends
-        with a frame that does not want it.
+        The frame is sent `age_ns` later. A pressure beyond the transducer's range saturates and is marked invalid; NaN
+        is sent as 0. After the vehicle has given up control, the frame requests no control until `enable_request` has
+        been False once.
         """
         losses = self._losses if enable_request else self._losses.cleared()
         requested = enable_request and not losses.is_latched
@@ -136,7 +137,7 @@ class VehicleNode:
         return frame
 
     def speed_frame(self, *, now_ns: int, age_ns: int = 0) -> Frame | None:
-        """The VehicleSpeed frame of the instant `now_ns`, handed over `age_ns` later; None while none is sent."""
+        """Return the VehicleSpeed frame of the instant `now_ns`, sent `age_ns` later; None while there is none."""
         if not self.sends_speed:
             return None
         message = VehicleSpeed(
@@ -151,11 +152,11 @@ class VehicleNode:
         return frame
 
     def apply_commands(self, frames: Sequence[Frame]) -> Actuation:
-        """What the jets do after one control period's frames.
+        """Return the jets' action after the frames of one control period.
 
-        Without a valid command the last one stays for as long as the ECU itself would hold, then the jets shut. They
-        shut at once when the vehicle no longer wants control, or gives it up because too many commands were missing.
-        Commands for the next period act in it, one by one.
+        Without a valid command the last action is held for as long as the ECU itself would hold it; then the jets shut.
+        They shut at once when the vehicle no longer wants control, or gives it up because too many commands were
+        missing. A command for the next period acts in the next period.
         """
         before = self._action
         spec = self._receiver.spec
@@ -179,7 +180,7 @@ class VehicleNode:
         if self.has_given_up or not self._requested:
             self._action = before = 0.0
         if not self._next_period and self._action != 0.0:
-            # After one for the next period, a command for this one leaps over the action that lay between.
+            # After a command for the next period, a command for this period skips the action between: limit the step.
             self._action = self._in_reach_of(self._driven_to, self._action)
         self._driven_to = before if self._next_period else self._action
         return Actuation(
@@ -190,7 +191,7 @@ class VehicleNode:
         )
 
     def _driven(self, command: JetCommand) -> float:
-        """The action that a command leads to, in U_inf W."""
+        """Return the action that a command leads to, in U_inf W."""
         if not _drives(command) or self._is_too_old(command):
             return 0.0
         wanted = command.flow_m2_per_s / self.operating_point.flow_rate_scale
@@ -198,60 +199,60 @@ class VehicleNode:
         return float(np.clip(self._in_reach_of(self._action, wanted), -limit, limit))
 
     def _in_reach_of(self, action: float, wanted: float) -> float:
-        """Go as far towards what is wanted as the driver goes in a period."""
+        """Return the action after one period, moved towards `wanted` by at most the driver's step."""
         step = self._config.vehicle.action_step
         return float(np.clip(wanted, action - step, action + step))
 
     def _is_too_old(self, command: JetCommand) -> bool:
-        """A command that would drive the jets, but rests on pressures that are."""
+        """Return whether a command would drive the jets but its pressures are too old."""
         age = self._echo.age
         return _drives(command) and (age is None or age > self._oldest_echo)
 
     def _delayed(self, action: float) -> float:
-        """The action of `actuator_delay` periods ago, this one being the newest."""
+        """Return the action of `actuator_delay` periods ago; `action` is the newest."""
         self._commanded = self._commanded.pushed(action)
         return self._commanded.in_force
 
     @property
     def foreseen_action(self) -> float:
-        """What the jets will have reached at the end of the period whose pressures were sampled last, U_inf W, by the
-        commands so far: one for the next period is for this one now."""
+        """The jets' action at the end of the period whose pressures were sampled last, in U_inf W, by the commands so
+        far. A command for the next period already counts, because that period has begun."""
         if self.stuck_at is not None:
             return self.stuck_at
         return self._commanded.pushed(self._action if self._requested else 0.0).in_force
 
     @property
     def has_given_up(self) -> bool:
-        """Too many commands were missing, and the vehicle's own request has not been low since."""
+        """Whether too many commands were missing and the vehicle's own request has not been low since."""
         return self._losses.is_latched
 
     @property
     def accepted_freshness(self) -> tuple[int, int]:
-        """Identifier of the jet commands, and the newest freshness accepted with one; 0 without authentication."""
+        """Identifier of the jet commands, and the newest freshness accepted with them; 0 without authentication."""
         return self._receiver.spec.frame_id, self._verifier.freshness
 
     @property
     def command_stream(self) -> ReceiverState:
-        """What the receiving end of the jet commands found so far."""
+        """E2E state of the receiver of jet commands."""
         return self._receiver.state
 
     def counter_of(self, frame: Frame) -> int:
-        """The E2E counter of a Pressure frame."""
+        """Return the E2E counter of a Pressure frame."""
         return profile_of(self._sender.spec).counter_of(frame.data)
 
     @property
     def frames_rejected(self) -> int:
-        """Jet commands that came but were not authentic, or failed their end-to-end check."""
+        """Number of jet commands received that were not authentic or failed their end-to-end check."""
         return self.frames_not_authentic + self._receiver.state.frames_rejected
 
     @property
     def frames_not_authentic(self) -> int:
-        """Jet commands refused by their MAC or freshness."""
+        """Number of jet commands refused because of their MAC or freshness."""
         return self._verifier.refused
 
 
 def _fitting(value: float | None, step: float, least: int, most: int) -> float | None:
-    """The value, if the wire has so many steps for it."""
+    """Return the value; None if it is outside the signal's range."""
     return value if value is not None and least <= round(value / step) <= most else None
 
 

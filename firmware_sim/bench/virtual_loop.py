@@ -1,22 +1,22 @@
-"""The closed loop in virtual time: flow, bus and ECU advance together, deterministic to the bit.
+"""The closed loop in virtual time: flow, bus and ECU advance together, deterministic bit for bit.
 
 In the control period that starts at t_k
 
-    t_k                          the vehicle samples the pressures and hands them to its CAN controller, and its speed
-    + wait + frame time          the ECU has them and steps
-    + compute time               the command is handed over (`ecu.compute_time_ms`, or the ECU's own: see below)
-    + wait + frame time          the jets' driver has it and starts its ramp, which ends at t_{k+1}
+    t_k                          the vehicle samples pressures and speed and gives them to its CAN controller
+    + wait + frame time          the ECU receives the pressures and steps
+    + compute time               the ECU sends the command (`ecu.compute_time_ms`, or an emulated core's time)
+    + wait + frame time          the jets' driver receives the command and starts a ramp that ends at t_{k+1}
 
-Waits and frame times are the bus's (`can_bridge.bus.simulated`): a frame waits for the one that is on the bus, and for
-all of higher priority. The plant is held at the command's arrival, rounded up to a time step of the flow, with the jets
-as they were: late commands act late. An answer that arrives at t_{k+1} or later acts in the period it arrives in, and
-an ECU still computing when its next step is due skips that step. Virtual compute time is a setting, a stated budget, or
-what an emulated core takes for this very step by the model of its pipeline: neither depends on the machine. The step's
-wall-clock time is measured separately.
+The simulated bus gives waits and frame times (`can_bridge.bus.simulated`): a frame waits for the frame on the bus and
+for all frames of higher priority. Until the command arrives, rounded up to a time step of the flow, the jets stay as
+they are, so late commands act late. A command that arrives at t_{k+1} or later acts in the period of its arrival. An
+ECU that is still computing when its next step is due skips that step. The compute time is a setting, or the time that
+an emulated core takes for this step by the model of its pipeline; neither depends on the machine. The step's wall-clock
+time is measured separately.
 
-The ECU steps when a pressure frame arrives. It waits for one until half a period has passed (or one frame time, where
-that is longer), and then steps without: its fail-safe counts the miss, and its answer still acts in the period. What
-arrives later is in its queue for the next step. A command that the jets' driver does not get is a miss there.
+The ECU steps when a pressure frame arrives. It waits for half a period (or for one frame time, if that is longer), and
+then steps without pressures: its fail-safe counts a miss, and its command still acts in the period. A later frame is in
+the ECU's queue for the next step. The jets' driver counts a command that does not arrive as a miss.
 """
 
 import math
@@ -43,7 +43,7 @@ from wake.plant.sample import Sample
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class BusPorts:
-    """Where the two nodes send and receive: ports of one `SimulatedBus`, or what wraps them."""
+    """The ports through which the two nodes send and receive: of one `SimulatedBus`, or wrappers around its ports."""
 
     vehicle: Bus
     ecu: Bus
@@ -51,7 +51,7 @@ class BusPorts:
 
 
 def check_bit_rates(config: Config) -> None:
-    """Raises BusError if a pressure frame takes a whole control period or longer."""
+    """Raise BusError if a pressure frame takes a whole control period or longer."""
     if (takes_ns := _pressure_frame_ns(config)) >= config.period_ns:
         raise BusError(
             f"a pressure frame takes {takes_ns / 1e6:g} ms, the control period is {config.period_ns / 1e6:g} ms: raise "
@@ -60,7 +60,6 @@ def check_bit_rates(config: Config) -> None:
 
 
 def _pressure_frame_ns(config: Config) -> int:
-    """The longest time that a pressure frame takes."""
     spec, bus = message_set(config.bus).pressure.spec, config.bus
     frame = Frame(frame_id=spec.frame_id, data=bytes(spec.length), is_fd=spec.is_fd)
     return worst_case_ns(frame, nominal_bitrate=bus.nominal_bitrate, data_bitrate=bus.data_bitrate)
@@ -71,13 +70,13 @@ class VirtualLoop(NeverCopied):
 
     Args:
         plant: the flow, at the start of a control period.
-        bus: the bus, at time 0; the loop lets its time pass.
-        clock: wall clock in s for the step's measured time; nothing in the loop depends on it.
-        ecu_clock: what the ECU's clock shows at a time of the run, in ns.
-        step_ns: what the ECU's latest step took; `ecu.compute_time_ms` without it.
+        bus: the bus, at time 0; the loop advances its time.
+        clock: wall clock in s that measures the ECU's step; the loop does not depend on it.
+        ecu_clock: function from a time of the run to the time on the ECU's clock, in ns.
+        step_ns: computing time of the ECU's latest step; if None, `ecu.compute_time_ms`.
 
     Attributes:
-        planned_ns: compute time of every step so far that planned.
+        planned_ns: computing times of all steps so far that computed a plan.
     """
 
     INSTEAD: ClassVar = "bus and nodes call each other; run the same again, it goes the same way to the bit"
@@ -134,7 +133,7 @@ class VirtualLoop(NeverCopied):
         self._bus.advance_until(self._start_ns + self._wait_ns, self._pressures_came)
         self._pressures_came()
         step_ms = self._step_ecu(self._bus.now_ns)
-        # What arrives at the period's end belongs to the next one.
+        # A frame that arrives at the period's end belongs to the next period.
         self._bus.advance_to(end_ns - 1)
         self._pressures_came()
         commands = [item for item in self._ports.vehicle.receive_all() if self._command.names(item)]
@@ -146,13 +145,13 @@ class VirtualLoop(NeverCopied):
 
     @property
     def now_ns(self) -> int:
-        """When the next period begins."""
+        """Start time of the next period."""
         return self._start_ns
 
     def reset_ecu(self, boot_ns: int) -> None:
-        """Have the ECU lose its state at the bus's time, and start again after booting for so long.
+        """Make the ECU lose its state at the bus's present time and start again after `boot_ns`.
 
-        It hears nothing meanwhile. Freshness values are in lasting memory and go on.
+        The ECU receives nothing while it boots. Freshness values are in non-volatile memory and keep counting.
         """
         state = self._ecu.state
         self._ecu.restore(replace(self._power_on, verifier=state.verifier, freshness=state.freshness))
@@ -167,22 +166,22 @@ class VirtualLoop(NeverCopied):
         return self._bus.now_ns >= self._booted_ns
 
     def exchange_ecu(self, ecu: SteppedEcu, step_ns: Callable[[], int] | None = None) -> None:
-        """Go on with another ECU of the same bundle and settings, from the state of the one so far."""
+        """Continue with another ECU of the same bundle and settings, from the state of the present ECU."""
         ecu.restore(self._ecu.state)
         self._ecu = ecu
         self._step_ns = self._charged if step_ns is None else step_ns
 
     def totals(self) -> BusTotals:
-        """Frames so far; one that is under way is not lost."""
+        """Return the frame counts so far; a frame under way does not count as lost."""
         sent = self._node.frames_sent + self._commands_sent
         arrived = self._pressures_received + self._commands_received
         rejected = self._ecu.frames_rejected + self._node.frames_rejected
         under_way = sum(self._bus.under_way(spec.frame_id) for spec in (self._pressure, self._command))
-        # A frame that was destroyed in its very last bit arrives twice.
+        # A frame with an error in its very last bit arrives twice, so the difference can be negative.
         return BusTotals(sent=sent, lost=max(sent - arrived - under_way, 0), rejected=rejected)
 
     def _pressures_came(self) -> bool:
-        """Put what has arrived into the ECU's inbox; whether pressures were among it."""
+        """Put received frames into the ECU's inbox; returns whether pressures were among them."""
         received = self._ports.ecu.receive_all()
         if self._bus.now_ns < self._booted_ns:
             return False
@@ -192,7 +191,7 @@ class VirtualLoop(NeverCopied):
         return pressures > 0
 
     def _step_ecu(self, now_ns: int) -> float:
-        """Let the ECU step unless it is still computing; wall-clock ms of the step, NaN if skipped."""
+        """Step the ECU unless it is still computing; returns the step's wall-clock ms, NaN if there was no step."""
         if now_ns < max(self._busy_until_ns, self._booted_ns):
             return math.nan
         began = self._clock()
@@ -207,7 +206,7 @@ class VirtualLoop(NeverCopied):
         return elapsed * 1e3
 
     def _answer(self, frames: Sequence[Frame], boots: int) -> None:
-        """Hand over what the ECU has computed, unless it was reset meanwhile."""
+        """Send the ECU's frames, unless the ECU was reset since their step."""
         if boots != self._boots:
             return
         for frame in frames:
@@ -216,17 +215,17 @@ class VirtualLoop(NeverCopied):
 
     @staticmethod
     def _send(port: Bus, frame: Frame) -> None:
-        """Hand over a frame. One that the bus does not take is lost: its receiver is there to notice."""
+        """Send a frame. A frame that the bus does not accept is lost, and its receiver has to notice."""
         try:
             port.send(frame)
         except BusError:
             return
 
     def _advance_plant(self, actuation: Actuation) -> None:
-        """Advance to the period's end; a command for this period finds the jets as they were until it arrives."""
+        """Advance to the period's end; until a command for this period arrives, the jets stay as they are."""
         if actuation.command is not None and not actuation.next_period:
             after_ns = actuation.command.timestamp_ns - self._start_ns
-            # One substep is left for the ramp.
+            # One time step is left for the ramp.
             late = min(self._substeps - 1, math.ceil(after_ns * self._substeps / self._period_ns))
             if late > 0:
                 self._plant.advance_to(late)

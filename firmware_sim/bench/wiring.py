@@ -1,4 +1,4 @@
-"""The loop's parts put together: bus, vehicle, ECU and what disturbs them, on one wake, at time 0."""
+"""The assembly of a loop: bus, vehicle, ECU and disturbances on one wake, at time 0."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -24,24 +24,24 @@ from wake.plant.protocol import LoopPlant
 
 
 class Disturbs(Protocol):
-    """What acts on the parts themselves; `firmware_sim.bench.disturbing.Disturbing` is one."""
+    """The disturbances that act on the loop's parts; `firmware_sim.bench.disturbing.Disturbing` implements this."""
 
     @property
     def corrupts(self) -> Corrupts | None:
-        """The errors on the bus that are wrong for all nodes."""
+        """Bit errors on the bus that all nodes see."""
 
     @property
     def mishears(self) -> Corrupts | None:
-        """The errors on the bus that one receiver hears."""
+        """Bit errors on the bus that only one receiver sees."""
 
     def readings(self, cp: Array, now_ns: int) -> Array:
-        """(S,) what the transducers read where the wall has Cp (S,)."""
+        """Return the transducers' readings (S,) for wall pressures Cp (S,)."""
 
     def ecu_clock(self, now_ns: int) -> int:
-        """What the ECU's clock shows."""
+        """Return the time on the ECU's clock at a time of the run."""
 
     def connect(self, bus: SimulatedBus) -> Callable[[str, Bus], Bus]:
-        """Begin on this bus; returns what puts a node's faults around its port."""
+        """Start the port faults on this bus; returns the function that puts a node's faults around its port."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -49,8 +49,8 @@ class Wired:
     """A loop that is ready for its first period.
 
     Attributes:
-        ports: of the simulated bus, by the names of their nodes, without what disturbs them.
-        waits: of the loop's own frames for the bus.
+        ports: ports of the simulated bus by their nodes' names, without faults.
+        waits: times that the loop's own frames wait for the bus.
     """
 
     bus: SimulatedBus
@@ -60,11 +60,11 @@ class Wired:
     waits: WaitingTimes
 
     def traffic(self) -> BusTraffic:
-        """What the bus carried so far."""
+        """Return the bus traffic so far."""
         return self.waits.traffic(self.bus.activity(), self.errors())
 
     def errors(self) -> dict[str, NodeErrors]:
-        """Error counters of the nodes, by their names."""
+        """Return the error counters of the nodes, by their names."""
         return {name: NodeErrors.of(port.health(), port.refused) for name, port in self.ports.items()}
 
 
@@ -80,15 +80,15 @@ def wire(
     observe: Callable[[Transmission], None] = lambda transmission: None,
     observer: Observer | None = None,
 ) -> Wired:
-    """Put a loop together. Raises BusError if a pressure frame takes a whole control period or longer; ConfigError if
-    the wake has no sensor of a name; or settings of the bus contradict each other.
+    """Assemble a loop. Raises BusError if a pressure frame takes a whole control period or longer; ConfigError if the
+    wake lacks a sensor, or settings of the bus contradict each other.
 
     Args:
-        wake: at the start of a control period.
-        sensors: of the bundle, in the order of the Pressure message.
-        authentication: of the vehicle's node, with `bus.key`.
-        capture: called with every frame on the bus, stamped with its end.
-        observe: called with more about the same frames.
+        wake: a plant at the start of a control period.
+        sensors: sensors of the bundle, in the order of the Pressure message.
+        authentication: key and freshness of the vehicle's node, with `bus.key`.
+        capture: called with every frame on the bus, stamped with the end of its transmission.
+        observe: called with a `Transmission` for each of these frames.
         observer: sees the nodes' frames from outside.
     """
     messages = message_set(config.bus)

@@ -1,1 +1,1 @@
-"""Campaigns: a test plan of disturbed closed loops, run in parallel, and what came of it in one report."""
+"""Campaigns: test plans of disturbed closed-loop runs, which run in parallel, and one report of their results."""

@@ -1,4 +1,4 @@
-"""A whole campaign: what is missing is run, and every scenario is judged."""
+"""The execution of a whole campaign: it computes the missing runs and judges every scenario."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -24,12 +24,12 @@ from firmware_sim.campaign.task import RunTask, plant_of, seed_of, settings_of
 
 @dataclass(frozen=True, kw_only=True)
 class Campaign:
-    """What is to be run.
+    """A campaign to run.
 
     Attributes:
-        scenarios: the undisturbed one among them.
-        config: settings of all runs; scenarios have theirs on top.
-        phases: starts a scenario, equal parts of a shedding cycle apart.
+        scenarios: scenarios of the plan, among them the undisturbed one.
+        config: settings of all runs; each scenario may override some of them.
+        phases: number of starts per scenario, at equal parts of a shedding cycle.
     """
 
     scenarios: tuple[Scenario, ...]
@@ -40,7 +40,7 @@ class Campaign:
     seed: int = 0
 
     def check(self) -> None:
-        """Raises StillwakeError, naming the scenario, for settings or disturbances that no run could have."""
+        """Check every scenario; raises StillwakeError that states the scenario for which no run is possible."""
         period = self.config.flow.control_period
         lead_in, total = self.timing.periods(period)
         # The last sample is taken a period before the end.
@@ -54,7 +54,7 @@ class Campaign:
             check_run(scenario, settings_of(scenario, self.config), self.bundle, self.timing, controller)
 
     def label(self) -> dict[str, Any]:
-        """What makes it this campaign and no other, as plain JSON; its scenarios may change."""
+        """Return the data that identify this campaign, as plain JSON; the scenarios are not among them."""
         return {
             "schema": CAMPAIGN_SCHEMA,
             "version": version("stillwake"),
@@ -70,11 +70,11 @@ class Campaign:
 
 @dataclass(frozen=True, kw_only=True)
 class Result:
-    """A finished campaign.
+    """The result of a campaign.
 
     Attributes:
-        rows: a scenario each, in the plan's order.
-        made, kept: runs of this call, and runs that were there already.
+        rows: one row per scenario, in the plan's order.
+        made, kept: number of runs computed in this call, and number of runs found in the folder.
     """
 
     rows: tuple[ScenarioRow, ...]
@@ -83,7 +83,7 @@ class Result:
 
     @property
     def safe(self) -> bool:
-        """Whether every scenario is."""
+        """Whether all scenarios are safe."""
         return all(row.safe for row in self.rows)
 
 
@@ -95,14 +95,15 @@ def conduct(
     scheduler: str | None = None,
     progress: Callable[[int, int, str], None] = lambda done, total, name: None,
 ) -> Result:
-    """Run what is missing of a campaign; finished runs of an earlier call are kept. Until one is, nothing is written.
-    Raises StillwakeError if the folder cannot be written, there is no start, or the workers fail.
+    """Compute the missing runs of a campaign; finished runs of an earlier call are reused. Nothing is written before
+    the first run has finished. Raises StillwakeError if the folder cannot be written, there is no start, or the workers
+    fail.
 
     Args:
-        campaign: checked (`Campaign.check`), and the folder with its label too (`CampaignFolder.check`).
-        workers, scheduler: as `contract.side_by_side.spread` has them.
-        progress: called with (runs done, runs in all, name of the one that just finished); before there are any, with
-            zeros and what is prepared.
+        campaign: a campaign that has passed `Campaign.check`; its folder has passed `CampaignFolder.check`.
+        workers, scheduler: see `contract.side_by_side.spread`.
+        progress: called with (runs done, total runs, name of the run just finished); before the first run with zeros
+            and the present preparation.
     """
     runs = _Runs(campaign, folder, progress)
     runs.run(workers, scheduler)
@@ -111,8 +112,6 @@ def conduct(
 
 
 class _Runs:
-    """The runs of a campaign."""
-
     def __init__(self, campaign: Campaign, folder: CampaignFolder, progress: Callable[[int, int, str], None]) -> None:
         self._campaign, self._folder, self._progress = campaign, folder, progress
         self._configs = {one.name: settings_of(one, campaign.config) for one in campaign.scenarios}
@@ -138,7 +137,7 @@ class _Runs:
         self._progress(0, 0, f"the wake of {scenario or 'all'}, {t:.0f} of {total:.0f} t_c")
 
     def run(self, workers: int, scheduler: str | None) -> None:
-        """Compute what is missing."""
+        """Compute the missing runs."""
         tasks = {task.name: task for scenario in self._campaign.scenarios for task in self._tasks(scenario)}
         missing = []
         for name, task in tasks.items():
@@ -161,7 +160,7 @@ class _Runs:
         )
 
     def rows(self) -> tuple[ScenarioRow, ...]:
-        """The judgement of every scenario."""
+        """Judge every scenario."""
         scenarios = self._campaign.scenarios
         return judged(scenarios, {one.name: self._phases(one) for one in scenarios})
 
@@ -178,19 +177,19 @@ class _Runs:
         self._progress(len(self._outcomes), self._total, task.name)
 
     def claim(self) -> None:
-        """Make the folder this campaign's, now that there is something to keep."""
+        """Write the campaign's label, starts and reused runs into the folder, before its first new run."""
         if self._claimed:
             return
         self._folder.claim(self._campaign.label())
         for plant, scenario in self._plants.items():
             keep_states(self._folder, self._starts[plant], scenario)
         for name, outcome in self._outcomes.items():
-            # Found in a campaign that is being replaced, which had this run as well.
+            # A campaign that is being replaced may have had the same run; its file was deleted with that campaign.
             self._folder.keep(name, outcome)
         self._claimed = True
 
     def _tasks(self, scenario: Scenario) -> list[RunTask]:
-        """Its runs under control and, of its flow, without."""
+        """Return a scenario's runs under control, and the runs of the same flow without control."""
         campaign, made = self._campaign, []
         config = self._configs[scenario.name]
         of_flow = replace(campaign.config, flow=config.flow, body=config.body)

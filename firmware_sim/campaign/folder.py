@@ -1,8 +1,8 @@
-"""The folder of a campaign: what it is a campaign of, its starts, its finished runs, and its report.
+"""The folder of a campaign: its label, its starts, its finished runs, and its report.
 
-campaign.json           settings, seed, spans and bundle; a call with others is refused
-starts/phase_0.npz      flow states in which the runs begin; NAME.phase_0.npz: those of another body's wake
-runs/NAME.phase0.json   a finished run, written whole
+campaign.json           the label: settings, seed, spans and bundle; a call with different ones is refused
+starts/phase_0.npz      initial flow states of the runs; NAME.phase_0.npz: those of another body's wake
+runs/NAME.phase0.json   a finished run
 table.csv, figures/, report.html
 """
 
@@ -20,7 +20,7 @@ CAMPAIGN_SCHEMA: Final = "stillwake-campaign/1"
 
 
 class CampaignFolder:
-    """The files of one campaign."""
+    """Paths and files of one campaign."""
 
     def __init__(self, path: Path) -> None:
         self.path, self.figures = path, path / "figures"
@@ -28,16 +28,16 @@ class CampaignFolder:
         self._label_file, self._runs = path / "campaign.json", path / "runs"
 
     def start(self, phase: int, scenario: str = "") -> Path:
-        """File of the flow state in which a phase begins; of a scenario's own plant if one is named."""
+        """Return the file of the flow state at which a phase starts; with `scenario`, of that scenario's own plant."""
         return self.path / "starts" / f"{scenario and scenario + '.'}phase_{phase}.npz"
 
     def check(self, label: Mapping[str, Any], *, overwrite: bool) -> None:
-        """Find out before the work whether this campaign can go on here, without changing anything. Raises OutputError
-        if another campaign is there, or something else; StillwakeError if nothing can be written there.
+        """Check, without changes, whether this campaign can run in this folder. Raises OutputError if the folder holds
+        another campaign or other files; StillwakeError if the folder cannot be written.
 
         Args:
-            label: what the campaign is of, as plain JSON.
-            overwrite: whether another campaign may be replaced; what is no campaign never is.
+            label: the data that identify the campaign, as plain JSON.
+            overwrite: whether another campaign may be replaced; other files never are.
         """
         check_writable(self.path, folder=True)
         if not self.path.exists() or not any(self.path.iterdir()):
@@ -54,7 +54,7 @@ class CampaignFolder:
             )
 
     def claim(self, label: Mapping[str, Any]) -> None:
-        """Make the folder this campaign's; what another one left in it goes, as `check` has allowed."""
+        """Write the label; delete the files of another campaign, which `check` has allowed."""
         if self._label() != _plain(label):
             for folder in ("starts", "runs", "figures"):
                 shutil.rmtree(self.path / folder, ignore_errors=True)
@@ -64,25 +64,25 @@ class CampaignFolder:
             temporary.write_text(json.dumps(label, indent=2, sort_keys=True) + "\n", encoding="utf-8")
 
     def outcome(self, name: str, key: str) -> RunOutcome | None:
-        """The finished run of that name, if it is of that key."""
+        """Return the finished run of that name; None if there is none, or its key differs."""
         kept = load(self._run(name))
         return kept if kept is not None and kept.key == key else None
 
     def keep(self, name: str, outcome: RunOutcome) -> None:
-        """Write a run that finished; one that did not is made again by the next call."""
+        """Write a finished run. A failed run is not written, so the next call computes it again."""
         if not outcome.failure:
             save(self._run(name), outcome)
 
     @property
     def finished(self) -> int:
-        """Runs that are kept."""
+        """Number of finished runs in the folder."""
         return sum(1 for _ in self._runs.glob("*.json"))
 
     def _run(self, name: str) -> Path:
         return self._runs / f"{name}.json"
 
     def _label(self) -> dict[str, Any] | None:
-        """Without one that can be read, None."""
+        """Read the label; None if it is missing or cannot be read."""
         try:
             label: Any = json.loads(self._label_file.read_text(encoding="utf-8"))
         except (OSError, ValueError, RecursionError):
@@ -91,5 +91,5 @@ class CampaignFolder:
 
 
 def _plain(label: Mapping[str, Any]) -> Any:
-    """The label as it comes back from JSON."""
+    """Return the label as it is after writing to JSON and reading back."""
     return json.loads(json.dumps(label))

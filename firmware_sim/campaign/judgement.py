@@ -1,4 +1,4 @@
-"""What came of a campaign, a row a scenario: safe or not, useful or not, and the spread over phases."""
+"""The judgement of a campaign, one row per scenario: whether it is safe and useful, and the spread over the phases."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -13,7 +13,7 @@ from firmware_sim.runs.statistics import rounded
 
 
 class Use(StrEnum):
-    """Whether what the controller does under a disturbance is worth having it on."""
+    """Classes of benefit of the controller under a disturbance."""
 
     USEFUL = "useful"
     MARGINAL = "marginal"
@@ -22,11 +22,11 @@ class Use(StrEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class PhaseOutcomes:
-    """One starting phase of a scenario.
+    """The runs of a scenario from one starting phase.
 
     Attributes:
-        under: the run under control; its figures are None if it did not finish.
-        free: the run of the same flow from the same start without control.
+        under: run under control; its figures are None if it did not finish.
+        free: run of the same flow from the same start without control.
     """
 
     under: RunOutcome
@@ -34,21 +34,21 @@ class PhaseOutcomes:
 
     @property
     def reduction(self) -> float:
-        """Reduction of the wall's mean drag, percent; NaN if a run is missing."""
+        """Reduction of the wall's mean drag in percent; NaN if a run is missing."""
         if self.under.figures is None or self.free.figures is None:
             return nan
         return 100.0 * (1.0 - self.under.figures.Cd / self.free.figures.Cd)
 
     @property
     def safe(self) -> bool:
-        """Whether it finished, and no invariant broke."""
+        """Whether the run under control finished and no invariant was violated."""
         service = self.under.service
         return service is not None and service.violations == 0
 
 
 @dataclass(frozen=True, kw_only=True)
 class Spread:
-    """Mean, least and most over the phases."""
+    """Mean, minimum and maximum over the phases."""
 
     mean: float
     least: float
@@ -63,12 +63,12 @@ class Spread:
 
 @dataclass(frozen=True, kw_only=True)
 class ScenarioRow:
-    """A scenario's outcome.
+    """The outcome of one scenario.
 
     Attributes:
-        safe: whether no invariant broke in any phase, and all finished.
-        reduction: of wall drag against the same phase without control, percent.
-        lost: percentage points less than undisturbed.
+        safe: whether every phase finished without a violated invariant.
+        reduction: reduction of wall drag in percent, relative to the same phase without control.
+        lost: difference to the undisturbed scenario's mean reduction, in percentage points.
     """
 
     scenario: Scenario
@@ -88,7 +88,7 @@ class ScenarioRow:
 
     @property
     def in_control(self) -> float:
-        """Share of the requested time in which the controller planned, percent, over all phases."""
+        """Share of the periods with requested control in which the controller planned, in percent, over all phases."""
         requested = self._total("requested")
         return 100.0 * self._total("in_control") / requested if requested else nan
 
@@ -102,7 +102,7 @@ class ScenarioRow:
 
     @property
     def broken(self) -> list[str]:
-        """Invariants that broke, and runs that did not finish, in words."""
+        """Descriptions of violated invariants and of runs that did not finish."""
         texts = []
         for number, phase in enumerate(self.phases):
             if phase.under.service is None:
@@ -113,14 +113,14 @@ class ScenarioRow:
 
     @property
     def reasons(self) -> dict[str, int]:
-        """Control periods not in control, by the ECU's reason, over all phases; the most frequent first."""
+        """Number of control periods without control by the ECU's reason, over all phases; most frequent first."""
         count: Counter[str] = Counter()
         for service in self._services:
             count.update(service.reasons)
         return dict(sorted(count.items(), key=lambda item: (-item[1], item[0])))
 
     def figures(self) -> dict[str, Any]:
-        """The row for other programs; a figure that does not exist is null."""
+        """Return the row for other programs; a missing figure is null."""
         spreads = {
             "reduction_percent": self.reduction,
             "abs_Cl": self.abs_Cl,
@@ -154,7 +154,7 @@ class ScenarioRow:
         }
 
     def _spread(self, name: str, *, free: bool = False) -> Spread:
-        """The spread of one of the `Figures`, under control or of the free flow."""
+        """Return the spread of one field of `MeanFigures`, under control or, with `free`, without control."""
         found = [(phase.free if free else phase.under).figures for phase in self.phases]
         return Spread.of([nan if one is None else float(getattr(one, name)) for one in found])
 
@@ -167,25 +167,25 @@ class ScenarioRow:
 
 
 def judged(scenarios: Sequence[Scenario], phases: Mapping[str, Sequence[PhaseOutcomes]]) -> tuple[ScenarioRow, ...]:
-    """The rows, in the plan's order.
+    """Return the rows in the plan's order.
 
     Args:
-        scenarios: the undisturbed one among them.
-        phases: by scenario; every scenario has the same number.
+        scenarios: scenarios of the plan, among them the undisturbed one.
+        phases: outcomes by scenario; the number of phases is equal for all scenarios.
     """
     undisturbed = Spread.of([phase.reduction for phase in phases[UNDISTURBED]]).mean
     return tuple(_row(one, tuple(phases[one.name]), undisturbed) for one in scenarios)
 
 
 def use_of(reduction: float, undisturbed: float, side_force: float, criteria: Criteria) -> Use:
-    """Whether an outcome is useful.
+    """Return whether an outcome is useful, marginal or of no use.
 
     Args:
-        reduction, undisturbed: of wall drag, percent, in this scenario and without disturbance.
-        side_force: mean |Cl| as a share of that without control.
+        reduction, undisturbed: reduction of wall drag in percent, in this scenario and without disturbance.
+        side_force: mean |Cl| as a share of its value without control.
     """
     share = reduction / undisturbed if undisturbed > 0 else nan
-    # A comparison with NaN is false: what is not known is not useful.
+    # A comparison with NaN is false, so an unknown outcome is not useful.
     if share >= criteria.useful and side_force <= criteria.abs_Cl:
         return Use.USEFUL
     return Use.MARGINAL if share > criteria.marginal else Use.NONE

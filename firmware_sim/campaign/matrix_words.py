@@ -1,4 +1,4 @@
-"""A campaign in words: its plan, its rows as the matrix for people, and as CSV for programs."""
+"""A campaign as text: its plan and its rows for the terminal and the report, and as CSV for programs."""
 
 import csv
 from collections.abc import Sequence
@@ -13,7 +13,7 @@ from firmware_sim.campaign.scenario import UNDISTURBED, Criteria, Scenario
 
 
 def listing(scenarios: Sequence[Scenario], *, phases: int) -> list[str]:
-    """The plan, a line each."""
+    """Return the plan, one line per scenario."""
     lines = [
         f"{len(scenarios)} scenarios, from {phases} starting phase{'' if phases == 1 else 's'} each.",
         "Safe, always required: no invariant of the ECU and the vehicle breaks in any period.",
@@ -31,7 +31,7 @@ def listing(scenarios: Sequence[Scenario], *, phases: int) -> list[str]:
 
 
 def criteria_text(criteria: Criteria) -> str:
-    """When an outcome is useful, marginal or none, in words."""
+    """Describe when an outcome is useful, marginal or of no use."""
     return (
         f"at least {criteria.useful:g} of the undisturbed drag reduction with mean |Cl| at most {criteria.abs_Cl:g} of "
         f"that without control; marginal: more than {criteria.marginal:g} of it; otherwise none"
@@ -39,11 +39,11 @@ def criteria_text(criteria: Criteria) -> str:
 
 
 MATRIX_HEADS: Final = ("scenario", "safe", "use", "less drag, %", "mean |Cl|", "in control, %", "latched")
-"""Heads of `cells`."""
+"""Column heads of `cells`."""
 
 
 def cells(row: ScenarioRow) -> tuple[str, ...]:
-    """A row of the matrix in words, by `MATRIX_HEADS`."""
+    """Return the cells of a row as text, in the order of `MATRIX_HEADS`."""
     return (
         row.scenario.name,
         "safe" if row.safe else "UNSAFE",  # a word needs no colour
@@ -56,18 +56,18 @@ def cells(row: ScenarioRow) -> tuple[str, ...]:
 
 
 def spread(value: Spread, style: str) -> str:
-    """Mean (least to most); the mean alone where all phases agree or there is one."""
+    """Format as "mean (minimum to maximum)"; the mean alone if all phases are equal or there is only one."""
     mean, least, most = (number(one, style) for one in (value.mean, value.least, value.most))
     return mean if least == most else f"{mean} ({least} to {most})"
 
 
 def number(value: float, style: str) -> str:
-    """A number in that format; a dash where there is none."""
+    """Format a number; a dash for NaN."""
     return f"{value:{style}}" if isfinite(value) else "-"
 
 
 def headline(rows: Sequence[ScenarioRow]) -> str:
-    """The campaign in a sentence."""
+    """Summarise the campaign in a sentence."""
     safe = sum(row.safe for row in rows)
     disturbed = [row for row in rows if row.scenario.name != UNDISTURBED]
     uses = [sum(row.use == use for row in disturbed) for use in ("useful", "marginal", "none")]
@@ -79,7 +79,7 @@ def headline(rows: Sequence[ScenarioRow]) -> str:
 
 
 def write_csv(path: Path, rows: Sequence[ScenarioRow]) -> None:
-    """Write every figure of every row, whole or not at all; a figure that does not exist is empty."""
+    """Write every figure of every row to a CSV file, completely or not at all; a missing figure is empty."""
     figures = [row.figures() for row in rows]
     with replacing(path) as temporary, temporary.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")

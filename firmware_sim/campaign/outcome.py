@@ -1,4 +1,4 @@
-"""What one run of a campaign leaves behind: its figures, the invariants it broke, and a short record of its course."""
+"""The outcome of one run of a campaign: its figures, violated invariants, and short series."""
 
 import json
 from collections.abc import Mapping
@@ -15,16 +15,16 @@ from contract.typed import typed
 
 _SCHEMA: Final = "stillwake-campaign-run/1"
 COURSE: Final = ("t", "Cd", "Cl", "action")
-"""The series that are kept, a value a control period."""
+"""Names of the stored series, which have one value per control period."""
 DECIMALS: Final = 6
-"""Digits of kept series: a tenth of what the wire resolves of an action."""
+"""Decimals of stored series: a tenth of the resolution of an action on the bus."""
 MOST_KEPT: Final = 20
-"""Violations that are kept word for word; all of them are counted."""
+"""Largest number of violations stored as text; all of them are counted."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class KeptCourse:
-    """The series of a run, by the names in `COURSE`, and when control was requested."""
+    """The stored series of a run, named as in `COURSE`, and the time of the request for control."""
 
     t: list[float]
     Cd: list[float]
@@ -40,7 +40,7 @@ class KeptCourse:
 
 @dataclass(frozen=True, kw_only=True)
 class MeanFigures:
-    """Means over the periods that are averaged, every one with the same weight; coefficients as in `Sample`."""
+    """Means over the averaged periods, with equal weights; coefficients as in `Sample`."""
 
     Cd: float
     abs_Cl: float
@@ -49,10 +49,10 @@ class MeanFigures:
 
     @classmethod
     def over(cls, course: KeptCourse, from_t: float) -> "MeanFigures":
-        """Average from an instant, in the course's time, to the end.
+        """Average from an instant, in the time of the series, to the end.
 
-        The same instants are averaged with control and without, beginning in the same phase of shedding, so that what
-        is cut of a cycle is the same in both.
+        The runs with and without control are averaged over the same instants and start in the same phase of shedding,
+        so both averages cut off the same part of a cycle.
         """
         t = np.array(course.t)
         kept = t >= from_t - 1e-9  # what sums of spans may differ by from the sample's instant
@@ -67,15 +67,15 @@ class MeanFigures:
 
 @dataclass(frozen=True, kw_only=True)
 class RunService:
-    """What the ECU and the bus did in a run under control.
+    """Counts of the ECU and the bus in a run under control.
 
     Attributes:
-        requested: control periods in which control was requested, those apart in which the window was still filling.
-        in_control: of these, periods in which the controller planned.
-        latches: how often the ECU latched a fault.
-        reasons: control periods in which it was not in control, by the reason it gave.
-        frames_sent, frames_lost, frames_rejected: pressure frames and commands.
-        violations: how often an invariant broke.
+        requested: control periods with requested control, without those in which the window was still filling.
+        in_control: number of those periods in which the controller planned.
+        latches: number of times that the ECU latched a fault.
+        reasons: number of control periods without control, by the reason that the ECU gave.
+        frames_sent, frames_lost, frames_rejected: counts of pressure frames and commands.
+        violations: number of violated invariants.
     """
 
     requested: int
@@ -91,13 +91,13 @@ class RunService:
 
 @dataclass(frozen=True, kw_only=True)
 class RunOutcome:
-    """One run.
+    """The outcome of one run.
 
     Attributes:
-        key: hash of everything that decides the run.
+        key: hash of everything that the run depends on.
         figures, course: None for a run that did not finish.
-        service: None for a run without control, or one that did not finish.
-        failure: why it did not finish, in words; "" if it did.
+        service: None for a run without control or one that did not finish.
+        failure: reason why the run did not finish; "" if it did.
     """
 
     key: str
@@ -108,14 +108,14 @@ class RunOutcome:
 
 
 def save(path: Path, outcome: RunOutcome) -> None:
-    """Write as JSON, whole or not at all, the same bytes for the same outcome."""
+    """Write as JSON, completely or not at all; equal outcomes give equal bytes."""
     content = {"schema": _SCHEMA, **asdict(outcome)}
     with replacing(path) as temporary:
         temporary.write_text(json.dumps(content, sort_keys=True) + "\n", encoding="utf-8")
 
 
 def load(path: Path) -> RunOutcome | None:
-    """What `save` wrote; None for a file that is missing, damaged or of another version: it is made again."""
+    """Read a file written by `save`; None if it is missing, damaged or of another version."""
     try:
         tree: Any = json.loads(path.read_text(encoding="utf-8"))
         if not isinstance(tree, dict) or tree.pop("schema", None) != _SCHEMA:

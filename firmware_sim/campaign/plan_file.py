@@ -1,4 +1,4 @@
-"""Test plans from TOML files, the built-in ones and a user's, in one form.
+"""Test plans from TOML files; the built-in plans and a user's plans have the same form.
 
     [[group]]
     title = "Sensor noise"
@@ -11,9 +11,10 @@
     set = ["ecu.delay_steps=2"]
     criteria = { useful = 0.5 }
 
-A scenario with `each` stands for several: one a value, or one a sensor of the release with `each = "sensors"`. In its
-texts `{each}` is the value, `{base_sensor}` the release's first sensor on the base, `{sensor_1}` and so on its sensors,
-`{after:20}` the instant 20 t_c after control is requested, in s of the run, and `{seconds:20}` as many t_c in s.
+A scenario with `each` stands for several scenarios: one for each value or, with `each = "sensors"`, one for each sensor
+of the release. In its texts `{each}` is the value, `{base_sensor}` the release's first sensor on the base, `{sensor_1}`
+and so on its sensors, `{after:20}` the instant 20 t_c after the request for control, in s of the run, and
+`{seconds:20}` the length of 20 t_c in s.
 """
 
 import re
@@ -33,12 +34,12 @@ BUILT_IN: Final = ("paper", "sensors", "bus", "flow")
 """Names of the files in `plans/`, in the plan's order."""
 MOST_SCENARIOS: Final = 1000
 _SENSORS: Final = "sensors"
-"""Stands for the release's sensors in place of a list of values."""
+"""Value of `each` that stands for the release's sensors."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class _ScenarioForm:
-    """A scenario as a file has it."""
+    """The form of a scenario in a file."""
 
     name: str
     sentence: str
@@ -50,7 +51,7 @@ class _ScenarioForm:
 
 @dataclass(frozen=True, kw_only=True)
 class _GroupForm:
-    """A group of scenarios as a file has it; each scenario is read by itself, so that an error can name it."""
+    """The form of a group in a file. Each scenario is parsed separately, so that an error can state its name."""
 
     title: str
     scenario: list[dict[str, Any]]
@@ -58,15 +59,15 @@ class _GroupForm:
 
 @dataclass(frozen=True, kw_only=True)
 class _PlanForm:
-    """A whole file; `criteria` are of all its scenarios that have none of their own."""
+    """The form of a whole file; `criteria` holds for all scenarios without their own criteria."""
 
     group: list[_GroupForm]
     criteria: Criteria = field(default_factory=Criteria)
 
 
 def whole_plan(users: Sequence[Path], place: Place) -> tuple[Scenario, ...]:
-    """The built-in scenarios and those of a user's files, in this order. Raises ConfigError naming the file, and what
-    in it is unknown, missing, of another type or makes no sense."""
+    """Return the built-in scenarios, then those of the user's files. Raises ConfigError that states the file and its
+    error: an unknown, missing, mistyped or meaningless entry."""
     folder = files("firmware_sim.campaign").joinpath("plans")
     sources: list[Traversable] = [*(folder.joinpath(f"{name}.toml") for name in BUILT_IN), *users]
     scenarios = tuple(one for source in sources for one in read_plan(source, place))
@@ -77,7 +78,7 @@ def whole_plan(users: Sequence[Path], place: Place) -> tuple[Scenario, ...]:
 
 
 def read_plan(source: Traversable, place: Place) -> tuple[Scenario, ...]:
-    """The scenarios of one file; raises ConfigError as `whole_plan` does."""
+    """Read the scenarios of one file; raises ConfigError as `whole_plan` does."""
     tree = read_toml(source, "plan")
     try:
         plan = typed(tree, _PlanForm)
@@ -89,7 +90,6 @@ def read_plan(source: Traversable, place: Place) -> tuple[Scenario, ...]:
 
 
 def _made(raw: Mapping[str, Any], group: _GroupForm, criteria: Criteria, place: Place) -> Iterator[Scenario]:
-    """The scenarios that one entry stands for."""
     try:
         form = typed(raw, _ScenarioForm)
         for value in _values(form, place):
@@ -142,5 +142,4 @@ def _filled(text: str, words: Mapping[str, object]) -> str:
 
 
 def _slug(value: int | float | str) -> str:
-    """A value as part of a name."""
     return re.sub(r"[^a-z0-9_.]+", "_", str(value).lower())

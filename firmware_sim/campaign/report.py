@@ -1,4 +1,4 @@
-"""A campaign as one self-contained HTML page: the matrix first, then curves, then a page a group; table and figures."""
+"""A campaign as one self-contained HTML page with matrix, curves, and a section per group; its table and figures."""
 
 from datetime import date
 from itertools import groupby
@@ -30,13 +30,13 @@ _CURVES: Final = {
     ),
     "overview": ("All at a glance", _BARS),
 }
-"""Title and words under each figure."""
+"""Title of each figure, and the text below it."""
 _USED: Final = ("operating_point", "flow", "bus", "ecu", "vehicle")
-"""Sections of the settings that runs read."""
+"""Sections of the settings that the runs use."""
 
 
 def write_report(folder: CampaignFolder, campaign: Campaign, result: Result, day: date) -> None:
-    """Write the page, the table and the figures into the folder; each replaces an older one when it is whole."""
+    """Write page, table and figures into the folder; each replaces an older file only when it is complete."""
     matrix_words.write_csv(folder.table, result.rows)
     pictures = {name: pages.png_of(figure) for name, figure in result_figures.figures_of(result.rows).items()}
     for name, png in pictures.items():

@@ -1,9 +1,9 @@
-"""Figures of a campaign: drag and side force over noise and delay, and each group at a glance.
+"""Figures of a campaign: drag and side force against noise and delay, and an overview of all scenarios.
 
-Colours are those of Okabe and Ito, which colour-blind readers distinguish; marks differ as well.
+The colours are those of Okabe and Ito, which colour-blind readers can distinguish; the marks differ as well.
 
-Of the paper's own loop under noise and delay (section 3.3 and appendix B) only what stands in its text: of noise and of
-the delays between, it shows pictures without numbers.
+The figures show the paper's own loop under noise and delay (section 3.3 and appendix B) only where the paper's text has
+numbers: for noise, and for the delays in between, it has pictures alone.
 """
 
 import re
@@ -21,13 +21,13 @@ from firmware_sim.campaign.scenario import UNDISTURBED
 
 PAPERS_UNCONTROLLED_CD: Final = 1.051
 PAPERS_DELAYED_CD: Final = {0: 0.918, 12: 0.950}
-"""Mean Cd under control by the actuator's delay in control periods, compensated (appendix B)."""
+"""The paper's mean Cd under control for an actuator delay in control periods, with compensation (appendix B)."""
 PAPERS_NOISE: Final = "consistent drag reduction across all tested noise levels"
-"""The paper's words on noise of 10 to 90 % of the global deviation, without figures (appendix B)."""
+"""The paper's words on noise of 10 to 90 % of the global deviation; it gives no numbers (appendix B)."""
 
 
 def papers_reduction_percent(Cd: float) -> float:
-    """Reduction of mean drag against the paper's wake without control."""
+    """Return the reduction of mean drag relative to the paper's wake without control, in percent."""
     return 100.0 * (1.0 - Cd / PAPERS_UNCONTROLLED_CD)
 
 
@@ -37,20 +37,20 @@ VERMILLION: Final = "#D55E00"
 COLOURS: Final = {Use.USEFUL: BLUE, Use.MARGINAL: ORANGE, Use.NONE: VERMILLION}
 MARKS: Final = {Use.USEFUL: "o", Use.MARGINAL: "D", Use.NONE: "X"}
 _WIDTH: Final = 10.0
-"""Inches of a figure."""
+"""Width of a figure in inches."""
 _DPI: Final = 100
 
 
 @dataclass(frozen=True, kw_only=True)
 class Curve:
-    """Scenarios that differ in one number: (number, row) by it."""
+    """Scenarios that differ in one number; a point is (number, row)."""
 
     label: str
     points: tuple[tuple[float, ScenarioRow], ...]
 
 
 def curve(rows: Sequence[ScenarioRow], label: str, pattern: str) -> Curve:
-    """The scenarios whose whole name fits the pattern, whose first group is the number; the undisturbed one is at 0."""
+    """Collect the scenarios whose name matches; the pattern's group is the number, and the undisturbed one is at 0."""
     found = []
     for row in rows:
         match = re.fullmatch(pattern, row.scenario.name)
@@ -62,10 +62,10 @@ def curve(rows: Sequence[ScenarioRow], label: str, pattern: str) -> Curve:
 
 
 def figures_of(rows: Sequence[ScenarioRow]) -> dict[str, Figure]:
-    """Every figure by its file's name: curves that have two points at least, and a glance at each group."""
+    """Return all figures by file name: curves with at least two points, and the overview."""
     noise = curve(rows, "this loop", r"noise_(\d+\.?\d*)")
     delays = curve(rows, "compensated", r"delay_(\d+)"), curve(rows, "not compensated", r"delay_(\d+)_uncompensated")
-    # Of noise the paper gives a number for the loop without it alone.
+    # For noise, the paper gives a number only for the loop without noise.
     undisturbed = {0: PAPERS_DELAYED_CD[0]}
     found = {
         "noise": curves_figure([noise], "sensor noise / global deviations", "paper", undisturbed),
@@ -78,7 +78,9 @@ def figures_of(rows: Sequence[ScenarioRow]) -> dict[str, Figure]:
 def curves_figure(
     curves: Sequence[Curve], xlabel: str, papers: str, Cd_by_number: Mapping[int, float]
 ) -> Figure | None:
-    """Drag reduction and mean |Cl| over a number, with the paper's own points; None where no curve has two points."""
+    """Plot drag reduction and mean |Cl| against the scenarios' number, with the paper's points; returns None if no
+    curve has two points.
+    """
     curves = [one for one in curves if len(one.points) > 1]
     if not curves:
         return None
@@ -105,7 +107,7 @@ def curves_figure(
 
 
 def overview_figure(rows: Sequence[ScenarioRow]) -> Figure:
-    """Every scenario's drag reduction and mean |Cl|, with the spread over the phases."""
+    """Plot drag reduction and mean |Cl| of every scenario, with the spread over the phases."""
     height = 0.9 + 0.24 * len(rows)
     figure = Figure(figsize=(_WIDTH, height), dpi=_DPI)
     left, right = figure.subplots(1, 2, sharey=True, gridspec_kw={"width_ratios": (3, 2), "wspace": 0.06})
@@ -135,7 +137,7 @@ def overview_figure(rows: Sequence[ScenarioRow]) -> Figure:
 
 
 def _draw(axes: Axes, one: Curve, name: str, colour: str, mark: str) -> None:
-    """The means, and the least and most of the phases as bars."""
+    """Draw the means, and bars from the minimum to the maximum of the phases."""
     points = [(x, getattr(row, name)) for x, row in one.points]
     known = [(x, value) for x, value in points if isfinite(value.mean)]
     x = [place for place, _ in known]

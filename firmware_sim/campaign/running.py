@@ -1,4 +1,4 @@
-"""One run of a campaign, in whatever process: the loop under its disturbances, or the flow without control."""
+"""One run of a campaign, in any process: the loop under its disturbances, or the flow without control."""
 
 from collections import Counter
 from collections.abc import Iterable
@@ -25,9 +25,9 @@ from wake.truck.truck_wake import TruckWake
 
 
 def run_task(task: RunTask, bundle: Bundle, start: State) -> RunOutcome:
-    """Run it from that start. The outcome depends on the arguments alone; its key is the caller's to fill in.
+    """Run a task from a start. The outcome depends on the arguments alone; the caller fills in its key.
 
-    What is raised in a run is a finding of the campaign, not its end: the outcome records it.
+    An exception in a run does not end the campaign: the outcome records it as a result.
     """
     try:
         return _under_control(task, bundle, start) if task.controlled else _free(task, bundle, start)
@@ -40,7 +40,7 @@ def run_task(task: RunTask, bundle: Bundle, start: State) -> RunOutcome:
 def check_run(
     scenario: Scenario, config: Config, bundle: Bundle, timing: Spans, controller: RunnableController
 ) -> None:
-    """Raises ConfigError, naming the scenario, for settings or disturbances with which a run could not be one."""
+    """Check a scenario; raises ConfigError that states the scenario if no run is possible with it."""
     try:
         Simulation(
             bundle,
@@ -54,7 +54,7 @@ def check_run(
 
 
 def flow_disturbances(texts: Iterable[str]) -> tuple[str, ...]:
-    """Those that act on the flow, also without control."""
+    """Return the texts of the disturbances that act on the flow, which they also do without control."""
     disturbances = Disturbances.parse(texts)
     return tuple(
         text
@@ -80,7 +80,7 @@ def _under_control(task: RunTask, bundle: Bundle, start: State) -> RunOutcome:
 
 
 def _free(task: RunTask, bundle: Bundle, start: State) -> RunOutcome:
-    """The flow by itself, for as long as a run under control goes on."""
+    """Run the flow without control, for the length of a run under control."""
     config, wake = task.config, _wake(task, start)
     lead_in, periods = task.timing.periods(config.flow.control_period)
     disturbing = Disturbing(Disturbances.parse(task.disturb), config, bundle.manifest.sensors, task.seed)

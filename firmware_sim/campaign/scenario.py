@@ -1,4 +1,4 @@
-"""A test plan as data: a scenario is a sentence, what disturbs the loop, and when the outcome counts as useful."""
+"""A test plan as data: a scenario has a sentence, disturbances of the loop, and criteria for a useful outcome."""
 
 import re
 from collections.abc import Sequence
@@ -10,24 +10,24 @@ from typing import Final
 from contract.errors import ConfigError
 
 UNDISTURBED: Final = "undisturbed"
-"""Name of the scenario that all others are held against; every plan has it."""
+"""Name of the scenario with which all others are compared; every plan has it."""
 UNCONTROLLED: Final = "uncontrolled"
-"""Names a run without control: of the undisturbed flow, or behind the name of a scenario that changes it."""
+"""Name of the runs without control in the undisturbed flow; with a scenario's name before it, in its flow."""
 _NAME: Final = re.compile(r"[a-z0-9][a-z0-9_.]*")
 LONGEST_NAME: Final = 80
-"""Characters; a name is also part of a file's."""
+"""Largest number of characters of a name, which is also part of a file name."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Criteria:
-    """When a scenario's outcome is useful. Safety is not among it: no invariant may break in any scenario. Raises
-    ConfigError for a share that is no number, or out of order.
+    """Criteria for a scenario's outcome to be useful. Safety needs no criterion: no invariant may be violated in any
+    scenario. Raises ConfigError for a share that is not finite, or for shares in the wrong order.
 
     Attributes:
-        useful: least share of the undisturbed drag reduction.
-        marginal: above this share it is marginal, otherwise none.
-        abs_Cl: largest mean |Cl|, as a share of that without control, for "useful": less drag at the cost of a larger
-            side force is no use.
+        useful: smallest share of the undisturbed drag reduction for "useful".
+        marginal: the outcome is "marginal" above this share, otherwise "none".
+        abs_Cl: largest mean |Cl| for "useful", as a share of its value without control: a drag reduction with a larger
+            side force is of no use.
     """
 
     useful: float = 0.75
@@ -46,13 +46,13 @@ class Criteria:
 
 @dataclass(frozen=True, kw_only=True)
 class Scenario:
-    """One line of a test plan. Raises ConfigError for a name that is none, or a scenario without a sentence.
+    """One scenario of a test plan. Raises ConfigError if the name is invalid or there is no sentence.
 
     Attributes:
         name: lower-case letters, digits, dots and underscores; unique in a plan.
-        group: title of the part of the plan it belongs to.
-        disturb: texts of the disturbances (`firmware_sim.bench.disturbances`), times in s of the run.
-        settings: `section.key=value` on top of the campaign's settings.
+        group: title of the scenario's group in the plan.
+        disturb: texts of the disturbances (`firmware_sim.bench.disturbances`); times in s of the run.
+        settings: `section.key=value` texts that override the campaign's settings.
     """
 
     name: str
@@ -76,13 +76,13 @@ class Scenario:
 
 @dataclass(frozen=True, kw_only=True)
 class Place:
-    """What the texts of a plan are filled in with: the release's sensors, and when control begins.
+    """Values that the texts of a plan may use: the release's sensors, and the time of the request for control.
 
     Attributes:
-        sensors: of the release, in its order.
-        base_sensor: the first of them on the base; None if none is there.
-        enabled_s: when control is requested, s of the run.
-        t_c_s: one convective time, s.
+        sensors: sensors of the release, in its order.
+        base_sensor: the first of them on the base; None if there is none.
+        enabled_s: time of the request for control, in s of the run.
+        t_c_s: convective time in s.
     """
 
     sensors: tuple[str, ...]
@@ -91,16 +91,16 @@ class Place:
     t_c_s: float
 
     def seconds(self, span: float) -> float:
-        """A span of t_c in s."""
+        """Convert a span in t_c to s."""
         return span * self.t_c_s
 
     def after(self, span: float) -> float:
-        """The instant that lies so many t_c after the request for control, in s of the run."""
+        """Return the instant `span` t_c after the request for control, in s of the run."""
         return self.enabled_s + self.seconds(span)
 
 
 def check_names(scenarios: Sequence[Scenario]) -> None:
-    """Raises ConfigError if two scenarios have one name, or none is the undisturbed one."""
+    """Check the names; raises ConfigError if two scenarios have one name, or the undisturbed scenario is missing."""
     seen: dict[str, Scenario] = {}
     for one in scenarios:
         if (other := seen.setdefault(one.name, one)) is not one:
@@ -110,8 +110,8 @@ def check_names(scenarios: Sequence[Scenario]) -> None:
 
 
 def selected(scenarios: Sequence[Scenario], globs: Sequence[str]) -> tuple[Scenario, ...]:
-    """Those whose name matches a pattern, in the plan's order, and the undisturbed one; all without a pattern. Raises
-    ConfigError if a pattern matches none."""
+    """Return the scenarios whose name matches a pattern, and the undisturbed one, in the plan's order; all scenarios
+    without patterns. Raises ConfigError if a pattern matches no scenario."""
     for glob in globs:
         if not any(fnmatchcase(one.name, glob) for one in scenarios):
             raise ConfigError(f"--only {glob!r}: no scenario has such a name; --list shows them")
@@ -119,5 +119,5 @@ def selected(scenarios: Sequence[Scenario], globs: Sequence[str]) -> tuple[Scena
 
 
 def matches(name: str, globs: Sequence[str]) -> bool:
-    """Whether a name is among those asked for."""
+    """Return whether a name matches a pattern, or there are no patterns."""
     return not globs or any(fnmatchcase(name, glob) for glob in globs)

@@ -1,4 +1,4 @@
-"""Where runs begin: the developed wake in several phases of its shedding cycle, so that no figure hangs on one."""
+"""Starts of runs: the developed wake in several shedding phases, so that no figure depends on a single phase."""
 
 import hashlib
 from collections.abc import Callable, Sequence
@@ -15,7 +15,7 @@ from wake.truck.truck_wake import TruckWake
 
 
 def phases_apart(phases: int, config: Config) -> list[int]:
-    """Control periods from the developed wake to each phase: equal parts of a shedding cycle of the body's wake."""
+    """Return the control periods from the developed wake to each phase: equal parts of its shedding cycle."""
     cycle = 1.0 / config.forcing.base_frequency
     return [round(number * cycle / phases / config.flow.control_period) for number in range(phases)]
 
@@ -27,12 +27,13 @@ def starting_states(
     scenario: str = "",
     progress: Callable[[float, float], None] = lambda t, total: None,
 ) -> tuple[State, ...]:
-    """The states of all phases, their clocks at zero and the jets shut: those kept in the folder, or made now, which
-    takes minutes for another body than the truck. Raises PlantError if there is no developed wake for the settings.
+    """Return the states of all phases, with their clocks at zero and the jets shut. They are read from the folder, or
+    computed, which takes minutes for a body other than the truck. Raises PlantError if there is no developed wake for
+    the settings.
 
     Args:
-        scenario: whose plant it is, if it is not that of all.
-        progress: called with (time, total) in t_c while another body's wake develops.
+        scenario: the scenario that has this plant; empty for the plant of all scenarios.
+        progress: called with (time, total time) in t_c while another body's wake develops.
     """
     kept = [_kept(folder.start(number, scenario), config) for number in range(phases)]
     whole = [state for state in kept if state is not None]
@@ -42,18 +43,18 @@ def starting_states(
 
 
 def keep_states(folder: CampaignFolder, states: Sequence[State], scenario: str = "") -> None:
-    """Write the states of all phases where `starting_states` finds them."""
+    """Write the states of all phases to the files that `starting_states` reads."""
     for number, state in enumerate(states):
         save_state(folder.start(number, scenario), state)
 
 
 def digest_of(state: State) -> str:
-    """Hash of the flow, in hex."""
+    """Return the hash of the flow in hex."""
     return hashlib.sha256(state.flat.tobytes()).hexdigest()
 
 
 def _kept(file: Path, config: Config) -> State | None:
-    """A state that is there and of this plant: a scenario's may have been of another body before."""
+    """Read a state; None if there is none for this plant: the scenario may have had another body earlier."""
     try:
         state = load_state(file)
         if state.origin is not None:

@@ -1,4 +1,4 @@
-"""One run of a campaign as a value that any process can compute, and its hash."""
+"""One run of a campaign as a value that any process can execute, and its hash."""
 
 import hashlib
 import json
@@ -15,12 +15,12 @@ from firmware_sim.bench.spans import Spans
 from firmware_sim.campaign.scenario import Scenario
 
 _SETTINGS: Final = ("operating_point", "bus", "ecu", "vehicle", "flow.reynolds", "flow.substeps")
-"""Sections and settings that a scenario may set: the controller, and its period in the flow's time, are the release's.
-"""
+"""Sections and settings that a scenario may change. The release fixes the controller and its period in t_c."""
 PlantKey = tuple[FlowConfig, BodyConfig]
 
 MARGIN_PERIODS: Final = 2
-"""Periods without control beyond the controller's window: the first frame only starts the end-to-end check."""
+"""Number of periods without control beyond the controller's window: the first frame only starts the end-to-end check.
+"""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,9 +28,9 @@ class RunTask:
     """One run.
 
     Attributes:
-        name: of its file: scenario and phase.
-        controlled: whether control is requested; otherwise the flow runs by itself.
-        config: with the plant's body, which may be another than the release's.
+        name: name of the run's file, from scenario and phase.
+        controlled: whether control is requested; otherwise the flow runs without the loop.
+        config: settings, with the plant's body, which may differ from the release's.
         phase: number of the start.
     """
 
@@ -44,11 +44,11 @@ class RunTask:
 
     @property
     def plant(self) -> PlantKey:
-        """What its starts are of."""
+        """Key of the plant, by which its starts are found."""
         return plant_of(self.config)
 
     def key(self, bundle_digest: str, start_digest: str, version: str) -> str:
-        """Hash of everything that decides the run, in hex."""
+        """Return the hash of everything that the run depends on, in hex."""
         deciding: dict[str, Any] = {
             "disturb": list(self.disturb),
             "config": loading.to_tree(self.config),
@@ -63,13 +63,13 @@ class RunTask:
 
 
 def plant_of(config: Config) -> PlantKey:
-    """What decides which starts fit."""
+    """Return the settings that a start has to match."""
     return config.flow, config.body
 
 
 def settings_of(scenario: Scenario, config: Config) -> Config:
-    """The campaign's settings with the scenario's on top, and the body that its plant has. Raises ConfigError naming
-    the scenario, for a setting that is not there, wrong, or not a scenario's to change."""
+    """Return the campaign's settings with those of the scenario and the body of its plant. Raises ConfigError that
+    states the scenario if one of its settings is unknown, wrong, or not allowed in a scenario."""
     try:
         loaded = loading.load(None, scenario.settings, base=config)
         plant = Disturbances.parse(scenario.disturb).plant(loaded.config)
@@ -84,6 +84,6 @@ def settings_of(scenario: Scenario, config: Config) -> Config:
 
 
 def seed_of(seed: int, name: str, phase: int) -> int:
-    """A seed of its own for every run, whatever else is run."""
+    """Return a seed for a run that depends on nothing but the campaign's seed, the run's name and its phase."""
     text = f"{seed}/{name}/{phase}"
     return int.from_bytes(hashlib.sha256(text.encode()).digest()[:4])

@@ -1,4 +1,4 @@
-"""The ECU in C as one FMU: compiled for this machine, with its sources, to be run by any tool that imports FMI 3.0."""
+"""The ECU in C as one FMU, compiled for this machine and with its sources, for any tool that imports FMI 3.0."""
 
 import hashlib
 import platform
@@ -19,22 +19,22 @@ from ecu.in_c.compiler import compile_c, host_compiler
 from firmware_sim.fmu.ecu_variables import IDENTIFIER, ecu_variables, model_description, wrapper_settings, xml_bytes
 
 PLATFORM: Final = f"{platform.machine()}-{sys.platform}"
-"""The platform as FMI names it: x86_64-linux."""
+"""Name of the platform in FMI, such as x86_64-linux."""
 FLAGS: Final = ("-O3", "-ffp-contract=off", "-fPIC", "-shared", "-fvisibility=hidden", "-Wl,--no-undefined")
-"""No -march: an FMU is passed on to other machines. What the ECU decides does not depend on it."""
+"""Flags of the compiler. -march is absent because an FMU is used on other machines; no decision depends on it."""
 _SETTINGS: Final = "sw_fmu_settings.h"
 _DAY: Final = (1980, 1, 1, 0, 0, 0)
 
 
 def ecu_fmu(ecu: Mapping[str, bytes], wrapper: Mapping[str, bytes], bundle: Bundle, config: Config) -> bytes:
-    """The FMU's file; the same arguments and compiler give the same bytes. Raises LibraryError if there is no compiler,
-    or it does not take the sources.
+    """Return the FMU's file; equal arguments and an equal compiler give equal bytes. Raises LibraryError if there is no
+    compiler, or it rejects the sources.
 
     Args:
-        ecu: a library's sources with the ECU and its settings (`ecu.in_c.c_ecu.ecu_sources`).
+        ecu: sources of a library with the ECU and its settings (`ecu.in_c.c_ecu.ecu_sources`).
         wrapper: sources of the wrapper (`ecu.c.sources.fmu_sources`).
-        bundle: verified release that both are of.
-        config: of the vehicle that the ECU is compiled for.
+        bundle: verified release that both are made from.
+        config: settings of the vehicle that the ECU is compiled for.
     """
     sources = library_sources(ecu) | dict(wrapper)
     made_from = hashlib.sha256(repr(sorted(sources.items())).encode()).digest()
@@ -56,7 +56,7 @@ def ecu_fmu(ecu: Mapping[str, bytes], wrapper: Mapping[str, bytes], bundle: Bund
 
 
 def zipped(contents: Mapping[str, bytes]) -> bytes:
-    """A zip file of these, whose bytes depend on nothing else."""
+    """Return a zip file with these contents, whose bytes depend on nothing else."""
     file = BytesIO()
     with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
         for name, content in contents.items():

@@ -1,7 +1,7 @@
-"""The variables of the ECU's FMU, each with the signal of the DBC that carries it.
+"""The variables of the ECU's FMU, each with the DBC signal that carries it.
 
-A variable's place in the list is its value reference. The list becomes the table that the wrapper in C
-(`ecu/c/fmu/sw_fmu.c`) works by, and `modelDescription.xml`.
+A variable's place in the list is its value reference. The list is written as the table that the wrapper in C uses
+(`ecu/c/fmu/sw_fmu.c`), and as `modelDescription.xml`.
 """
 
 import re
@@ -24,7 +24,7 @@ _UNITS: Final[Mapping[str, Mapping[str, str]]] = {
     "kg/m3": {"kg": "1", "m": "-3"},
     "s": {"s": "1"},
 }
-"""Exponents of SI base units."""
+"""Exponents of the SI base units in each unit."""
 ENUMERATIONS: Final[Mapping[str, type[IntEnum]]] = {"Mode": Mode, "Reason": Reason}
 _C_TYPES: Final = {"Float64": "FLOAT64", "UInt32": "UINT32", "Boolean": "BOOLEAN", "Enumeration": "INT64"}
 _SIGNAL: Final = re.compile(r"^ SG_ (\w+) : (\d+)\|(\d+)@1([+-]) ", re.MULTILINE)
@@ -52,11 +52,11 @@ refused        | status.Refused         | UInt32      |        |    | Pressure f
 bus_off        | status.BusOff          | UInt32      |        |    | Times that the CAN controller was off the bus
 set_aside.*    | status.SetAside        | Boolean     |        |    | Whether the ECU estimates it by the others
 """
-"""Name, signal of a message of a `MessageSet`, type of FMI 3.0, unit or enumeration, an input's start, description."""
+"""Columns: name, message and signal of a `MessageSet`, FMI 3.0 type, unit or enumeration, start, description."""
 
 
 class Variable(NamedTuple):
-    """A row of the table; of one for every sensor, the one of a sensor."""
+    """A row of the table; a row for all sensors gives one variable per sensor."""
 
     name: str
     message: str
@@ -74,9 +74,9 @@ class Variable(NamedTuple):
 
 
 def ecu_variables(sensors: Sequence[str], config: Config) -> list[Variable]:
-    """All of them, in the order of their value references; `sensors` in the order of the Pressure message.
+    """Return all variables in the order of their value references; `sensors` has the order of the Pressure message.
 
-    An output that the set of messages lacks is left out.
+    An output whose signal the message set lacks is left out.
     """
     signals, found = _signals(message_set(config.bus)), list[Variable]()
     for row in _TABLE.strip().splitlines():
@@ -92,7 +92,7 @@ def ecu_variables(sensors: Sequence[str], config: Config) -> list[Variable]:
 
 
 def wrapper_settings(variables: Sequence[Variable], token: str, config: Config) -> bytes:
-    """`sw_fmu_settings.h`: what the wrapper is compiled with; `token` is the FMU's instantiation token."""
+    """Return `sw_fmu_settings.h`, with which the wrapper is compiled; `token` is the FMU's instantiation token."""
     messages = message_set(config.bus)
     signals, rows = _signals(messages), []
     for item in variables:
@@ -113,7 +113,7 @@ def wrapper_settings(variables: Sequence[Variable], token: str, config: Config) 
 
 
 def model_description(variables: Sequence[Variable], token: str, bundle: Bundle, config: Config) -> bytes:
-    """`modelDescription.xml`, without a time: the same release and vehicle give the same bytes."""
+    """Return `modelDescription.xml`. It contains no time, so the same release and vehicle give the same bytes."""
     name, period, add = bundle.manifest.name, repr(config.period_ns / 1e9), ElementTree.SubElement
     root = ElementTree.Element(
         "fmiModelDescription",
@@ -161,19 +161,19 @@ def model_description(variables: Sequence[Variable], token: str, bundle: Bundle,
 
 
 def xml_bytes(root: ElementTree.Element) -> bytes:
-    """A document with its declaration, indented."""
+    """Return a document as indented XML with its declaration."""
     ElementTree.indent(root)
     return bytes(ElementTree.tostring(root, encoding="UTF-8", xml_declaration=True)) + b"\n"
 
 
 def _first_of_each(variables: Sequence[Variable]) -> dict[str, int]:
-    """Value reference of an input by its name, of those of all sensors the first one's by what they have in common."""
+    """Return each input's value reference by name; for inputs of all sensors, the first one's by the common name."""
     numbered = reversed([*enumerate(variables)])
     return {item.name.partition(".")[0]: i for i, item in numbered if item.causality == "input"}
 
 
 def _signals(messages: MessageSet) -> dict[str, dict[str, tuple[int, int, int]]]:
-    """List by message of the set and name in the DBC: first bit, bits, whether it is signed."""
+    """Return (first bit, number of bits, whether signed) of signals by message of the set and name in the DBC."""
     blocks, found = dbc_bytes().decode("utf-8").split("\nBO_ "), {}
     for message, spec in zip(("pressure", "speed", "command", "status"), messages.specs, strict=True):
         block = next(item for item in blocks if item.startswith(f"{spec.frame_id} {spec.name}:"))

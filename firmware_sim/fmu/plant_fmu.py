@@ -1,5 +1,5 @@
-"""The plant as an FMU: a script for `pythonfmu3` with its settings, to be run in the importing tool's Python, behind a
-binary that judges the calls."""
+"""The plant as an FMU: a script for `pythonfmu3` with its settings, which runs in the importing tool's Python, and a
+binary that checks the calls before it."""
 
 import json
 import shutil
@@ -19,19 +19,19 @@ from firmware_sim.fmu.ecu_variables import xml_bytes
 
 _SETTINGS: Final = "sw_plant_settings.h"
 BEHIND: Final = f"binaries/{PLATFORM}/pythonfmu.so"
-"""The binary of `pythonfmu3`; as the one in front of it names it."""
+"""Path of the binary of `pythonfmu3` in the FMU, as it is stated in the binary that checks the calls."""
 _DESCRIPTION: Final = "modelDescription.xml"
 
 
 def plant_fmu(config: Config, front: Mapping[str, bytes], start: Path | None = None) -> bytes:
-    """The FMU's file, after the plant has been made once. Raises PlantError if the start is not of this plant, or the
-    plant not stable; LibraryError if there is no compiler, or `pythonfmu3` is not made for this machine;
-    ModuleNotFoundError if it is not installed (extra fmu).
+    """Return the FMU's file, after creating the plant once as a check. Raises PlantError if the start is of another
+    plant, or the plant is not stable; LibraryError if there is no compiler, or `pythonfmu3` has no binary for this
+    machine; ModuleNotFoundError if it is not installed (extra fmu).
 
     Args:
-        config: of flow, body and operating point; the rest goes along.
-        front: sources of what judges the calls (`ecu.c.sources.plant_fmu_sources`).
-        start: flow state to begin from; the shipped one without it.
+        config: whole configuration; flow, body and operating point are used.
+        front: sources of the binary that checks the calls (`ecu.c.sources.plant_fmu_sources`).
+        start: file of the initial flow state; if None, the shipped state.
     """
     from pythonfmu3.builder import FmuBuilder
 
@@ -61,7 +61,7 @@ def plant_fmu(config: Config, front: Mapping[str, bytes], start: Path | None = N
 
 
 def _settings(about: ElementTree.Element) -> bytes:
-    """`sw_plant_settings.h`, of the FMU's description; the inputs stand one behind the other."""
+    """Return `sw_plant_settings.h` from the FMU's description; the value references of the inputs are consecutive."""
     variables = about.findall("ModelVariables/*")
     inputs = [int(item.get("valueReference", "")) for item in variables if item.get("causality") == "input"]
     assert inputs == list(range(inputs[0], inputs[-1] + 1))

@@ -1,10 +1,10 @@
 """The plant behind FMI 3.0: `pythonfmu3` copies this file into the FMU and runs it in the importing tool's Python.
 
-The project's timing convention holds: in a control period, which begins at start, start + period and so on, the jets
-ramp from what they had reached to the flow that was asked for at its beginning, and so does the stream to the vehicle's
-speed. Outputs are of the end of the latest period: a communication step has the periods that end in it.
+The project's timing convention holds. Control periods begin at start, start + period and so on. In each, the jets ramp
+from their present flow to the flow requested at its beginning, and the inflow ramps to the vehicle's speed in the same
+way. Outputs are those at the end of the latest period: a communication step computes the periods that end in it.
 
-What a call may not do is refused before it comes here (`ecu/c/fmu/plant`).
+Invalid calls are refused before they reach this class (`ecu/c/fmu/plant`).
 """
 
 import json
@@ -30,15 +30,15 @@ from wake.plants import own_wake
 SETTINGS = "settings.json"
 START = "start.npz"
 _SAME_S = 1e-6
-"""Times this near are the same."""
+"""Difference in s up to which two times count as equal."""
 _OWN = ("time", "jet_flow", "vehicle_speed", "_speed", "_start", "_done", "_asked")
 
 
 class StillwakePlant(Fmi3Slave):  # type: ignore[misc]
-    """The wake of `stillwake run`, from its start, in engineering units of the operating point.
+    """The wake of `stillwake run` from its start, in engineering units of the operating point.
 
     Args:
-        resources: folder with `SETTINGS`, a whole configuration, and maybe `START`.
+        resources: folder with `SETTINGS`, a whole configuration, and optionally `START`.
     """
 
     def __init__(self, **kwargs: Any) -> None:
@@ -79,7 +79,7 @@ class StillwakePlant(Fmi3Slave):  # type: ignore[misc]
         self.register_variable(Float64(name, variability=Fmi3Variability.continuous, **facts), nested=False)
 
     def do_step(self, current_time: float, step_size: float) -> Fmi3StepResult:
-        """All control periods that end in it, to the microsecond."""
+        """Compute all control periods that end in this step; times are compared to the microsecond."""
         if self._start is None:
             self._start = current_time
         period_s, self.time = self._config.period_ns / 1e9, current_time + step_size
@@ -108,14 +108,14 @@ class StillwakePlant(Fmi3Slave):  # type: ignore[misc]
         self._speed = after
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # The outputs' getters are of this object: a copy has to be made anew.
+        # The outputs' getters are bound to this object, so a copy has to create its own.
         return partial(StillwakePlant, **self._made_with), (), self._get_fmu_state()
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self._set_fmu_state(state)
 
     def _get_fmu_state(self) -> dict[str, Any]:
-        """What `_set_fmu_state` takes; kept in memory only."""
+        """Return the state for `_set_fmu_state`, which is stored only in memory."""
         return {"wake": self._wake.state(), "own": {name: getattr(self, name) for name in _OWN}}
 
     def _set_fmu_state(self, state: dict[str, Any]) -> None:

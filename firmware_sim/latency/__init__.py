@@ -1,1 +1,1 @@
-"""How late a loop in real time is: stages, an idle loop of the same run, and a budget to keep."""
+"""The latency of a loop in real time: its stages, an idle loop in the same run, and a budget."""

@@ -1,4 +1,4 @@
-"""A latency budget: limits in a TOML file, held against what was measured."""
+"""A latency budget: limits from a TOML file, compared with measured values."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, make_dataclass
@@ -13,12 +13,12 @@ from firmware_sim.latency.measured import Quantiles
 from firmware_sim.latency.stages import Stage
 
 COUNTS: Final = ("misses", "misses_ours")
-"""What may be limited of a run as a whole: all misses, and those beyond the idle loop's."""
+"""Counts over a whole run that a budget may limit: all misses, and the misses beyond those of the idle loop."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class StageLimits:
-    """The most that a stage may take, in ms; None where it is not limited."""
+    """Upper limits of a stage's latency in ms; None for no limit."""
 
     p50_ms: float | None = None
     p99_ms: float | None = None
@@ -33,20 +33,20 @@ _Form: Final[Any] = make_dataclass(
         *((stage.value, StageLimits, field(default=StageLimits())) for stage in Stage),
     ],
 )
-"""The whole file."""
+"""The form of the whole file."""
 
 
 _Budget = Mapping[str, float]
-"""What is limited, such as `misses_ours` or `all.p99_ms`, with the most that is allowed."""
+"""Largest allowed value for each limited figure, such as `misses_ours` or `all.p99_ms`."""
 
 
 class KeptLimit(NamedTuple):
-    """One limit, held against what was measured.
+    """One limit, compared with the measured value.
 
     Attributes:
-        name: such as `all.p99_ms`.
-        allowed: the most.
-        measured: None where the stage did not happen.
+        name: name of the figure, such as `all.p99_ms`.
+        allowed: largest allowed value.
+        measured: measured value; None if the stage did not occur.
     """
 
     name: str
@@ -55,13 +55,12 @@ class KeptLimit(NamedTuple):
 
     @property
     def is_kept(self) -> bool:
-        """A stage that did not happen kept nothing."""
+        """Whether the limit is met; a stage that did not occur does not meet its limit."""
         return self.measured is not None and self.measured <= self.allowed
 
 
 def read_budget(path: Path) -> _Budget:
-    """The budget of a file. Raises ConfigError if it cannot be read, limits something unknown or nothing, or a limit is
-    out of range."""
+    """Read the budget from a file. Raises ConfigError if it cannot be read, a limit is invalid, or there is none."""
     tree = read_toml(path, "budget")
     try:
         form = typed(tree, _Form)
@@ -81,7 +80,7 @@ def read_budget(path: Path) -> _Budget:
 
 
 def verdicts(budget: _Budget, counts: Mapping[str, int], latencies: Mapping[Stage, Quantiles]) -> list[KeptLimit]:
-    """Each limit of the budget with what was measured."""
+    """Compare each limit of the budget with the measured value."""
     measured: dict[str, float | None] = dict(counts)
     for stage, found in latencies.items():
         measured |= {f"{stage}.{name}_ms": value for name, value in found._asdict().items()}

@@ -1,8 +1,8 @@
-"""The idle baseline: a process with the deadlines and privileges of the ECU, which does nothing when it wakes.
+"""The idle baseline: a process with the deadlines and privileges of the ECU that does nothing when it wakes.
 
     python -m firmware_sim.latency.idle_loop FILE PERIOD_NS PERIODS
 
-SIGTERM ends it, or the last of PERIODS; then it writes FILE.
+The process ends on SIGTERM or after PERIODS periods, and then writes FILE.
 """
 
 import signal
@@ -23,20 +23,20 @@ from ecu.real_time.stage_times import StageTimes
 from firmware_sim.latency.stages import Times
 
 _WANTED: Final = Wanted(priority=PRIORITY + 1)
-"""One more of priority than the ECU: the work that it is compared with must not delay it."""
+"""Privileges with a priority one above the ECU's, so that the ECU does not delay the idle loop."""
 
 
 class IdleStage(IntEnum):
-    """Columns of its table; times are CLOCK_MONOTONIC in ns."""
+    """Columns of the idle loop's table; times are CLOCK_MONOTONIC in ns."""
 
     PERIOD = 0
-    """Number of the period, those left out counted."""
+    """Number of the period, including periods left out."""
     SCHEDULED = 1
     WOKE = 2
 
 
 def run(period_ns: int, is_stopped: Callable[[], bool], *, longest: int) -> StageTimes:
-    """Sleep from deadline to deadline until stopped, or for `longest` periods; the table of `IdleStage`."""
+    """Sleep from deadline to deadline until stopped, or for `longest` periods; returns the table of `IdleStage`."""
     table = StageTimes(IdleStage, longest)
     deadlines = Deadlines(period_ns=period_ns, due_ns=now_ns() + period_ns)
     for _ in range(longest):
@@ -52,14 +52,13 @@ def run(period_ns: int, is_stopped: Callable[[], bool], *, longest: int) -> Stag
 
 
 def between(rows: Times, begin_ns: int, end_ns: int) -> Times:
-    """The rows of the periods that were scheduled from one instant to another."""
+    """Return the rows of the periods that were scheduled between two instants."""
     scheduled = rows[:, IdleStage.SCHEDULED]
     return rows[(scheduled >= begin_ns) & (scheduled <= end_ns)]
 
 
 def lateness(rows: Times, period_ns: int) -> Array:
-    """The time from each scheduled instant to waking up, ns; a period that was left out counts until the next
-    waking."""
+    """Return the time from each scheduled instant to waking up in ns; a period left out counts to the next wake-up."""
     numbers = np.arange(rows[0, IdleStage.PERIOD], rows[-1, IdleStage.PERIOD] + 1)
     own = rows[np.searchsorted(rows[:, IdleStage.PERIOD], numbers)]
     before = own[:, IdleStage.PERIOD] - numbers
@@ -68,7 +67,7 @@ def lateness(rows: Times, period_ns: int) -> Array:
 
 
 def main(arguments: Sequence[str]) -> None:
-    """Run until SIGTERM."""
+    """Run the idle loop with the command line's arguments."""
     path, period_ns, periods = arguments
     stopped: list[int] = []
 
@@ -76,7 +75,7 @@ def main(arguments: Sequence[str]) -> None:
         stopped.append(number)
 
     signal.signal(signal.SIGTERM, stop)
-    # Ctrl-C in a terminal reaches all its processes; the one that started this one decides what ends.
+    # Ctrl-C in a terminal reaches all its processes; the parent process decides when this one ends.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     with taken(_WANTED) as privileges:
         sys.stdout.write(f"{in_words(privileges)}\n")

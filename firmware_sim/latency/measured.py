@@ -1,4 +1,4 @@
-"""One run judged: quantiles of every stage and of the idle loop, misses, and the verdict in a line."""
+"""The evaluation of one run: quantiles of every stage and of the idle loop, misses, and a verdict in one line."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -16,13 +16,13 @@ from firmware_sim.latency.running import Recorded
 from firmware_sim.latency.stages import Periods, Stage, Times, joined
 
 LEFT_CONTROL: Final = 5
-"""Periods in a row without a plan from which on the ECU was not in control: a lost frame or two leave fewer."""
+"""Number of periods in a row without a plan that count as loss of control; one or two lost frames cause fewer."""
 NEEDED_FOR_P99_9: Final = 1_000
-"""Values below which the 99.9th percentile by nearest rank is the maximum itself."""
+"""Number of values below which the 99.9th percentile by nearest rank is the maximum."""
 
 
 class Quantiles(NamedTuple):
-    """Percentiles of one stage, in ms: measured values, never between two of them; None where there was none."""
+    """Percentiles of one stage in ms. They are measured values without interpolation; None if there are no values."""
 
     p50: float | None
     p99: float | None
@@ -32,22 +32,22 @@ class Quantiles(NamedTuple):
 
     @classmethod
     def of(cls, values_ns: Array) -> Self:
-        """Percentiles of latencies in ns, (n,); NaN, a period without one, is left out, infinity is not."""
+        """Compute percentiles of latencies in ns, (n,). NaN (no such stage) is left out; infinity counts."""
         values = values_ns[~np.isnan(values_ns)]
         if not len(values):
             return cls(None, None, None, None, 0)
-        # By nearest rank: the smallest value that at least this share of all do not exceed.
+        # The nearest rank is the smallest value that at least this share of all values does not exceed.
         p50, p99, p99_9, most = np.quantile(values, [0.5, 0.99, 0.999, 1.0], method="inverted_cdf") / 1e6
         return cls(float(p50), float(p99), float(p99_9), float(most), len(values))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MeasuredRun:
-    """What one controller's run came to.
+    """The evaluated run of one controller.
 
     Attributes:
-        name: of the controller, for tables: "onnx" or "c".
-        idle: rows of `IdleStage` of the same time.
+        name: name of the controller in tables: "onnx" or "c".
+        idle: rows of `IdleStage` for the time of the run.
     """
 
     name: str
@@ -59,10 +59,10 @@ class MeasuredRun:
 
     @classmethod
     def of(cls, recorded: Recorded, *, name: str, about: str, period_ns: int, counter_period: int) -> Self:
-        """Judge a run; raises StillwakeError where its tables hold none."""
+        """Evaluate a run; raises StillwakeError if its tables hold no usable periods."""
         periods = joined(recorded.vehicle, recorded.ecu, period_ns=period_ns, counter_period=counter_period)
         begin = periods.origin_ns
-        # A period more on both sides: the idle loop may sleep across the edge.
+        # One more period on each side: the idle loop may sleep across the first or last instant.
         idle = between(recorded.idle, begin - period_ns, begin + int(periods.scheduled[-1]) + period_ns)
         if not len(idle):
             raise StillwakeError("the idle loop did not run at the same time: there is no baseline")
@@ -71,17 +71,17 @@ class MeasuredRun:
 
     @property
     def misses(self) -> int:
-        """Commands that were not there by the boundary they were due at."""
+        """Number of commands that had not arrived by their boundary."""
         return len(self.periods.missed)
 
     @property
     def without_plan(self) -> int:
-        """Periods whose command came by its boundary and rests on no plan."""
+        """Number of periods whose command arrived by its boundary but is not from a plan."""
         return int(self._without_plan.sum())
 
     @property
     def left_control(self) -> bool:
-        """Whether the ECU was out of control for a while, as after a fault: such a run measures no controller."""
+        """Whether the ECU lost control for several periods: such a run does not measure the controller."""
         gaps = np.flatnonzero(np.diff(np.concatenate([[0], self._without_plan.astype(int), [0]]))).reshape(-1, 2)
         return bool(len(gaps)) and int((gaps[:, 1] - gaps[:, 0]).max()) >= LEFT_CONTROL
 
@@ -93,34 +93,34 @@ class MeasuredRun:
 
     @cached_property
     def idle_late(self) -> Array:
-        """Lateness of each period of the idle loop, ns after its deadline."""
+        """Lateness of each period of the idle loop after its deadline, in ns."""
         return lateness(self.idle, self.periods.period_ns)
 
     @property
     def idle_misses(self) -> int:
-        """Periods in which the idle loop was late by the slack; a loop without slack misses because of itself."""
+        """Number of periods in which the idle loop was late by the slack or more; 0 for a loop without slack."""
         return int((self.idle_late >= self.slack_ns).sum()) if self.slack_ns > 0.0 else 0
 
     @property
     def slack_ns(self) -> float:
-        """What the median of the answer leaves of a period; NaN where there was no answer."""
+        """Part of a period that is left after the median latency; NaN if no command answered."""
         answers = self.periods.stages[Stage.ALL]
         answers = answers[np.isfinite(answers)]
         return self.periods.period_ns - float(np.median(answers)) if len(answers) else float("nan")
 
     @property
     def counts(self) -> dict[str, int]:
-        """What a budget may limit of a run as a whole."""
+        """The counts over a whole run that a budget may limit."""
         return {"misses": self.misses, "misses_ours": max(0, self.misses - self.idle_misses)}
 
     @property
     def is_too_noisy(self) -> bool:
-        """Whether a loop that does nothing would have missed as well."""
+        """Whether an idle loop would have missed boundaries as well."""
         return self.idle_misses > 0
 
     @property
     def verdict(self) -> str:
-        """The first line of a report."""
+        """First line of a report."""
         total = len(self.periods)
         missed = f"{self.misses} of {total} commands missed their boundary."
         line = missed if self.misses else f"All {total} commands came by the boundary they were due at."
@@ -136,7 +136,7 @@ class MeasuredRun:
         )
 
     def figures(self) -> dict[str, Any]:
-        """Flat, for a results file; latencies in ms, None where there are none or one is infinite."""
+        """Return the figures for a results file; latencies in ms, None if there is none or it is infinite."""
         idle = Quantiles.of(self.idle_late)
         return {
             "about": self.about,

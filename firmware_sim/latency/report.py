@@ -1,4 +1,4 @@
-"""A run's latency for people: rows of its tables, and the report folder's page with its picture."""
+"""The latency of a run for readers: rows of its tables, and the page of the report folder with its figure."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from math import isinf
@@ -13,12 +13,12 @@ from firmware_sim.latency.measured import NEEDED_FOR_P99_9, MeasuredRun, Quantil
 from firmware_sim.latency.stages import Stage
 
 _WIDTH: Final = 9.0
-"""Inches."""
+"""Width of the figure in inches."""
 BINS: Final = 120
 
 
 def histogram_figure(runs: Sequence[MeasuredRun]) -> Figure:
-    """Above, from the sampling instant to the command; below, the same scale for a loop that does nothing."""
+    """Plot histograms: above, from the sampling instant to the command; below, the idle loop's lateness."""
     figure = Figure(figsize=(_WIDTH, 5.6), dpi=110, layout="constrained")
     above, below = figure.subplots(2, 1, sharex=True)
     period_ms = runs[0].periods.period_ns / 1e6
@@ -59,14 +59,14 @@ LABELS: Final[Mapping[Stage, str]] = {
 
 
 def stage_rows(run: MeasuredRun) -> Iterator[tuple[str, ...]]:
-    """A row for each stage, and one for the idle loop; times in ms."""
+    """Yield a row for each stage, and one for the idle loop; times in ms."""
     for stage, quantiles in run.latencies.items():
         yield (LABELS[stage], *_cells(quantiles), str(run.misses) if stage is Stage.ALL else "")
     yield ("idle loop of the same run", *_cells(Quantiles.of(run.idle_late)), str(run.idle_misses))
 
 
 def notes(run: MeasuredRun) -> Iterator[str]:
-    """What a reader of the rows must know besides."""
+    """Yield the notes that a reader of the rows needs."""
     periods = len(run.periods)
     yield f"{run.about}; {periods} periods of {run.periods.period_ns / 1e6:g} ms, {run.periods.planned} with a plan."
     if periods < NEEDED_FOR_P99_9:
@@ -76,15 +76,14 @@ def notes(run: MeasuredRun) -> Iterator[str]:
 
 
 def budget_rows(verdicts: Sequence[KeptLimit]) -> Iterator[tuple[str, ...]]:
-    """Limit, allowed, measured, and whether it was kept."""
+    """Yield rows of limit, allowed value, measured value, and whether the limit is met."""
     for verdict in verdicts:
         measured = "did not happen" if verdict.measured is None else f"{verdict.measured:.4g}"
         yield verdict.name, f"{verdict.allowed:g}", measured, "yes" if verdict.is_kept else "NO"
 
 
 def write_report(folder: Path, runs: Sequence[MeasuredRun], budgets: Sequence[Sequence[KeptLimit]]) -> None:
-    """Write page and picture into a folder that exists. `budgets` has each run's limits with what was measured; empty
-    without a budget."""
+    """Write page and figure into an existing folder. `budgets` has each run's compared limits, or none."""
     histogram_figure(runs).savefig(folder / "histogram.png")
     lines = [f"{run.name}: {run.verdict}\n" for run in runs]
     lines += ["# Latency of the control loop\n", "![how often which latency](histogram.png)\n"]

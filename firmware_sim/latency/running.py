@@ -1,4 +1,4 @@
-"""One run: ECU, vehicle and idle loop as processes of their own, and the tables that they leave behind."""
+"""One run: ECU, vehicle and idle loop as separate processes, and the tables that they write."""
 
 import os
 import select
@@ -19,13 +19,13 @@ from firmware_sim.latency.idle_loop import IdleStage
 from firmware_sim.latency.stages import Times
 
 READY_S: Final = 120.0
-"""What the ECU may take to open the bundle, compile a library and warm up; a busy machine takes a quarter of it."""
+"""Longest time in s for the ECU to open the bundle, compile a library and warm up; a busy machine needs 30 s."""
 END_S: Final = 30.0
-"""What a process may take to write its table after it was asked to end."""
+"""Longest time in s for a process to write its table after it was asked to end."""
 OVERTIME: Final = 2.0
-"""Times the run's length after which a vehicle is given up."""
+"""Multiple of the run's length after which the run fails if the vehicle has not ended."""
 START_S: Final = 60.0
-"""What the vehicle may take to start."""
+"""Longest time in s for the vehicle to start."""
 
 
 ECU, VEHICLE, IDLE = "ecu", "vehicle", "idle"
@@ -34,12 +34,12 @@ STAGE_TIMES: Final = "{}_times.npz"
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Recorded:
-    """What one run left.
+    """The tables and messages of one run.
 
     Attributes:
         vehicle, ecu, idle: rows of `VehicleStage`, `EcuStage` and `IdleStage`.
-        privileges: what the idle loop was granted, in words.
-        fault: the line of the ECU's log that names its last fault.
+        privileges: privileges granted to the idle loop, as text.
+        fault: the line of the ECU's log that states its last fault.
     """
 
     vehicle: Times
@@ -50,7 +50,7 @@ class Recorded:
 
 
 def longest_run(periods: int, period_ns: int) -> int:
-    """Periods after which the ECU is to end by itself: it must not run on where no process is left to end it."""
+    """Return the number of periods after which ECU and idle loop end by themselves, if no process ends them."""
     return round(OVERTIME * periods + (START_S + END_S) * 1e9 / period_ns)
 
 
@@ -63,15 +63,14 @@ def recorded(
     period_ns: int,
     progress: Callable[[int], None],
 ) -> Recorded:
-    """Run until the vehicle has ended by itself, and keep tables and logs in the folder. Raises BusError if a process
-    ended too early, or did not end; the message has the last line that it printed; StillwakeError if a table cannot be
-    read.
+    """Run until the vehicle ends by itself, and write tables and logs into the folder. Raises BusError with a process's
+    last line if it ended too early or did not end; StillwakeError if a table cannot be read.
 
     Args:
-        folder: exists; gets the tables and what the processes printed.
-        ecu, vehicle: commands, without `--stage-times`; the ECU reports to $NOTIFY_SOCKET when it is ready.
-        periods: that the vehicle runs for.
-        progress: called with the periods that are over, about twice a second.
+        folder: existing folder for the tables and the processes' output.
+        ecu, vehicle: commands without `--stage-times`; the ECU reports to $NOTIFY_SOCKET when it is ready.
+        periods: number of periods of the vehicle's run.
+        progress: called with the number of periods done, about twice a second.
     """
     tables = {name: folder / STAGE_TIMES.format(name) for name in (ECU, VEHICLE, IDLE)}
     with ExitStack() as stack:
@@ -106,7 +105,6 @@ def _wait(
     period_ns: int,
     progress: Callable[[int], None],
 ) -> None:
-    """Wait until the vehicle has ended well."""
     began = time.monotonic()
     longest_s = START_S + OVERTIME * periods * period_ns / 1e9
     while vehicle.process.poll() is None:
@@ -125,19 +123,19 @@ def _wait(
 
 
 class _Child:
-    """A process with a log in the folder, which does not outlive the block."""
+    """A process with a log in the folder; it ends at the latest with the context."""
 
     def __init__(self, name: str, command: Sequence[str], folder: Path, *, notify: str | None = None) -> None:
         self.name = name
         self._log = folder / f"{name}.log"
         environment = {key: value for key, value in os.environ.items() if key not in ("NOTIFY_SOCKET", "WATCHDOG_USEC")}
-        # Threads of numerical libraries that wait by spinning would take the processors from the other processes.
+        # Numerical libraries' threads wait by spinning and would take processor time from the other processes.
         environment |= {"OMP_NUM_THREADS": "1", "PYTHONUNBUFFERED": "1"}
         if notify is not None:
             environment["NOTIFY_SOCKET"] = notify
         try:
             with self._log.open("wb") as log:
-                # In a group of its own: Ctrl-C ends this process, which then ends the others in order.
+                # The process has its own group: Ctrl-C ends only this process, which then ends the others in order.
                 self.process = subprocess.Popen(
                     command, stdin=subprocess.DEVNULL, stdout=log, stderr=log, env=environment, process_group=0
                 )
@@ -146,16 +144,16 @@ class _Child:
 
     @property
     def last_line(self) -> str:
-        """The last line that it printed."""
+        """The last line that the process printed."""
         return self.last_line_with("") or "it printed nothing"
 
     def last_line_with(self, word: str) -> str:
-        """The last line that it printed with this word; empty without one."""
+        """Return the last printed line that contains this word; empty if there is none."""
         lines = self._log.read_text(encoding="utf-8", errors="replace").split("\n")
         return next((line.strip() for line in reversed(lines) if line.strip() and word in line), "")
 
     def end(self) -> None:
-        """Ask it to end, and wait until it has written its table."""
+        """Ask the process to end, and wait until it has written its table."""
         self.process.terminate()
         try:
             self.process.wait(END_S)
@@ -177,7 +175,7 @@ class _Child:
 
 @contextmanager
 def _notify_socket() -> Iterator[tuple[str, socket.socket]]:
-    """Where the ECU reports that it is ready, as it would to systemd (sd_notify(3)): its address, and our end."""
+    """Open the socket on which the ECU reports that it is ready (sd_notify(3)); yields its address and this end."""
     with (
         tempfile.TemporaryDirectory(prefix="stillwake-") as folder,
         socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as ours,
@@ -188,7 +186,7 @@ def _notify_socket() -> Iterator[tuple[str, socket.socket]]:
 
 
 def _wait_until_ready(notified: socket.socket, child: _Child) -> None:
-    """Raises BusError if the process ends before it is ready, or is not within READY_S."""
+    """Wait until the process is ready; raises BusError if it ends before, or is not ready within READY_S."""
     deadline = time.monotonic() + READY_S
     while time.monotonic() < deadline:
         readable, _, _ = select.select([notified], [], [], 0.2)

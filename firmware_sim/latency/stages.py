@@ -1,9 +1,9 @@
-"""What became of the pressures of each control period, from the sampling instant to the command that rests on them.
+"""The stages of each control period, from the sampling of the pressures to the command that answers them.
 
-The pressure counter that the frames carry joins the tables of vehicle and ECU. Everything is
-measured against the instant that was scheduled, and no period is left out because a node slept through it: the
-pressures of such a period are answered when those of a later one are. Otherwise a loop that stalls would count one slow
-period where it had many (Tene's "coordinated omission").
+The pressure counter in the frames joins the tables of vehicle and ECU. Every time is measured from the scheduled
+instant, and no period is left out because a node slept through it: its pressures count as answered when those of a
+later period are answered. Otherwise a loop that stalls would count one slow period in place of many (Tene's
+"coordinated omission").
 """
 
 from collections.abc import Mapping
@@ -23,44 +23,43 @@ Times = NDArray[np.int64]
 
 
 class Stage(StrEnum):
-    """The way of one period's pressures, in order."""
+    """The stages of one period's pressures, in order."""
 
     SAMPLE = "sample"
-    """The time from the scheduled instant to the sample: the vehicle's own lateness."""
+    """The time from the scheduled instant to the sample, that is, the vehicle's own lateness."""
     BUS_TO_ECU = "bus_to_ecu"
-    """The Pressure frame written, sent and received by the ECU's receiving thread."""
+    """The time from the sample to the receipt of the Pressure frame by the ECU's receive thread."""
     WAIT = "wait"
-    """The time from that reception to the deadline of the step that takes the frame: intended, as it absorbs the jitter
-    of the bus."""
+    """The time from that receipt to the deadline of the step that takes the frame: it absorbs jitter of the bus."""
     RECEIVE = "receive"
-    """The time from the deadline, or from a frame after it, to the controller's call: waking up, checking, window."""
+    """The time from the deadline, or a frame that arrives later, to the controller's call: wake-up, checks, window."""
     PLAN = "plan"
-    """Encoder and optimiser."""
+    """The time for encoder and optimiser."""
     GATE = "gate"
-    """The time from the plan to the frames: command gate, fail-safe, protection."""
+    """The time from the plan to the finished frames: command gate, fail-safe, protection."""
     BUS_TO_VEHICLE = "bus_to_vehicle"
-    """The JetCommand frame sent, and received by the vehicle."""
+    """The time from the end of the step to the receipt of the JetCommand frame by the vehicle."""
     ALL = "all"
-    """The time from the scheduled instant of the sampling to the first command that rests on these pressures or newer
-    ones, of those that the vehicle took: one a period, the newest. It is due by the next sampling instant. A period
-    without a plan has it only if that instant was missed."""
+    """The time from the scheduled sampling instant to the first command that answers these or newer pressures. Only
+    commands that the vehicle used count, which is the newest in each period. The command is due at the next sampling
+    instant. A period without a plan has this time only if its command missed that instant."""
     ACTUATE = "actuate"
-    """The time from that command's arrival to the jets' driver taking it."""
+    """The time from the next sampling instant to the jets' driver using the command."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Periods:
-    """n control periods in a row, those included that a node left out. Times in ns from `origin_ns` on.
+    """Consecutive control periods, including those that a node left out. Times are in ns from `origin_ns`.
 
     Attributes:
-        period_ns: from one sampling instant to the next.
-        first: number of the first one, as the vehicle counts.
-        origin_ns: CLOCK_MONOTONIC, the first one's scheduled instant.
+        period_ns: time from one sampling instant to the next.
+        first: number of the first period, as the vehicle counts.
+        origin_ns: scheduled instant of the first period, CLOCK_MONOTONIC.
         scheduled: sampling instants, (n,).
-        answered: when the first command came that rests on these pressures or newer ones, (n,); infinite if none did.
-        stages: latencies, (n,); NaN where the stage did not happen.
-        stalls: what a stage took in periods that its node left out, (m,), until it next happened.
-        planned: periods with a plan of their own.
+        answered: arrival of the first command that answers these or newer pressures, (n,); infinite if there is none.
+        stages: latencies, (n,); NaN where the stage did not occur.
+        stalls: latencies of a stage in the periods that its node left out, (m,), measured to its next occurrence.
+        planned: number of periods with their own plan.
     """
 
     period_ns: int
@@ -77,22 +76,22 @@ class Periods:
 
     @property
     def missed(self) -> Index:
-        """Positions of the periods whose command was not there by the boundary it was due at."""
+        """Indices of the periods whose command had not arrived by its boundary."""
         return np.flatnonzero(self.answered > self.scheduled + self.period_ns)
 
     def values(self, stage: Stage) -> Array:
-        """All latencies of a stage, in ns, stalls included; NaN where it did not happen."""
+        """Return all latencies of a stage in ns, including stalls; NaN where the stage did not occur."""
         return np.concatenate([self.stages[stage], self.stalls.get(stage, np.empty(0))])
 
 
 def joined(vehicle: Times, ecu: Times, *, period_ns: int, counter_period: int) -> Periods:
-    """Lay the tables side by side, from the first period with a plan to the last one whose boundary was passed. Raises
-    StillwakeError if the tables do not belong together, or there was no plan.
+    """Join the tables, from the first period with a plan to the last period that has ended. Raises StillwakeError if
+    the tables are of different runs, or there was no plan.
 
     Args:
         vehicle: rows of `VehicleStage`, (k, stages).
         ecu: rows of `EcuStage`, (l, stages).
-        counter_period: values that the E2E counter of a Pressure frame takes before it begins again.
+        counter_period: number of values of a Pressure frame's E2E counter before it repeats.
     """
     sent = vehicle[vehicle[:, VehicleStage.SAMPLED] > 0]
     took = ecu[ecu[:, EcuStage.STEP_BEGAN] > 0]
@@ -126,7 +125,7 @@ def joined(vehicle: Times, ecu: Times, *, period_ns: int, counter_period: int) -
     stages[Stage.BUS_TO_VEHICLE][own[took_command]] = (command[rows] - ended)[took_command]
     answered = np.minimum.accumulate(command[::-1])[::-1][grid.row]
     scheduled = (grid.scheduled - origin).astype(float)
-    # Without a plan an answer is quick: an ECU that is not in control must not look like a fast one.
+    # An answer without a plan is quick: an ECU that is not in control must not appear fast.
     counts = np.isfinite(stages[Stage.PLAN]) | (answered > scheduled + period_ns)
     stages[Stage.ALL] = np.where(counts, answered - scheduled, np.nan)
     return Periods(
@@ -145,12 +144,12 @@ def joined(vehicle: Times, ecu: Times, *, period_ns: int, counter_period: int) -
 
 
 class _Grid(NamedTuple):
-    """Every period of the vehicle, whether it has a row or not.
+    """Every period of the vehicle, with or without a row in its table.
 
     Attributes:
         scheduled: sampling instants, CLOCK_MONOTONIC in ns, (n,).
-        row: of the period, or of the next one that was not left out, (n,).
-        is_own: whether the row is of that very period, (n,).
+        row: row of the period, or of the next period that was not left out, (n,).
+        is_own: whether the row belongs to the period itself, (n,).
     """
 
     scheduled: Times
@@ -168,7 +167,7 @@ class _Grid(NamedTuple):
 
 
 def _rows_by_counter(sent: Times, counters: Times, arrived: Times, counter_period: int) -> Index:
-    """The vehicle's row whose frame bears that counter and was the latest such when it arrived; -1 where none did."""
+    """Return for each counter the vehicle's latest row with it that was sent before the arrival; -1 for none."""
     own, sampled = sent[:, VehicleStage.PRESSURE_COUNTER], sent[:, VehicleStage.SAMPLED]
     newest = np.searchsorted(sampled, arrived, side="right") - 1
     back = newest - (own[newest] - counters) % counter_period
@@ -182,7 +181,7 @@ def _rows_by_counter(sent: Times, counters: Times, arrived: Times, counter_perio
 
 
 def _steps_by_frame(frames: int, frame_of: Index) -> Index:
-    """The first step of the ECU that took each of the vehicle's frames; -1 without one."""
+    """Return the ECU's first step that used each of the vehicle's frames; -1 if there is none."""
     steps = np.full(frames, -1)
     taken = np.flatnonzero(frame_of >= 0)[::-1]
     steps[frame_of[taken]] = taken
@@ -198,7 +197,7 @@ def _fill(
     step: Index,
     period_ns: int,
 ) -> None:
-    """Stages of the periods at `own`, from the vehicle's rows of them and the ECU's steps (-1 without one)."""
+    """Fill in the stages of the periods at `own`, from the vehicle's rows and the ECU's steps (-1 for no step)."""
     stages[Stage.SAMPLE][own] = sent[:, VehicleStage.SAMPLED] - scheduled
     acted = sent[:, VehicleStage.ACTUATED] > 0
     after_boundary = sent[:, VehicleStage.ACTUATED] - scheduled - period_ns
@@ -215,13 +214,13 @@ def _fill(
 
 
 def _until_next(grid: _Grid, sampled: Times) -> Array:
-    """The time from the scheduled instant of each period that the vehicle left out to its next sample, (m,)."""
+    """Return the time from the scheduled instant of each period that the vehicle left out to its next sample, (m,)."""
     out = ~grid.is_own
     return (sampled[grid.row[out]] - grid.scheduled[out]).astype(float)
 
 
 def _ecu_stalls(took: Times, *, first_row: int, end_ns: int) -> Array:
-    """The time from the deadline of each period that the ECU left out to its next step, (m,)."""
+    """Return the time from the deadline of each period that the ECU left out to its next step, (m,)."""
     rows = took[max(first_row, 0) :]
     rows = rows[rows[:, EcuStage.SCHEDULED] <= end_ns]
     stalls = []

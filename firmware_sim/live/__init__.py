@@ -1,1 +1,1 @@
-"""The closed loop on a page in a browser: a session that can be acted on while it runs, its server, its page."""
+"""The closed loop on a web page: a session that viewers can change while it runs, its server, and the page."""

@@ -1,4 +1,4 @@
-"""The messages that describe a run of the loop as it is: what stays, and what is new each period."""
+"""The messages that describe a run of the loop: constants of the run, and values of each period."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict
@@ -22,7 +22,7 @@ from firmware_sim.runs.reasons import BECAUSE
 from wake.pictures.drawing import outline
 
 _DIGITS: Final = 5
-"""Decimals of what is drawn: finer than a pixel of any curve."""
+"""Decimals of plotted values: finer than a pixel of any curve."""
 
 
 def hello(
@@ -34,7 +34,7 @@ def hello(
     choices: Mapping[str, Sequence[Choice]],
     kept: int,
 ) -> LiveMessage:
-    """Everything that stays from this start of the plant on, and the settings. Places are in W, the nose at x = 0."""
+    """Return the message with the constants of this run and the settings. Positions are in W; the nose is at x = 0."""
     manifest, layout, base = bundle.manifest, run.wake.layout, config.body.length
     slot = HALF_WIDTH - 0.5 * JET_WIDTH
     return {
@@ -79,17 +79,17 @@ def hello(
 
 
 def periods(run: int, new: Iterable[LivePeriod], base: Index) -> LiveMessage:
-    """New rows, a list for each of `PERIOD_COLUMNS`; `base` are the columns of the sensors on the base."""
+    """Return the message with new periods, a list per `PERIOD_COLUMNS`; `base` are the base sensors' indices."""
     rows = [[_number(value) for value in _values(period, base)] for period in new]
     columns = [list(column) for column in zip(*rows, strict=True)]
     return {"type": "periods", "run": run, "columns": dict(zip(PERIOD_COLUMNS, columns, strict=True))}
 
 
 def now(run: LiveRun, latest: LivePeriod, seen: SeenState, *, fps: float, paused: bool, losses: int) -> LiveMessage:
-    """Show the latest period; `losses` are the latest periods judged together."""
+    """Return the message on the latest period; `losses` is the number of periods in which lost frames count."""
     fail_safe, forces = run.state.fail_safe, run.ecu.ecu.trace.forces
     planned = forces is not None and latest.planned_ns is not None
-    # The first entry acts in the latest period: it is seen in the sample at its end.
+    # The plan's first entry acts in the latest period, so its effect is in the sample at that period's end.
     return {
         "type": "now",
         "run": run.number,
@@ -132,7 +132,7 @@ def _values(period: LivePeriod, base: Index) -> list[float]:
 
 
 def _number(value: float) -> float | None:
-    """JSON has no number that is none."""
+    """Return the value rounded, and None for NaN or infinity, which JSON does not have."""
     if isinstance(value, int):
         return value
     return round(value, 9) if isfinite(value) else None

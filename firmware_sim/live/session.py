@@ -1,7 +1,7 @@
-"""The live loop as an object: stepped period by period, set by viewers, asked for what is new.
+"""The live loop as an object: its driver steps it period by period, applies viewers' requests and fetches new messages.
 
-No socket, process or thread, and no clock but those it is given: whoever drives it decides when a period passes. The
-loop is the one of a run (`firmware_sim.bench.simulation`): with the settings left alone, row by row the same.
+The object has no socket, process or thread, and only the clock that it is given, so its driver decides when a period
+passes. The loop is that of a run (`firmware_sim.bench.simulation`): with unchanged settings it gives the same rows.
 """
 
 import time
@@ -27,26 +27,27 @@ from firmware_sim.live.settings import CONTROLLERS, Asked, LiveSettings, asked, 
 from wake.plant.protocol import LoopPlant
 
 OFF: Final = "off"
-"""The controller that is none."""
+"""Name of the choice without a controller."""
 _PACE: Final = 50
-"""Latest periods whose wall-clock times give the frames a second."""
+"""Number of latest periods from whose wall-clock times the periods per second are computed."""
 _SELDOM: Final = 5
-"""Periods from one table of the bus to the next."""
+"""Number of periods from one bus table to the next."""
 
 
 class LiveSession(NeverCopied):
-    """One loop and what its viewers have set. Raises StillwakeError if plant or ECU cannot be had, or do not fit each
-    other, the bundle and the vehicle.
+    """One loop and its viewers' settings. Raises StillwakeError if plant or ECU cannot be created, or do not fit each
+    other, the bundle or the vehicle.
 
     Args:
-        config: the vehicle; its operating point and control period must be the bundle's.
-        wake: a plant at its start, by its name.
-        ecu: makes an ECU, just powered on, by the controller's name; each is made once.
-        ahead: of a controller's name what makes its ECU ahead, because that takes seconds; None where it does not.
-        controllers, plants: what there is to choose, and what is missing.
-        settings: to begin with. Whether control is requested in them counts for nothing: it is after `lead_in`.
-        lead_in: t_c from a start until control is requested by itself.
-        kept: latest periods that a page should keep, and that wait for `messages` at most.
+        config: settings of the vehicle; its operating point and control period must be those of the bundle.
+        wake: returns a plant at its start, for the plant's name.
+        ecu: returns an ECU just powered on, for the controller's name; called once for each name.
+        ahead: returns, for a controller's name, a function that prepares its ECU, if that takes seconds; otherwise
+            None.
+        controllers, plants: the choices, with the reason for each that is missing.
+        settings: initial settings, without regard to their request for control, which follows after `lead_in`.
+        lead_in: time in t_c from a start to the automatic request for control.
+        kept: number of latest periods that a page should store, and that are stored until `messages` is called.
         clock: wall clock in s.
     """
 
@@ -94,7 +95,7 @@ class LiveSession(NeverCopied):
         self._start(self._settings)
 
     def step(self) -> None:
-        """One control period; none while the loop is paused. Raises StillwakeError if the flow diverges."""
+        """Run one control period; do nothing while the loop is paused. Raises StillwakeError if the flow diverges."""
         if self._paused:
             return
         run = self._run
@@ -114,7 +115,7 @@ class LiveSession(NeverCopied):
         self._now_due = True
 
     def before(self, request: object) -> Callable[[], None] | None:
-        """What makes the ECU that is asked for, in a thread of its own; None where it is there, or cannot be had."""
+        """Return a function that prepares the requested ECU in a thread; None if it is ready or cannot be chosen."""
         try:
             action, value = asked(request)
             if action != "set":
@@ -126,7 +127,7 @@ class LiveSession(NeverCopied):
         return self._ahead(after.controller)
 
     def handle(self, request: object) -> LiveAnswer:
-        """Do what a viewer asks for, between two periods; any value of JSON may come."""
+        """Apply a viewer's request between two periods; it may be any JSON value."""
         answer: LiveAnswer = {}
         try:
             self._do(asked(request), answer)
@@ -135,7 +136,7 @@ class LiveSession(NeverCopied):
         return answer
 
     def messages(self) -> list[LiveMessage | bytes]:
-        """What is new since this was asked last."""
+        """Return the new messages since the last call."""
         run, out = self._run, list[LiveMessage | bytes]()
         if self._hello_due:
             out.append(
@@ -153,7 +154,7 @@ class LiveSession(NeverCopied):
         self._hello_due = self._settings_due = self._now_due = False
         return out
 
-    # What viewers ask for.
+    # Handling of viewers' requests.
 
     def _do(self, request: Asked, answer: LiveAnswer) -> None:
         match request.action:
@@ -173,7 +174,7 @@ class LiveSession(NeverCopied):
         return self._settings.changed(given, self._bundle.manifest.sensors, self._own, self._limits)
 
     def _apply(self, after: LiveSettings, *, enable: bool | None) -> None:
-        """Have other settings from the next period on; if that cannot be, an error, and all is as it was."""
+        """Apply other settings from the next period on. Raises StillwakeError if impossible; nothing changes then."""
         before, run = self._settings, self._run
         self._check_choices(after)
         if after.plant != before.plant:
@@ -192,7 +193,7 @@ class LiveSession(NeverCopied):
             self._note("set", text)
 
     def _exchange(self, before: LiveSettings, after: LiveSettings) -> None:
-        """Another ECU, another goal, or none."""
+        """Change to another ECU or to other weights, or cut the ECU's supply."""
         run = self._run
         if after.controller == OFF:
             if before.controller != OFF:
@@ -203,7 +204,7 @@ class LiveSession(NeverCopied):
             run.power_on()
 
     def _clear(self) -> str:
-        """Everything but request, controller and plant as at the start; what has latched is ended by a new request."""
+        """Reset all but request, controller and plant, and clear latched faults by a new request; returns a note."""
         self._apply(self._settings.without_faults, enable=None)
         text = "cleared"
         if self._run.state.sensors.set_aside is not None and not self._run.is_off:
@@ -223,13 +224,13 @@ class LiveSession(NeverCopied):
         self._paused, self._now_due = value, True
         self._ticks.clear()
 
-    # Beginning.
+    # Starts of the plant.
 
     def _start(self, settings: LiveSettings) -> None:
-        """Begin at the plant's start, with these settings; if that cannot be, an error, and all is as it was."""
+        """Begin at the plant's start with these settings. Raises StillwakeError if impossible; nothing changes then."""
         is_off = settings.controller == OFF
         wake = self._wake(settings.plant)
-        # What can be refused is, before the ECU that runs may be the one that is powered on.
+        # This check has to come before `_ecu`, which may reset the running ECU.
         check_sensors(self._bundle, wake.layout)
         run = LiveRun(
             number=self._runs + 1,
@@ -255,7 +256,7 @@ class LiveSession(NeverCopied):
         self._now_due = False
 
     def _ecu(self, controller: str, settings: LiveSettings, *, powered_on: bool = False) -> LoopEcu:
-        """The ECU with the weights of these settings; it may be the one that runs."""
+        """Return the ECU with the weights of these settings; it may be the running ECU."""
         if controller not in self._made:
             made = self._make_ecu(controller)
             self._made[controller] = made, made.ecu.state
@@ -266,7 +267,7 @@ class LiveSession(NeverCopied):
         return ecu
 
     def _check_choices(self, settings: LiveSettings) -> None:
-        """Raises ConfigError for one that is not to be had here."""
+        """Check controller and plant; raises ConfigError for one that cannot be chosen here."""
         for name, choices in self._choices.items():
             wanted = getattr(settings, name)
             found = next((choice for choice in choices if choice["name"] == wanted), None)
@@ -275,7 +276,7 @@ class LiveSession(NeverCopied):
             if found["missing"]:
                 raise ConfigError(f"{name} {wanted!r}: {found['missing']}")
 
-    # What is new.
+    # Messages on the present state.
 
     def _present(self, latest: LivePeriod) -> list[LiveMessage | bytes]:
         run = self._run

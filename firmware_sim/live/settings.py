@@ -1,6 +1,6 @@
-"""What a viewer can set on the running loop, as one value, comparable and checked.
+"""The settings that a viewer can change on the running loop, as one comparable and checked value.
 
-Every fault is a disturbance of `firmware_sim.bench.disturbances`, written as a run has it on its command line.
+Every fault is a disturbance of `firmware_sim.bench.disturbances`, written as on the command line of a run.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -14,19 +14,20 @@ from contract.errors import ConfigError
 
 _TRUE: Final = ("clear", "power_cycle", "restart")
 ACTIONS: Final = ("set", "pause", *_TRUE)
-"""set: values for `LiveSettings.changed`. pause: or go on. clear: everything but request, controller and plant as at
-the start, and a latched fault re-armed. power_cycle: of the ECU. restart: the plant from its start."""
+"""Actions of a request. set: change values with `LiveSettings.changed`. pause: pause or continue. clear: reset
+everything but request, controller and plant, and re-arm after a latched fault. power_cycle: restart the ECU. restart:
+begin again at the plant's start."""
 
 
 class Asked(NamedTuple):
-    """One of `ACTIONS`; the value is a dict for set, a bool else."""
+    """One of `ACTIONS`; its value is a dict for set, otherwise a bool."""
 
     action: str
     value: Any
 
 
 def asked(request: object) -> Asked:
-    """What is to be done. Raises ConfigError if it is not exactly one action with a value of its kind."""
+    """Return the requested action. Raises ConfigError if the request is not one action with a value of its type."""
     if not isinstance(request, dict):
         raise ConfigError("request: must be a JSON object")
     actions = [name for name in request if name != "id"]
@@ -43,10 +44,10 @@ def asked(request: object) -> Asked:
 
 
 CONTROLLERS: Final = ("python", "c", "mcu", "off")
-"""ECU in Python with the release's ONNX graph; its twin in C on this machine; the same on an emulated
-microcontroller; no supply."""
+"""Names of the controllers: the ECU in Python with the release's ONNX graph; the ECU in C on this machine; the ECU in C
+on an emulated microcontroller; an ECU without supply."""
 PLANTS: Final = ("wake", "recording")
-"""The flow solver, which answers the jets; recorded pressures, which do not."""
+"""Names of the plants: the flow solver, whose pressures respond to the jets, and recorded pressures, which do not."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,8 +55,8 @@ class Slider:
     """Bounds of a number.
 
     Attributes:
-        least, greatest: inclusive.
-        step: of the slider; any value within the bounds is taken.
+        least, greatest: inclusive bounds.
+        step: step of the slider; any value within the bounds is accepted.
     """
 
     least: float
@@ -71,7 +72,7 @@ SLIDERS: Final = {
     "delay_ms": Slider(least=0.0, greatest=200.0, step=5.0, unit="ms more to the jets"),
 }
 WEIGHT: Final = Slider(least=0.0, greatest=LARGEST_WEIGHT, step=0.01, unit="")
-"""Slider of every cost weight: the bounds of a calibration."""
+"""Slider of every cost weight, with the bounds of a calibration."""
 _SENSORS: Final = ("dead", "biased")
 _CHOICES: Final = {"controller": CONTROLLERS, "plant": PLANTS}
 _SWITCHES: Final = ("enable", "babble")
@@ -79,18 +80,18 @@ _SWITCHES: Final = ("enable", "babble")
 
 @dataclass(frozen=True, kw_only=True)
 class LiveSettings:
-    """Settings of the running loop; `asdict` of it is accepted back by `changed`.
+    """Settings of the running loop; `changed` accepts the result of `asdict`.
 
     Attributes:
-        enable: the vehicle wants control.
-        noise: standard deviation at every transducer, in global deviations.
-        dead: sensor that reads Cp 0; none if empty.
-        biased: sensor with the bias; none if empty.
-        bias: in global deviations.
-        loss: share of the Pressure frames that the ECU does not get.
-        delay_ms: by which jet commands reach the vehicle late.
-        babble: a node sends at the highest priority without end.
-        weights: of the cost, a calibration; the release's if None.
+        enable: whether the vehicle wants control.
+        noise: standard deviation of the noise on every transducer, in global deviations.
+        dead: sensor that reads Cp 0; empty for none.
+        biased: sensor with the bias; empty for none.
+        bias: bias in global deviations.
+        loss: share of the Pressure frames that the ECU does not receive.
+        delay_ms: additional delay of jet commands to the vehicle.
+        babble: whether a node sends continuously at the highest priority.
+        weights: cost weights; if None, those of the release.
     """
 
     enable: bool = False
@@ -108,12 +109,13 @@ class LiveSettings:
     def changed(
         self, given: Mapping[str, Any], sensors: Sequence[str], own: Calibration, limits: CalibrationLimits
     ) -> Self:
-        """Put other values in place of some. Raises ConfigError naming what is not known, of another type or out of
-        its bounds.
+        """Return settings with some values replaced. Raises ConfigError that states the unknown, mistyped or
+        out-of-range value.
 
         Args:
-            given: by the names of the attributes; weights as a mapping by name, or None for the release's.
-            own, limits: of the release, for the weights that are not named and the bounds of the others.
+            given: new values by attribute; weights as a mapping by name, or None for the release's.
+            own, limits: calibration and limits of the release: values of the weights that are not given, and bounds of
+                the others.
         """
         known = {item.name for item in fields(self)}
         if unknown := sorted(set(given) - known):
@@ -127,12 +129,12 @@ class LiveSettings:
 
     @property
     def without_faults(self) -> Self:
-        """Request, controller and plant as they are, everything else as at the start."""
+        """The settings with the same request, controller and plant, and all other values reset."""
         return type(self)(enable=self.enable, controller=self.controller, plant=self.plant)
 
     @property
     def disturbances(self) -> tuple[str, ...]:
-        """Texts of what is set, without their time, in an order that depends on nothing else."""
+        """Texts of the disturbances that are set, without times, in a fixed order."""
         texts = (
             (self.noise, f"noise:level={self.noise:g}"),
             (self.dead, f"dead:sensor={self.dead}"),
@@ -161,7 +163,7 @@ def _checked(name: str, value: Any, sensors: Sequence[str]) -> Any:
 
 def _within(name: str, value: Any, slider: Slider) -> float:
     is_number = isinstance(value, int | float) and not isinstance(value, bool)
-    # No number, infinity and integers beyond any float are out of the bounds as well.
+    # The comparison is false for NaN, and infinity and very large integers are outside the bounds.
     if not (is_number and slider.least <= value <= slider.greatest):
         raise ConfigError(f"live setting {name} = {value!r}: must be in {slider.least:g}..{slider.greatest:g}")
     return float(value)
@@ -176,7 +178,7 @@ def _weights(given: Any, now: Calibration, limits: CalibrationLimits) -> CostWei
 
 
 def changes(before: LiveSettings, now: LiveSettings, own: CostWeights, controllers: Mapping[str, str]) -> Iterator[str]:
-    """A text for each setting that changed; `own` are the release's weights, `controllers` labels by name."""
+    """Yield a text for each changed setting; `own` has the release's weights, `controllers` the labels by name."""
     all_frames = "all pressure frames reach the ECU"
     percent, late = f"{100 * now.loss:g} %", f"{now.delay_ms:g} ms late"
     bias_before, bias = ((one.biased and (one.biased, one.bias)) for one in (before, now))

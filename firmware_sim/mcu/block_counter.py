@@ -1,6 +1,6 @@
-"""How often each basic block of a firmware ran, counted by a hook in machine code.
+"""A counter of the runs of each basic block of a firmware, implemented as a hook in machine code.
 
-One in Python takes a hundred times as long as the emulation itself.
+A hook in Python would take a hundred times as long as the emulation itself.
 """
 
 import ctypes
@@ -37,13 +37,13 @@ def _library() -> ctypes.CDLL:
 
 
 class BlockCounter:
-    """Counts from now on; put it in before the core first runs, since code translated before runs without a hook.
-    Raises McuError if there is no compiler for the hook, or Unicorn does not take it.
+    """Counts from its creation on. Create it before the core first runs, because code translated earlier runs without a
+    hook. Raises McuError if there is no compiler for the hook, or Unicorn does not accept it.
 
     Args:
-        core: of Unicorn.
-        origin, size: of the memory with the code, bytes.
-        pipeline: what a block costs; blocks are modelled when they are first seen.
+        core: Unicorn's core.
+        origin, size: address of the memory with the code, and its size in bytes.
+        pipeline: model of a block's cycles, applied when a block is first seen.
     """
 
     def __init__(self, core: Any, origin: int, size: int, pipeline: Pipeline) -> None:
@@ -67,16 +67,16 @@ class BlockCounter:
             raise McuError(f"the emulator takes no hook: unicorn's error {failed}")
 
     def start(self) -> None:
-        """Count from zero."""
+        """Set the counts to zero."""
         self._counts[:] = 0
 
     def total(self) -> tuple[int, int]:
-        """Instructions and modelled cycles since then."""
+        """Return instructions and modelled cycles since `start`."""
         blocks = list(self.blocks())
         return sum(instructions for _, instructions, _ in blocks), sum(cycles for _, _, cycles in blocks)
 
     def blocks(self) -> Iterator[tuple[int, int, int]]:
-        """Address, instructions and modelled cycles of each block that ran since then, all its runs together."""
+        """Yield address, instructions and modelled cycles of each block that ran since `start`, over all its runs."""
         places = np.flatnonzero(self._counts)
         found = zip(places.tolist(), self._counts[places].tolist(), self._sizes[places].tolist(), strict=True)
         for place, count, size in found:

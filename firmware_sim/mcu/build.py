@@ -1,4 +1,4 @@
-"""Compile a C library for a bare Cortex-M7, and its example program for this host, by the compiler in `ziglang`."""
+"""Compilation of a C library for a bare Cortex-M7 and of its example program for this host, with `ziglang`."""
 
 import tempfile
 from collections.abc import Mapping, Sequence
@@ -15,9 +15,9 @@ from firmware_sim.mcu.cores import CORTEX_M7, Core
 
 LINKER_SCRIPT: Final = "cortex_m7.ld"
 NO_COMPILER: Final = f"the compiler is missing: {install('mcu')}"
-# Contraction within an expression, as the language allows it, is the same for every target with fused operations.
+# Contraction within an expression, as C allows it, gives the same results on every target with fused operations.
 COMMON: Final = ("-O2", "-ffp-contract=on", "-g0")
-# Loops that gain by it are unrolled in the sources; the compiler would unroll the others, which costs 21 KiB of flash.
+# Loops that benefit are unrolled in the sources; if the compiler unrolled all, that would take 21 KiB of flash.
 BARE: Final = (
     "-target", "thumb-freestanding-eabihf", "-fno-unroll-loops",
     "-ffreestanding", "-fno-unwind-tables", "-fno-asynchronous-unwind-tables",
@@ -25,9 +25,9 @@ BARE: Final = (
 )  # fmt: skip
 BOARD_SCRIPT: Final = "sw_board.ld"
 EQUIPMENT: Final = "sw_board_equipment.h"
-"""What a board gets at production; the one of every library has no loader."""
+"""Header with a board's data from production; the header in a library has no loader."""
 BUS_KEY: Final = "sw_board_bus_key.h"
-"""The same of `bus.key`; the one of every library has no key."""
+"""Header with the key of the bus from production; the header in a library has no key."""
 
 
 def compile_for_cortex_m7(
@@ -36,12 +36,12 @@ def compile_for_cortex_m7(
     *,
     core: Core = CORTEX_M7,
 ) -> bytes:
-    """A library's control step with start-up and linker script as an ELF file. Raises McuError if the sources do not
-    compile, or `ziglang` is not installed.
+    """Compile a library's control step with start-up code and linker script; returns an ELF file. Raises McuError if
+    the sources do not compile, or `ziglang` is not installed.
 
     Args:
-        core: another core with the same memories.
-        board: files next to the firmware's, or in place of those of the same name.
+        core: the core, which must have the same memories.
+        board: files added to the firmware's; a file of the same name replaces the firmware's.
     """
     folder = files("firmware_sim").joinpath("mcu/c")
     firmware = {item.name: item.read_bytes() for item in folder.iterdir()}
@@ -53,12 +53,12 @@ def compile_for_cortex_m7(
 
 
 def compile_board(sources: Mapping[str, bytes], own: Mapping[str, bytes] | None = None) -> bytes:
-    """The whole firmware of a board, from its vector table on, as an ELF file. Raises LibraryError for a library
-    without a board; McuError if they do not compile, or `ziglang` is not installed.
+    """Compile the whole firmware of a board, including its vector table; returns an ELF file. Raises LibraryError for a
+    library without a board; McuError if the sources do not compile, or `ziglang` is not installed.
 
     Args:
-        sources: a library's with its ECU, and those of the board by their paths in the library's folder.
-        own: files in place of those of the same name; a header of equipment in place of the one without a loader.
+        sources: sources of a library with its ECU, and those of the board by their paths in the library's folder.
+        own: files that replace those of the same name, such as a header of equipment that enables the loader.
     """
     parts = {part: {n.split("/")[1]: sources[n] for n in sources if n.startswith(f"{part}/")} for part in BOARD}
     board, loader = (parts[part] for part in BOARD)
@@ -79,13 +79,13 @@ def _flags(script: str, core: Core) -> tuple[str, ...]:
 
 
 def compile_block_counter(output: Path) -> None:
-    """What counts basic blocks while the core runs (`firmware_sim.mcu.block_counter`); raises McuError."""
+    """Compile the hook that counts basic blocks (`firmware_sim.mcu.block_counter`); raises McuError."""
     source = files("firmware_sim").joinpath("mcu/c_host/block_counter.c").read_bytes()
     _compile({"block_counter.c": source}, output, ("-O2", "-fPIC", "-shared"))
 
 
 def compile_replay(sources: Mapping[str, bytes], program: Path) -> None:
-    """The example program for this machine; raises as `compile_for_cortex_m7`."""
+    """Compile the example program for this machine; raises McuError as `compile_for_cortex_m7`."""
     _compile(sources, program, (*COMMON, "-march=native"))
 
 

@@ -1,4 +1,4 @@
-"""The cores that a library is compiled for and modelled on."""
+"""The cores for which libraries are compiled and modelled."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -6,12 +6,12 @@ from typing import Final
 
 @dataclass(frozen=True, kw_only=True)
 class Core:
-    """A Cortex-M with the DSP extension and single-precision floats.
+    """A Cortex-M with the DSP extension and single-precision floating point.
 
     Attributes:
-        cpu: the compiler's name of it.
-        clocks_mhz: at which times are given.
-        dual_issue: whether its pipeline issues two instructions a cycle (`firmware_sim.mcu.pipeline`).
+        cpu: name of the core for the compiler.
+        clocks_mhz: clocks for which times are computed.
+        dual_issue: whether its pipeline issues two instructions per cycle (`firmware_sim.mcu.pipeline`).
     """
 
     name: str

@@ -1,4 +1,4 @@
-"""What loading and sizing a firmware takes of its ELF file."""
+"""A reader of the parts of an ELF file that are needed to load a firmware and to measure its size."""
 
 import io
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ _BITS: Final = 32
 
 @dataclass(frozen=True, kw_only=True)
 class ElfSegment:
-    """Content to be put at an address."""
+    """Bytes to load at an address."""
 
     address: int
     content: bytes
@@ -25,7 +25,7 @@ class Firmware:
     """A linked program.
 
     Attributes:
-        segments: what stands in flash before start.
+        segments: contents of the flash before the start.
         sections: size in bytes by name.
         symbols: address by name.
     """
@@ -36,9 +36,9 @@ class Firmware:
 
 
 def read_elf(image: bytes) -> Firmware:
-    """Raises McuError if it is no whole 32-bit little-endian ELF file."""
+    """Parse an ELF file. Raises McuError if it is not a complete 32-bit little-endian ELF file."""
     try:
-        # pyelftools has no annotations.
+        # pyelftools has no type annotations.
         elf: Any = ELFFile(io.BytesIO(image))
         if elf.elfclass != _BITS or not elf.little_endian:
             order = "little" if elf.little_endian else "big"

@@ -1,4 +1,4 @@
-"""A Cortex-M7 under Unicorn: its memories, calls of functions, executed blocks and the deepest stack."""
+"""A Cortex-M7 in Unicorn: its memories, calls of functions, counts of executed blocks, and the stack depth."""
 
 from collections.abc import Sequence
 from typing import Any, ClassVar, Final
@@ -24,18 +24,18 @@ _RETURN: Final = FLASH + FLASH_BYTES - 0x100
 
 
 class EmulatedCore(NeverCopied):
-    """A core with a program in its flash, which is switched off.
+    """A core with a program in its flash, before it runs.
 
     Args:
-        memories: address and bytes of each that can be written.
-        stack: address and bytes of the lowest place of one of them.
+        memories: address and size in bytes of each writable memory.
+        stack: address and size in bytes of the stack, at the lowest address of one of the memories.
     """
 
     INSTEAD: ClassVar = "it stands in memory of the emulator; make another one of the same firmware"
 
     def __init__(self, firmware: Firmware, memories: Sequence[tuple[int, int]], stack: tuple[int, int]) -> None:
         self._symbols, self._stack = firmware.symbols, stack
-        # The bindings carry annotations on some functions only.
+        # Only some functions of Unicorn's binding have type annotations.
         binding: Any = unicorn
         mode = unicorn_const.UC_MODE_THUMB | unicorn_const.UC_MODE_MCLASS
         self._failure: Any = binding.UcError
@@ -48,22 +48,22 @@ class EmulatedCore(NeverCopied):
         self.paint_stack()
 
     def symbol(self, name: str) -> int:
-        """Its address; raises McuError if the firmware has none."""
+        """Return a symbol's address; raises McuError if the firmware has no such symbol."""
         if name not in self._symbols:
             raise McuError(f"the firmware has no symbol {name}")
         return self._symbols[name]
 
     def peek(self, address: int, size: int) -> bytes:
-        """Bytes of memory."""
+        """Read bytes of memory."""
         return bytes(self._core.mem_read(address, size))
 
     def poke(self, address: int, content: bytes) -> None:
-        """Change bytes of memory."""
+        """Write bytes of memory."""
         self._core.mem_write(address, content)
 
     def call(self, function: str, *arguments: int) -> int:
-        """Have a function run to its return, as a debugger does; its result. Raises McuError if it does something that
-        the core cannot, such as leaving its memories."""
+        """Run a function to its return, as a debugger does, and return its result. Raises McuError if it does something
+        impossible for the core, such as an access outside its memories."""
         kept = self._core.context_save()
         for number, value in enumerate(arguments):
             self._core.reg_write(arm_const.UC_ARM_REG_R0 + number, value)
@@ -75,19 +75,19 @@ class EmulatedCore(NeverCopied):
             self._core.context_restore(kept)
 
     def block_counter(self, core: Core = CORTEX_M7) -> BlockCounter:
-        """A counter of the basic blocks that run from now on; made before the first one runs."""
+        """Return a counter of the basic blocks that run from now on. Call this before the first block runs."""
         return BlockCounter(self._core, FLASH, FLASH_BYTES, Pipeline(self.code(), FLASH, dual_issue=core.dual_issue))
 
     def code(self) -> bytes:
-        """All of the flash with the program."""
+        """Return the whole flash with the program."""
         return self.peek(FLASH, FLASH_BYTES)
 
     def paint_stack(self) -> None:
-        """Mark all of the stack as untouched."""
+        """Mark the whole stack as untouched."""
         self.poke(self._stack[0], bytes([_UNTOUCHED]) * self._stack[1])
 
     def stack_depth(self) -> int:
-        """Bytes of stack touched since `paint_stack`."""
+        """Return the bytes of stack touched since `paint_stack`."""
         stack = self.peek(*self._stack)
         return len(stack) - next((i for i, byte in enumerate(stack) if byte != _UNTOUCHED), len(stack))
 
@@ -100,7 +100,7 @@ class EmulatedCore(NeverCopied):
 
 
 class Machine(EmulatedCore):
-    """A core whose functions are called. The stack is a memory of its own, so that an overflow is seen."""
+    """A core for calls of its functions. The stack is a separate memory, so that an overflow is detected."""
 
     def __init__(self, firmware: Firmware) -> None:
         stack = (_STACK, _STACK_BYTES)
@@ -109,15 +109,15 @@ class Machine(EmulatedCore):
         self._core.reg_write(arm_const.UC_ARM_REG_SP, _STACK + _STACK_BYTES)
 
     def write(self, symbol: str, content: bytes) -> None:
-        """Put bytes where a symbol is."""
+        """Write bytes at a symbol's address."""
         self.poke(self.symbol(symbol), content)
 
     def read(self, symbol: str, size: int) -> bytes:
-        """Bytes from where a symbol is."""
+        """Read bytes at a symbol's address."""
         return self.peek(self.symbol(symbol), size)
 
     def stack_used(self, function: str) -> int:
-        """Bytes of stack that a call of the function touches."""
+        """Call a function and return the bytes of stack that it touches."""
         self.paint_stack()
         self.call(function)
         return self.stack_depth()

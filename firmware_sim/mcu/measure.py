@@ -1,4 +1,4 @@
-"""One library, compiled for a Cortex-M7 and for this host: the same rows through both, and what the core needs."""
+"""The measurement of a library on an emulated Cortex-M7 and on this host: the same rows, and the core's needs."""
 
 import subprocess
 import tempfile
@@ -29,18 +29,18 @@ MCU_PHASES: Final = ("compile", "emulate", "run on this host", "count cycles")
 
 @dataclass(frozen=True, kw_only=True)
 class Measurement:
-    """What a control step needs on the core, one in which all iterations run.
+    """The needs of a control step on the core when all iterations run.
 
     Attributes:
-        precision, program_sha256: of the library.
-        flash_bytes, ram_bytes, stack_bytes: memory; RAM is what is linked there, and the stack.
-        multiply_accumulates: products of weights, by the networks' sizes.
-        instructions: executed ones, exact; they are the same in every such step.
-        cycles: modelled ones (`timing`).
-        one_per_cycle_ms, modelled_ms: by clock in MHz, at an instruction a cycle and by the model.
-        steps: control steps compared with the host.
-        identical: whether all outputs were, to the bit.
-        action_difference, cost_difference: the largest ones.
+        precision, program_sha256: those of the library.
+        flash_bytes, ram_bytes, stack_bytes: memory; RAM is the linked RAM plus the stack.
+        multiply_accumulates: number of products of weights, from the networks' sizes.
+        instructions: exact number of executed instructions, the same in every such step.
+        cycles: modelled cycles (`firmware_sim.mcu.pipeline`).
+        one_per_cycle_ms, modelled_ms: time by clock in MHz, at one instruction per cycle and by the model.
+        steps: number of control steps compared with the host.
+        identical: whether all outputs were equal bit for bit.
+        action_difference, cost_difference: largest differences.
     """
 
     precision: str
@@ -59,7 +59,7 @@ class Measurement:
     cost_difference: float
 
     def rows(self) -> Iterator[tuple[str, str]]:
-        """The rows for people: what it is, and the figure with its unit."""
+        """Yield a label and a figure with its unit for each row of a table."""
         yield "library", f"{self.precision}, {self.program_sha256[:12]}"
         for name, size in (("flash", self.flash_bytes), ("RAM with stack", self.ram_bytes)):
             yield name, f"{size / 1024:.1f} KiB"
@@ -75,7 +75,7 @@ class Measurement:
 
 
 def measure_folder(folder: Path, *, phase: Callable[[str], None] = lambda begun: None) -> Measurement:
-    """`measure` on a folder written by `stillwake export --c`; raises LibraryError if it is none."""
+    """Call `measure` for a folder written by `stillwake export --c`; raises LibraryError for any other folder."""
     return measure(read_sources(folder), read_recorded(folder), phase=phase)
 
 
@@ -86,13 +86,13 @@ def measure(
     core: Core = CORTEX_M7,
     phase: Callable[[str], None] = lambda begun: None,
 ) -> Measurement:
-    """Compile, run and compare. Raises LibraryError if a setting is missing in the library's header; McuError if the
-    rows are too few, or the library does not compile or does not run; the message names it.
+    """Compile, run and compare a library. Raises LibraryError if a setting is missing in the library's header; McuError
+    with the reason if the rows are too few, or the library does not compile or run.
 
     Args:
-        sources: the library's files.
-        rows: pressures Cp and the action commanded one step before, (n, S+1); at least one window of them.
-        core: which one is compiled for and modelled; the emulated one is a Cortex-M7.
+        sources: files of the library.
+        rows: pressures Cp and the action commanded one step before, (n, S+1); at least one window of rows.
+        core: core to compile for and to model; the emulated core is a Cortex-M7.
         phase: called with each of `MCU_PHASES` when it begins.
     """
     settings = ProgramSettings.of(sources)
@@ -131,22 +131,22 @@ def measure(
 
 
 def flash_bytes(firmware: Firmware) -> int:
-    """Code and everything that is read from flash or copied out of it."""
+    """Return the bytes of flash for code and for all data that are read from flash or copied from it."""
     return sum(firmware.sections.get(name, 0) for name in (".vectors", ".text", ".hot", ".rodata", ".data"))
 
 
 def linked_ram(firmware: Firmware) -> int:
-    """RAM without the stack."""
+    """Return the bytes of RAM without the stack."""
     return sum(firmware.sections.get(name, 0) for name in (".hot", ".data", ".bss"))
 
 
 def _replay(machine: Machine, rows: ProgramRows, window: int, horizon: int) -> ProgramRows:
-    """(action, cost) of every row from the first full window on."""
+    """Return (action, cost) for every row from the first full window on."""
     machine.call("mcu_reset")
     answers = []
     for i, row in enumerate(rows, start=1):
         machine.write("mcu_row", row.astype("<f4").tobytes())
-        # Like the host's example, which does not answer before the window is full.
+        # The host's example program does not answer before the window is full, either.
         if (status := machine.call("mcu_step" if i >= window else "mcu_push")) != 0:
             raise McuError(f"row {i}: {REFUSALS[status]}")
         if i >= window:
@@ -166,11 +166,11 @@ def _on_host(sources: Mapping[str, bytes], rows: ProgramRows) -> ProgramRows:
 
 
 def verdicts(modelled_ms: Mapping[str, float], period: float) -> Iterator[tuple[str, str]]:
-    """(what, verdict) for people, one a clock.
+    """Yield (label, verdict) for people: the control period, then one for each clock.
 
     Args:
-        modelled_ms: of a control step, by clock in MHz (`firmware_sim.mcu.measure.Measurement.modelled_ms`).
-        period: the control period, ms.
+        modelled_ms: time of a control step by clock in MHz (`firmware_sim.mcu.measure.Measurement.modelled_ms`).
+        period: control period in ms.
     """
     yield "control period", f"{period:g} ms (from the settings; the library does not hold it)"
     for clock, needed in modelled_ms.items():

@@ -1,21 +1,22 @@
-"""What a basic block costs on a Cortex-M7, or on a Cortex-M4: models of their pipelines, and what they leave out.
+"""The cycles of a basic block on a Cortex-M7 or a Cortex-M4: models of their pipelines, and the effects they leave out.
 
-Arm publishes no cycle counts for this core, so these are assumptions, stated to be questioned:
+Arm publishes no cycle counts for the Cortex-M7, so these are assumptions:
 
-- Instructions issue in order, up to two a cycle. Both must be ready; of a pair at most one may multiply, work in the
-  floating-point unit, store, or branch; two single loads may go together, a double load takes both load ports. The
-  second of a pair may write what the first one reads.
-- A result can be used one cycle later from the integer unit, two from a load or a multiplication (an accumulator one),
-  three from the floating-point unit, four from a fused multiply-add; divisions take 14 cycles and block their unit.
-- A block that ends in a branch pays one cycle more; branches are predicted.
-- Every access is a hit: code in instruction TCM or cache, workspace and the dynamics' weights in data TCM, all other
-  constants in a warm data cache.
+- Instructions issue in order, up to two per cycle, when both are ready. At most one of a pair may multiply, use the
+  floating-point unit, store, or branch. Two single loads may form a pair; a double load takes both load ports. The
+  second instruction of a pair may write a register that the first one reads.
+- A result can be used one cycle later if it is from the integer unit, two after a load or a multiplication (one by an
+  accumulator), three if it is from the floating-point unit, four after a fused multiply-add. Divisions take 14 cycles
+  and block their unit.
+- A block that ends in a branch takes one cycle more; branches are predicted correctly.
+- Every memory access is a hit: code in instruction TCM or cache, workspace and the dynamics' weights in data TCM, all
+  other constants in a warm data cache.
 
-A Cortex-M4 issues one instruction a cycle, from memories without wait states (Arm's table of its cycles, DDI 0439):
+A Cortex-M4 issues one instruction per cycle, from memories without wait states (Arm's table of its cycles, DDI 0439):
 
-- A load takes two cycles, one where a load or store stands right before it; a double or multiple one a cycle a word
-  and one more. A fused multiply-add takes three, a division 14, every other instruction one.
-- A block that ends in a branch pays two cycles more.
+- A load takes two cycles, or one directly after a load or store; a double or multiple load or store takes one cycle per
+  word and one more. A fused multiply-add takes three cycles, a division 14, every other instruction one.
+- A block that ends in a branch takes two cycles more.
 """
 
 from dataclasses import dataclass
@@ -42,11 +43,11 @@ class Block:
 
 
 class Pipeline:
-    """Disassembles code and models its blocks.
+    """A disassembler that models the blocks of code.
 
     Args:
-        code, origin: a memory's content, and its address.
-        dual_issue: the pipeline of a Cortex-M7, or else that of a Cortex-M4.
+        code, origin: contents of a memory, and its address.
+        dual_issue: True for the pipeline of a Cortex-M7, False for that of a Cortex-M4.
     """
 
     def __init__(self, code: bytes, origin: int, *, dual_issue: bool = True) -> None:
@@ -56,7 +57,7 @@ class Pipeline:
         self._disassembler.detail = True
 
     def block(self, address: int, size: int) -> Block:
-        """The block of `size` bytes at an address."""
+        """Model the block of `size` bytes at an address."""
         start = address - self._origin
         listing = list(self._disassembler.disasm(self._code[start : start + size], address))
         return Block(instructions=len(listing), cycles=self._cycles(listing))
@@ -119,12 +120,12 @@ def _fits(issued: list[str], kind: str) -> bool:
 
 @cache
 def _kind(mnemonic: str) -> tuple[str, int, int]:
-    """Class, latency, and cycles at the issue stage."""
+    """Return class, latency, and cycles at the issue stage."""
     name = mnemonic.split(".")[0]
     if name.startswith(_DIVIDE):
         return "divide", _DIVIDE_CYCLES, 1
     if name.startswith(_MANY):
-        # Two words a cycle; the longest here move about eight.
+        # These instructions move two words per cycle; the longest ones in the firmware move about eight words.
         return "many", 2, 1 if name == "strd" else 4
     if name.startswith("ldrd"):
         return "double", 2, 1
@@ -146,7 +147,7 @@ def _kind(mnemonic: str) -> tuple[str, int, int]:
 
 
 def _accumulators(instruction: Any) -> set[int]:
-    """The registers that a multiply-accumulate adds to, which it needs one cycle later than its factors."""
+    """Return the registers that a multiply-accumulate adds to; they are needed one cycle later than its factors."""
     operands = [int(operand.reg) for operand in instruction.operands]
     if instruction.mnemonic.startswith(("smlal", "umlal")):
         return set(operands[:2])

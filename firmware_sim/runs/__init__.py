@@ -1,1 +1,1 @@
-"""What a run leaves behind: its series, its figures and its report."""
+"""The results of a run: its series, its figures and its report."""

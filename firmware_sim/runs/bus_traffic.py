@@ -1,4 +1,4 @@
-"""What a run's bus carried besides: load, errors, and how long the loop's own frames waited for it."""
+"""The traffic on a run's bus: load, errors, and the longest waits of the loop's own frames."""
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
@@ -15,7 +15,8 @@ class NodeErrors:
     Attributes:
         state: name of a `can_bridge.bus.interface.BusState`.
         tx_errors, rx_errors: its error counters.
-        refused: frames that it could not send: its queue was full, or it was bus-off.
+        bus_off: number of times that it went bus-off.
+        refused: number of frames that it could not send, because its queue was full or it was bus-off.
     """
 
     state: str
@@ -26,20 +27,20 @@ class NodeErrors:
 
     @classmethod
     def of(cls, health: BusHealth, refused: int) -> "NodeErrors":
-        """Take what the controller reports."""
+        """Create the record from the controller's report."""
         return cls(**{**asdict(health), "state": health.state.name}, refused=refused)
 
 
 @dataclass(frozen=True, kw_only=True)
 class BusTraffic:
-    """Everything on the bus, other nodes' frames included.
+    """All traffic on the bus, including other nodes' frames.
 
     Attributes:
         load: share of the time in which the bus was not free, 0 to 1.
-        frames: all that went over it.
-        error_frames: attempts that were destroyed, or that no node acknowledged.
-        longest_wait_ms: of our messages, by their names: the longest time from the hand-over of a frame to the begin of
-            the attempt that succeeded. A message of which none was sent is not in it.
+        frames: number of all frames on the bus.
+        error_frames: number of attempts that were destroyed, or that no node acknowledged.
+        longest_wait_ms: for each of the project's messages that was sent: longest time from a frame's entry into the
+            send queue to the start of its successful transmission.
     """
 
     load: float
@@ -51,7 +52,7 @@ class BusTraffic:
 
 @dataclass(kw_only=True)
 class WaitingTimes:
-    """Keeps the longest wait of each message of a set; an observer of the simulated bus."""
+    """An observer of the simulated bus that records the longest wait of each message of a set."""
 
     messages: MessageSet
     _longest_ns: dict[int, int] = field(default_factory=dict)
@@ -63,7 +64,7 @@ class WaitingTimes:
         self._longest_ns[frame_id] = max(waited_ns, self._longest_ns.get(frame_id, 0))
 
     def traffic(self, activity: BusActivity, nodes: Mapping[str, NodeErrors]) -> BusTraffic:
-        """The traffic with what the bus and the nodes counted."""
+        """Combine the waits with the counts of the bus and the nodes."""
         sent = (spec for spec in self.messages.specs if spec.frame_id in self._longest_ns)
         longest = {spec.name: self._longest_ns[spec.frame_id] / 1e6 for spec in sent}
         return BusTraffic(

@@ -1,4 +1,4 @@
-"""Whether the controller was in control while control was requested, and why not."""
+"""The evaluation of whether the controller was in control while control was requested, and the reason if not."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from firmware_sim.runs.run_log import RunLog
 from firmware_sim.runs.statistics import Flags, planned_steps
 
 SKIPPED: Final = "SKIPPED"
-"""Beside the names of the modes: the ECU was still computing, and left the period out."""
+"""Name used like a mode's name for a period that the ECU left out because it was still computing."""
 
 KEYS_DIFFER: Final = "Frames came, but none was authentic: do both nodes have the same key (bus.key)?"
 
@@ -23,9 +23,9 @@ class LatchedFault:
 
     Attributes:
         reason: name of a `can_bridge.wire.messages.Reason`.
-        t: start of the period, t_c.
-        period: its index in the run's series.
-        after_enable: control periods since control was requested.
+        t: start of the period in t_c.
+        period: index of the period in the run's series.
+        after_enable: number of control periods since the request for control.
     """
 
     reason: str
@@ -36,14 +36,14 @@ class LatchedFault:
 
 @dataclass(frozen=True, kw_only=True)
 class RunControl:
-    """How control was held.
+    """The control periods in which control was requested.
 
     Attributes:
-        requested: control periods in which it was requested.
-        modes: of these, by the name of the ECU's mode, or SKIPPED.
-        warm_up: of these, the first ones, in which the controller's window was still filling.
-        fault: the first one; None if none was latched.
-        shut: share of the requested time in which the jets stood still, 0 to 1.
+        requested: number of these periods.
+        modes: number of them by the ECU's mode, or SKIPPED.
+        warm_up: number of periods at their start in which the controller's window was still filling.
+        fault: first latched fault; None if there was none.
+        shut: share of the requested time in which the jets were shut, 0 to 1.
     """
 
     requested: int
@@ -54,29 +54,29 @@ class RunControl:
 
     @property
     def in_control(self) -> int:
-        """Periods in which the controller planned."""
+        """Number of periods in which the controller planned."""
         return self.modes.get(Mode.CONTROL.name, 0)
 
     @property
     def held(self) -> bool:
-        """Whether it was in control from the end of the warm-up on, in every period, and without a fault."""
+        """Whether the controller was in control in every period after the warm-up, without a fault."""
         return self.fault is None and self.in_control > 0 and self.in_control + self.warm_up == self.requested
 
 
 def mode_names(log: RunLog) -> list[str]:
-    """The mode of every period; SKIPPED is one of them."""
+    """Return the mode of every period, or SKIPPED."""
     skipped = np.isnan(log.series["step_ms"])
     modes = zip(log.series["mode"].astype(int), skipped, strict=True)
     return [SKIPPED if left_out else Mode(mode).name for mode, left_out in modes]
 
 
 def control(log: RunLog) -> RunControl:
-    """Control in a run, from the period in which control is first requested."""
+    """Evaluate control in a run, from the period in which control is first requested."""
     modes, names = log.series["mode"][log.enabled_at :], mode_names(log)[log.enabled_at :]
     faulted = np.flatnonzero(modes == Mode.FAULT)
     warm = np.flatnonzero(np.array(names) != Mode.WARMUP.name)
     still = log.series["action"][log.enabled_at :] == 0.0
-    # The sample at which control is requested comes before the jets can have moved.
+    # The jets cannot have moved before the first sample, so it does not count.
     shut = float(still[1:].mean()) if len(still) > 1 else 1.0
     return RunControl(
         requested=len(names),
@@ -88,7 +88,7 @@ def control(log: RunLog) -> RunControl:
 
 
 def set_aside(log: RunLog) -> list[tuple[str, int]]:
-    """Each sensor that the ECU set aside, with the period from which on it did, in order."""
+    """Return each sensor that the ECU set aside, and the first period in which it was set aside, in order of time."""
     bits = log.series["set_aside"].astype(int)
     found = []
     for index, name in enumerate(log.metadata.sensors):
@@ -98,7 +98,7 @@ def set_aside(log: RunLog) -> list[tuple[str, int]]:
 
 
 def trouble(log: RunLog) -> str | None:
-    """What a reader must know before any figure of the run, as a sentence; None if control was held throughout."""
+    """Return a sentence on why control was not held, to be read before any figure; None if it was held."""
     held = control(log)
     if held.held:
         return None
@@ -127,7 +127,7 @@ def _not_held(log: RunLog, found: RunControl) -> str:
 
 
 def held_while_averaged(log: RunLog, averaged: Flags) -> bool:
-    """Whether the controller planned in every period that the controlled averages count, (n,)."""
+    """Return whether the controller planned in all periods (n,) of the controlled averages, and no fault latched."""
     return bool(planned_steps(log)[averaged].all()) and control(log).fault is None
 
 

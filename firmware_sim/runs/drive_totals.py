@@ -1,4 +1,4 @@
-"""What a drive cost with and without control: energy against drag, and what the jets took of it."""
+"""The totals of a drive with and without control: energy against drag, and the energy of the jets."""
 
 from dataclasses import asdict, dataclass
 from typing import Any, Final
@@ -11,24 +11,25 @@ from firmware_sim.runs.run_log import WITHOUT, RunLog
 from firmware_sim.runs.statistics import planned_steps, rounded
 
 _SLOW: Final = 0.1
-"""The share of the design speed below which no side force is counted in units of the present one."""
+"""Share of the design speed below which |Cl| in units of the present dynamic pressure is not counted."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class DriveTotals:
-    """Over the drive, from the settling time after the request for control on.
+    """Totals of a drive, from the end of the settling time after the request for control.
 
-    Energies are in kJ a km of road, for each metre of the vehicle's height: the flow is two-dimensional. The number is
-    also the mean force along the road in N/m.
+    Energies are in kJ per km of road, for each metre of the vehicle's height, because the flow is two-dimensional. The
+    number is also the mean force along the road in N/m.
 
     Attributes:
-        mean_speed_m_per_s, distance_m: of what is counted.
-        drag, drag_without: of the wall's force, with and without control.
-        jets: power that the jets hand to the flow; below zero where they take some.
-        net, net_without: of wall, slots and jet momentum together, and the jets' power.
-        reduction_percent, net_reduction_percent: of these two.
+        mean_speed_m_per_s, distance_m: speed and distance of the counted part.
+        drag_kJ_per_km, drag_kJ_per_km_without: energy against the wall's drag, with and without control.
+        jets_kJ_per_km: energy that the jets give to the flow; negative if they take energy.
+        net_kJ_per_km, net_kJ_per_km_without: energy against the drag of wall, slots and jet momentum together, plus the
+            jets' energy, with and without control.
+        reduction_percent, net_reduction_percent: reductions of these two energies.
         abs_Cl, abs_Cl_without: mean of |Cl| in units of the present speed's dynamic pressure.
-        in_control_percent: of the periods; the energies are of all.
+        in_control_percent: share of periods in control; the energies are those of all periods.
     """
 
     name: str
@@ -46,16 +47,16 @@ class DriveTotals:
     in_control_percent: float
 
     def rounded(self) -> dict[str, Any]:
-        """Six decimals, by name; null where there is no number."""
+        """Return the totals by name, rounded to six decimals; NaN becomes None."""
         return {name: value if isinstance(value, str) else rounded(value) for name, value in asdict(self).items()}
 
 
 def drive_totals(log: RunLog) -> DriveTotals | None:
-    """The totals of a run on a drive; None for any other run, and for one without averages."""
+    """Compute the totals of a run on a drive; returns None for any other run, and for a run without averages."""
     run, t = log.metadata, log.series["t"]
     if run.drive is None or not run.averages or log.enabled_at >= len(t):
         return None
-    # Times are sums of periods: half of one is far more than their rounding.
+    # Times are sums of periods with rounding errors, which are far below half a period.
     counted = t >= t[log.enabled_at] + run.settle - 0.5 * run.config.flow.control_period
     series = {name: values[counted] for name, values in log.series.items()}
     point, speed, ledger = run.config.operating_point, series["speed"], ledger_of(series)

@@ -1,4 +1,4 @@
-"""What a run was made with: controller, plant, settings and versions, and the call that started it."""
+"""The description of a run: controller, plant, settings and versions, and the command that started it."""
 
 import platform
 from collections.abc import Iterator, Mapping, Sequence
@@ -19,17 +19,17 @@ from contract.typed import typed
 from ecu.calibrating import with_calibration
 
 _PACKAGES: Final = ("stillwake", "onnxruntime", "numpy", "numba", "python-can")
-"""Their versions decide what a run computes."""
+"""Packages whose versions a run records, because they affect its results."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class RunOrigin:
-    """How a run came about.
+    """The date and origin of a run.
 
     Attributes:
-        day: it was made, YYYY-MM-DD.
-        command: words of the command line that started it; none for a run that no command line started.
-        flow: the state the plant began from.
+        day: date of the run, YYYY-MM-DD.
+        command: words of the command line that started it; empty if no command line did.
+        flow: initial state of the plant.
     """
 
     day: str
@@ -38,14 +38,14 @@ class RunOrigin:
 
     @classmethod
     def on(cls, day: date, *, command: tuple[str, ...] = (), start: str | None = None) -> "RunOrigin":
-        """Origin of this day; `start` names the state file, if one was given."""
+        """Return the origin of a run on this day; `start` is the name of the state file, if one was given."""
         return cls(day=day.isoformat(), command=command, flow=cls.flow if start is None else start)
 
 
 @dataclass(frozen=True, kw_only=True)
 class InjectedFault:
-    """What disturbed a run. `acted` counts how often it did: for a fault of a port what the fault counts, for wire
-    errors the disturbed attempts, for the others periods."""
+    """A disturbance of a run. `acted` is the number of times it acted: for a port's fault as that fault counts, for bit
+    errors the number of disturbed attempts, for all others the number of periods."""
 
     text: str
     acted: int
@@ -53,13 +53,13 @@ class InjectedFault:
 
 @dataclass(frozen=True, kw_only=True)
 class RunEcu:
-    """Which ECU a run had.
+    """The ECU of a run.
 
     Attributes:
         kind: python, c or mcu.
-        clock_mhz: of an emulated core; None where virtual time is charged by `ecu.compute_time_ms`.
-        modelled_ms: median of what that core took for a step with a plan, by the model of its pipeline; None without.
-        modelled_ms_max: the longest.
+        clock_mhz: clock of an emulated core; None if `ecu.compute_time_ms` is the compute time.
+        modelled_ms: median of the emulated core's modelled time for a step with a plan; None without an emulated core.
+        modelled_ms_max: largest of these times.
     """
 
     kind: str = "python"
@@ -69,7 +69,7 @@ class RunEcu:
 
     @classmethod
     def of(cls, kind: str, clock_mhz: float | None, planned_ns: Sequence[int]) -> "RunEcu":
-        """Take the compute time of every step that planned."""
+        """Create the record from the compute times of all steps that planned."""
         if clock_mhz is None or not planned_ns:
             return cls(kind=kind, clock_mhz=clock_mhz)
         milliseconds = [item / 1e6 for item in planned_ns]
@@ -78,21 +78,21 @@ class RunEcu:
 
 @dataclass(frozen=True, kw_only=True)
 class RunMetadata:
-    """Kept with the series of a run, and the facts of its results.
+    """The description of a run, which is stored with its series.
 
     Attributes:
         controller: name, precision and digest of the bundle.
-        digest: of the bundle, in full.
+        digest: full digest of the bundle.
         computed_by: runtime of the control step.
-        signer: fingerprint of the key that signed the bundle; None for an unsigned one.
+        signer: fingerprint of the key that signed the bundle; None for an unsigned bundle.
         sensors: names in the order of the Pressure message.
         mpc: settings of the optimiser in the bundle.
-        weights: of the cost, as they were in force.
-        budget_ms: latest answer after a pressure frame.
-        averages: whether averages were asked for.
-        settle: t_c after the request for control that the controlled averages leave out.
-        faults: what disturbed it, in the order given; nothing in an ordinary run.
-        drive: name of the drive that the vehicle was on; None for a run at one speed.
+        weights: cost weights that were in force.
+        budget_ms: longest allowed time from a pressure frame to the answer.
+        averages: whether averages were requested.
+        settle: time in t_c after the request for control that the controlled averages leave out.
+        faults: disturbances in the order given; empty for an undisturbed run.
+        drive: name of the vehicle's drive; None for a run at one speed.
     """
 
     controller: str
@@ -117,8 +117,8 @@ class RunMetadata:
 
     @classmethod
     def of(cls, bundle: Bundle, config: Config, *, calibration: Calibration, **others: Any) -> "RunMetadata":
-        """Metadata of a run in this process. `calibration` is of the ECU that ran: weights and bounds are recorded as
-        it had them. `others` are the attributes that do not follow from these."""
+        """Create the metadata of a run in this process. `calibration` is that of the ECU after the run, and its weights
+        and bounds are recorded. `others` are the attributes that do not follow from these arguments."""
         manifest = bundle.manifest
         mpc = replace(manifest.mpc, weights=calibration.weights)
         ran = with_calibration(replace(config, mpc=mpc), calibration)
@@ -141,29 +141,28 @@ class RunMetadata:
 
     @property
     def changed_weights(self) -> dict[str, tuple[float, float]]:
-        """(in force, the bundle's) of every cost weight that differs from the bundle's, by its name."""
+        """Values (in force, in the bundle) of every cost weight that differs from the bundle's, by name."""
         ours, bundles = asdict(self.weights), asdict(self.mpc.weights)
         return {name: (ours[name], bundles[name]) for name in ours if ours[name] != as_float32(bundles[name])}
 
     def to_tree(self) -> dict[str, Any]:
-        """Nested plain values, accepted back by `from_tree`."""
+        """Return nested plain values, which `from_tree` accepts."""
         status = {name: int(value) for name, value in self.status._asdict().items()}
         return {**asdict(self), "status": status, "versions": dict(self.versions)}
 
     @classmethod
     def from_tree(cls, tree: Mapping[str, Any]) -> "RunMetadata":
-        """Read what `to_tree` wrote. Raises KeyError, TypeError, ConfigError for a field that is missing, unknown or
-        makes no sense."""
+        """Read the result of `to_tree`. Raises KeyError, TypeError or ConfigError for an invalid field."""
         config, status = without_retired(tree["config"]), list(EcuStatus(**tree["status"]))
         return typed({**tree, "config": config, "status": status}, cls)
 
 
 _UNUSED: Final = ("forcing", "model", "train", "mpc")
-"""Sections of the settings that a run does not read; the bundle has its own `mpc`."""
+"""Sections of the settings that a run does not use; the bundle has its own `mpc`."""
 
 
 def settings_of(run: RunMetadata) -> dict[str, str]:
-    """Every setting of a run by its name in TOML with dots, the optimiser's as in the bundle, weights as in force."""
+    """Return every setting of a run by its dotted name in TOML; `mpc` is the bundle's with the weights in force."""
     used = {name: value for name, value in loading.to_tree(run.config).items() if name not in _UNUSED}
     tree = run.to_tree()
     built = tree["mpc"] | {"weights": tree["weights"]}
@@ -171,7 +170,7 @@ def settings_of(run: RunMetadata) -> dict[str, str]:
 
 
 def settings_lines(run: RunMetadata) -> list[str]:
-    """The settings, then the versions, for a page."""
+    """Return the lines of settings and versions for a page."""
     return [
         *(f"{name} = {value}" for name, value in settings_of(run).items()),
         *(f"{name} {value}" for name, value in run.versions.items()),
@@ -179,7 +178,7 @@ def settings_lines(run: RunMetadata) -> list[str]:
 
 
 def leaves(tree: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, Any]]:
-    """(name with dots, value) of every value in nested mappings."""
+    """Yield (dotted name, value) for every value in nested mappings."""
     for name, value in tree.items():
         if isinstance(value, Mapping):
             yield from leaves(value, f"{above}{name}.")

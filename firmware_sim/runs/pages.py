@@ -13,7 +13,7 @@ from contract.atomic import replacing
 
 @cache
 def templates(package: str) -> Environment:
-    """The templates in the folder `templates` of a package; texts are escaped, a missing value is an error."""
+    """Return the templates of a package's folder `templates`. Texts are escaped; a missing value is an error."""
     return Environment(
         loader=PackageLoader(package),
         autoescape=True,
@@ -25,12 +25,12 @@ def templates(package: str) -> Environment:
 
 
 def render(template: str, package: str = "firmware_sim.runs", **values: object) -> str:
-    """The page of a template of a package; texts among the values are escaped, a missing value is an error."""
+    """Return the page made from a template. Texts among the values are escaped; a missing value is an error."""
     return templates(package).get_template(template).render(values)
 
 
 def write(target: Path, template: str, package: str = "firmware_sim.runs", **values: object) -> Path:
-    """Write that page, whole or not at all, and return its path. Raises StillwakeError if it cannot be written."""
+    """Write the page of `render`, completely or not at all, and return its path. Raises StillwakeError on failure."""
     page = render(template, package, **values)
     with replacing(target) as temporary:
         temporary.write_text(page, encoding="utf-8", errors="backslashreplace")
@@ -38,12 +38,12 @@ def write(target: Path, template: str, package: str = "firmware_sim.runs", **val
 
 
 def data_uri(png: bytes) -> str:
-    """A picture as the address of an `img`."""
+    """Return a picture as a data address for an `img` element."""
     return "data:image/png;base64," + base64.b64encode(png).decode("ascii")
 
 
 def png_of(figure: Figure) -> bytes:
-    """A figure as PNG."""
+    """Return a figure as PNG."""
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png")
     return buffer.getvalue()

@@ -1,4 +1,4 @@
-"""A run as one picture, and the stretches of its modes."""
+"""A run as one picture, and its spans of constant mode."""
 
 import io
 from itertools import pairwise
@@ -15,11 +15,11 @@ from firmware_sim.runs.run_log import RunLog
 from wake.pictures.drawing import BLOWING, SUCKING
 
 _WIDE: Final = 10.0
-"""Inches."""
+"""Width of the figure in inches."""
 
 
 def overview_figure(log: RunLog, uncontrolled: bytes, controlled: bytes) -> Figure:
-    """The wake before and under control, given as PNG, over the time series of drag and action, with a key."""
+    """Plot the wake before and under control, given as PNG, above the time series of drag and action, with a legend."""
     s, t = log.series, log.series["t"]
     figure = Figure(figsize=(_WIDE, 9.7), dpi=100, layout="constrained")
     axes = figure.subplots(4, 1, height_ratios=(3.1, 3.1, 1.6, 1.6))
@@ -37,14 +37,14 @@ def overview_figure(log: RunLog, uncontrolled: bytes, controlled: bytes) -> Figu
 
 
 def mode_spans(log: RunLog) -> list[tuple[str, int, int]]:
-    """(mode, first period, period after the last) of every stretch of one mode, in order; SKIPPED is one of them."""
+    """Return (mode, first period, period after the last) of every span of one mode, in order; SKIPPED is a mode."""
     names = np.array(mode_names(log))
     edges = [0, *(np.flatnonzero(names[1:] != names[:-1]) + 1).tolist(), len(names)]
     return [(str(names[first]), first, after) for first, after in pairwise(edges) if after > first]
 
 
 def key() -> list[Any]:
-    """Handles of a legend: what the marks in the pictures of the wake stand for."""
+    """Return the legend's handles for the marks in the pictures of the wake."""
     dot: dict[str, Any] = {"marker": "o", "linestyle": "", "markeredgecolor": "black", "markeredgewidth": 0.5}
     return [
         Line2D([], [], **dot, markersize=7, markerfacecolor="#35b779", label="sensor of the controller, by its $C_p$"),

@@ -1,4 +1,4 @@
-"""What an ECU does, and why its jets may not follow the controller, for someone who has never seen one."""
+"""Texts on what an ECU does, and why its jets may not follow the controller, for readers without knowledge of it."""
 
 from collections.abc import Mapping
 from typing import Final
@@ -13,7 +13,7 @@ DOES: Final[Mapping[str, str]] = {
     "DECAY": "the command is halved each period",
     "FAULT": "the jets are shut until the request falls and rises again",
 }
-"""The jets' state by the name of a `can_bridge.wire.messages.Mode`."""
+"""State of the jets for each mode, by the name of a `can_bridge.wire.messages.Mode`."""
 BECAUSE: Final[Mapping[Reason, str]] = {
     Reason.NONE: "",
     Reason.STREAM_LOST: "no pressures came",

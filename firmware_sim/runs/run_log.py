@@ -1,4 +1,4 @@
-"""What a closed-loop run leaves behind: one row a control period, and the totals of the bus."""
+"""The log of a closed-loop run: one row per control period, and the totals of the bus."""
 
 import json
 from collections.abc import Mapping
@@ -26,10 +26,10 @@ from wake.plant.sample import Sample
 _SCHEMA: Final = "stillwake-run/3"
 
 WALL: Final = "wall_Cp"
-"""The series of Cp at the bundle's sensors, (n, S), in the order of the bundle."""
+"""Name of the series of Cp at the bundle's sensors, (n, S), in the order of the bundle."""
 
 WITHOUT: Final = ("without_Cd", "without_Cd_net", "without_Cl")
-"""The series of a drive without control, (n,) each: of the same flow with its jets shut."""
+"""Names of a drive's series without control, (n,) each, from the same flow with its jets shut."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -37,16 +37,16 @@ class Row:
     """One control period.
 
     Attributes:
-        sample: of the plant at the period's start.
-        command: sent by the ECU for this period's sample, U_inf W; NaN if it skipped the step.
-        predicted_Cd, predicted_Cl: the controller's forecast for the next sample; NaN without one.
-        mode: `can_bridge.wire.messages.Mode` of the ECU as of its latest step.
-        reason: `can_bridge.wire.messages.Reason` for not being in control, as of the same step.
+        sample: sample of the plant at the period's start.
+        command: action that the ECU sent for this sample, in U_inf W; NaN if it skipped the step.
+        predicted_Cd, predicted_Cl: the controller's forecast for the next sample; NaN without a plan.
+        mode: `can_bridge.wire.messages.Mode` of the ECU after its latest step.
+        reason: `can_bridge.wire.messages.Reason` for not being in control, after the same step.
         step_ms: wall-clock time of the ECU's step on this machine; NaN if it skipped the step.
-        age_ms: from the sampling of the pressures behind the command that the jets follow in this period to its
-            arrival there, in virtual time; NaN if none came.
-        set_aside: sensors that the controller does without, bit i for the bundle's sensor i.
-        speed: of the vehicle at the period's start, m/s; NaN where it is not known.
+        age_ms: virtual time from the sampling of the pressures to the arrival of the command that answers them; NaN if
+            no command arrived in this period.
+        set_aside: sensors that the controller does not use; bit i stands for the bundle's sensor i.
+        speed: speed of the vehicle at the period's start, in m/s; NaN if it is not known.
     """
 
     sample: Sample
@@ -61,7 +61,7 @@ class Row:
     speed: float = np.nan
 
     def columns(self, layout: SensorLayout = sensors.TRUCK) -> dict[str, float]:
-        """The row in numbers, by the names in `COLUMNS`; base Cp is the mean over the plant's base sensors."""
+        """Return the row's numbers by the names in `COLUMNS`; base Cp is the mean over the plant's base sensors."""
         sampled = {name: getattr(self.sample, name) for name in _SAMPLED}
         return {
             **sampled,
@@ -73,12 +73,12 @@ class Row:
 _SAMPLED: Final = ("t", *LEDGER_FIELDS, "Uy_probe", "action")
 _EXCHANGED: Final = tuple(item.name for item in fields(Row) if item.name != "sample")
 COLUMNS: Final = (*_SAMPLED, "base_Cp", *_EXCHANGED)
-"""The series of a run, one value a row: of the plant's sample, and of what bus and ECU made of it."""
+"""Names of the series of a run, one value per row: from the plant's sample, and from bus and ECU."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class BusTotals:
-    """Pressure frames and jet commands of the whole run."""
+    """Counts of pressure frames and jet commands in the whole run."""
 
     sent: int
     lost: int
@@ -90,9 +90,9 @@ class RunLog:
     """A finished run.
 
     Attributes:
-        series: the arrays named in `COLUMNS`, (n,) each, and `WALL`, (n, S), where the sensors were recorded; of a
-            drive also `WITHOUT`.
-        enabled_at: index of the first row with control requested.
+        series: the arrays named in `COLUMNS`, (n,) each; `WALL`, (n, S), if the sensors were recorded; and `WITHOUT`
+            for a drive.
+        enabled_at: index of the first row with requested control.
     """
 
     series: Mapping[str, Array]
@@ -113,7 +113,7 @@ class RunLog:
         traffic: BusTraffic,
         without: Mapping[str, Array] | None = None,
     ) -> "RunLog":
-        """Make the log of its rows; `without` has the series of `WITHOUT`."""
+        """Create the log from its rows; `without` has the series of `WITHOUT`."""
         columns = [row.columns(layout) for row in rows]
         series = {name: np.array([item[name] for item in columns], dtype=float) for name in COLUMNS}
         series |= without or {}
@@ -123,7 +123,7 @@ class RunLog:
 
 
 def save(path: Path, log: RunLog) -> None:
-    """Write as .npz, whole or not at all."""
+    """Write the log as .npz, completely or not at all."""
     header = json.dumps(
         {
             "schema": _SCHEMA,
@@ -139,7 +139,7 @@ def save(path: Path, log: RunLog) -> None:
 
 
 def load(path: Path) -> RunLog:
-    """Read what `save` wrote. Raises StillwakeError if the file is missing, damaged or of another schema."""
+    """Read a file written by `save`. Raises StillwakeError if the file is missing, damaged or of another schema."""
     try:
         data = read_npz(path)
         header = strict_json.decode(data.text("header").encode())
@@ -150,7 +150,7 @@ def load(path: Path) -> RunLog:
                 f"reads {_SCHEMA!r}: make the run again"
             )
         log = RunLog(
-            # Runs of 0.9.0 have no such columns.
+            # Runs of version 0.9.0 do not have these columns.
             series={"set_aside": np.zeros(len(data["t"])), "speed": np.full(len(data["t"]), np.nan)}
             | {
                 name: data.numbers(name, len(data["t"]))
@@ -174,7 +174,7 @@ def load(path: Path) -> RunLog:
 
 
 def _check(log: RunLog) -> None:
-    """Raises ValueError for times, modes or reasons that no run has."""
+    """Raise ValueError for impossible times, modes or reasons."""
     t = log.series["t"]
     for name in ("t", "Cd", "Cl", "action"):
         if not np.isfinite(log.series[name]).all():

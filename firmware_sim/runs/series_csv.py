@@ -1,4 +1,4 @@
-"""The series of a run as CSV, for other programs: one row a control period, units in the header."""
+"""The series of a run as CSV for other programs: one row per control period, with units in the header."""
 
 import csv
 from collections.abc import Iterator
@@ -26,12 +26,11 @@ COLUMN_UNITS: Final = {
     "set_aside": "1",
     "speed": "m/s",
 }
-"""Unit of every column in `COLUMNS`; mode and reason are written by their names."""
+"""Unit of every column in `COLUMNS`; modes and reasons are written as names."""
 
 
 def write_csv(path: Path, log: RunLog) -> None:
-    """Write the series, whole or not at all; a value that does not exist is an empty field. Raises StillwakeError if
-    the place cannot be written."""
+    """Write the series, completely or not at all; missing values are empty. Raises StillwakeError on failure."""
     with replacing(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
         csv.writer(file, lineterminator="\n").writerows(_rows(log))
 

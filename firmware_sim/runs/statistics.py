@@ -1,7 +1,8 @@
-"""Figures of a run: without and with control, and the ECU's latency.
+"""Figures of a run: averages without and with control, and the ECU's latency.
 
-Averages run over whole shedding cycles (`wake.truck.averages`): before control from the lift's zero crossings, under
-control over as many of the same cycles as fit between the end of the settling time and the last sample.
+Averages are over whole shedding cycles (`wake.truck.averages`). Before control the cycles are found from the lift's
+zero crossings. Under control the average is over as many cycles of the same length as fit between the end of the
+settling time and the last sample.
 """
 
 from dataclasses import dataclass
@@ -17,10 +18,10 @@ from firmware_sim.runs.run_log import RunLog
 from wake.truck.averages import CycleAverage, over_cycles, over_last_cycles
 
 Flags = npt.NDArray[np.bool_]
-"""One truth value a control period, (n,)."""
+"""One truth value per control period, (n,)."""
 
 _ROUNDING: Final = 1e-9
-"""t_c: what the sum of two spans may differ by from the sample's instant."""
+"""Largest rounding error in t_c between a sum of two spans and a sample's time."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,9 +29,9 @@ class Regime:
     """Time averages over one part of a run; coefficients as in `contract.ledger.DragLedger`.
 
     Attributes:
-        cycles: whole shedding cycles they are taken over.
-        duration: of these, t_c.
-        frequency: of these, cycles per t_c.
+        cycles: number of whole shedding cycles in the average.
+        duration: length of these cycles in t_c.
+        frequency: frequency of these cycles, per t_c.
     """
 
     cycles: int
@@ -49,10 +50,10 @@ class Regime:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Averages:
-    """Both parts of a run.
+    """The averages of both parts of a run.
 
     Attributes:
-        before, under: without and with control.
+        before, under: averages without and with control.
         averaged: (n,), whether a control period counts in `under`.
     """
 
@@ -62,21 +63,21 @@ class Averages:
 
     @property
     def reduction_percent(self) -> float:
-        """Reduction of the wall's mean drag."""
+        """Reduction of the wall's mean drag in percent."""
         return 100.0 * (1.0 - self.under.Cd / self.before.Cd)
 
 
 @dataclass(frozen=True)
 class NoAverages:
-    """A run without averages, and why, as a sentence."""
+    """A run without averages; `why` is the reason as a sentence."""
 
     why: str
 
 
 @dataclass(frozen=True, kw_only=True)
 class Latency:
-    """Wall-clock ms of the ECU's step while it plans, on the machine that ran it. `over_budget` counts steps that took
-    longer than the bundle's budget."""
+    """Wall-clock times in ms of the ECU's steps with a plan, on the machine of the run. `over_budget` is the number of
+    steps that took longer than the bundle's budget."""
 
     p50: float
     p90: float
@@ -87,13 +88,13 @@ class Latency:
 
 
 def averages(log: RunLog) -> Averages | NoAverages:
-    """The averages of a run: before control was requested, and from its settling time after that to the end."""
+    """Compute the averages: before the request for control, and from the end of the settling time to the end."""
     if not log.metadata.averages:
         return NoAverages("No averages were asked for.")
     if log.metadata.drive is not None:
         return NoAverages("The speed is the drive's: its energy counts.")
     t, enabled = log.series["t"], log.enabled_at
-    # The sample at which control is requested is still of the wake without it.
+    # The sample at the request for control still shows the wake without control.
     before = slice(0, enabled + 1)
     start = int(np.searchsorted(t, t[enabled] + log.metadata.settle - _ROUNDING)) if enabled < len(t) else len(t)
     under = slice(start, None)
@@ -111,13 +112,13 @@ def averages(log: RunLog) -> Averages | NoAverages:
 
 
 def planned_steps(log: RunLog) -> Flags:
-    """(n,), the periods in which the controller planned."""
-    # A period that the ECU skipped has no time and still the mode of the one before.
+    """Return the periods in which the controller planned, (n,)."""
+    # A period that the ECU skipped has no step time, but still has the mode of the previous period.
     return np.asarray((log.series["mode"] == Mode.CONTROL) & np.isfinite(log.series["step_ms"]))
 
 
 def latency(log: RunLog) -> Latency:
-    """Over the periods in which the controller planned; NaN if there was none."""
+    """Compute the latency over the periods in which the controller planned; NaN if there was none."""
     planned = log.series["step_ms"][planned_steps(log)]
     if not len(planned):
         return Latency(p50=np.nan, p90=np.nan, p99=np.nan, max=np.nan, steps=0, over_budget=0)
@@ -127,13 +128,13 @@ def latency(log: RunLog) -> Latency:
 
 
 def actuator_delay_ms(log: RunLog) -> float:
-    """The time by which the jets follow a command late that has arrived, virtual ms."""
+    """Return the delay of the jets after a command's arrival, in virtual ms."""
     config = log.metadata.config
     return config.vehicle.actuator_delay * config.period_ns / 1e6
 
 
 def sample_to_jets_ms(log: RunLog) -> float:
-    """The longest time from sampling the pressures to the jets that follow them, virtual ms; NaN if none came."""
+    """Return the longest time from the sampling of pressures to the jets' action, in virtual ms; NaN for none."""
     ages = log.series["age_ms"][np.isfinite(log.series["age_ms"])]
     return float(ages.max()) + actuator_delay_ms(log) if len(ages) else float("nan")
 
@@ -157,7 +158,7 @@ def _regime(log: RunLog, part: slice, average: CycleAverage) -> Regime:
 
 
 def rounded(value: float | None) -> float | None:
-    """Round for JSON: six decimals; None where there is no number."""
+    """Round to six decimals for JSON; None for NaN, infinity and None."""
     if value is None or not np.isfinite(value):
         return None
     return value if isinstance(value, int) else round(value, 6)

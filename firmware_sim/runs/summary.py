@@ -1,4 +1,4 @@
-"""A run in figures that other programs read."""
+"""The figures of a run for other programs."""
 
 from dataclasses import asdict
 from typing import Any
@@ -12,9 +12,9 @@ from firmware_sim.runs.statistics import NoAverages, averages, latency, rounded,
 
 
 def summary(log: RunLog) -> dict[str, Any]:
-    """What was measured: the figures of `stillwake run --json`. A figure that does not exist is null.
+    """Return the measured figures, as in `stillwake run --json`. A missing figure is null.
 
-    `reduction_percent` is null unless the controller was in control for all of the averaged time.
+    `reduction_percent` is null unless the controller was in control for the whole averaged time.
     """
     metadata, held, drive = log.metadata, control(log), drive_totals(log)
     return {
@@ -46,7 +46,7 @@ def summary(log: RunLog) -> dict[str, Any]:
 
 
 def whole_summary(log: RunLog) -> dict[str, Any]:
-    """The content of `summary.json`: what was measured, and everything the run was made with."""
+    """Return the content of `summary.json`: the measured figures and all properties of the run."""
     metadata = log.metadata
     return {
         **summary(log),

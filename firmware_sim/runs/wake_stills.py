@@ -1,6 +1,6 @@
-"""The wake of a run as it was: a still of its levels every few control periods, small enough to keep with every run.
+"""The recorded wake of a run: a still of its levels every few control periods, small enough to store with every run.
 
-Stills are lossy WebP in grey, level + 128. A decoder that every browser has then shows them on the report's page.
+Stills are lossy WebP in grey, level + 128, which every browser can decode for the report's page.
 """
 
 import io
@@ -25,22 +25,22 @@ from wake.pictures.level_picture import LevelPicture, Levels
 
 _SCHEMA: Final = "stillwake-wake/1"
 MOST_STILLS: Final = 640
-"""Stills of a recording; a longer run has them farther apart. 640 take about 2 MB."""
+"""Largest number of stills in a recording, about 2 MB; a longer run has larger intervals between its stills."""
 MIDDLE: Final = 128
-"""Grey of level 0."""
+"""Grey value of level 0."""
 _WEBP: Final = {"quality": 85, "method": 2}
 _SAME_TIME: Final = 1e-6
-"""t_c."""
+"""Difference in t_c up to which two times count as equal."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Scene:
-    """What stays in all stills.
+    """The common data of all stills.
 
     Attributes:
         view: x and y limits in W.
         size: width and height in pixels.
-        sensors: x and y in W of all wall sensors, by their names.
+        sensors: x and y in W of all wall sensors, by name.
     """
 
     view: View
@@ -49,7 +49,7 @@ class Scene:
 
     @classmethod
     def of(cls, picture: LevelPicture, layout: SensorLayout) -> "Scene":
-        """Scene of a plant with these sensors."""
+        """Return the scene of a plant with these sensors."""
         places = {name: (float(x), float(y)) for name, (x, y) in zip(layout.names, layout.positions, strict=True)}
         return cls(view=picture.view, size=picture.size, sensors=places)
 
@@ -59,8 +59,8 @@ class WakeStills:
     """Stills of a run.
 
     Attributes:
-        k: period of the run at whose start each still was taken, (n,), rising.
-        t: the same in t_c, (n,).
+        k: period of the run at whose start each still was taken, (n,), increasing.
+        t: time of each still in t_c, (n,).
         stills: (n,) WebP files.
     """
 
@@ -70,14 +70,14 @@ class WakeStills:
     stills: tuple[bytes, ...]
 
     def levels(self, index: int) -> Levels:
-        """Levels of a still, (height, width), within the loss of the codec."""
+        """Return the levels of a still, (height, width), within the loss of the codec."""
         with Image.open(io.BytesIO(self.stills[index])) as still:
             grey = np.asarray(still.convert("L"), dtype=np.int16)
         return np.asarray(np.clip(grey - MIDDLE, -127, 127), dtype=np.int8)
 
 
 class WakeRecorder:
-    """Keeps the stills of a run that goes on."""
+    """A recorder of stills while a run is under way."""
 
     def __init__(self, scene: Scene, periods: int) -> None:
         self._scene = scene
@@ -85,12 +85,12 @@ class WakeRecorder:
         self._kept: list[tuple[int, float, bytes]] = []
 
     def record(self, k: int, t: float, levels: Callable[[], Levels]) -> None:
-        """Keep a still at the start of period k, time t in t_c; the levels are asked for only where a still is due."""
+        """Record a still at the start of period k, time t in t_c, if one is due; only then are the levels computed."""
         if k % self._every == 0:
             self._kept.append((k, t, encode(levels())))
 
     def recorded(self) -> WakeStills:
-        """What is kept."""
+        """Return the recorded stills."""
         return WakeStills(
             scene=self._scene,
             k=np.array([k for k, _, _ in self._kept], dtype=np.int64),
@@ -100,7 +100,7 @@ class WakeRecorder:
 
 
 def encode(levels: Levels) -> bytes:
-    """(height, width) as a still."""
+    """Encode levels (height, width) as a still."""
     buffer = io.BytesIO()
     grey = np.asarray(levels.astype(np.int16) + MIDDLE, dtype=np.uint8)
     Image.fromarray(grey).save(buffer, format="WEBP", **_WEBP)
@@ -122,8 +122,8 @@ def save(path: Path, wake: WakeStills) -> None:
 
 
 def load(path: Path, log: RunLog) -> WakeStills:
-    """Read what `save` wrote, of this run. Raises StillwakeError if the file is damaged, of another schema, or its
-    times are not the series'."""
+    """Read a file written by `save` for this run. Raises StillwakeError if the file is damaged, of another schema, or
+    its times differ from the series'."""
     try:
         data = read_npz(path)
         header = strict_json.decode(data.text("header").encode())
@@ -144,7 +144,7 @@ def load(path: Path, log: RunLog) -> WakeStills:
 
 
 def _check(wake: WakeStills, total: int, log: RunLog) -> None:
-    """Raises ValueError for what contradicts itself or the run's series."""
+    """Raise ValueError if the stills contradict each other or the run's series."""
     count = len(wake.stills)
     if not count or wake.k.shape != (count,) or wake.t.shape != (count,):
         raise ValueError(f"{count} stills at {len(wake.k)} periods")

@@ -1,1 +1,1 @@
-"""Smaller networks from larger ones, and how they are judged."""
+"""Distillation of smaller networks from larger ones, and their evaluation."""

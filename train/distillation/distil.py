@@ -1,9 +1,9 @@
-"""The slim encoder: few sensors, the teacher's latents (paper, section 2.3.2).
+"""The slim encoder, which computes the teacher's latents from few sensors (paper, section 2.3.2).
 
     L_distil = 1/(B N_z) sum || z_target - z_slim ||^2
 
-The mean over the latent dimensions, as in the joint loss (`train.networks.loss.prediction_loss`), is a constant factor
-that Adam undoes. The teacher is frozen, so its latents of every window are computed once.
+The loss is the mean over the latent dimensions, as in the joint loss (`train.networks.loss.prediction_loss`). Adam's
+steps do not depend on this constant factor. The teacher is frozen, so its latents of every window are computed once.
 """
 
 import torch
@@ -20,11 +20,11 @@ from train.samples.rows import Rows
 from train.samples.sampler import SegmentSampler, add_sensor_noise
 
 _CHUNK = 1024
-"""Windows encoded at a time: their gates stay in the processor's cache."""
+"""Number of windows that are encoded together; their gates fit into the processor's cache."""
 
 
 def encode_all(encoder: Encoder, rows: Rows) -> Tensor:
-    """Latents of every full window, (n, N_z), one for each row; NaN where an episode has no L rows yet."""
+    """Compute the latents of every full window, (n, N_z), one per row; NaN for the first L - 1 rows of an episode."""
     window = encoder.window
     with torch.no_grad():
         parts = []
@@ -49,8 +49,8 @@ def distil(
 ) -> Encoder:
     """Train an encoder on the chosen sensors to reproduce the teacher's latents.
 
-    First as a stream, where 64 samples cost little more than one window does, then window by window, as it will run.
-    Returns the slim encoder in evaluation mode, on the device of `rows`.
+    The first passes read the recording as a stream, in which 64 samples cost little more than one window. The other
+    passes read windows, as on the vehicle. Returns the slim encoder in evaluation mode, on the device of `rows`.
 
     Args:
         rows: with all sensors' columns.
@@ -60,7 +60,7 @@ def distil(
     target = encode_all(teacher, rows)
     slim_rows = rows.with_sensors(chosen)
     noise = slim_rows.noise(settings.sensor_noise)
-    # No unroll here, and few inputs: sharing between neighbours would save nothing, so windows are drawn one by one.
+    # Windows are drawn one by one: without an unroll and with few inputs, sharing would save nothing.
     sampler = SegmentSampler(
         slim_rows, window=config.model.window, ahead=0, segment=1, batch_size=settings.batch_size, seed=settings.seed
     )

@@ -1,7 +1,8 @@
-"""Held-out figures (paper, section 3.1): forces read from the latents, and open-loop prediction.
+"""Figures on test episodes (paper, section 3.1): forces decoded from the latents, and open-loop prediction.
 
 R2 = 1 - sum (C - C_hat)^2 / sum (C - mean C)^2, and L1/sigma = mean |C - C_hat| / std C, both over the test
-episodes; sigma is the reference signal's. Neither depends on the scaling, so scaled forces serve.
+episodes; sigma is the reference signal's standard deviation. Neither figure depends on the scaling, so scaled forces
+are used.
 """
 
 from collections.abc import Mapping, Sequence
@@ -22,7 +23,7 @@ from train.samples.rows import Rows
 
 @dataclass(frozen=True, kw_only=True)
 class ForceError:
-    """One force, decoded from the encoder's latents without prediction."""
+    """Errors of one force that is decoded from the encoder's latents without prediction."""
 
     r2: float
     l1_over_sigma: float
@@ -30,10 +31,10 @@ class ForceError:
 
 @dataclass(frozen=True, kw_only=True)
 class RolloutError:
-    """L1/sigma after `horizon` steps of the dynamics under the true actions.
+    """L1/sigma after `horizon` steps of the dynamics with the recorded actions.
 
-    `latent` is against the same encoder's own latents at that time, averaged over dimensions with each one's
-    sigma; `drag` and `lift` are the decoded forces against the recorded ones.
+    `latent` compares with the same encoder's latents at that time, averaged over dimensions with the sigma of each.
+    `drag` and `lift` compare the decoded forces with the recorded forces.
     """
 
     horizon: int
@@ -44,25 +45,25 @@ class RolloutError:
 
 @dataclass(frozen=True, kw_only=True)
 class EncoderMetrics:
-    """How an encoder does together with the shared dynamics and decoder."""
+    """Figures of an encoder with a dynamics network and a decoder."""
 
     drag: ForceError
     lift: ForceError
     rollout: tuple[RolloutError, ...]
 
     def as_tree(self) -> dict[str, Any]:
-        """Nested plain values for JSON."""
+        """Return nested plain values for JSON."""
         return {**asdict(self), "rollout": [asdict(item) for item in self.rollout]}
 
 
 @dataclass(frozen=True, kw_only=True)
 class ModelMetrics:
-    """How a trained model does on the test episodes.
+    """Figures of a trained model on the test episodes.
 
     Attributes:
-        slim: the encoder on the chosen ones, with the teacher's dynamics and decoder.
-        slim_latent: L1/sigma of its latents against the teacher's.
-        deployed: the slim encoder with the narrower dynamics and decoder; None where there are none.
+        slim: the encoder on the chosen sensors, with the teacher's dynamics and decoder.
+        slim_latent: L1/sigma of the slim encoder's latents against the teacher's.
+        deployed: the slim encoder with the narrower dynamics and decoder; None if the model has none.
     """
 
     teacher: EncoderMetrics
@@ -71,21 +72,21 @@ class ModelMetrics:
     deployed: EncoderMetrics | None = None
 
     def as_tree(self) -> dict[str, Any]:
-        """Nested plain values for JSON; without "deployed" where that is None."""
+        """Return nested plain values for JSON; "deployed" is left out if it is None."""
         tree = {"teacher": self.teacher.as_tree(), "slim": self.slim.as_tree(), "slim_latent": self.slim_latent}
         return tree if self.deployed is None else {**tree, "deployed": self.deployed.as_tree()}
 
     @classmethod
     def from_tree(cls, tree: Mapping[str, Any]) -> "ModelMetrics":
-        """Back from `as_tree`; raises ConfigError for a tree of another form."""
+        """Read the values that `as_tree` returns; raises ConfigError for a tree of another form."""
         return typed(tree, cls)
 
 
 def evaluate_model(
     teacher: WakeModel, slim: Encoder, predictor: Predictor | None, rows: Rows, chosen: Index
 ) -> ModelMetrics:
-    """All figures of a trained model. Raises DatasetError if no episode is long enough for a window and the longest
-    horizon, or a force is constant.
+    """Compute all figures of a trained model. Raises DatasetError if no episode is long enough for a window and the
+    longest horizon, or a force is constant.
 
     Args:
         rows: test rows with all sensors' columns.
@@ -103,18 +104,18 @@ def evaluate_model(
 def evaluate(
     encoder: Encoder, predictor: Predictor | WakeModel, rows: Rows, *, horizons: Sequence[int] = HORIZONS
 ) -> EncoderMetrics:
-    """Figures of an encoder, with these dynamics and decoder, on test rows that hold its sensors' columns. Raises
-    DatasetError if no episode is long enough for a window and the longest horizon, or a force is constant."""
+    """Compute the figures of an encoder with the given dynamics and decoder, on test rows with the encoder's sensors.
+    Raises DatasetError if no episode is long enough for a window and the longest horizon, or a force is constant."""
     return evaluate_latents(encode_all(encoder, rows), predictor, rows, window=encoder.window, horizons=horizons)
 
 
 def evaluate_latents(
     latents: Tensor, predictor: Predictor | WakeModel, rows: Rows, *, window: int, horizons: Sequence[int] = HORIZONS
 ) -> EncoderMetrics:
-    """Figures of latents (n, N_z), one for each row, NaN where an episode has no window yet.
+    """Compute the figures of latents (n, N_z), one for each row, NaN for rows before an episode's first full window.
 
-    Every window of every episode counts; a roll-out starts from each that has the longest horizon ahead of it. Raises
-    DatasetError if no episode is long enough for a window and the longest horizon, or a force is constant.
+    Every window of every episode counts; a roll-out starts from every window that is followed by the longest horizon.
+    Raises DatasetError if no episode is long enough for a window and the longest horizon, or a force is constant.
     """
     dynamics, decoder = predictor.dynamics, predictor.decoder
     longest = max(horizons)
@@ -138,7 +139,7 @@ def evaluate_latents(
 
 
 def latent_error(latents: Tensor, reference: Tensor) -> float:
-    """L1/sigma of one encoder's latents (n, N_z) against another's, averaged over dimensions; NaN rows skipped."""
+    """Compute L1/sigma of an encoder's latents (n, N_z) against another's, averaged over dimensions; NaN is skipped."""
     full = ~reference[:, 0].isnan()
     error = (latents[full] - reference[full]).abs().mean(dim=0) / _sigma(reference[full])
     return error.mean().item()
@@ -161,8 +162,7 @@ def _sigma(values: Tensor) -> Tensor:
 
 
 def rollout_starts(rows: Rows, window: int, longest: int) -> Tensor:
-    """Ends of the windows that have `longest` rows of the same episode after them, (m,) indices. Raises DatasetError if
-    there is none."""
+    """Return indices (m,) of window ends followed by `longest` rows of the episode; raises DatasetError without any."""
     starts = [
         torch.arange(span.start + window - 1, span.stop - longest)
         for span in rows.spans()

@@ -1,10 +1,11 @@
-"""What a narrower predictor is taught: roll-outs of the trained one, its forces, and the slope of its cost (ours).
+"""The lessons of a narrower predictor: roll-outs of the trained predictor, its forces, and the gradient of its cost.
 
-The teacher gives a roll-out for any actions, not only for recorded ones. A quarter of the lessons take the actions
-recorded after their start, a quarter those recorded elsewhere, and half are plans on their way down the teacher's cost:
-they begin as recorded and step against its slope, as the optimiser's do.
+The teacher gives a roll-out for any actions, not only for recorded actions. A quarter of the lessons use the actions
+recorded after their start, a quarter the actions recorded elsewhere. Half are plans during a descent of the teacher's
+cost: they begin with recorded actions and take steps against the cost's gradient, like the optimiser's plans.
 
-How the controller's cost falls off along a plan: what the optimiser reads from dynamics and decoder (ours).
+The gradient of the controller's cost with respect to a plan is what the optimiser uses of dynamics and decoder. Lessons
+and gradient are the project's own, not the paper's.
 
 Shapes: B plans of H actions, N_z latent dimensions. Latents, actions and forces are standardised.
 """
@@ -26,7 +27,7 @@ from train.samples.rows import Rows
 
 
 class Predicts(Protocol):
-    """Dynamics and decoder: `train.networks.model.Predictor` or `WakeModel`."""
+    """Dynamics and decoder, as in `train.networks.model.Predictor` and `WakeModel`."""
 
     dynamics: Dynamics
     decoder: Decoder
@@ -46,13 +47,13 @@ class Prediction:
 
 
 def predict(model: Predicts, latent: Tensor, actions: Tensor) -> Prediction:
-    """Roll out from (B, N_z) latents at t under (B, H) actions at t .. t+H-1."""
+    """Roll out from latents (B, N_z) at t with actions (B, H) at t .. t+H-1."""
     latents = torch.cat([latent[None], model.dynamics.rollout(latent, actions)])
     return Prediction(latents=latents, forces=model.decoder(latents))
 
 
 def force_slope(forces: Tensor, weights: CostWeights, scaling: Scaling) -> Tensor:
-    """Derivatives of the cost's terms in the forces (paper, equations 12-15), (H, B, 2), by standardised forces.
+    """Compute the derivatives of the cost (paper, equations 12-15) with respect to the standardised forces, (H, B, 2).
     `forces` are (H, B, 2) at t+1 .. t+H, standardised."""
     mean, deviation = (forces.new_tensor(values) for values in (scaling.force_mean, scaling.force_std))
     with torch.enable_grad():
@@ -69,11 +70,12 @@ def force_slope(forces: Tensor, weights: CostWeights, scaling: Scaling) -> Tenso
 
 
 def plan_slope(prediction: Prediction, actions: Tensor, by_force: Tensor, *, differentiable: bool = False) -> Tensor:
-    """(B, H) slope of a cost along the plan, given its slope by the forces (H, B, 2) at t+1 .. t+H.
+    """Compute a cost's gradient (B, H) along the plan from its gradient with respect to the forces.
 
     Args:
-        prediction: of the actions, which it was recorded with.
-        differentiable: whether the slope itself is to be differentiated, by the networks' weights.
+        prediction: roll-out of the actions, with its autograd graph.
+        by_force: (H, B, 2) the cost's gradient with respect to the forces at t+1 .. t+H.
+        differentiable: whether the result can be differentiated with respect to the networks' weights.
     """
     (slope,) = torch.autograd.grad(
         prediction.forces[1:], actions, by_force, create_graph=differentiable, retain_graph=True
@@ -82,11 +84,11 @@ def plan_slope(prediction: Prediction, actions: Tensor, by_force: Tensor, *, dif
 
 
 _TOGETHER = 256
-"""Roll-outs of the teacher at a time."""
+"""Number of the teacher's roll-outs that are computed together."""
 _STEPS_DOWN = 16
-"""Lessons of one plan on its way down."""
+"""Number of lessons from one plan during its descent."""
 _LONGEST_STEP = 4e-3
-"""Step of a plan on its way down, in U_inf W: `_STEPS_DOWN` of half of it reach across the actions' range."""
+"""Largest step of a plan's descent, in U_inf W; the mean step is half as large, so 16 steps cover 0.032."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -96,9 +98,9 @@ class Lessons:
     Attributes:
         actions: (n, H) at t .. t+H-1.
         latents: (n, H + 1, N_z) at t .. t+H, by the teacher's dynamics.
-        forces: (n, H + 1, 2), by its decoder.
-        by_force: (n, H, 2) slope of the cost by the forces at t+1 .. t+H.
-        slope: (n, H) slope of the cost by the actions, through these forces.
+        forces: (n, H + 1, 2), by the teacher's decoder.
+        by_force: (n, H, 2) gradient of the cost with respect to the forces at t+1 .. t+H.
+        slope: (n, H) gradient of the cost with respect to the actions, through these forces.
     """
 
     actions: Tensor
@@ -111,7 +113,7 @@ class Lessons:
         return len(self.actions)
 
     def drawn(self, which: Tensor) -> "Lessons":
-        """The lessons of these numbers (B,)."""
+        """Return the lessons with the given indices (B,)."""
         return Lessons(**{item.name: getattr(self, item.name)[which] for item in fields(self)})
 
 
@@ -124,11 +126,11 @@ def teach(
     *,
     progress: Progress = silent,
 ) -> Lessons:
-    """About `config.train.predictor_lessons` lessons, the same for the same seed. Raises DatasetError if no episode is
-    long enough for a window and the horizon.
+    """Compute about `config.train.predictor_lessons` lessons, which are the same for the same seed. Raises DatasetError
+    if no episode is long enough for a window and the horizon.
 
     Args:
-        latents: (n, N_z), one for each row, of the encoder that serves on the vehicle.
+        latents: (n, N_z), one for each row, of the encoder for the vehicle.
     """
     starts = rollout_starts(rows, config.model.window, config.mpc.horizon)
     ahead = torch.arange(config.mpc.horizon, device=starts.device)

@@ -1,1 +1,1 @@
-"""One phase of training: the loop over batches, its checkpoints and its progress."""
+"""The training loop of one phase, its checkpoints and its progress reports."""

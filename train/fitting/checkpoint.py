@@ -1,4 +1,4 @@
-"""Training state on disk: written whole or not at all, and read back only into the run it came from."""
+"""Checkpoints of a training: files written completely or not at all, which only the same training can load."""
 
 import io
 import os
@@ -18,14 +18,14 @@ _WAYS: Final = "delete it, or start over with --restart"
 
 
 def save(path: Path, identity: Identity, state: Mapping[str, Any]) -> None:
-    """Write `state` (tensors and plain values) atomically; raises StillwakeError if the place cannot be written."""
+    """Write `state` (tensors and plain values) atomically; raises StillwakeError if the file cannot be written."""
     body = {
         "schema": _SCHEMA,
         "settings": identity.settings,
         "dataset_sha256": identity.dataset_sha256,
         "state": dict(state),
     }
-    # Packed in memory: torch does not report a full disk as one.
+    # The file is built in memory first, because torch gives no clear error when a disk is full.
     image = io.BytesIO()
     torch.save(body, image)
     with replacing(path) as temporary, temporary.open("wb") as file:
@@ -35,17 +35,17 @@ def save(path: Path, identity: Identity, state: Mapping[str, Any]) -> None:
 
 
 def load(path: Path, identity: Identity) -> dict[str, Any] | None:
-    """The state saved at `path`, on the CPU; None if there is no file.
+    """Load the state saved at `path`, on the CPU; None if there is no file.
 
     Raises:
-        StillwakeError: if the file is damaged or of another schema.
-        ConfigError: if it was written under other settings.
-        DatasetError: if it was written for another recording.
+        StillwakeError: the file is damaged or of another schema.
+        ConfigError: the file was written with other settings.
+        DatasetError: the file was written for another recording.
     """
     if not path.exists():
         return None
     try:
-        # weights_only: a checkpoint is data, it must not be able to run code.
+        # With weights_only, a checkpoint is data and cannot run code.
         body = torch.load(path, map_location="cpu", weights_only=True)
         schema, state = body["schema"], dict(body["state"])
     except (OSError, RuntimeError, EOFError, KeyError, TypeError, ValueError, pickle.UnpicklingError) as error:

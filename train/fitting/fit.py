@@ -1,9 +1,9 @@
 """The training loop, and the joint fit of encoder, dynamics and decoder (paper, section 2.2.4).
 
-A run is a function of configuration and recording: batches depend on the seed and the step alone, initial
-weights and dropout on a generator that is seeded here and stored in the checkpoint. A run that is interrupted
-and resumed therefore ends with the weights of one that was not (same machine and number of threads; the order
-of sums may differ elsewhere).
+A run is a function of configuration and recording. Batches depend only on the seed and the step. Initial weights and
+dropout depend on a generator that is seeded here and stored in the checkpoint. A run that is interrupted and resumed
+therefore ends with the same weights as an uninterrupted run on the same machine with the same number of threads;
+elsewhere the order of sums may differ.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -27,17 +27,17 @@ from train.samples.rows import Rows
 from train.samples.sampler import SegmentSampler
 
 REPORT_EVERY = 10
-"""Steps between progress reports: reading the loss waits for the device."""
+"""Number of steps between progress reports. They are rare because reading the loss waits for the device."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Checkpoints:
-    """Where a phase keeps its state.
+    """Where and how often a phase stores its state.
 
     Attributes:
-        folder: of the checkpoint files, one a phase.
-        identity: settings and recording the run belongs to.
-        resume: continue from what is there instead of starting over.
+        folder: folder of the checkpoint files, one per phase.
+        identity: settings and recording of the run.
+        resume: continue from existing checkpoints instead of starting over.
         every: steps between checkpoints.
     """
 
@@ -60,7 +60,7 @@ class Schedule:
 
 
 def device_named(name: str) -> torch.device:
-    """The device called "cpu" or "cuda"; raises ConfigError for another name or if CUDA is absent."""
+    """Return the device "cpu" or "cuda". Raises ConfigError for another name, or if CUDA is absent."""
     if name not in ("cpu", "cuda"):
         raise ConfigError(f"device {name!r}: must be 'cpu' or 'cuda'")
     if name == "cuda" and not torch.cuda.is_available():
@@ -70,7 +70,7 @@ def device_named(name: str) -> torch.device:
 
 @contextmanager
 def seeded(seed: int, device: torch.device) -> Iterator[None]:
-    """Torch's random numbers from `seed` inside the block; the caller's generators are left as they were."""
+    """Seed torch's random numbers inside the block; the caller's generators are restored after it."""
     with torch.random.fork_rng(devices=[device] if device.type == "cuda" else []):
         torch.manual_seed(seed)
         yield
@@ -87,9 +87,9 @@ def optimise(
 ) -> None:
     """Minimise `loss(step)["total"]` over the module's parameters with Adam, in place.
 
-    Call inside `seeded`: the generator's state is saved and restored with the checkpoint. Raises ConfigError,
-    DatasetError, StillwakeError from a checkpoint that does not fit (`train.fitting.checkpoint`); TrainingError as soon
-    as loss or weights are not finite; no checkpoint is left then.
+    Call this function inside `seeded`: the generator's state is saved and restored with the checkpoint. Raises
+    ConfigError, DatasetError or StillwakeError for a checkpoint that does not fit (`train.fitting.checkpoint`);
+    TrainingError as soon as loss or weights are not finite, and then removes the checkpoints.
     """
     optimiser = torch.optim.Adam(module.parameters(), lr=schedule.learning_rate)
     rate = _rate(optimiser, schedule)
@@ -107,7 +107,7 @@ def optimise(
         terms = loss(step)
         done = step + 1
         is_kept = checkpoints is not None and (done % checkpoints.every == 0 or done == schedule.steps)
-        # To read the loss of a GPU is to wait for it.
+        # Reading the loss of a GPU waits for the GPU.
         if terms["total"].device.type == "cpu" or done % REPORT_EVERY == 0 or is_kept:
             _check_finite(terms["total"], phase, step, schedule, checkpoints)
         optimiser.zero_grad()
@@ -136,7 +136,7 @@ def optimise(
 def _check_finite(value: Tensor, phase: Phase, step: int, schedule: Schedule, checkpoints: Checkpoints | None) -> None:
     if not torch.isfinite(value).all():
         if checkpoints is not None:
-            # The same settings would end here again.
+            # A run that continues from these checkpoints with the same settings would fail again.
             unfinished.clear(checkpoints.folder)
         raise TrainingError(
             f"{phase.label}: the loss is not finite after {step} of {schedule.steps} iterations with "
@@ -153,14 +153,14 @@ def fit_joint(
 ) -> WakeModel:
     """Train encoder, dynamics and decoder together on standardised rows; the result is in evaluation mode.
 
-    Runs on the device that holds `rows`. Raises DatasetError if an episode is too short for a window and the unroll.
+    The training runs on the device of `rows`. Raises DatasetError if an episode is too short for window and unroll.
     """
     settings, device = config.train, rows.inputs.device
     with seeded(settings.seed, device):
         model = WakeModel(rows.inputs.shape[1] - 1, config.model).to(device)
         _fit(model, rows, config.model.window, settings, Phase.FIT, progress, checkpoints)
         if settings.finish.epochs:
-            # Its fields bear the names of those they replace. It reads windows, as the vehicle will.
+            # Each field of `finish` replaces the setting of its name. The finish reads windows, as the vehicle does.
             last = replace(settings, streamed=False, **asdict(settings.finish))
             _fit(model, rows, config.model.window, last, Phase.FINISH, progress, checkpoints)
     return model

@@ -1,4 +1,4 @@
-"""What a training reports while it runs."""
+"""Progress reports of a running training."""
 
 import time
 from collections.abc import Callable, Mapping
@@ -8,10 +8,10 @@ from typing import Any, Protocol
 
 
 class Phase(StrEnum):
-    """The phases of a training, in order; a value also names the phase's checkpoint file."""
+    """The phases of a training, in order; a phase's value is also the name of its checkpoint file."""
 
     label: str
-    """The name for people."""
+    """Name of the phase for people."""
 
     FIT = "fit", "joint fit"
     FINISH = "finish", "longer unroll"
@@ -32,19 +32,19 @@ class Phase(StrEnum):
 
 
 class Progress(Protocol):
-    """Called with the phase, steps done, steps in all and the latest loss terms."""
+    """A function that receives the phase, the finished steps, all steps and the latest loss terms."""
 
     def __call__(self, phase: Phase, step: int, total: int, terms: Mapping[str, float]) -> None: ...
 
 
 def silent(phase: Phase, step: int, total: int, terms: Mapping[str, float]) -> None:
-    """A Progress that does nothing."""
+    """Ignore the progress."""
     del phase, step, total, terms
 
 
 @dataclass(kw_only=True)
 class Spent:
-    """What a phase took in this process. `cpu_s` is the CPU time of the process, `wall_s` the time on the wall."""
+    """Resources that a phase used in this process. `cpu_s` is the process's CPU time, `wall_s` the elapsed time."""
 
     steps: int = 0
     cpu_s: float = 0.0
@@ -53,7 +53,7 @@ class Spent:
 
 @dataclass(kw_only=True)
 class Stopwatch:
-    """A Progress that adds up what every phase takes. Time between two calls belongs to the phase of the later one.
+    """A Progress that adds up the time of every phase. Time between two calls belongs to the later call's phase.
 
     Attributes:
         cpu, wall: clocks, s.
@@ -68,7 +68,7 @@ class Stopwatch:
         self._last = self.cpu(), self.wall()
 
     def __call__(self, phase: Phase, step: int, total: int, terms: Mapping[str, float]) -> None:
-        """Count what has passed since the last call."""
+        """Add the time since the last call to a phase."""
         del total, terms
         now = self.cpu(), self.wall()
         one = self.spent.setdefault(phase, Spent())
@@ -78,7 +78,7 @@ class Stopwatch:
         self._last = now
 
     def figures(self) -> list[dict[str, Any]]:
-        """One entry a phase: its name, steps, CPU minutes and minutes."""
+        """Return one entry per phase: its name, steps, CPU minutes and minutes."""
         return [
             {"phase": phase.label, "steps": one.steps, "cpu_min": one.cpu_s / 60.0, "min": one.wall_s / 60.0}
             for phase, one in self.spent.items()

@@ -1,11 +1,10 @@
-"""The encoder as a stream: one LSTM step a sample, state carried on, instead of a window of L steps (ours).
+"""An encoder that reads a stream: one LSTM step per sample, state carried on, instead of L steps (our method).
 
-The networks are the windowed encoder's; what differs is the rows that the state has read. A windowed encoder starts
-from zero in every window and forgets a bad sample after L of them; a stream does 1/L of the work and remembers for as
-long as its gates let it. Training reads stretches of L - 1 + `STRETCH` rows from a zero state and counts the last
-`STRETCH` latents, so that one pass through the LSTM gives `STRETCH` samples. An encoder trained that way also reads
-windows well: it was trained on states of every age from L on. That makes it the cheap start of a windowed one
-(`train.distillation.distil`).
+The networks are those of the windowed encoder; only the rows that the state has read differ. A windowed encoder starts
+from a zero state in every window; a streamed encoder's state depends on all earlier rows, as long as its gates let it.
+Training reads stretches of L - 1 + `STRETCH` rows from a zero state and uses the last `STRETCH` latents, so that one
+pass through the LSTM gives `STRETCH` samples. An encoder trained in this way also reads windows well, because it was
+trained on states after L and more rows. So this cheaply prepares a windowed encoder (`train.distillation.distil`).
 """
 
 import torch
@@ -21,13 +20,14 @@ from train.samples.rows import Rows
 from train.samples.sampler import SegmentSampler, add_sensor_noise
 
 _MORE = 8
-"""Times the batch of windowed training: neighbouring latents resemble each other, and here they are nearly free."""
+"""Ratio of the batch size to that of windowed training. It is larger because neighbouring latents are similar, and
+additional latents cost little here."""
 
 
 def encode_stream(encoder: Encoder, rows: Rows) -> Tensor:
-    """Latents with the state carried through each episode, (n, N_z), one for each row.
+    """Compute latents with the state carried through each episode, (n, N_z), one for each row.
 
-    The first L - 1 of an episode are NaN, as in `train.distillation.distil.encode_all`: the state has settled by then.
+    The first L - 1 latents of an episode, while the state settles, are NaN as in `distil.encode_all`.
     """
     with torch.no_grad():
         parts = []
@@ -48,10 +48,10 @@ def fit_stream(
     progress: Progress = silent,
     checkpoints: Checkpoints | None = None,
 ) -> None:
-    """Train an encoder to reproduce `target`, (n, N_z) latents of the rows (its sensors' columns), read as a stream.
+    """Train an encoder to reproduce latents `target` (n, N_z) from rows of its sensors, read as a stream.
 
-    In place, over `config.train.stream_epochs`; call inside `train.fitting.fit.seeded`. Raises DatasetError if an
-    episode is too short for a window and a stretch.
+    The encoder is trained in place, over `config.train.stream_epochs`; call this function inside
+    `train.fitting.fit.seeded`. Raises DatasetError if an episode is too short for a window and a stretch.
     """
     settings, window = config.train, config.model.window
     sampler = SegmentSampler(

@@ -1,7 +1,7 @@
-"""How many threads torch may use, and whether they compute with denormal numbers.
+"""The number of torch's threads, and its treatment of denormal numbers.
 
-One by default: with other work on the machine, OpenMP's threads spin while they wait for each other, and a step was
-measured to cost ten times its CPU time with two threads. More threads change the order of sums, and so a model's bytes.
+The default is one thread: with other work on the machine, OpenMP's threads spin while they wait for each other, and a
+step with two threads was measured to use ten times the CPU time. The number changes sums, and so a model's bytes.
 """
 
 from collections.abc import Iterator
@@ -14,8 +14,7 @@ from contract.errors import ConfigError
 
 @contextmanager
 def torch_threads(count: int) -> Iterator[None]:
-    """Torch computes with so many threads inside the block; the caller's number is restored after it. Raises
-    ConfigError for a number below 1."""
+    """Set torch's number of threads inside the block and restore it after; raises ConfigError for a number below 1."""
     if count < 1:
         raise ConfigError(f"threads = {count}: must be at least 1")
     before = torch.get_num_threads()
@@ -28,12 +27,12 @@ def torch_threads(count: int) -> Iterator[None]:
 
 @contextmanager
 def without_denormals() -> Iterator[None]:
-    """Numbers too small for a full mantissa are zero inside the block, in this thread.
+    """Flush denormal numbers to zero inside the block, in this thread.
 
-    A flow of single precision and its adjoint have many, where a wave dies out. Some processors take a hundred times as
-    long for each: a gradient took three times as long (by hand, Xeon of 2.5 GHz).
+    A flow in single precision and its adjoint have many denormal numbers where a wave decays. Some processors take a
+    hundred times as long for each: a gradient took three times as long (by hand, Xeon of 2.5 GHz).
     """
-    # Torch does not tell what was set; nothing else in this program sets it.
+    # Torch cannot tell the previous setting; nothing else in this program changes it.
     torch.set_flush_denormal(True)
     try:
         yield

@@ -1,6 +1,6 @@
-"""The folder of a training that is not finished: which training it belongs to, and how far that has come.
+"""The checkpoint folder of an unfinished training, which states the training's identity and progress.
 
-It is read before torch is loaded, which takes seconds: another training's checkpoints are refused at once.
+It can be read without torch, which takes seconds to load, so that another training's checkpoints are refused at once.
 """
 
 import json
@@ -21,11 +21,11 @@ _WAYS: Final = "finish it with those, or start over with --restart"
 
 @dataclass(frozen=True, kw_only=True)
 class Identity:
-    """What a checkpoint belongs to.
+    """Identity of the training that a checkpoint belongs to.
 
     Attributes:
-        settings: canonical text of the configuration that decides the result.
-        threads: of torch. Another number is no other training: it goes on, with sums in another order.
+        settings: canonical text of the configuration that determines the result.
+        threads: number of torch's threads. With another number the training can continue, with sums in another order.
     """
 
     settings: str
@@ -36,7 +36,7 @@ class Identity:
     def of(
         cls, config: Config, dataset_sha256: str, device: str, chosen: Sequence[str] | None, threads: int = 1
     ) -> "Identity":
-        """The identity of a training with these settings.
+        """Return the identity of a training with these settings.
 
         Args:
             device: "cpu" or "cuda".
@@ -54,7 +54,7 @@ class Identity:
 
     @classmethod
     def of_refinement(cls, config: Config, dataset_sha256: str, sensors: Sequence[str], threads: int = 1) -> "Identity":
-        """The identity of a refinement (`train.refinement`) of a model that was trained with these settings."""
+        """Return the identity of a refinement (`train.refinement`) of a model that was trained with these settings."""
         settings = {
             **json.loads(cls.of(config, dataset_sha256, "cpu", sensors).settings),
             "refine": asdict(config.refine),
@@ -75,14 +75,13 @@ class Reached:
 
 
 def folder_of(output: Path) -> Path:
-    """Where the training of the model `output` keeps its checkpoints."""
+    """Return the checkpoint folder of the model `output`."""
     return output.with_name(f"{output.name}.checkpoints")
 
 
 def check(folder: Path, identity: Identity) -> Reached | None:
-    """How far the training in this folder has come; None if nothing is kept there. Raises ConfigError if the
-    checkpoints there are of other settings; the message names the first that differs; DatasetError if they are of
-    another recording."""
+    """Return the progress of the training in this folder; None if it has no checkpoints. Raises ConfigError for
+    checkpoints of other settings, with the first difference; DatasetError for those of another recording."""
     if not has_checkpoints(folder):
         return None
     label = _label(folder)
@@ -98,8 +97,7 @@ def check(folder: Path, identity: Identity) -> Reached | None:
 
 
 def note(folder: Path, identity: Identity, reached: Reached) -> None:
-    """Keep whose the folder is and how far the training has come, after a checkpoint is written. Raises StillwakeError
-    if it cannot be written."""
+    """Store the training's identity and progress after a checkpoint; raises StillwakeError if that is impossible."""
     label = {
         "settings": json.loads(identity.settings),
         "dataset_sha256": identity.dataset_sha256,
@@ -111,7 +109,7 @@ def note(folder: Path, identity: Identity, reached: Reached) -> None:
 
 
 def reached(folder: Path) -> Reached | None:
-    """The progress that was kept last; None if nothing was."""
+    """Return the progress that was stored last; None if none was stored."""
     noted = (_label(folder) or {}).get("reached", {})
     try:
         phase = next(phase for phase in Phase if phase == noted["phase"])
@@ -121,18 +119,18 @@ def reached(folder: Path) -> Reached | None:
 
 
 def threads(folder: Path) -> tuple[int, ...]:
-    """Every number of threads that torch has had in this training; empty if that was not kept."""
+    """Return every number of threads that torch has had in this training; empty if it was not stored."""
     noted = (_label(folder) or {}).get("threads")
     return tuple(noted) if isinstance(noted, list) and all(isinstance(item, int) for item in noted) else ()
 
 
 def has_checkpoints(folder: Path) -> bool:
-    """Whether a training can be continued from it."""
+    """Return whether the folder has checkpoints from which a training can continue."""
     return any(folder.glob("*.pt"))
 
 
 def clear(folder: Path) -> None:
-    """Remove all that is kept."""
+    """Remove the folder with all checkpoints."""
     shutil.rmtree(folder, ignore_errors=True)
 
 

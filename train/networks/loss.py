@@ -2,12 +2,12 @@
 
     L = L_pred + lambda_force L_force + lambda_var L_var + lambda_cov L_cov [+ lambda_decode L_decode, ours]
 
-Predicted latents come from unrolling the dynamics k steps from the encoded z_t. Their targets are the encoder's
-own latents at t+1 .. t+k, and gradients flow through them as through the predictions: the encoder learns a
-state that is predictable, and the VICReg terms, which act on the predictions, keep it from collapsing.
+The dynamics are unrolled k steps from the encoded z_t to predict latents. The targets are the encoder's own latents at
+t+1 .. t+k. Gradients flow through targets and predictions, so the encoder learns a predictable state. The VICReg terms
+act on the predictions and prevent a collapse of the latents.
 
 L_decode is L_force at h = 0, on the encoded latent itself. In the paper, forces enter through predictions only, which
-serves while these are short; over 20 steps the decoder learns to read what many steps have blurred.
+is enough for short predictions. Over 20 steps, the decoder would learn from latents that many steps have blurred.
 """
 
 from dataclasses import dataclass, fields
@@ -20,12 +20,12 @@ from train.networks.model import WakeModel
 from train.samples.sampler import Batch
 
 EPSILON = 1e-4
-"""Inside the variance term's square root, the value of VICReg's authors; in the paper only "small"."""
+"""Constant inside the variance term's square root: the value of VICReg's authors; the paper only calls it "small"."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LossTerms:
-    """Scalars; `total` is the weighted sum, the others are unweighted."""
+    """Terms of the loss, as scalars. `total` is the weighted sum; the others are unweighted."""
 
     total: Tensor
     prediction: Tensor
@@ -39,7 +39,7 @@ class LossTerms:
 
 
 def joint_loss(model: WakeModel, batch: Batch, config: TrainConfig) -> LossTerms:
-    """Loss of a batch whose segments hold W - k samples of k = `config.unroll` steps each."""
+    """Compute the loss of a batch whose segments hold W - k samples of k = `config.unroll` steps each."""
     steps = config.unroll
     encode = model.encoder.encode_stream if config.streamed else model.encoder.encode_segments
     encoded = encode(batch.inputs)
@@ -66,23 +66,23 @@ def joint_loss(model: WakeModel, batch: Batch, config: TrainConfig) -> LossTerms
 
 
 def prediction_loss(predicted: Tensor, target: Tensor) -> Tensor:
-    """Mean square over samples, steps and dimensions of latents (..., N_z).
+    """Compute the mean square error over samples, steps and dimensions of latents (..., N_z).
 
-    The paper writes the squared L2 norm, a sum over the dimensions. That is N_z = 8 times this, and against a
-    variance weight of 0.02 it collapses the latent space: all deviations near 0.02 and forces at their mean on
-    an oscillator that this mean fits to R2 0.99 within the same steps.
+    The paper writes the squared L2 norm, a sum over the dimensions, which is N_z = 8 times this mean. With a variance
+    weight of 0.02 that sum collapses the latent space: all standard deviations are near 0.02 and the forces stay at
+    their mean, on an oscillator that this mean fits to R2 0.99 within the same number of steps.
     """
     return (predicted - target).square().mean()
 
 
 def variance_loss(latents: Tensor) -> Tensor:
-    """Mean over dimensions (and leading axes) of max(0, 1 - sqrt(Var + epsilon)); latents (..., B, D)."""
+    """Compute the mean over dimensions (and leading axes) of max(0, 1 - sqrt(Var + epsilon)); latents (..., B, D)."""
     deviation = (latents.var(dim=-2) + EPSILON).sqrt()
     return nn.functional.relu(1.0 - deviation).mean()
 
 
 def covariance_loss(latents: Tensor) -> Tensor:
-    """Mean square of the off-diagonal covariances; latents (..., B, D), averaged over leading axes."""
+    """Compute the mean square of the off-diagonal covariances; latents (..., B, D), averaged over leading axes."""
     count, dimension = latents.shape[-2:]
     if dimension == 1:
         return latents.new_zeros(())

@@ -4,8 +4,8 @@
     z_{t+1}   = z_t + f_dyn(z_t, a_t)
     C_t       = f_dec(z_t)              C = (Cd, Cl)
 
-Everything here is standardised (`train.samples.rows`); shapes name B samples, L the window, F the features of a
-row, N_z the latent dimension.
+All values are standardised (`train.samples.rows`). In shapes, B is the number of samples, L the window, F the number
+of features in a row, N_z the latent dimension.
 """
 
 import torch
@@ -16,10 +16,10 @@ from train.networks.recurrence import last_hidden
 
 
 class Encoder(nn.Module):
-    """LSTM over the window, then LayerNorm and a two-layer ELU perceptron on its final hidden state.
+    """An LSTM over the window, then LayerNorm and a two-layer ELU perceptron on the LSTM's final hidden state.
 
-    The slim encoder is the same network on fewer features. The LSTM is held as `torch.nn.LSTM` for its weights
-    and initialisation, and evaluated by `train.networks.recurrence`, which shares work between overlapping windows.
+    The slim encoder is the same network with fewer features. The LSTM is a `torch.nn.LSTM` for weights and
+    initialisation. `train.networks.recurrence` evaluates it, because overlapping windows can share computations.
     """
 
     def __init__(self, sensors: int, config: ModelConfig) -> None:
@@ -31,13 +31,13 @@ class Encoder(nn.Module):
         self.output = nn.Linear(config.lstm_width, config.latent)
 
     def forward(self, windows: Tensor) -> Tensor:
-        """(B, L, F) windows -> (B, N_z) latents."""
+        """Encode windows (B, L, F) as latents (B, N_z)."""
         return self.encode_segments(windows)[:, 0]
 
     def encode_segments(self, segments: Tensor) -> Tensor:
-        """(S, R, F) stretches of rows -> (S, R - L + 1, N_z), the latents at rows L-1 .. R-1 of each."""
+        """Encode stretches of rows (S, R, F) as latents (S, R - L + 1, N_z) at rows L-1 .. R-1 of each."""
         if segments.is_cuda:
-            # cuDNN runs all steps of a window in one kernel, which beats sharing there.
+            # On a GPU, cuDNN runs all steps of a window in one kernel, which is faster than sharing between windows.
             unfolded = segments.unfold(1, self.window, 1).transpose(2, 3)
             states, _ = self.lstm(unfolded.flatten(0, 1))
             last = states[:, -1].unflatten(0, unfolded.shape[:2])
@@ -46,21 +46,21 @@ class Encoder(nn.Module):
         return self.read_out(last)
 
     def encode_stream(self, segments: Tensor) -> Tensor:
-        """Encode as `encode_segments`, with the state carried through each stretch instead of reset in every window.
+        """Encode like `encode_segments`, but with the LSTM's state carried through each stretch, not reset.
 
-        One LSTM step a row where windows take L. The latent at row k has read all rows of its stretch up to k.
+        This takes one LSTM step per row instead of L. The latent at row k depends on all rows of its stretch up to k.
         """
         hidden, _ = self.lstm(segments)
         return self.read_out(hidden[:, self.window - 1 :])
 
     def read_out(self, state: Tensor) -> Tensor:
-        """(..., H) hidden states of the LSTM -> (..., N_z) latents."""
+        """Convert the LSTM's hidden states (..., H) to latents (..., N_z)."""
         latent: Tensor = self.output(nn.functional.elu(self.hidden(self.norm(state))))
         return latent
 
 
 class Dynamics(nn.Module):
-    """Residual perceptron in latent space: z + f(z, a), one control period ahead."""
+    """A residual perceptron in latent space: z + f(z, a), one control period ahead."""
 
     def __init__(self, config: ModelConfig) -> None:
         super().__init__()
@@ -72,7 +72,7 @@ class Dynamics(nn.Module):
         self.output = nn.Linear(width, config.latent)
 
     def forward(self, latent: Tensor, action: Tensor) -> Tensor:
-        """(..., N_z) latents at t and (...,) actions commanded at t -> (..., N_z) latents at t + 1."""
+        """Predict latents (..., N_z) at t + 1 from latents (..., N_z) at t and actions (...,) commanded at t."""
         x = torch.cat([latent, action[..., None]], dim=-1)
         x = nn.functional.elu(self.norm_in(self.input(x)))
         x = nn.functional.elu(self.norm_hidden(self.hidden(x)))
@@ -80,7 +80,7 @@ class Dynamics(nn.Module):
         return latent + change
 
     def rollout(self, latent: Tensor, actions: Tensor) -> Tensor:
-        """(..., N_z) latents at t and (..., h) actions at t .. t+h-1 -> (h, ..., N_z) latents at t+1 .. t+h."""
+        """Predict latents (h, ..., N_z) at t+1 .. t+h from latents (..., N_z) at t and actions (..., h) from t on."""
         states = []
         for action in actions.unbind(-1):
             latent = self(latent, action)
@@ -89,7 +89,7 @@ class Dynamics(nn.Module):
 
 
 class ResidualBlock(nn.Module):
-    """x + Dropout(ELU(LayerNorm(Linear(x)))), any shape (..., width)."""
+    """x + Dropout(ELU(LayerNorm(Linear(x)))), for any shape (..., width)."""
 
     def __init__(self, width: int, dropout: float) -> None:
         super().__init__()
@@ -103,7 +103,7 @@ class ResidualBlock(nn.Module):
 
 
 class Decoder(nn.Module):
-    """Residual perceptron from a latent to the forces."""
+    """A residual perceptron from a latent to the forces."""
 
     def __init__(self, config: ModelConfig) -> None:
         super().__init__()
@@ -114,7 +114,7 @@ class Decoder(nn.Module):
         self.output = nn.Linear(config.decoder_width, 2)
 
     def forward(self, latent: Tensor) -> Tensor:
-        """(..., N_z) latents -> (..., 2) scaled (Cd, Cl)."""
+        """Compute the scaled forces (..., 2), Cd and Cl, from latents (..., N_z)."""
         x: Tensor = self.input(latent)
         for block in self.blocks:
             x = block(x)
@@ -123,7 +123,7 @@ class Decoder(nn.Module):
 
 
 class Predictor(nn.Module):
-    """What the optimiser rolls out: dynamics and decoder."""
+    """The networks that the optimiser rolls out: dynamics and decoder."""
 
     def __init__(self, config: ModelConfig) -> None:
         super().__init__()
@@ -132,7 +132,7 @@ class Predictor(nn.Module):
 
 
 class WakeModel(nn.Module):
-    """The three networks that are trained together."""
+    """The three networks that are trained together: encoder, dynamics and decoder."""
 
     def __init__(self, sensors: int, config: ModelConfig) -> None:
         super().__init__()

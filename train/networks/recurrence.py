@@ -1,14 +1,14 @@
-"""One LSTM over many overlapping windows, without repeating what the windows share.
+"""An LSTM over many overlapping windows that computes their shared parts only once.
 
-Consecutive windows of L rows overlap in all but one row, so their input projections W_ih x_k + b are computed
-once a row, and only the recurrence, which starts from zero in every window, runs window by window. The
-arithmetic is that of `torch.nn.LSTM` (gate order i, f, g, o; weights in its layout), with p the projected row:
+Consecutive windows of L rows overlap in all rows but one. So their input projections W_ih x_k + b are computed once per
+row. Only the recurrence, which starts from zero in every window, runs for each window. The arithmetic is that of
+`torch.nn.LSTM` (gate order i, f, g, o; weights in its layout), with p the projected row:
 
     (i, f, o) = sigmoid(p + W_hh h),  g = tanh(p + W_hh h),  c' = f c + i g,  h' = o tanh(c')
 
-The backward pass is written out: it adds each window's gradient straight into the row it came from, in place,
-where autograd would build and walk a graph of some 400 small nodes. Inside, the layout is gates x windows, so
-that each gate and each run of windows is contiguous in memory.
+The backward pass is written by hand: it adds each window's gradient in place to the row that the gradient belongs to.
+Autograd would build and traverse a graph of some 400 small nodes. Internally, the layout is gates x windows, so that
+each gate and each run of windows is contiguous in memory.
 """
 
 from typing import Any
@@ -21,8 +21,8 @@ from torch.autograd.function import once_differentiable
 def last_hidden(
     segments: Tensor, window: int, weight_ih: Tensor, weight_hh: Tensor, bias_ih: Tensor, bias_hh: Tensor
 ) -> Tensor:
-    """Final hidden state of the LSTM over every window of every segment. Returns (S, R - L + 1, H): entry w of a
-    segment is the state after rows w .. w + L - 1, starting from zero.
+    """Compute the final hidden state of the LSTM over every window of every segment. Returns (S, R - L + 1, H): entry w
+    of a segment is the state after rows w .. w + L - 1, starting from zero.
 
     Args:
         segments: (S, R, F), S stretches of R consecutive rows of F features.
@@ -40,7 +40,8 @@ def last_hidden(
 
 
 class _Recurrence(torch.autograd.Function):
-    """(4H, R, S) projected rows, (4H, H) recurrent weights -> (H, W S) final hidden states, W = R - L + 1."""
+    """The recurrence with its backward pass: from projected rows (4H, R, S) and recurrent weights (4H, H) to final
+    hidden states (H, W S), W = R - L + 1."""
 
     @staticmethod
     def forward(ctx: Any, projected: Tensor, weight: Tensor, window: int) -> Tensor:
@@ -84,9 +85,9 @@ class _Recurrence(torch.autograd.Function):
 
 
 def _forward(projected: Tensor, weight: Tensor, window: int, *, keep: bool) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-    """Gates, cells, hidden states and tanh(c), of every step if `keep`, else only of the last.
+    """Return gates, cells, hidden states and tanh(c), for every step if `keep`, otherwise for the last step only.
 
-    Shapes (L, 4H, N), (L + 1, H, N), (L + 1, H, N), (L, H, N) with N = W S windows; (1, ...) all four if not kept.
+    Shapes are (L, 4H, N), (L + 1, H, N), (L + 1, H, N), (L, H, N) with N = W S windows; without `keep`, (1, ...).
     """
     (gate_rows, rows, count), width = projected.shape, weight.shape[1]
     size = (rows - window + 1) * count

@@ -1,1 +1,1 @@
-"""The prior of the plan, trained through the flow in closed loop."""
+"""Training of the plan's prior in closed loop, with gradients through the flow."""

@@ -1,10 +1,9 @@
-"""The feedback that becomes the prior of the plan: memory in, next action out, odd in the mirror image.
+"""The feedback that becomes the prior of the plan: from a memory of rows to the next action, odd in the mirror image.
 
-The memory is reduced by fixed filters: the newest rows each by itself, then means under bumps that widen with age. What
-is learned is a layer of tanh units on the filtered differences and actions, and how that layer is scheduled: by the
-vehicle's speed, by the goal (`contract.controller.goal`), and by the filtered sums of the mirrored sensors. On the
-vehicle the filters stand in front of it as here (`export.program.weights.PriorWeights`), so that a second layer costs
-little.
+Fixed filters reduce the memory: the newest rows are used one by one, older rows as means under bumps that widen with
+age. The trained part is a layer of tanh units on the filtered differences and actions, and the scheduling of that
+layer. The layer is scheduled by the vehicle's speed, by the goal (`contract.controller.goal`), and by the filtered sums
+of the mirrored sensors. The vehicle uses the same filters before the layer (`export.program.weights.PriorWeights`).
 """
 
 from collections.abc import Mapping, Sequence
@@ -18,23 +17,23 @@ from contract.arrays import Array
 from contract.controller.goal import OWN, SCHEDULED, SPEED_SCALE, Goal, schedule
 
 NEWEST: Final = 10
-"""Rows that count each by itself: two convective times."""
+"""Number of newest rows that are used one by one: two convective times."""
 BUMPS: Final = 10
-"""Means over what is older."""
+"""Number of means over older rows."""
 FIRST_PAIR, OTHER_PAIRS = 1.7, 0.56
-"""Scales of the first pair's difference and of each other pair's, in recorded deviations of one of its sensors."""
+"""Scales of the first pair's and the other pairs' differences, in recorded deviations of one of the two sensors."""
 ACTION: Final = 2.0 / 3.0
 """Scale of the action, as a share of its limit."""
 SUM: Final = 0.3
-"""Scale of a pair's sum in Cp, less its mean: between the developed wake and the steady one it changes by 0.4, behind
-the truck as behind a square cylinder."""
+"""Scale of a pair's sum in Cp, after its mean is subtracted. Between the developed and the steady wake the sum changes
+by 0.4, behind the truck and also behind a square cylinder."""
 
 
 def scales_of(deviations: Sequence[float], limit: float) -> tuple[float, ...]:
     """Return a scale for each column of a row: p differences, then the action.
 
     Args:
-        deviations: (p,) of the recorded Cp of one sensor of each pair.
+        deviations: (p,) standard deviations of the recorded Cp of one sensor of each pair.
         limit: bound on |a|.
     """
     first, *others = deviations
@@ -42,7 +41,7 @@ def scales_of(deviations: Sequence[float], limit: float) -> tuple[float, ...]:
 
 
 def filters(memory: int) -> Tensor:
-    """(M, filters) of weights by row, oldest row first; in a short memory every row counts by itself."""
+    """Return the filter weights (M, filters), oldest row first; in a short memory every row is used on its own."""
     age = np.arange(memory)[::-1]
     is_long = memory > NEWEST + BUMPS
     columns = [(age == row).astype(np.float64) for row in range(NEWEST if is_long else memory)]
@@ -56,18 +55,19 @@ def filters(memory: int) -> Tensor:
 class Feedback(nn.Module):
     """a_{t+1} = (1 - limit / 2) A tanh(output . (1 + tanh(gate . (s, sums))) tanh((first . s) . rows)).
 
-    Here A is the release's limit and s = (1, scaled speed, effort, lift, limit) what schedules: the goal's parts are
-    those of `contract.controller.goal`, each from 0 to 1. Rows are the filtered differences and actions, sums the
-    filtered sums of the pairs; the mirror image turns the sign of the rows and leaves the sums, so the action turns its
-    sign exactly. The feedback begins as no control, because `output` is zero, and as one that is not scheduled.
+    A is the release's limit. s = (1, scaled speed, effort, lift, limit) are the scheduling inputs; the goal's parts
+    effort, lift and limit are those of `contract.controller.goal`, each from 0 to 1. `rows` are the filtered
+    differences and actions, `sums` the filtered sums of the pairs. The mirror image changes the sign of the rows and
+    not of the sums, so the action changes its sign exactly. Initially the feedback gives no control, because `output`
+    is zero, and is not scheduled.
 
     Args:
-        memory: M, rows (differences, sums, action) that it reads.
-        units: of the hidden layer.
+        memory: M, number of rows (differences, sums, action) that the feedback reads.
+        units: number of units of the hidden layer.
         scales: of the p differences and the action.
-        middles: (p,) of the sums, in Cp.
+        middles: (p,) means of the sums, in Cp.
         limit: A, bound on |a|, in U_inf W.
-        seed: of the first weights.
+        seed: random seed of the initial weights.
     """
 
     def __init__(
@@ -89,16 +89,16 @@ class Feedback(nn.Module):
 
     @property
     def memory(self) -> int:
-        """M."""
+        """M, the number of rows."""
         return len(self._filters)
 
     @property
     def pairs(self) -> int:
-        """p."""
+        """p, the number of pairs."""
         return len(self.middles)
 
     def forward(self, rows: Tensor, speed: float = 1.0, goal: Goal = OWN) -> Tensor:
-        """The next action from rows (M, 2 p + 1), oldest first, at a speed in design speeds, for a goal."""
+        """Compute the next action from rows (M, 2 p + 1), oldest first; the speed is in design speeds."""
         pairs = self.pairs
         odd = torch.cat([rows[:, :pairs], rows[:, -1:]], dim=1) / self._scales
         even = (rows[:, pairs:-1] - self.middles) / SUM
@@ -110,9 +110,9 @@ class Feedback(nn.Module):
         return action
 
     def begin_with(self, prior: Mapping[str, Array]) -> None:
-        """Take the weights of a prior that `as_prior` made, or of release 1.0.0, which knows no goal and no sums.
+        """Load the weights of a prior from `as_prior`, or from release 1.0.0, which has no goal and no sums.
 
-        Where it has fewer units than there are here, the others stay as they are.
+        If the prior has fewer units than this feedback, the other units stay unchanged.
         """
         units, pairs, count = len(prior["output"]), self.pairs, self._filters.shape[1]
         first, gate, sums = prior["first"], prior.get("gate"), prior.get("sums")
@@ -130,7 +130,7 @@ class Feedback(nn.Module):
             self.gate[:, :units] = torch.from_numpy(np.hstack([gate, SUM * by_sum]).T.copy())
 
     def as_prior(self) -> dict[str, Array]:
-        """What a prior takes of it, with scales and middles folded in: all tensors but the predictor."""
+        """Return the tensors of a prior except its predictor, with scales and means included in the weights."""
         count, scheduled = self._filters.shape[1], len(SCHEDULED)
         first, gate = self.first.detach().numpy(), self.gate.detach().numpy()
         by_unit = np.moveaxis(first.reshape(scheduled, count, len(self._scales), -1), -1, 1)

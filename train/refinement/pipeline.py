@@ -1,4 +1,4 @@
-"""The way from a trained model to one with a prior: its sensors' encoder, training through the flow, prediction."""
+"""The refinement of a trained model: distillation for its sensors, training through the flow, predictor."""
 
 import hashlib
 import shutil
@@ -50,31 +50,29 @@ def refine_model(
     resume: bool = True,
     threads: int = 1,
 ) -> tuple[TrainedModel, int]:
-    """Give a model a prior of the plan, and store it at `output`.
+    """Train a prior of the plan for a model, and store the model at `output`.
 
-    A prior that the model has already, of these sizes and sensors, is where the training begins.
-
-    Where the model has other sensors, its slim encoder is distilled for these first, and the slim dynamics and decoder
-    for that encoder; the teacher stays. State is kept in `<output>.checkpoints` while it lasts.
+    If the model already has a prior of these sizes and sensors, the training begins with that prior. If the model has
+    other sensors, its slim encoder is first distilled for these sensors, and the slim dynamics and decoder for that
+    encoder; the teacher stays. The state is stored in `<output>.checkpoints` during the run.
 
     Args:
-        model: trained, whose other settings the result keeps.
-        dataset_path: the recording that it was fitted to.
-        config: with the settings of the refinement, its seed (`train.seed`), and those of the controller that the
-            result is exported with.
+        model: trained model; the result has its other settings.
+        dataset_path: recording that the model was fitted to.
+        config: settings of the refinement, its seed (`train.seed`), and the settings of the exported controller.
         sensors: pairs of mirror images.
-        flow: from these sensors to the plant and to developed wakes without jets, one for each stream.
-        workers: run the stretches of an update side by side; one after the other without.
+        flow: returns, for these sensors, the plant and developed wakes without jets, one for each stream.
+        workers: runs the stretches of an update in parallel; without it they run one after the other.
         resume: continue an interrupted run; if False, start over.
-        threads: of torch.
+        threads: number of torch's threads.
 
     Returns:
-        The stored model, and the control periods that the plant was run for.
+        The stored model, and the number of control periods that the plant was run for.
 
     Raises:
         DatasetError: the recording is another one, or the sensors are no pairs of mirror images.
         PlantError: the flow diverged.
-        StillwakeError: a place cannot be written.
+        StillwakeError: a file cannot be written.
     """
     check_pairs(model.layout, sensors)
     model_folder.check_free(output)
@@ -121,7 +119,7 @@ def refine_model(
 
 
 def resting_by_speed(flow: DifferentiableFlow, start: FlowState, settings: Config, progress: Progress) -> Array | None:
-    """(K, 3): speeds of a range that is trained for, and there base and swing of the wake without jets."""
+    """Return speed, base pressure and swing of the wake without jets, (K, 3); None for a single training speed."""
     slowest, fastest = settings.refine.slowest, settings.refine.fastest
     if slowest == fastest:
         return None
@@ -138,7 +136,7 @@ def resting_by_speed(flow: DifferentiableFlow, start: FlowState, settings: Confi
 def _begun(
     settings: Config, scales: tuple[float, ...], middles: tuple[float, ...], prior: Mapping[str, Array] | None
 ) -> Feedback:
-    """The feedback as it begins: as the model's prior if that fits into its sizes, else as no control."""
+    """Return the initial feedback: the model's prior if it fits the sizes, otherwise a feedback without control."""
     size = settings.refine
     made = Feedback(size.memory, size.units, scales, middles, settings.flow.action_limit, settings.train.seed)
     if prior is None or "filters" not in prior:

@@ -1,9 +1,9 @@
-"""What the plan's prior predicts differences with: an autoregressive model with the action as input (ARX).
+"""The prior's predictor of pressure differences: an autoregressive model with the action as input (ARX).
 
     y_{k+1} = sum over i = 0 .. M-1 of  C_i (y_{k-i}, a_{k-i})
 
-Differences y of mirrored sensors and actions a turn their sign with the mirror image of a flow. A linear model without
-a constant term does as well: it has this symmetry exactly, and mirror images add nothing to a fit.
+Differences y of mirrored sensors and actions a change their sign in the mirror image of a flow. So does the output of a
+linear model without a constant term. Its symmetry is exact, so mirror images would add nothing to a fit.
 """
 
 from collections.abc import Sequence
@@ -17,15 +17,15 @@ from contract.errors import DatasetError, StillwakeError
 from contract.sensor_layout import SensorLayout
 
 PREDICTOR_RIDGE: Final = 1e-6
-"""The ridge of the regression, as a part of the regressors' mean squares."""
+"""Ridge of the regression, relative to the mean squares of the regressors."""
 _CHUNK: Final = 20_000
-"""Regressors that are held at once."""
+"""Number of rows of regressors in memory at a time."""
 
 
 def check_pairs(layout: SensorLayout, sensors: Sequence[str]) -> None:
-    """Raise unless the sensors are pairs of mirror images, one after the other. Raises ConfigError if a name does
-    not exist, or is given twice; DatasetError if two of a pair are not mirror images of each other; the message
-    names them."""
+    """Check that the sensors are pairs of mirror images, one pair after the other. Raises ConfigError if a name does
+    not exist or is given twice; DatasetError if the two sensors of a pair are not mirror images of each other. The
+    message states the sensors."""
     if layout.mirror is None:
         raise DatasetError("the sensors have no mirror images: a prior reads differences between such")
     columns = layout.indices(sensors)
@@ -40,12 +40,11 @@ def check_pairs(layout: SensorLayout, sensors: Sequence[str]) -> None:
 
 
 def predictor(stretches: Sequence[Array], memory: int) -> Array:
-    """(p, M, p + 1): the next differences from M rows, oldest first, by ridge regression on what was seen.
-
-    Raises StillwakeError if there are fewer steps than coefficients of a row, or a regressor never changes.
+    """Fit the coefficients (p, M, p + 1) that predict the next differences from M rows, oldest first, by ridge
+    regression. Raises StillwakeError for fewer steps than coefficients, or a regressor that is always zero.
 
     Args:
-        stretches: (n, p + 1) each, row k is (y_k, a_k); none is fitted across its end.
+        stretches: (n, p + 1) each; row k is (y_k, a_k). No fit crosses the end of a stretch.
         memory: M.
     """
     columns = stretches[0].shape[1]

@@ -1,9 +1,10 @@
-"""Train the feedback through the flow: one stretch at a time from streams that go on under it, Adam, averaged weights.
+"""Training of the feedback through the flow with Adam and averaged weights. Each update uses stretches of streams,
+which are flows that continue under the feedback.
 
 A stretch is about as long as the flow takes from the jets to the far end of the bubble and back to the base. Its
-gradient is exact; what lies beyond it is left out, and the price of motion in the far wake stands for that. Streams
-begin in the developed wake and begin again after some stretches, not all at once, so that the feedback keeps meeting
-both the way down and where it leads.
+gradient is exact. Effects after its end are left out; the cost of motion in the far wake represents them. Streams begin
+in the developed wake and restart after some stretches, at different times, so that the training always includes both
+the transient from the developed wake and the controlled wake.
 """
 
 from collections.abc import Callable, Sequence
@@ -28,36 +29,36 @@ from train.refinement.stretches import Done, SideBySide, Task, done
 from train.refinement.windows import Price, Stream, StretchReadings
 
 LARGEST_GRADIENT: Final = 0.5
-"""Norm to which a gradient is cut: single stretches have some that are ten times the others'."""
+"""Norm to which a stretch's gradient is clipped; single stretches have gradients ten times as large as the others'."""
 MEAN_OVER: Final = 30
-"""Updates over which weights are averaged and keep a share of 1 / e."""
+"""Number of updates in the exponential mean of the weights, after which a weight's share is 1 / e."""
 KEEP_EVERY: Final = 5
 SPEED_CHANGE: Final = 0.25
-"""How far towards any other speed a stretch goes, every second time."""
+"""Share of the distance to a random speed by which a stretch changes its speed; a random half of them does."""
 AT_DESIGN: Final = 3
-"""One in so many streams stays at the design speed, where a release is judged first."""
+"""Ratio of all streams to those that stay at the design speed, at which a release is tested first."""
 GOAL_OVER: Final = 3
-"""Stretches for which a stream has the same goal: the wake needs about one to answer."""
+"""Number of stretches for which a stream has the same goal; the wake takes about one stretch to respond."""
 SOUND: Final = 0.5
-"""Share of stretches whose speed is told rightly, of those without lost frames, and of each part of a goal at the
-settings' own."""
+"""Share of stretches with the true speed, of those without lost frames, and of configured values in drawn goals."""
 LAST_ROWS: Final = 20_000
-"""Control periods that the predictor of differences is fitted to, the newest."""
+"""Number of control periods, the newest, to which the predictor of differences is fitted."""
 NEAR_DESIGN: Final = 0.1
-"""How far from the design speed they may be, in design speeds. One linear predictor for speeds from 0.6 to 1.4 erred by
-0.063 in Cp over eight steps where one for the design speed errs by 0.035 (by hand, truck-wake-8), and the jets of a
-compensated delay of twelve periods locked onto the wake."""
+"""Largest distance from the design speed of the periods in that fit, in units of the design speed. One linear predictor
+for speeds from 0.6 to 1.4 had an error of 0.063 in Cp over eight steps; a predictor for the design speed has 0.035 (by
+hand, truck-wake-8). With the first predictor and a compensated delay of twelve periods, the jets locked onto the wake.
+"""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Refined:
-    """What came of it.
+    """Result of the refinement.
 
     Attributes:
         feedback: with averaged weights.
-        stretches: rows (n, p + 1) of differences and actions of the last stretches near the design speed, each by
-            itself; of the last ones at any speed where there are none.
-        periods: control periods with the plant.
+        stretches: rows (n, p + 1) of differences and actions, for each of the last stretches near the design speed; if
+            there are none, for the last stretches at any speed.
+        periods: number of control periods that the plant was run for.
     """
 
     feedback: Feedback
@@ -133,14 +134,15 @@ def refine(
     progress: Progress = silent,
     checkpoints: Checkpoints | None = None,
 ) -> Refined:
-    """Train, or go on with a training that was stopped.
+    """Train the feedback, or continue an interrupted training.
 
     Args:
-        make: the feedback as it begins.
+        make: returns the initial feedback.
         starts: developed wakes without jets, one for each stream.
-        deviations: (2 p,) of the sensors' Cp, which sensor noise is counted in.
-        side_by_side: runs an update's stretches; one after the other on `flow` without.
-        seed: of noise and starts. An update draws by its number, so that a resumed training draws the same.
+        deviations: (2 p,) standard deviations of the sensors' Cp, which are the unit of sensor noise.
+        side_by_side: runs an update's stretches; without it they run one after the other on `flow`.
+        seed: random seed of noise and starts. Each update's draws depend only on the seed and its number, so that a
+            resumed training has the same draws.
 
     Raises:
         PlantError: the flow diverged, or a stretch is too long for the tape's memory.
@@ -173,7 +175,7 @@ def refine(
 def _tasks(
     run: _Training, starts: Sequence[FlowState], settings: RefineConfig, deviations: Array, rng: np.random.Generator
 ) -> list[Task]:
-    """The stretches that the next update rests on; streams that are long enough begin again."""
+    """Prepare the stretches of the next update. Streams that have run long enough restart."""
     course = run.done / settings.updates
     periods = round(settings.shortest + (settings.longest - settings.shortest) * min(1.0, 2.0 * course))
     tasks = []
@@ -204,32 +206,32 @@ def _tasks(
 
 
 def _next_goal(settings: RefineConfig, rng: np.random.Generator) -> Goal:
-    """The settings' own, or with some of its parts anywhere in the range."""
+    """Return the configured goal, or a goal with some parts drawn from the whole range."""
     own = Goal.of(CostWeights(lift=settings.lift_price, effort=settings.effort_price))
     drawn, others = rng.random(len(own)), rng.random(len(own)) > SOUND
     return Goal(*np.where(others, drawn, own).tolist()) if settings.goals else own
 
 
 def _readings(settings: RefineConfig, deviations: Array, speeds: Array, rng: np.random.Generator) -> StretchReadings:
-    """Draw what the sensors, the speed and the frames of a stretch do wrong; `speeds` (n,) are the flow's own."""
+    """Draw the errors of sensors, speed and frames in a stretch; `speeds` (n,) are the flow's speeds."""
     periods = len(speeds)
-    # Squares of uniform draws make little noise frequent.
+    # The square of a uniform draw makes little noise frequent.
     scale = settings.sensor_noise * rng.random() ** 2
     noise = scale * deviations * rng.standard_normal((periods, len(deviations)))
-    # Of pairs: an offset of a difference would be a steady lift that is not there.
+    # Both sensors of a pair get the same offset, because an offset of their difference would look like a steady lift.
     noise += np.repeat(settings.offset * rng.standard_normal(len(deviations) // 2), 2)
     told, share = rng.uniform(-1.0, 1.0) * (rng.random() > SOUND), rng.random() * (rng.random() > SOUND)
     return StretchReadings(
         noise=noise,
-        # As the ECU does: a speed beyond the range is taken for its end.
+        # A speed outside the range is replaced by the end of the range, as in the ECU.
         told=np.clip((1.0 + settings.speed_error * told) * speeds, settings.slowest, settings.fastest) / speeds,
         lost=rng.random(periods) < settings.loss * share,
     )
 
 
 def _next_speed(stream: Stream, settings: RefineConfig, rng: np.random.Generator) -> float:
-    """The speed at which a stretch ends: any at first, then mostly about the same."""
-    # Beyond the ends too, and back to them: so that these are met as often as what lies between.
+    """Return the speed at a stretch's end: any speed in a stream's first stretch, then mostly about the same."""
+    # The draw extends beyond the range and is clipped, so that the ends occur as often as speeds between.
     beyond = 0.3 * (settings.fastest - settings.slowest)
     anywhere = rng.uniform(settings.slowest - beyond, settings.fastest + beyond)
     anywhere = float(np.clip(anywhere, settings.slowest, settings.fastest))
@@ -262,6 +264,6 @@ def _update(run: _Training, results: Sequence[Done], settings: RefineConfig, pro
 
 
 def _cut(gradients: Sequence[Tensor]) -> list[Tensor]:
-    """A stretch's gradient, no longer than the largest allowed."""
+    """Return a stretch's gradient, clipped to the largest norm."""
     norm = float(torch.stack([one.norm() for one in gradients]).norm())
     return [one * min(1.0, LARGEST_GRADIENT / (norm + 1e-6)) for one in gradients]

@@ -1,4 +1,4 @@
-"""The stretches that an update rests on, as values: computed in this process, or side by side in others."""
+"""The stretches of an update as values, which can be computed in this process or in parallel processes."""
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -17,7 +17,7 @@ from train.refinement.windows import Price, Stream, Stretch, StretchReadings, di
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Task:
-    """A stretch to be run.
+    """A stretch that will be run.
 
     Attributes:
         number: of its stream.
@@ -35,10 +35,10 @@ class Task:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Done:
-    """A stretch that was run.
+    """A stretch that has been run.
 
     Attributes:
-        stream: as it goes on.
+        stream: the stream after the stretch.
         gradients: of the feedback's parameters, in their order.
     """
 
@@ -64,18 +64,18 @@ def done(task: Task, flow: DifferentiableFlow) -> Done:
 
 @contextmanager
 def side_by_side(workers: int, flow: Callable[[], DifferentiableFlow]) -> Iterator[SideBySide]:
-    """Processes that each have a plant of their own, made by `flow`."""
+    """Start processes that each have their own plant, which `flow` creates."""
     with process_pool(workers, partial(_begin, flow)) as pool:
         yield lambda tasks: list(pool.map(_run, tasks))
 
 
 _FLOW: list[DifferentiableFlow] = []
-"""The flow of a worker's process."""
+"""The plant of a worker process."""
 
 
 def _begin(flow: Callable[[], DifferentiableFlow]) -> None:
     torch.set_num_threads(1)
-    # For good, as `without_denormals` for a while.
+    # The setting stays for the life of the process, unlike in `without_denormals`.
     torch.set_flush_denormal(True)
     _FLOW.append(flow())
 

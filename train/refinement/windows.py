@@ -1,4 +1,4 @@
-"""The gradient of a stretch of closed loop, feedback and flow together, and the streams that stretches are cut from."""
+"""The gradient of a closed-loop stretch through feedback and flow, and the streams from which stretches are cut."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,16 +17,16 @@ from contract.differentiable import DifferentiableFlow, FlowState, Seen
 from train.refinement.feedback import Feedback
 
 ROUNDED: Final = 0.05
-"""The Cl at which the slope of its magnitude turns. A sign would let every period near zero count in full."""
+"""Scale of Cl within which the gradient of its magnitude is smoothed. A sign function would jump at zero."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Price:
-    """What a period costs: Cd + lift |Cl| + motion Uy^2 + effort a^2.
+    """Weights of the cost of a period, Cd + lift |Cl| + motion Uy^2 + effort a^2.
 
     Attributes:
-        lift: of the magnitude of the lift coefficient, which is rounded off within `ROUNDED`.
-        motion: of the squared transverse velocity at the wake probe, which foretells drag that lies beyond the stretch.
+        lift: of the magnitude of the lift coefficient, which is smoothed within `ROUNDED`.
+        motion: of the squared transverse velocity at the wake probe, which indicates drag after the end of the stretch.
         effort: of the squared action in force.
     """
 
@@ -37,12 +37,12 @@ class Price:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class StretchReadings:
-    """What stands between the flow and the feedback in a stretch of n periods.
+    """The errors between flow and feedback in a stretch of n periods.
 
     Attributes:
-        noise: (n, 2 p), what is added to the sensors' Cp, in pairs of mirror images.
-        told: (n,) the speed that the feedback is told, over the flow's own.
-        lost: (n,) whether a period's pressures do not come: the last ones stand for them, and the command stays.
+        noise: (n, 2 p), added to the sensors' Cp, in pairs of mirror images.
+        told: (n,) ratio of the speed that the feedback receives to the flow's speed.
+        lost: (n,) whether a period's pressures are lost; the last pressures then replace them, and the command stays.
     """
 
     noise: Array
@@ -51,23 +51,23 @@ class StretchReadings:
 
     @classmethod
     def plain(cls, periods: int, pairs: int) -> Self:
-        """The flow as it is."""
+        """Return readings without errors."""
         return cls(noise=np.zeros((periods, 2 * pairs)), told=np.ones(periods), lost=np.zeros(periods, dtype=bool))
 
 
 @dataclass(kw_only=True, eq=False)
 class Stream:
-    """A flow under the feedback, from stretch to stretch.
+    """A flow that the feedback controls over several stretches.
 
     Attributes:
-        state: where it stands.
-        rows: (n, 2 p + 1) of differences, of sums and of the action that each period began, oldest first; the present
-            row is still to come. n is the feedback's memory M at the design speed and above, more for slower ones.
-        speeds: (n,) of these rows, in design speeds, as the feedback was told them.
-        speed: at which it stands.
+        state: present state of the flow.
+        rows: (n, 2 p + 1) of differences, of sums and of the action that began in each period, oldest first; the
+            present sample's row is added later. n is the memory M, more if the speed may be below the design speed.
+        speeds: (n,) speeds of these rows that the feedback received, in units of the design speed.
+        speed: present speed.
         committed: the action of the period that begins, in units of the design speed.
-        stretches: that it has run.
-        goal: of the feedback, from 0 to 1 each (`contract.controller.goal.Goal`).
+        stretches: number of stretches that it has run.
+        goal: goal of the feedback, each part from 0 to 1 (`contract.controller.goal.Goal`).
     """
 
     state: FlowState
@@ -80,7 +80,7 @@ class Stream:
 
     @classmethod
     def begun(cls, state: FlowState, feedback: Feedback, slowest: float = 1.0) -> Self:
-        """A window of a flow without jets at the design speed; `slowest` is the least speed to come."""
+        """Begin a stream without jets at the design speed; `slowest` is the lowest speed that will occur."""
         rows = ceil(feedback.memory / slowest) + (slowest < 1.0)
         row = np.concatenate([np.zeros(feedback.pairs), feedback.middles.numpy(), [0.0]])
         return cls(state=state, rows=np.tile(row, (rows, 1)), speeds=np.ones(rows))
@@ -88,10 +88,10 @@ class Stream:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Stretch:
-    """What a stretch was: mean coefficients, and its rows (n, p + 1) of true differences and actions as they are read.
+    """Results of a stretch: mean coefficients, and resampled rows (n, p + 1) of true differences and actions.
 
-    Coefficients and rows are of the present speed. `off_design` is the largest distance of the speeds from the design
-    speed, in design speeds.
+    Coefficients and rows are in units of the present speed. `off_design` is the largest distance of the speeds from the
+    design speed, in units of the design speed.
     """
 
     Cd: float
@@ -111,13 +111,13 @@ def differentiate(
     speeds: Array | None = None,
     action_limit: float = inf,
 ) -> Stretch:
-    """Add the gradient of the stretch's mean cost to that of the feedback's parameters; the stream goes on.
+    """Run a stretch, advance the stream, and add the mean cost's gradient to that of the feedback's parameters.
 
-    The timing is the vehicle's: the command made from the sample of t_k is in force at the end of period k + 1.
+    The timing is the vehicle's: the command computed from the sample of t_k is in force at the end of period k + 1.
 
     Args:
-        speeds: (n + 1,) of the flow at the samples, in design speeds; the design speed without.
-        action_limit: of the jets, whatever the speed is, in units of the design speed.
+        speeds: (n + 1,) flow speeds at the samples, in units of the design speed; None for the design speed.
+        action_limit: limit of the jets at every speed, in units of the design speed.
 
     Raises:
         PlantError: the flow diverged, or the stretch is too long for the tape's memory.
@@ -161,10 +161,10 @@ def differentiate(
 
 
 def read(rows: Tensor, speeds: Sequence[float], memory: int) -> Tensor:
-    """(M, c) as the feedback reads them, from rows (n, c) of a stream: at the present speed, as on the vehicle.
+    """Resample a stream's rows (n, c) to the feedback's rows (M, c) at the present speed, as on the vehicle.
 
-    There a row has the action in force at its sample, in units of the speed at that time; the row of the present sample
-    has the one that begins.
+    On the vehicle, a row has the action in force at its sample, in units of the speed at that time; the row of the
+    present sample has the action that begins.
     """
     rows = _followed(rows, speeds)
     where = places(speeds, memory)
@@ -181,7 +181,7 @@ def read(rows: Tensor, speeds: Sequence[float], memory: int) -> Tensor:
 
 
 def _followed(rows: Tensor, speeds: Sequence[float]) -> Tensor:
-    """Rows whose differences are as the vehicle keeps them (`contract.controller.resampling.followed`)."""
+    """Return rows whose differences are filtered as on the vehicle (`contract.controller.resampling.followed`)."""
     if min(speeds) >= 1.0:
         return rows
     weights = np.zeros((len(rows), len(rows)))
@@ -194,7 +194,7 @@ def _followed(rows: Tensor, speeds: Sequence[float]) -> Tensor:
 
 
 def _stretch_read(rows: Array, speeds: Array) -> Array:
-    """All rows of a stretch, as far as they go at their speeds."""
+    """Resample a stretch's rows; their number follows from the speeds."""
     steps = int(speeds[1:].sum()) + 1
     return np.asarray(read(torch.from_numpy(rows), speeds.tolist(), steps))
 

@@ -1,1 +1,1 @@
-"""Rows of a data set, scaled, and the draws from them."""
+"""Scaled rows of a data set, and the batches drawn from them."""

@@ -1,10 +1,10 @@
 """Recorded episodes as standardised rows.
 
-Row k of an episode is the encoder's input at t_k: (Cp_k, a_{k-1}), a column a sensor and one for the action. With it
-stand a_k, the action commanded at t_k that the dynamics take, and the forces (Cd_k, Cl_k). A window ending at k is rows
-k-L+1 .. k; it never crosses an episode's boundary. N counts the sensors.
+Row k of an episode is the encoder's input at t_k: (Cp_k, a_{k-1}), one column per sensor and one for the action. Each
+row also has a_k, the action commanded at t_k, which is the input of the dynamics, and the forces (Cd_k, Cl_k). A window
+that ends at k consists of rows k-L+1 .. k; it never crosses an episode's boundary. N is the number of sensors.
 
-Standardisation of pressures, action and forces, fitted to the training episodes and any mirror images of them.
+Pressures, action and forces are standardised. The scaling is fitted to training episodes and any mirror images.
 """
 
 from collections.abc import Iterator, Sequence
@@ -23,18 +23,18 @@ from contract.sensors import TRUCK
 
 
 def fit_scaling(episodes: Sequence[Episode], layout: SensorLayout = TRUCK) -> Scaling:
-    """Mean and standard deviation of the episodes, taken together with their mirror images where there are any.
+    """Fit mean and standard deviation to the episodes, together with their mirror images if there are any.
 
-    The mirror image (y -> -y) permutes the sensors and turns the signs of action and lift. Statistics over both are
-    symmetric: mean action and mean Cl are 0 and mirrored sensors share mean and deviation, so that mirroring commutes
-    with scaling. Without mirror images, Cl has a mean of its own; an action is never shifted, so that no action stays
-    0, and its deviation is its root mean square in either case. Raises DatasetError if a sensor, the action or a force
-    never changes; the message names it.
+    The mirror image (y -> -y) permutes the sensors and changes the signs of action and lift. Statistics over both are
+    symmetric: mean action and mean Cl are 0, and mirrored sensors have the same mean and deviation, so that mirroring
+    commutes with scaling. Without mirror images, Cl may have a nonzero mean. The action is never shifted, so that zero
+    action stays 0; its deviation is always its root mean square. Raises DatasetError if a sensor, the action or a force
+    is constant; the message states its name.
     """
     pressure = np.concatenate([episode.series["Cp"] for episode in episodes])
     action = np.concatenate([episode.series["action"] for episode in episodes])
     drag, lift = (np.concatenate([episode.series[name] for episode in episodes]) for name in ("Cd", "Cl"))
-    # Before pooling, in which the mirror image of a dead sensor would hide it.
+    # Checked before the mirror images are added, because a dead sensor's mirror image would hide it.
     for name, values in zip(layout.names, pressure.T, strict=True):
         _refuse_constant(f"sensor {name}", values)
     for name, values in (("action", action), ("Cd", drag), ("Cl", lift)):
@@ -55,12 +55,12 @@ def fit_scaling(episodes: Sequence[Episode], layout: SensorLayout = TRUCK) -> Sc
 
 
 def global_deviation(scaling: Scaling) -> float:
-    """Standard deviation of all pressures taken together, in Cp, each about its own mean (paper, appendix B)."""
+    """Return the root mean square of the pressures' standard deviations, in Cp (paper, appendix B)."""
     return float(np.sqrt(np.square(scaling.pressure_std).mean()))
 
 
 def unit_steps(scaling: Scaling, chosen: Index) -> Array:
-    """(N,) one global deviation in each chosen sensor's standardised pressure."""
+    """Return one global deviation in units of each chosen sensor's standard deviation, (N,)."""
     steps: Array = global_deviation(scaling) / np.array(scaling.pressure_std)[chosen]
     return steps
 
@@ -72,16 +72,16 @@ def _refuse_constant(name: str, values: Array) -> None:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Rows:
-    """Standardised episodes, one after the other, single precision.
+    """Standardised episodes, one after the other, in single precision.
 
     Attributes:
         inputs: (n, N + 1) encoder rows.
         actions: (n,) a_k.
         forces: (n, 2) Cd, Cl.
         lengths: rows of each episode, in order; sums to n.
-        unit: (N,) one global deviation of pressure in each sensor's column; None where the scaling is not known.
+        unit: (N,) one global deviation of pressure in each sensor's column; None if the scaling is not known.
         layout: of the sensors, in the order of their columns.
-        names: of each episode, in order; may be left out.
+        names: of each episode, in order; may be empty.
     """
 
     inputs: Tensor
@@ -98,11 +98,11 @@ class Rows:
         return self.inputs.shape[1] - 1
 
     def name_of(self, episode: int) -> str:
-        """The name of the episode of that number; the number itself where no names are known."""
+        """Return the name of the episode with this number; the number itself if the names are not known."""
         return self.names[episode] if self.names else str(episode)
 
     def to(self, device: torch.device) -> "Rows":
-        """The same rows in the memory of `device`."""
+        """Return the rows in the memory of `device`."""
         return replace(
             self,
             inputs=self.inputs.to(device),
@@ -112,14 +112,14 @@ class Rows:
         )
 
     def spans(self) -> Iterator[slice]:
-        """The rows of each episode."""
+        """Yield the rows of each episode, as slices."""
         stop = 0
         for length in self.lengths:
             start, stop = stop, stop + length
             yield slice(start, stop)
 
     def with_sensors(self, chosen: Index) -> "Rows":
-        """Only the columns of the chosen sensors, in that order, and the action."""
+        """Return the rows with the columns of the chosen sensors, in the given order, and the action."""
         columns = torch.as_tensor(np.append(chosen, self.sensors), device=self.inputs.device)
         return replace(
             self,
@@ -129,8 +129,8 @@ class Rows:
         )
 
     def noise(self, level: float) -> Tensor:
-        """(N,) standard deviation of noise of `level` global deviations, in each sensor's column; zero at level 0.
-        Raises ConfigError if these rows have no global deviation."""
+        """Return the standard deviation (N,), in each sensor's column, of noise of `level` global deviations; zero at
+        level 0. Raises ConfigError if these rows have no global deviation."""
         if self.unit is None:
             if level:
                 raise ConfigError(f"sensor noise {level}: these rows were made without a scaling, so it has no unit")
@@ -139,8 +139,8 @@ class Rows:
 
 
 def prepare(episodes: Sequence[Episode], scaling: Scaling, *, mirrored: bool, layout: SensorLayout = TRUCK) -> Rows:
-    """Standardised rows of the episodes, followed by those of their mirror images if `mirrored`. Raises ConfigError if
-    mirror images are asked for and the layout has none."""
+    """Return the standardised rows of the episodes, followed by those of their mirror images if `mirrored`. Raises
+    ConfigError if `mirrored` is set and the layout has no mirror images."""
     mirror = layout.mirror
     if mirrored and mirror is None:
         raise ConfigError("mirrored rows: these sensors have no mirror images")

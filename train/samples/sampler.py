@@ -1,4 +1,4 @@
-"""Batches of windows for training: contiguous segments of rows, drawn by seed and step."""
+"""Batches of windows for training: contiguous segments of rows, drawn randomly from seed and step."""
 
 from dataclasses import dataclass, replace
 
@@ -13,7 +13,7 @@ from train.samples.rows import Rows
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Batch:
-    """S segments of rows and what belongs to the last W rows of each; W windows a segment.
+    """S segments of rows, with actions and forces for the last W rows of each; a segment has W windows.
 
     Attributes:
         inputs: (S, W + L - 1, F) encoder rows.
@@ -29,15 +29,14 @@ class Batch:
 
 
 class SegmentSampler:
-    """Batches of contiguous segments; the batch of a step depends on the seed and the step alone.
+    """A source of batches of contiguous segments. The batch of a step depends only on the seed and the step.
 
-    A sample is a window and the `ahead` windows that follow it. Segments hold `segment` consecutive samples, so
-    one segment has W = segment + ahead windows. Each pass tiles every episode with segments from a random
-    phase and shuffles them.
+    A sample is a window and the `ahead` windows that follow it. Segments hold `segment` consecutive samples, so one
+    segment has W = segment + ahead windows. Each pass covers every episode with shuffled segments from a random offset.
     """
 
     def __init__(self, rows: Rows, *, window: int, ahead: int, segment: int, batch_size: int, seed: int) -> None:
-        """Raises DatasetError if an episode is too short to hold one segment."""
+        """Prepare the sampler. Raises DatasetError if an episode is too short for one segment."""
         self.rows = rows
         self.segment = segment
         self._window, self._windows, self._seed = window, segment + ahead, seed
@@ -54,11 +53,11 @@ class SegmentSampler:
         self._cached: tuple[int, Index] = (-1, np.empty(0, dtype=np.intp))
 
     def steps(self, epochs: float) -> int:
-        """Batches in that many passes over all samples, at least 1."""
+        """Return the number of batches in `epochs` passes over all samples, at least 1."""
         return max(1, round(epochs * self.samples / (self._segments * self.segment)))
 
     def first_rows(self, step: int) -> Index:
-        """(S,) index of the first row of each segment of that batch."""
+        """Return the index of the first row of each segment in the batch, (S,)."""
         epoch, position = divmod(step, self._batches)
         if self._cached[0] != epoch:
             self._cached = (epoch, self._shuffled(epoch))
@@ -67,7 +66,7 @@ class SegmentSampler:
         return order[wanted % len(order)]
 
     def batch(self, step: int) -> Batch:
-        """The batch of that step."""
+        """Return the batch of a step."""
         rows = self.rows
         first = torch.as_tensor(self.first_rows(step), device=rows.inputs.device)[:, None]
         span = first + torch.arange(self._window - 1 + self._windows, device=first.device)
@@ -80,14 +79,14 @@ class SegmentSampler:
         for span in self.rows.spans():
             last = span.stop - span.start - (self._window - 1 + self._windows)
             phase = generator.integers(self.segment)
-            # Both ends are clipped inward, so that every sample is covered in every pass.
+            # Both ends are clipped to the episode, so that every pass covers every sample.
             tiles = np.arange(-phase, last + self.segment, self.segment).clip(0, last)
             firsts.append(span.start + np.unique(tiles))
         return generator.permutation(np.concatenate(firsts))
 
 
 def add_sensor_noise(batch: Batch, deviation: Tensor) -> Batch:
-    """The batch with white noise of these deviations (N,) on its sensors, from torch's generator; as it is at zero."""
+    """Add white noise with deviations (N,) to a batch's sensors, from torch's generator; zeros change nothing."""
     if not bool(deviation.any()):
         return batch
     noise = torch.randn(*batch.inputs.shape[:2], len(deviation), device=batch.inputs.device) * deviation

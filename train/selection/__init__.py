@@ -1,4 +1,4 @@
-"""How the slim encoder's sensors are chosen: by the paper's SHAP ranking, and by other methods for comparison.
+"""Methods that choose the slim encoder's sensors: the paper's SHAP ranking, and others for comparison.
 
-`methods.select` is the one door.
+Callers use `methods.select`.
 """

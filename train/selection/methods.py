@@ -1,4 +1,4 @@
-"""The methods behind one interface: a teacher, its recording and a budget in, names of sensors out."""
+"""The selection methods behind one interface: from a teacher, its recording and a count to names of sensors."""
 
 from itertools import zip_longest
 from typing import Final, get_args
@@ -20,16 +20,16 @@ from train.selection.shap_ranking import ShapRanker, rank
 
 METHODS: Final[tuple[SelectionMethod, ...]] = get_args(SelectionMethod)
 RANDOM_DRAWS: Final = 64
-"""Choices that "random" judges."""
+"""Number of random choices that "random" compares."""
 
 
 def select_by_hand(count: int, layout: SensorLayout = TRUCK) -> tuple[int, ...]:
-    """Indices of `count` sensors, outward from the two rear corners, where the shear layers leave the body.
+    """Return the indices of `count` sensors, outward from the two rear corners, where the shear layers leave the body.
 
-    By turns the next pair along the sides, from the rear forward, and the next across the base, from its edges inward;
-    when one of the two is used up, the other alone. On the truck, four are upper_39, lower_39, base_0 and base_9.
-    Sensors on the symmetry line come last, from the rear forward. An odd count may end with the upper sensor of a pair,
-    without its image. Raises ConfigError if the sensors have no mirror images, or none lies on a base.
+    The order alternates between the next pair along the sides, from the rear forward, and the next pair across the
+    base, from its edges inward. When one of them has no more pairs, only the other continues. On the truck, the first
+    four are upper_39, lower_39, base_0 and base_9. Sensors on the symmetry line come last, from the rear forward. An
+    odd count may end with the upper sensor of a pair alone. Raises ConfigError without mirror images or base sensors.
     """
     mirror = layout.mirror
     if mirror is None or not layout.base.size:
@@ -47,13 +47,13 @@ def select_by_hand(count: int, layout: SensorLayout = TRUCK) -> tuple[int, ...]:
 
 
 def _sorted(wanted: Mask, by: Array) -> list[int]:
-    """Columns that are wanted, the smallest of `by` first."""
+    """Return the wanted columns in rising order of `by`."""
     columns = np.flatnonzero(wanted)
     return [int(column) for column in columns[np.argsort(by[columns], kind="stable")]]
 
 
 def pod_modes(rows: Rows, count: int) -> Array:
-    """(N, count) leading modes of the standardised pressures, those of most variance first."""
+    """Return the leading modes of the standardised pressures, (N, count), in order of falling variance."""
     pressure = rows.inputs[:, : rows.sensors].cpu().numpy().astype(np.float64)
     pressure -= pressure.mean(axis=0)
     _, vectors = np.linalg.eigh(pressure.T @ pressure)
@@ -61,25 +61,24 @@ def pod_modes(rows: Rows, count: int) -> Array:
 
 
 def select_qr(rows: Rows, count: int, *, modes: int | None = None) -> tuple[int, ...]:
-    """Indices of the first `count` pivots of a QR decomposition of the transposed POD modes, in their order.
+    """Return the indices of the first `count` pivots of a QR decomposition of the transposed POD modes, in order.
 
-    From them the pressure field itself is best rebuilt, whatever the latents hold of it: each pivot is the sensor whose
-    row of the modes is longest after those already chosen are taken out (Manohar, Brunton, Kutz and Brunton,
+    These sensors are chosen to reconstruct the pressure field, not the latents: each pivot is the sensor whose row of
+    the modes is longest after removing the components along the pivots before it (Manohar, Brunton, Kutz and Brunton,
     "Data-driven sparse sensor placement for reconstruction", IEEE Control Systems Magazine 38, 2018).
 
     Args:
-        modes: size of the basis; as many as sensors if None or fewer than those, because a basis of r modes
-            distinguishes no more than r sensors.
+        modes: size of the basis, at least `count`, because a basis of r modes distinguishes at most r sensors.
     """
-    # PyPI's python-sensors 0.4 does this too, but brings scikit-learn, matplotlib and pandas for one call of SciPy's.
+    # PyPI's python-sensors 0.4 does this too, but needs scikit-learn, matplotlib and pandas for one call of SciPy's.
     basis = pod_modes(rows, max(count, modes or 0))
     _, order = scipy.linalg.qr(basis.T, mode="r", pivoting=True)
     return tuple(order[:count].tolist())
 
 
 def select_greedy(student: RidgeStudent, count: int, *, progress: Progress = silent) -> tuple[int, ...]:
-    """Indices of the sensors that help the student most, given those chosen before, in that order; of equal ones the
-    first in the sensors' order."""
+    """Return the indices of the sensors that reduce the student's error most, one after the other, in that order; among
+    equal sensors the first one is chosen."""
     chosen: tuple[int, ...] = ()
     for place in range(count):
         errors = {index: student.error((*chosen, index)) for index in range(student.sensors) if index not in chosen}
@@ -90,7 +89,7 @@ def select_greedy(student: RidgeStudent, count: int, *, progress: Progress = sil
 
 
 def draw_choices(count: int, draws: int, seed: int, available: int) -> list[tuple[int, ...]]:
-    """That many choices of `count` of the available sensors, each without repetition and in the sensors' order."""
+    """Draw random choices of `count` of the available sensors, each without repetition and in the sensors' order."""
     generator = np.random.default_rng(seed)
     return [tuple(np.sort(generator.choice(available, count, replace=False)).tolist()) for _ in range(draws)]
 
@@ -98,7 +97,7 @@ def draw_choices(count: int, draws: int, seed: int, available: int) -> list[tupl
 def select_random(
     student: RidgeStudent, count: int, *, draws: int, seed: int, progress: Progress = silent
 ) -> tuple[int, ...]:
-    """The draw of which the ridge student makes the smallest error."""
+    """Return the random choice with the smallest error of the ridge student."""
     best: tuple[int, ...] = ()
     least = np.inf
     for number, chosen in enumerate(draw_choices(count, draws, seed, student.sensors)):
@@ -118,16 +117,16 @@ def select(
     settings: TrainConfig,
     progress: Progress = silent,
 ) -> tuple[str, ...]:
-    """Names of the chosen sensors, in the method's order.
+    """Return the names of the chosen sensors, in the method's order.
 
-    "shap": one repeat of the paper's ranking. "qr": pivots of the pressures' POD modes. "greedy": forward selection by
-    the ridge student. "random": the best of `RANDOM_DRAWS` by that student. "hand": by position alone. Raises
-    ConfigError for an unknown method, too few sensors, or "hand" where the sensors have no mirror images or base;
-    DatasetError if `rows` hold too few windows.
+    "shap": one repeat of the paper's ranking. "qr": pivots of the pressures' POD modes. "greedy": forward selection
+    with the ridge student. "random": the best of `RANDOM_DRAWS` choices according to the ridge student. "hand": by
+    position alone. Raises ConfigError for an unknown method, too few sensors, or "hand" if the sensors have no mirror
+    images or no base; DatasetError if `rows` has too few windows.
 
     Args:
         rows: with all sensors' columns.
-        settings: its seed and, for "shap", its draws are used.
+        settings: its seed is used and, for "shap", its numbers of draws.
     """
     if method not in METHODS:
         raise ConfigError(f"unknown selection method {method!r}: use {', '.join(METHODS)}")
@@ -140,7 +139,7 @@ def select(
     elif method == "hand":
         chosen = select_by_hand(count, rows.layout)
     else:
-        # Neighbouring run seeds, and the two uses of one, must not share draws.
+        # Runs with neighbouring seeds, and the two uses of one seed, must have independent draws.
         windows, choices = np.random.SeedSequence(settings.seed).generate_state(2).tolist()
         student = ridge_student(encoder, rows, windows, settings.sensor_noise)
         if method == "greedy":

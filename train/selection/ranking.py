@@ -1,4 +1,4 @@
-"""Scores of the sensors over repeated draws: the best sensors, and how stable they are (paper, appendix C)."""
+"""Scores of the sensors over repeated draws: the best sensors, and their stability (paper, appendix C)."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -14,14 +14,14 @@ from contract.typed import typed
 
 
 def check_count(count: int, available: int) -> None:
-    """Raises ConfigError if there are not that many sensors among those that are available."""
+    """Raise ConfigError unless the count is at least 1 and at most the number of available sensors."""
     if not 1 <= count <= available:
         raise ConfigError(f"train.sensors = {count}: must be from 1 to {available}, the sensors that there are")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Ranking:
-    """Scores of repeated draws.
+    """Scores of the sensors from repeated draws.
 
     Attributes:
         scores: (repeats, N).
@@ -33,33 +33,33 @@ class Ranking:
 
     @property
     def mean(self) -> Array:
-        """(N,) mean over the repeats."""
+        """Mean over the repeats, (N,)."""
         mean: Array = self.scores.mean(axis=0)
         return mean
 
     @property
     def std(self) -> Array:
-        """(N,) sample standard deviation over the repeats; zero for a single one."""
+        """Sample standard deviation over the repeats, (N,); zero for a single repeat."""
         return self.scores.std(axis=0, ddof=1) if len(self.scores) > 1 else np.zeros(self.scores.shape[1])
 
     def top(self, count: int) -> tuple[str, ...]:
-        """Names of the best sensors by mean score, best first; equal scores keep the sensors' order. Raises ConfigError
-        if there are not that many sensors."""
+        """Return the names of the best sensors by mean score, best first; equal scores keep the sensors' order. Raises
+        ConfigError if there are fewer sensors than `count`."""
         check_count(count, len(self.names))
         return self._names(_best(self.mean, count))
 
     def top_sets(self, count: int) -> tuple[frozenset[str], ...]:
-        """The set of the best sensors in each repeat."""
+        """Return the set of the best sensors in each repeat."""
         return tuple(frozenset(self._names(_best(scores, count))) for scores in self.scores)
 
     def is_stable(self, count: int) -> bool:
-        """Whether every repeat has the same set of best sensors."""
+        """Return whether every repeat has the same set of best sensors."""
         return len(set(self.top_sets(count))) == 1
 
     def differences(self, count: int) -> Mapping[str, float]:
-        """Share of the repeats that have a sensor among their best, for those that some have and others not.
+        """Return, for every sensor that is among the best in some repeats only, the share of these repeats.
 
-        In the sensors' order; empty if the set is stable.
+        The sensors are in their order; the result is empty if the set is stable.
         """
         repeats = len(self.scores)
         counts = Counter(name for names in self.top_sets(count) for name in names)
@@ -77,22 +77,21 @@ STABILITY_SETS: Final = (2, 4, 6, 8)
 """Sizes of the best sets whose stability over the repeats is reported (paper, appendix C)."""
 
 GIVEN: Final = "given"
-"""The method of a choice that the caller made."""
+"""Name of the method if the caller chose the sensors."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class SensorChoice:
-    """Method and outcome. All but `method` and `order` are SHAP's, and None for the other methods.
+    """The chosen sensors and the method. Fields other than `method` and `order` are None except for SHAP.
 
     Attributes:
         method: "shap.GradientExplainer", another of `train.selection.methods.METHODS`, or "given".
         repeats: of the ranking.
-        order: all names, best first, of SHAP; the chosen ones of the others.
-        mean: (N,) scores over the repeats.
-        std: (N,) of them.
-        stable: by size of the best set, whether it is the same in every repeat.
-        differences: by that size, the share of the repeats in which a sensor is among the best, for those that are in
-            some and not in others.
+        order: for SHAP all names, best first; for the other methods the chosen names.
+        mean: (N,) mean of the scores over the repeats.
+        std: (N,) standard deviation of the scores over the repeats.
+        stable: by size of the best set, whether the set is the same in every repeat.
+        differences: by size of the best set, the share of repeats of every sensor that is among the best in some only.
     """
 
     method: str
@@ -105,7 +104,7 @@ class SensorChoice:
 
     @classmethod
     def of_ranking(cls, ranking: Ranking) -> "SensorChoice":
-        """The choice by the paper's method."""
+        """Build the choice from a ranking by the paper's method."""
         # The set of all sensors is always stable.
         sizes = [count for count in STABILITY_SETS if count < len(ranking.names)]
         return cls(
@@ -119,11 +118,11 @@ class SensorChoice:
         )
 
     def as_tree(self) -> dict[str, Any]:
-        """Plain values for JSON; without those that are None."""
+        """Return plain values for JSON, without those that are None."""
         tree = {name: value for name, value in asdict(self).items() if value is not None}
         return {name: list(value) if isinstance(value, tuple) else value for name, value in tree.items()}
 
     @classmethod
     def from_tree(cls, tree: Mapping[str, Any]) -> "SensorChoice":
-        """Back from `as_tree`; raises ConfigError for a tree of another form."""
+        """Read the values that `as_tree` returns; raises ConfigError for a tree of another form."""
         return typed(tree, cls)

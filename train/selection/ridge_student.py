@@ -1,12 +1,12 @@
-"""A student that costs milliseconds: ridge regression of the teacher's latents on lags of a few sensors.
+"""A student that is fitted in milliseconds: ridge regression of the teacher's latents on lags of a few sensors.
 
-It stands in for the slim encoder where thousands of choices are compared and none can be distilled. With the centred
-lags X (n, F) and latents Z (n, N_z) of the windows it is fitted to,
+It replaces the slim encoder where thousands of choices are compared and not all can be distilled. With the centred lags
+X (n, F) and latents Z (n, N_z) of the windows for the fit, its weights are
 
     W = (X'X/n + lambda I)^-1 X'Z/n
 
-and its error is what it leaves of the latents of other windows. Both need only the products of all lags, which are
-formed once; a choice is then a small block of them.
+Its error is the unexplained share of the latents of other windows. Both need only the products of all lags, which are
+computed once; a choice uses a small block of them.
 """
 
 from collections.abc import Sequence
@@ -25,37 +25,37 @@ from train.samples.rows import Rows
 
 
 def first_rows(rows: Rows, window: int) -> Index:
-    """Index of the first row of every full window."""
+    """Return the index of the first row of every full window."""
     return np.concatenate([np.arange(span.start, span.stop - window + 1) for span in rows.spans()])
 
 
 def windows_at(rows: Rows, firsts: Index, window: int) -> Tensor:
-    """The windows that begin at those rows, (n, L, F)."""
+    """Return the windows that begin at the given rows, (n, L, F)."""
     start = torch.as_tensor(firsts, device=rows.inputs.device)
     return rows.inputs[start[:, None] + torch.arange(window, device=start.device)]
 
 
 STRIDE: Final = 4
-"""Every 4th row of the window is a lag: 0.8 t_c, six to a shedding cycle, 8 lags in a window of 32."""
+"""Distance of the lags, in rows: 0.8 t_c, about six lags per shedding cycle, 8 lags in a window of 32."""
 
 RIDGE: Final = 1e-4
-"""Lambda. Inputs have unit variance, so it weighs like noise of 1 % of each sensor's deviation."""
+"""Lambda, the ridge. Inputs have unit variance, so it acts like noise of 1 % of each sensor's standard deviation."""
 
 FITTED: Final = 4000
 JUDGED: Final = 2000
-"""Windows it is fitted to and judged on; a recording with fewer is split in the same proportion."""
+"""Numbers of windows for the fit and for the test; a recording with fewer windows is split in the same proportion."""
 
 _CHUNK = 1024
 
 
 def lagged(windows: Array) -> Array:
-    """(n, L, F) windows -> (n, F x lags), the lags of a column side by side, newest first."""
+    """Convert windows (n, L, F) to lags (n, F x lags); the lags of a column are side by side, newest first."""
     return windows[:, ::-1][:, ::STRIDE].transpose(0, 2, 1).reshape(len(windows), -1)
 
 
 def sample(encoder: Encoder, rows: Rows, seed: int) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
-    """Lags of all columns and the encoder's latents, of the windows to fit and of those to judge. Raises DatasetError
-    if there are fewer than 6 windows."""
+    """Return lags of all columns and the encoder's latents, for the windows of the fit and for those of the test.
+    Raises DatasetError if there are fewer than 6 windows."""
     firsts = first_rows(rows, encoder.window)
     total = min(len(firsts), FITTED + JUDGED)
     if total < 6:
@@ -78,11 +78,11 @@ class RidgeStudent:
 
     Attributes:
         gram: (F, F) of the fitted windows' lags.
-        cross: (F, N_z) of their lags and latents.
-        judged_gram: (F, F) of the judged windows' lags.
-        judged_cross: (F, N_z) of their lags and latents.
-        judged_power: mean square of their latents, summed over N_z.
-        lags: of each column.
+        cross: (F, N_z) of the fitted windows' lags and latents.
+        judged_gram: (F, F) of the test windows' lags.
+        judged_cross: (F, N_z) of the test windows' lags and latents.
+        judged_power: mean square of the test windows' latents, summed over N_z.
+        lags: number of lags of each column.
         noise_power: mean square of the noise on each column, the action's last.
     """
 
@@ -96,11 +96,11 @@ class RidgeStudent:
 
     @property
     def sensors(self) -> int:
-        """Columns to choose from: all but the action's."""
+        """Number of columns to choose from: all except the action's."""
         return len(self.noise_power) - 1
 
     def error(self, chosen: Sequence[int]) -> float:
-        """Share of the judged latents' mean square that the student on those sensors and the action leaves."""
+        """Return the unexplained share of the test latents' mean square, given the chosen sensors and the action."""
         columns = np.append(np.asarray(chosen, dtype=np.intp), self.sensors)
         places = (columns[:, None] * self.lags + np.arange(self.lags)).ravel()
         block = np.ix_(places, places)
@@ -113,10 +113,10 @@ class RidgeStudent:
 
 
 def ridge_student(encoder: Encoder, rows: Rows, seed: int, sensor_noise: float = 0.0) -> RidgeStudent:
-    """The student of that encoder, with windows drawn by `seed` and sensors that noise of that level disturbs.
+    """Compute the student of an encoder, with windows drawn by `seed` and with sensor noise of the given level.
 
-    White noise only adds its power to the diagonal of the lags' products, so none has to be drawn. Raises DatasetError
-    if there are too few windows, or their latents are all the same.
+    White noise only adds its power to the diagonal of the lags' products, so no noise is drawn. Raises DatasetError if
+    there are too few windows, or all their latents are equal.
     """
     (x, z), (judged_x, judged_z) = sample(encoder, rows, seed)
     mean_x, mean_z = x.mean(axis=0), z.mean(axis=0)

@@ -1,7 +1,7 @@
-"""The paper's method: which sensors the encoder depends on (section 2.3.1 and appendix C).
+"""The paper's method of ranking sensors by their influence on the encoder (section 2.3.1 and appendix C).
 
-A `Ranker` scores the sensors once; `rank` repeats it with fresh draws and keeps every score. The paper's
-ranker is `ShapRanker`.
+A `Ranker` scores the sensors once; `rank` repeats this with new draws and stores every score. The paper's ranker is
+`ShapRanker`.
 """
 
 import copy
@@ -23,7 +23,7 @@ from train.selection.ridge_student import first_rows, windows_at
 
 
 class Ranker(Protocol):
-    """Scores of the N sensors, (N,), larger is more important; one independent draw per seed."""
+    """A function that returns the sensors' scores (N,), larger if more important; seeds give independent draws."""
 
     def __call__(self, encoder: Encoder, rows: Rows, seed: int) -> Array: ...
 
@@ -34,7 +34,7 @@ def rank(
     """Score the sensors `repeats` times with independent draws."""
     scores = []
     for repeat in range(repeats):
-        # Spawned seeds: neighbouring run seeds must not share draws.
+        # The seeds are spawned, because runs with neighbouring seeds must not share draws.
         draw = int(np.random.SeedSequence((seed, repeat)).generate_state(1)[0])
         scores.append(ranker(encoder, rows, draw))
         progress(Phase.RANK, repeat + 1, repeats, {})
@@ -43,14 +43,15 @@ def rank(
 
 @dataclass(frozen=True, kw_only=True)
 class ShapRanker:
-    """Mean |SHAP| by expected gradients (`shap.GradientExplainer`).
+    """A ranker that uses the mean |SHAP| by expected gradients (`shap.GradientExplainer`).
 
     |SHAP| of every sensor, window row and latent is summed over the latents and averaged over the explained
-    windows and the window's rows. The action's column is explained with the rest and left out of the scores.
+    windows and the window's rows. The action's column is explained too, but left out of the scores.
 
     Attributes:
-        background: windows that stand for "no information".
-        samples: points on the paths between them, for each explained window.
+        background: number of windows that represent the typical input.
+        explained: number of windows that are explained.
+        samples: number of points on the paths from the background to each explained window.
     """
 
     background: int
@@ -59,18 +60,17 @@ class ShapRanker:
 
     @classmethod
     def of(cls, settings: TrainConfig) -> "ShapRanker":
-        """The ranker with the numbers of draws of those settings."""
+        """Build the ranker from the numbers of draws in the settings."""
         return cls(
             background=settings.shap_background, explained=settings.shap_explained, samples=settings.shap_samples
         )
 
     def __call__(self, encoder: Encoder, rows: Rows, seed: int) -> Array:
-        """Scores (N,); windows are drawn from `rows` without replacement. Raises DatasetError if `rows` hold fewer
-        windows than are to be drawn."""
+        """Return scores (N,) from windows drawn without replacement; raises DatasetError for too few windows."""
         generator = np.random.default_rng(seed)
         background = _draw(rows, encoder.window, self.background, "background", generator)
         explained = _draw(rows, encoder.window, self.explained, "explanation", generator)
-        # Gradients are wanted with respect to inputs only; a frozen copy spares those of the weights.
+        # Only gradients with respect to inputs are needed; a frozen copy avoids computing those of the weights.
         packed = _Packed(copy.deepcopy(encoder).requires_grad_(False))
         total = np.zeros(explained.shape[2])
         full = len(explained) // _PACK * _PACK
@@ -83,11 +83,11 @@ class ShapRanker:
         return scores
 
     def _magnitude(self, packed: "_Packed", background: Tensor, packs: Tensor, generator: np.random.Generator) -> Array:
-        """Sum of |SHAP| over packs, windows, rows and latents: (P, M, L, F) packs -> (F,)."""
-        # Here, because loading it takes longer than loading torch, and no other method of selection needs it.
+        """Return the sum of |SHAP| over packs, windows, rows and latents, (F,), for packs (P, M, L, F)."""
+        # Imported here, because it takes longer to load than torch, and no other selection method needs it.
         import shap
 
-        # Every place in a pack meets every background window, in an order of its own.
+        # Every position in a pack is combined with every background window, in its own random order.
         order = np.stack([generator.permutation(len(background)) for _ in range(packs.shape[1])], axis=1)
         explainer = shap.GradientExplainer(packed, background[torch.as_tensor(order)], batch_size=_BATCH)
         state = np.random.get_state()  # shap seeds numpy's global generator
@@ -100,15 +100,15 @@ class ShapRanker:
 
 
 _PACK = 25
-"""Windows explained together. shap loops in Python over samples and outputs of one input; a pack makes that one
-loop serve 25 windows. Latents of different windows do not interact, so explaining their sum explains each."""
+"""Number of windows explained together. shap loops in Python over the samples and outputs of one input; with a pack,
+one loop explains 25 windows. Latents of different windows do not interact, so explaining their sum explains each."""
 
 _BATCH = 20
-"""Packs a gradient is taken of at once: 500 windows, which stay in the processor's cache."""
+"""Number of packs per gradient: 500 windows, which fit into the processor's cache."""
 
 
 class _Packed(nn.Module):
-    """(B, M, L, F) packs of windows -> (B, N_z) latents summed over the pack."""
+    """An encoder of packs of windows (B, M, L, F), whose output (B, N_z) is the sum of the latents over the pack."""
 
     def __init__(self, encoder: Encoder) -> None:
         super().__init__()

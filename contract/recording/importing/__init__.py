@@ -1,1 +1,1 @@
-"""The way to a data set from a user's files: tables, arrays or cases of OpenFOAM."""
+"""Import of a user's files as a data set: tables, arrays or OpenFOAM cases."""

@@ -1,4 +1,4 @@
-"""A data set of one file an episode, checked before anything is written."""
+"""The assembly of a data set from files, one per episode; everything is checked before anything is written."""
 
 import hashlib
 from collections.abc import Callable, Mapping, Sequence
@@ -21,17 +21,17 @@ from contract.sensor_layout import SensorLayout
 
 _SERIES: Final = tuple(name for name in UNITS if name != "Cp")
 _LARGEST: Final = 127.0
-"""A coefficient beyond this does not fit the format; a pressure in Pa does not either."""
+"""Largest magnitude of a coefficient that fits into the data set's format; a pressure in Pa is mostly larger."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MadeEpisode:
-    """An episode that was made of a file rather than read as it stands: part of a CAN log, with its forces.
+    """An episode that was computed from a file, for example from a part of a CAN log and its forces.
 
     Attributes:
-        series: those of `contract.recording.episode.REQUIRED`, Cp without dimension.
+        series: those of `contract.recording.episode.REQUIRED`; Cp is dimensionless.
         initial_action: the action before the first row.
-        provenance: what else it states, with the file's name and hash.
+        provenance: further facts, stored beside the file's name and hash.
     """
 
     name: str
@@ -42,8 +42,8 @@ class MadeEpisode:
 
 @dataclass(frozen=True, kw_only=True)
 class EpisodeSource:
-    """A file and the role of the episode in it. `made` is the episode; without it, the file is read, and its name
-    without the ending becomes the episode's; of a case of OpenFOAM the folder's."""
+    """A file and the role of its episode. `made` is the episode, if it was already computed. Otherwise the file is
+    read, and the episode is named after the file without its suffix, or after the folder of an OpenFOAM case."""
 
     path: Path
     role: Role
@@ -51,7 +51,6 @@ class EpisodeSource:
 
     @property
     def name(self) -> str:
-        """Name of the episode."""
         if self.made is not None:
             return self.made.name
         case = case_of(self.path)
@@ -68,16 +67,16 @@ def assemble(
     progress: Callable[[Path], None] = lambda path: None,
     told: Callable[[Path, str], None] = lambda path, note: None,
 ) -> Dataset:
-    """Read every file into an episode. Raises DatasetError if a file cannot be read or does not fit; the message names
+    """Read every file into an episode. Raises DatasetError if a file cannot be read or does not fit; the message states
     file and place, and what would be right.
 
     Args:
         sources: in the order of the episodes.
         facts: control period and action limit must be known.
-        references: by the name here, what 1 of ours is in the files.
-        renamed: by the name here, the name in the files.
+        references: for a series or sensor, the value in the files that equals 1 in the data set.
+        renamed: for a series or sensor, its name in the files.
         progress: called with every file before it is read.
-        told: called with a file and what is worth knowing of it, such as names that are no series and no sensor.
+        told: called with a file and a note about it, such as names that are neither series nor sensors.
     """
     renamed, references = dict(renamed or {}), dict(references or {})
     if facts.control_period is None or facts.action_limit is None:
@@ -144,7 +143,7 @@ def _episode(
     path, arrays, period, limit = source.path, contents.arrays, facts.control_period, facts.action_limit
     assert period is not None
     assert limit is not None
-    # In a CSV file a column of that name: its first row counts.
+    # In a CSV file the initial action is a column, of which the first row counts.
     initial = float(np.ravel(arrays.pop(INITIAL_ACTION, np.zeros(1)))[0])
     for name in REQUIRED:
         if name not in arrays and name != "t":

@@ -1,4 +1,4 @@
-"""Tables of comma-separated values, read so that an error names file, line and column; one lists the sensors."""
+"""Reading of CSV tables, one of which lists the sensors, with errors that state file, line and column."""
 
 import csv
 import re
@@ -22,7 +22,7 @@ _DECIMAL_COMMA: Final = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")
 
 @dataclass(frozen=True, kw_only=True)
 class CsvTable:
-    """Text cells under a header.
+    """A table of text cells under a header.
 
     Attributes:
         header: names of the columns, all different.
@@ -36,7 +36,7 @@ class CsvTable:
     lines: tuple[int, ...]
 
     def numbers(self, name: str) -> Array:
-        """A column as numbers, (n,); raises DatasetError for the first cell that is not a finite number."""
+        """Return a column as numbers, (n,). Raises DatasetError for the first cell that is not a finite number."""
         column = self.header.index(name)
         values = np.empty(len(self.rows))
         for k, row in enumerate(self.rows):
@@ -52,7 +52,7 @@ class CsvTable:
         return values
 
     def texts(self, name: str) -> tuple[str, ...]:
-        """A column as it stands."""
+        """Return a column as text."""
         column = self.header.index(name)
         return tuple(row[column] for row in self.rows)
 
@@ -61,11 +61,11 @@ class CsvTable:
 
 
 def read_csv(path: Path) -> CsvTable:
-    """Read a table: a header line, then rows; separated by commas, semicolons or tabs; empty lines are skipped.
+    """Read a table: a header line, then rows. Cells are separated by commas, semicolons or tabs.
 
-    Lines that begin with # above the header are comments. If numbers follow them, the last one is the header, as
-    `numpy.savetxt` writes it. Raises DatasetError if the file cannot be read as text, has no header or rows, or a row
-    of another length.
+    Empty lines are skipped. Lines above the header that begin with # are comments. If numbers follow the comments
+    directly, the last comment is the header, as `numpy.savetxt` writes it. Raises DatasetError if the file cannot be
+    read as text, has no header or no rows, or has a row of another length.
     """
     try:
         text = path.read_text(encoding="utf-8-sig")
@@ -87,7 +87,7 @@ def read_csv(path: Path) -> CsvTable:
         raise DatasetError(f"{path}: line {reader.line_num}: {error}") from error
     if len(rows) < 2:
         raise DatasetError(f"{path}: must have a line with the names of the columns and at least one row below it")
-    # A spreadsheet leaves separators behind the last column, in the header or in the rows.
+    # A spreadsheet may leave separators after the last column, in the header or in the rows.
     width = len(rows[0])
     rows = [row[:width] if not any(row[width:]) else row for row in rows]
     rows = [row + ("",) * (width - len(row)) if not any(rows[0][len(row) :]) else row for row in rows]
@@ -115,7 +115,7 @@ def _remedy(cell: str) -> str:
 
 
 def _with_header(content: list[str]) -> list[str]:
-    """The lines with comments emptied, so that numbers of lines stay; a header that is commented out counts."""
+    """Return the lines with empty lines for comments, so that line numbers stay; a commented-out header counts."""
     comments = int("".join(content[:1]).startswith("sep="))  # a spreadsheet's own word
     while comments < len(content) and (content[comments].startswith("#") or not content[comments].strip()):
         comments += 1
@@ -127,7 +127,7 @@ def _with_header(content: list[str]) -> list[str]:
 
 
 def _number(cell: str) -> float:
-    """Read a number as tables have it; Python also takes 1_000. Raises ValueError."""
+    """Parse a number as tables write it. Python's own syntax 1_000 is refused. Raises ValueError."""
     return float(cell.replace("_", "?"))
 
 
@@ -140,7 +140,7 @@ def _is_number(cell: str) -> bool:
 
 
 def _check_header(path: Path, line: int, header: tuple[str, ...]) -> None:
-    """Refuse what is no row of names, before a missing column is blamed for it."""
+    """Refuse a first line that has no column names, so that the error does not merely state a missing column."""
     if all(map(_is_number, header)):
         raise DatasetError(f"{path}: line {line} holds numbers; the first line must have the names of the columns")
     if len(header) == 1 and len(header[0].split()) > 1:
@@ -157,10 +157,10 @@ _RESERVED: Final = frozenset({*UNITS, "initial_action"})
 def read_sensors(
     path: Path, *, symmetric: bool, told: Callable[[Path, str], None] = lambda path, note: None
 ) -> SensorLayout:
-    """The layout, in the order of the file's rows. Raises DatasetError if a column is missing, or a cell does not fit;
-    the message names file, line and column. `symmetric` states whether body and jets are their own mirror images in y =
-    0; the sensors' images follow from their places, if every sensor has one. `told` is called with the columns that
-    are not used, if there are any."""
+    """Read the sensors' layout, in the order of the file's rows. Raises DatasetError if a column is missing or a cell
+    does not fit; the message states file, line and column. `symmetric` states whether body and jets are symmetric about
+    y = 0. The sensors' mirror images follow from their positions, if every sensor has one. `told` is called with the
+    columns that are not used, if there are any."""
     table = read_csv(path)
     for column in ("name", "x", "y"):
         if column not in table.header:

@@ -1,4 +1,4 @@
-"""Drag and lift for a log that has none: from a table with times, brought to the times of the log's rows."""
+"""Drag and lift for a log without forces, interpolated from a table at the times of the log's rows."""
 
 import re
 from collections.abc import Mapping
@@ -23,10 +23,10 @@ _CLOCK_OF_UNIT: Final[Mapping[str, ForcesClock]] = {"t_c": "t_c", "W/U_inf": "t_
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TimeSeries:
-    """One force.
+    """A force as a function of time.
 
     Attributes:
-        name: in the file.
+        name: name in the file.
         t: rising, (n,).
         values: (n,).
 
@@ -53,13 +53,13 @@ class TimeSeries:
             )
 
     def at(self, times: Array, *, longest_gap: float, slack: float) -> Array:
-        """The values on straight lines between the rows. Raises DatasetError for times outside the rows, or in a gap;
-        the message names both.
+        """Interpolate the values linearly between the rows. Raises DatasetError for times outside the rows, or in a
+        gap; the message states both.
 
         Args:
-            times: of the rows wanted, rising, (m,), in the unit of `t`.
-            longest_gap: between two rows, across which a line may go.
-            slack: by which the first and the last time may lie outside: two clocks do not fit to the last digit.
+            times: rising, (m,), in the unit of `t`.
+            longest_gap: largest distance between two rows that is interpolated.
+            slack: time by which the first and the last of `times` may lie outside the rows, because clocks differ.
         """
         if times[0] < self.t[0] - slack or times[-1] > self.t[-1] + slack:
             raise DatasetError(
@@ -79,7 +79,7 @@ class TimeSeries:
         return np.asarray(np.interp(times, self.t, self.values))
 
     def at_times(self, t: Array) -> "TimeSeries":
-        """The same with other times of its rows, (n,)."""
+        """Return this force with other times of its rows, (n,)."""
         return TimeSeries(path=self.path, name=self.name, t=t, values=self.values)
 
 
@@ -88,8 +88,8 @@ class ForcesTable:
     """The forces of a table.
 
     Attributes:
-        forces: by `FORCE_COLUMNS`.
-        clock: of its times, as the column's own unit gives it; None if it has none.
+        forces: by the names in `FORCE_COLUMNS`.
+        clock: clock of the times according to the column's unit; None if the column states no such unit.
     """
 
     forces: Mapping[str, TimeSeries]
@@ -99,13 +99,13 @@ class ForcesTable:
 def read_forces(
     path: Path, renamed: Mapping[str, str], references: Mapping[str, Reference] | None = None
 ) -> ForcesTable:
-    """Read t, Cd and Cl from a table or a file of arrays. Raises DatasetError if the file cannot be read or lacks one
-    of the three, or they do not fit each other.
+    """Read t, Cd and Cl from a table or a file of arrays. Raises DatasetError if the file cannot be read, one of the
+    three is missing, or they do not fit each other.
 
     Args:
-        renamed: by the name here, the name in the file. Without one, a name in the file may have its unit behind it in
-            brackets, as `stillwake report --csv` writes it.
-        references: by the name here, what 1 of ours is in the file.
+        renamed: for t, Cd and Cl, the name in the file. For a name that is not given, the name in the file may be
+            followed by its unit in brackets, as `stillwake report --csv` writes it.
+        references: for a series, the value in the file that equals 1 in the data set.
     """
     if not path.is_file():
         raise DatasetError(f"{path}: no such file")
@@ -142,7 +142,7 @@ def read_forces(
 
 
 def _inside(path: Path, there: tuple[str, ...], renamed: Mapping[str, str]) -> dict[str, str]:
-    """The names in the file of t, Cd and Cl."""
+    """Return the names of t, Cd and Cl in the file."""
     found = {}
     for name in ("t", *FORCE_COLUMNS):
         wanted = renamed.get(name, name)

@@ -1,4 +1,4 @@
-"""A case of OpenFOAM as an episode: its probes' p, its force coefficients, and what was commanded."""
+"""Import of an OpenFOAM case as an episode: its probes' p, its force coefficients, and the commanded actions."""
 
 import os
 import re
@@ -17,21 +17,21 @@ from contract.recording.openfoam_tables import FoamTable, read_foam_table
 from contract.sensor_layout import SensorLayout
 
 _ACTIONS: Final = "actions.csv"
-"""Beside postProcessing: t, in the case's own time, and action. Without it the case is uncontrolled."""
+"""Name of the actions' file beside postProcessing: t, in the case's time, and action. Without it, no control."""
 _POST: Final = "postProcessing"
 _PRESSURES: Final = r"p(_[-+.\de]+)?"
 _FORCES: Final = r"(coefficient|forceCoeffs)(_[-+.\de]+)?\.dat"
 _NUMBER: Final = re.compile(r"[-+]?\d*\.?\d+(?:[eE][-+]?\d+)?")
 _NOT_FOUND: Final = 1e299
-"""A probe outside the mesh reads -1e300."""
+"""Magnitude above which a probe's value means that the probe is outside the mesh; OpenFOAM then writes -1e300."""
 _GAP: Final = 1.05
-"""Control periods between two rows across which a straight line may go."""
+"""Largest distance between two rows that is interpolated, in control periods."""
 _AT: Final = 0.01
-"""Distance of a probe from its sensor, as a share of what the sensors span."""
+"""Largest distance of a probe from its sensor, as a share of the extent of the sensors."""
 
 
 def case_of(path: Path) -> Path | None:
-    """The case that a path lies in, be it the case's folder, postProcessing or anything in it; None if in none."""
+    """Return the case of a path, which is the case's folder, postProcessing or anything in it; None without a case."""
     path = Path(os.path.realpath(path))  # `resolve` raises RuntimeError for a link that leads round
     if (path / _POST).is_dir():
         return path
@@ -48,9 +48,9 @@ def read_case(
     renamed: Mapping[str, str],
     references: Mapping[str, Reference],
 ) -> Contents:
-    """Rows one control period apart, where the case wrote finer ones on straight lines between them. p is kinematic,
-    and magUInf of the coefficients makes Cp of it, unless `references` has Cp. Raises DatasetError if the tables cannot
-    be read, or do not fit layout or period; the message names the file. Arguments as for
+    """Read rows one control period apart, interpolated linearly if the case wrote finer rows. p is kinematic. The
+    coefficients' magUInf scales p to Cp, unless `references` has Cp. Raises DatasetError if the tables cannot be read,
+    or do not fit layout or period; the message states the file. The arguments are those of
     `contract.recording.importing.source_file.read_source`."""
     pressures, forces = _table(path, case, _PRESSURES, "probes of p"), _table(path, case, _FORCES, "forceCoeffs")
     speed = _speed(forces)
@@ -71,7 +71,7 @@ def read_case(
     scales = [factor(path, name, inside, None, references.get(name)) for name, inside in found.items()]
     coefficients = forces.rows[:, [columns.index(inside) for inside in found.values()]] * scales
     first, last = (max(pressures.rows[0, 0], forces.rows[0, 0]), min(pressures.rows[-1, 0], forces.rows[-1, 0]))
-    # Rounded times may fall short of a period by their last digit.
+    # The tolerance is for rounded times, which may fall short of a period in their last digit.
     t = first * second + period * np.arange(max(0, int((last - first) * second / period + 1e-4) + 1))
     tables = ((pressures, readings), (forces, coefficients))
     at_periods = [_at(table.files[0], table.rows[:, 0] * second, values, t, period) for table, values in tables]
@@ -90,7 +90,7 @@ def read_case(
 
 
 def _table(path: Path, case: Path, file: str, what: str) -> FoamTable:
-    """That of the function object which the path is in, or of the only one there is."""
+    """Return the table of the function object in which the path lies; otherwise the only table that there is."""
     tables = {}
     try:
         for folder in sorted((case / _POST).iterdir()):
@@ -107,7 +107,7 @@ def _table(path: Path, case: Path, file: str, what: str) -> FoamTable:
 
 
 def _speed(forces: FoamTable) -> float | None:
-    """U_inf by the coefficients' header; None if it has none."""
+    """Return U_inf as stated in the coefficients' header; None if the header does not state it."""
     for line in forces.header:
         name, _, value = line.partition(":")
         if name.strip() == "magUInf" and _NUMBER.fullmatch(value.strip()):
@@ -116,7 +116,7 @@ def _speed(forces: FoamTable) -> float | None:
 
 
 def _scale(name: str, layout: SensorLayout, references: Mapping[str, Reference], speed: float | None) -> float:
-    """What p at a sensor is to be multiplied by."""
+    """Return the factor that converts p at a sensor to Cp."""
     reference = reference_of(name, layout, references)
     if reference is not None:
         return 1.0 / reference.number
@@ -125,8 +125,8 @@ def _scale(name: str, layout: SensorLayout, references: Mapping[str, Reference],
 
 
 def _probes_of(pressures: FoamTable, layout: SensorLayout) -> Index:
-    """The probe of every sensor: the one at its place, or, where the case has another origin and length, the one in the
-    same order if all lie as the sensors do."""
+    """Return the probe of every sensor, which is the probe at the sensor's position. If the case has another origin and
+    length, and all probes are arranged like the sensors, probes and sensors correspond by their order."""
     path, count = pressures.files[0], pressures.rows.shape[1] - 1
     numbers = [(line.split("(")[0].split()[:1], "(" in line, _NUMBER.findall(line)) for line in pressures.header]
     places = [found[1:3] for word, bracket, found in numbers if word == ["Probe"] and bracket and len(found) == 4]
@@ -155,14 +155,14 @@ def _probes_of(pressures: FoamTable, layout: SensorLayout) -> Index:
 
 
 def _alike(at: Array, wanted: Array, near: float) -> bool:
-    """Whether places are the wanted ones up to an origin and a length."""
+    """Return whether two sets of positions are equal except for origin and length scale."""
     moved, meant = at - at.mean(axis=0), wanted - wanted.mean(axis=0)
     length = float((moved * meant).sum() / max(float((moved**2).sum()), 1e-300))
     return len(at) > 1 and length > 0 and bool((np.hypot(*(length * moved - meant).T) <= near).all())
 
 
 def _at(path: Path, times: Array, values: Array, t: Array, period: float) -> Array:
-    """Values at t, on straight lines between the rows."""
+    """Return the values at the times t, interpolated linearly between the rows."""
     if len(t) < 2:
         raise DatasetError(
             f"{path}: goes from {times[0]:g} to {times[-1]:g} W / U_inf, less than two control periods that probes and "
@@ -181,7 +181,7 @@ def _at(path: Path, times: Array, values: Array, t: Array, period: float) -> Arr
 
 
 def _actions(case: Path, t: Array, scale: float) -> tuple[Array, Array, tuple[Path, ...]]:
-    """The action commanded at every time, that before the first, and the file, if there is one."""
+    """Return the action commanded at every time, the action before the first time, and the file, if there is one."""
     path = case / _ACTIONS
     if not path.is_file():
         return np.zeros(len(t)), np.zeros(1), ()
@@ -192,7 +192,7 @@ def _actions(case: Path, t: Array, scale: float) -> tuple[Array, Array, tuple[Pa
     times, commands = table.numbers("t"), table.numbers("action") * scale
     if (np.diff(times) <= 0).any():
         raise DatasetError(f"{path}: t does not rise at row {int(np.argmax(np.diff(times) <= 0)) + 1}")
-    # In force until the next one; a time that is rounded counts.
+    # A command is in force until the next; the tolerance admits rounded times.
     within = 1e-6 * max(1.0, float(np.abs(t).max()))
     at = np.searchsorted(times, t + within, side="right") - 1
     before = int(np.searchsorted(times, t[0] - within)) - 1

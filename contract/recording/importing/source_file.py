@@ -1,4 +1,4 @@
-"""A file of the user's as arrays by the names that they have here, in our units, and what 1 of ours is in it."""
+"""A user's file as arrays with the data set's names and units, and the references that convert the units."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -40,7 +40,7 @@ _KNOWN: Final[Mapping[str, tuple[str, float]]] = {
     )
     for name in names.split("|")
 }
-"""Base unit and size in it; "1" is what has no dimension."""
+"""Base unit of every known unit, and its size in that base unit; the base unit "1" is dimensionless."""
 _REMEDIES: Final = {
     "Pa": "give rho U_inf^2 / 2 as in --reference Cp=240Pa",
     "s": "give W / U_inf as in --reference t=5ms",
@@ -52,7 +52,8 @@ _REFERENCE: Final = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(
 
 @dataclass(frozen=True, kw_only=True)
 class Reference:
-    """What 1 of ours is in the files: a force of 40 N for a coefficient of 1. Without a unit, in that of the file."""
+    """The value in the files that equals 1 in the data set, for example 40 N for a force coefficient of 1. Without a
+    unit, the value is in the file's unit."""
 
     number: float
     unit: str | None
@@ -63,7 +64,7 @@ class Reference:
 
 
 def references_of(texts: Sequence[str]) -> dict[str, Reference]:
-    """The references of --reference NAME=NUMBER[UNIT] by name; raises ConfigError for anything else."""
+    """Parse --reference NAME=NUMBER[UNIT] options to references by name; raises ConfigError for anything else."""
     found: dict[str, Reference] = {}
     for text in texts:
         option = f"--reference {text}"
@@ -78,7 +79,7 @@ def references_of(texts: Sequence[str]) -> dict[str, Reference]:
 
 
 def split_unit(column: str) -> tuple[str, str | None]:
-    """A column's name without the known unit in brackets behind it, and that."""
+    """Split a column's header into the name and the unit, if a known unit follows the name in brackets."""
     parts = _BEHIND.fullmatch(column)
     if parts is None or parts[3] == "1":  # a number, as in "tap (1)"
         return column, None
@@ -87,8 +88,9 @@ def split_unit(column: str) -> tuple[str, str | None]:
 
 
 def factor(path: Path, name: str, inside: str, unit: str | None, reference: Reference | None) -> float:
-    """What the numbers of `name`, called `inside` in the file and in `unit` by its own word, are to be multiplied by.
-    Raises DatasetError if they have a dimension and no reference, or one of another dimension."""
+    """Return the factor that converts the numbers of `name` to the data set's unit. `inside` is their name in the file,
+    and `unit` the unit that the file states. Raises DatasetError if the numbers have a dimension but no reference, or a
+    reference of another dimension."""
     base, size = ("1", 1.0) if unit is None else _base(unit)
     if reference is None:
         if base != "1":
@@ -106,7 +108,7 @@ def factor(path: Path, name: str, inside: str, unit: str | None, reference: Refe
 
 
 def seconds_in(unit: str | None) -> float | None:
-    """Seconds of a unit of time; None for any other."""
+    """Return the seconds in a unit of time; None for any other unit."""
     base, size = ("1", 1.0) if unit is None else _base(unit)
     return size if base == "s" else None
 
@@ -116,7 +118,7 @@ def _base(unit: str) -> tuple[str, float]:
 
 
 def _plain(unit: str) -> str:
-    """Without the date of CF's times, and m^3 as m3."""
+    """Return the unit without the date in CF's units of time, and with m^3 written as m3."""
     unit = unit.split(" since ")[0].strip()
     return unit if unit in _KNOWN else unit.replace("^", "").replace("**", "")
 
@@ -126,14 +128,14 @@ SUFFIXES: Final = (".csv", ".tsv", ".txt", *BINARY)
 
 @dataclass(frozen=True, kw_only=True)
 class Contents:
-    """What a file has.
+    """The contents of a file.
 
     Attributes:
-        arrays: by the names that they have here, with one "Cp" of shape (n, sensors) in the layout's order.
-        unread: names in the file that no one asked for.
-        renamed: the names here whose arrays have another one in the file.
-        files: that were read.
-        notes: what else is worth knowing.
+        arrays: by the data set's names; there is one "Cp" of shape (n, sensors), in the layout's order.
+        unread: names in the file that were not used.
+        renamed: names of series or sensors whose arrays have another name in the file.
+        files: files that were read.
+        notes: further remarks for the user.
     """
 
     arrays: dict[str, Array]
@@ -150,13 +152,15 @@ def read_source(
     renamed: Mapping[str, str],
     references: Mapping[str, Reference],
 ) -> Contents:
-    """The arrays among `names` that the file has, and the pressures. Raises DatasetError if the file cannot be read,
-    lacks a renamed array, or an array is no series of numbers or of a unit that is not ours; the message names both.
+    """Read the arrays in `names` that the file has, and the pressures. Raises DatasetError if the file cannot be read,
+    lacks a renamed array, or an array is no series of numbers or has an unknown unit; the message states file and
+    array.
 
     Args:
-        names: of series that may be there, without Cp.
-        renamed: by the name here (of a series, a sensor or Cp), the name in the file where it is another one.
-        references: by the name here, what 1 of ours is in the file; that of Cp holds for sensors, too.
+        names: series that may be in the file, without Cp.
+        renamed: for a series, a sensor or Cp, its name in the file if it differs.
+        references: for a series or sensor, the value in the file that equals 1 in the data set; the reference of Cp
+            also applies to sensors.
     """
     if not path.is_file():
         raise DatasetError(f"{path}: is a folder without postProcessing" if path.is_dir() else f"{path}: no such file")
@@ -185,7 +189,7 @@ def read_source(
             used |= names_of_columns
         unit = stored[inside].unit if inside in stored else None
         unit = unit or (split_unit(inside)[1] if inside != name else None)
-        # Of an array of pressures a column may have its own; one of another width is refused by its shape.
+        # Each column of a pressure array may have its own reference. Another number of columns is refused later.
         columns = layout.names if name == "Cp" and found[name].shape[1] == len(layout) else (name,)
         found[name] = found[name] * np.squeeze(
             [factor(path, name, inside, unit, reference_of(one, layout, references)) for one in columns]
@@ -199,7 +203,7 @@ def read_source(
 
 
 def reference_of(name: str, layout: SensorLayout, references: Mapping[str, Reference]) -> Reference | None:
-    """What 1 of a series or of a sensor is in the files; None if it has no dimension."""
+    """Return the reference of a series or a sensor; None if there is none."""
     general = {INITIAL_ACTION: "action", **dict.fromkeys(layout.names, "Cp")}.get(name, name)
     return references.get(name) or references.get(general)
 
@@ -207,8 +211,8 @@ def reference_of(name: str, layout: SensorLayout, references: Mapping[str, Refer
 def _in_this_file(
     path: Path, there: Sequence[str], renamed: Mapping[str, str], wanted: Sequence[str]
 ) -> dict[str, str]:
-    """The other names that this file has, be it for the unit in brackets behind them; one that it lacks is refused
-    unless it has the name here: without both, a series such as t would be passed over."""
+    """Return the names in this file that differ from the data set's, also by a unit in brackets. Raises DatasetError
+    for a renamed array that is in the file under neither name: a series such as t would silently be ignored."""
     plain = {split_unit(column)[0]: column for column in there}
     found = {name: plain[name] for name in wanted if name not in there and name in plain}
     for name, inside in renamed.items():
@@ -224,7 +228,7 @@ def _in_this_file(
 def _ordered(
     path: Path, pressures: Array, layout: SensorLayout, stored: Mapping[str, Stored]
 ) -> tuple[Array, frozenset[str]]:
-    """The columns in the layout's order, where an array of names beside them tells theirs."""
+    """Return the columns in the layout's order, if an array of names in the file states the order of its columns."""
     for name, one in stored.items():
         texts = one.texts
         if len(texts) == pressures.shape[1] and set(texts) >= set(layout.names):
@@ -243,7 +247,7 @@ def _ordered(
 def _with_pressures(
     path: Path, arrays: dict[str, Array], layout: SensorLayout, renamed: Mapping[str, str], there: Sequence[str]
 ) -> dict[str, Array]:
-    """One Cp in place of an array a sensor; a Cp that is there already stays."""
+    """Combine the sensors' arrays into one Cp; an existing Cp stays unchanged."""
     columns = [arrays.pop(name, None) for name in layout.names]
     if "Cp" in arrays:
         return arrays

@@ -1,4 +1,4 @@
-"""Arrays in NPZ, HDF5, netCDF and MATLAB files: packed, with gaps and a unit, as CF and netCDF have them."""
+"""Arrays in NPZ, HDF5, netCDF and MATLAB files, with packing, missing values and units as in CF and netCDF."""
 
 import math
 from collections.abc import Callable, Iterator, Mapping
@@ -17,21 +17,21 @@ from contract.recording.hdf5 import opened
 
 GAP: Final = "; fill the gap, or cut the file in two there"
 DEFAULT_FILL: Final = 9.9692099683868690e36
-"""What netCDF puts where nothing was written, for floating-point numbers."""
+"""Value that netCDF stores in place of floating-point numbers that were never written."""
 UNWRITTEN: Final = "is the default fill value of netCDF: nothing was written there"
 _DEFAULT_OF_INTEGERS: Final = {2: -(2**15) + 1, 4: -(2**31) + 1, 8: -(2**63) + 2}
-"""The same for signed integers, by their bytes; single bytes have none."""
+"""Values of netCDF for signed integers that were never written, by size in bytes; single bytes have none."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Stored:
-    """One array.
+    """An array of a file.
 
     Attributes:
         values: as they are stored.
-        attributes: of the array, by name; those of CF count: scale_factor, add_offset, _FillValue, missing_value,
+        attributes: of the array, by name. Those of CF are used: scale_factor, add_offset, _FillValue, missing_value,
             valid_min, valid_max, valid_range, units, and netCDF's _Unsigned.
-        netcdf: whether netCDF wrote it, with its own fill values where none is named.
+        netcdf: whether the file is netCDF's, whose default fill values apply if the array states none.
     """
 
     values: Any
@@ -47,16 +47,16 @@ class Stored:
 
     @property
     def texts(self) -> tuple[str, ...]:
-        """Its texts, if it holds texts alone."""
+        """The texts of the array; empty if it holds anything else."""
         values = np.asarray(self.values).ravel()
         cells = values.tolist() if values.dtype.kind in "OSU" else ()
         found = [cell.decode(errors="replace") if isinstance(cell, bytes) else cell for cell in cells]
         return tuple(cell.strip() for cell in found) if all(isinstance(cell, str) for cell in found) else ()
 
     def numbers(self, path: Path, name: str, *, columns: bool = False, one: bool = False) -> Array:
-        """The numbers that are meant: as a series (n,), which may be one row or one column, with columns as (n,
-        sensors), or one number. Raises DatasetError if these are no numbers, of another shape, or one is missing or
-        not finite; the message names the place."""
+        """Return the unpacked numbers: as a series (n,), which may be stored as one row or one column; with `columns`
+        as (n, sensors); with `one` as one number. Raises DatasetError if they are not numbers, have another shape, or
+        one is missing or not finite; the message states the place."""
         raw = np.asarray(self.values)
         if raw.dtype.kind not in "fiu":
             raise DatasetError(f"{path}: array {name!r} holds {raw.dtype}, must hold numbers")
@@ -86,7 +86,7 @@ class Stored:
         return array
 
     def _gaps(self, path: Path, name: str, raw: npt.NDArray[Any], array: Array) -> dict[str, Mask]:
-        """Where a value stands for none, by the reason."""
+        """Return, for every reason, where a value is missing or invalid."""
         found: dict[str, Mask] = {}
         for key in ("missing_value", "_FillValue"):
             found[f"is missing by its {key}"] = np.isin(raw, self._like(path, name, key, raw.dtype))
@@ -99,7 +99,7 @@ class Stored:
             bounds = self._like(path, name, key, raw.dtype)
             if bounds.size:
                 low, high = bounds[0] if key != "valid_max" else -np.inf, bounds[-1] if key != "valid_min" else np.inf
-                # CF: bounds are packed as the numbers are, unless their type is that of the unpacked ones.
+                # CF: bounds are packed like the numbers, unless the bounds have the type of the unpacked numbers.
                 of = array if bounds.dtype.kind == "f" != raw.dtype.kind else raw
                 found[f"is outside its {key}"] = (of < low) | (of > high)
         return found
@@ -111,7 +111,7 @@ class Stored:
         return float(values[0])
 
     def _like(self, path: Path, name: str, key: str, dtype: np.dtype[Any]) -> npt.NDArray[Any]:
-        """The numbers of an attribute, as those of the array are where that changes what they are."""
+        """Return an attribute's numbers, converted to the array's type if that type is floating-point or unsigned."""
         values = np.ravel(self.attributes.get(key, np.empty(0)))
         if values.dtype.kind not in "fiu":
             raise DatasetError(f"{path}: array {name!r}: its attribute {key} is {self.attributes[key]!r}, no number")
@@ -126,17 +126,17 @@ _PACKING: Final = (("scale_factor", 1.0), ("add_offset", 0.0))
 BINARY: Final = (".npz", ".h5", ".hdf5", ".nc", ".nc4", ".mat")
 INITIAL_ACTION: Final = "initial_action"
 _CDF: Final = b"CDF"
-"""First bytes of netCDF's classic format; netCDF-4 is HDF5, and so is MATLAB 7.3."""
+"""First bytes of netCDF's classic format; files of netCDF-4 and MATLAB 7.3 are HDF5 files."""
 _HDF5: Final = b"\x89HDF"
 _USER_BLOCK: Final = 512
-"""Bytes that MATLAB puts before the HDF5 file."""
+"""Number of bytes that MATLAB writes before the HDF5 file."""
 _TABLES: Final = ("None", "__function_workspace__")
-"""What SciPy calls MATLAB's tables and objects, which it cannot read."""
+"""SciPy's names for MATLAB's tables and objects, which it cannot read."""
 
 
 def stored_arrays(path: Path) -> dict[str, Stored]:
-    """All arrays of a file by their names, with those of the groups or structures that they are in. Raises DatasetError
-    if the file cannot be read."""
+    """Return all arrays of a file by name; the name includes the groups or structures that contain the array. Raises
+    DatasetError if the file cannot be read."""
     try:
         with path.open("rb") as file:
             head = file.read(_USER_BLOCK + len(_HDF5))
@@ -171,7 +171,7 @@ def _read_hdf5(path: Path) -> dict[str, Stored]:
 
 
 def _values(file: h5py.File, node: h5py.Dataset) -> Any:
-    """The array; of MATLAB with its axes in MATLAB's order, and texts in place of characters and cells of them."""
+    """Return the array. MATLAB's arrays get MATLAB's order of axes, and its characters become texts."""
     kind = node.attrs.get("MATLAB_class", b"")
     kind = kind.decode() if isinstance(kind, bytes) else str(kind)
     if kind == "cell" and node.dtype.kind == "O":
@@ -182,13 +182,13 @@ def _values(file: h5py.File, node: h5py.Dataset) -> Any:
 
 
 def _text(node: Any) -> Any:
-    """Characters of MATLAB as a text; None for anything else in a cell."""
+    """Return MATLAB's characters as a text; None for anything else in a cell."""
     values = np.ravel(node[()]) if isinstance(node, h5py.Dataset) else np.empty(0)
     return "".join(map(chr, values.tolist())) if values.dtype == np.uint16 else None
 
 
 def _attributes(node: h5py.Dataset) -> dict[str, Any]:
-    """Those of the array; a fill value that the file was created with counts as one, 0 means that none was chosen."""
+    """Return the array's attributes. A fill value from creation counts as `_FillValue`, except 0, which means none."""
     found: dict[str, Any] = {}
     for name in node.attrs:
         try:
@@ -230,7 +230,7 @@ def _read_matlab(path: Path) -> dict[str, Stored]:
 
 
 def _flat(found: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, Any]]:
-    """The arrays of nested structures, their names joined by slashes as those of HDF5's groups are."""
+    """Return the arrays of nested structures; their names are joined by slashes like those of HDF5's groups."""
     for name, values in found.items():
         if name in _TABLES:
             yield "a MATLAB table or object, of which only MATLAB can read the columns: save them as variables", None

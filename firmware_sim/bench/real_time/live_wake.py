@@ -1,10 +1,10 @@
-"""The own solver in a process of its own, one control period ahead of the bus.
+"""The built-in solver in a separate process, one control period ahead of the bus.
 
-At a sampling instant the action of the period to come is known: an ECU that plans ahead sends it early. So the
-solver has the whole period to get to the next sampling instant. If it does not, that instant passes without pressures,
-and the flow's time falls behind the clock's by a period.
+At a sampling instant the action of the next period is known, because an ECU that plans ahead sends it early. So the
+solver has a whole period to reach the next sampling instant. If the solver is late, that instant has no pressures, and
+the flow's time falls behind the clock by a period.
 
-What a control period costs on this machine is measured before the start.
+The computing time of a control period on this machine is measured before the start.
 """
 
 import multiprocessing
@@ -30,22 +30,21 @@ from wake.plant.drive import Drive
 from wake.truck.truck_wake import TruckWake
 
 _PERIODS: Final = 20
-"""Control periods that are timed."""
+"""Number of control periods that are timed."""
 _ROOM: Final = 0.9
-"""Share of a control period that the solver may take: what is left is for handing the pressures over, and for a
-processor that others use as well."""
+"""Share of a control period that the solver may take; pressure transfer and other processes need the rest."""
 COARSE: Final = (0.75, 15)
-"""Refinement and time steps a control period of the fastest plant that was found on which the shipped controller does
-what it does on the default grid (docs/explanation/solver.md)."""
+"""Refinement and time steps per control period of the fastest plant found on which the shipped controller acts as on
+the default grid (docs/explanation/solver.md)."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Speed:
-    """Speed of a plant on a machine.
+    """Speed of a plant on this machine.
 
     Attributes:
-        typical_ms: wall time of a control period, the median.
-        worst_ms: the longest of those timed.
+        typical_ms: median wall time of a control period.
+        worst_ms: longest wall time of a control period.
     """
 
     typical_ms: float
@@ -53,12 +52,12 @@ class Speed:
 
     @classmethod
     def of(cls, times_ms: Sequence[float]) -> "Speed":
-        """Take the median and the longest of single times."""
+        """Compute the median and the maximum of measured times."""
         return cls(typical_ms=median(times_ms), worst_ms=max(times_ms))
 
     def check(self, period_ms: float, *, refinement: float, substeps: int) -> str | None:
-        """None if the plant keeps up; a warning if it does so only just. Raises PlantError if it does not, with how
-        much it lacks and what would help."""
+        """Return None if the plant is fast enough, and a warning if it is only just fast enough. Raises PlantError,
+        with the factor that is missing and possible remedies, if the plant is too slow."""
         if self.typical_ms > period_ms:
             lacking = self.typical_ms / (_ROOM * period_ms)
             coarser = f" (--set flow.refinement={COARSE[0]:g} --set flow.substeps={COARSE[1]})"
@@ -79,7 +78,7 @@ class Speed:
 def measured(
     wake: TruckWake, periods: int = _PERIODS, clock: Callable[[], float] = time.perf_counter
 ) -> tuple[float, ...]:
-    """Wall time in ms of so many control periods without jets, sampling included; the wake is left as it was."""
+    """Measure the wall time in ms of control periods without jets, with sampling; then restore the wake's state."""
     begin = wake.state()
     times = []
     for _ in range(periods):
@@ -91,21 +90,22 @@ def measured(
 
 
 _LONGEST_END_S: Final = 5.0
-"""What the process is given to end by itself: the longest control period, and Python's own end."""
+"""Longest wait in s for the process to end by itself: it may have to finish a control period before Python exits."""
 
 
 class LiveWake(NeverCopied):
-    """Use as a context manager; its start takes seconds. Raises StillwakeError if the plant cannot be made.
+    """A live wake, used as a context manager; its start takes seconds. Raises StillwakeError if the plant cannot be
+    opened.
 
     Args:
-        start: a state to begin from; the shipped one, moved to the grid in use, without.
-        progress: called with (t_c, t_c in all) while the start settles.
-        drive: speeds of the stream from the first period on; the flow's settings have the time steps for them.
+        start: file with the initial state; if None, the shipped state, interpolated to the grid in use.
+        progress: called with (t_c done, t_c in all) while the start settles.
+        drive: speeds of the inflow from the first period on; `config.flow` must have the time steps for them.
 
     Attributes:
         layout: sensors of the body.
         description: solver, grid and time step.
-        speed: measured before the start.
+        speed: computing time, measured before the start.
     """
 
     INSTEAD: ClassVar = "its solver is a process; make another one"
@@ -118,7 +118,7 @@ class LiveWake(NeverCopied):
         drive: Drive | None = None,
     ) -> None:
         self.layout = layout_of(config.body)
-        # Not forked: this process has threads, whose locks a fork would keep as they are.
+        # The process is not forked: a fork would copy the locks of this process's threads in their present state.
         context = multiprocessing.get_context("spawn")
         self._pipe, theirs = context.Pipe()
         self._process = context.Process(target=_run, args=(theirs, config, start, drive), name="live-wake", daemon=True)
@@ -135,8 +135,8 @@ class LiveWake(NeverCopied):
         self._is_busy = False
 
     def sampled(self) -> Array | None:
-        """Cp at the end of the period that was driven last; None while it is being computed. Raises PlantError if the
-        flow diverged or its process died."""
+        """Return Cp at the end of the latest period; None while that period is being computed. Raises PlantError if the
+        flow diverged or the process ended."""
         if self._is_busy and not self._pipe.poll():
             return None
         if self._is_busy:
@@ -145,7 +145,7 @@ class LiveWake(NeverCopied):
         return np.asarray(self._cp)
 
     def drive(self, action: float) -> None:
-        """Advance a control period, the jets ramping to `action`; while one is under way, nothing: see `sampled`."""
+        """Start the next control period, with the jets ramping to `action`; do nothing while a period is computed."""
         if not self._is_busy:
             try:
                 self._pipe.send(action)
@@ -178,8 +178,8 @@ class LiveWake(NeverCopied):
 
 
 def _run(pipe: Connection, config: Config, start: Path | None, drive: Drive | None) -> None:
-    """The process: settle, then a control period for every action that comes."""
-    # A stop may go to all processes of a terminal or a service; the vehicle ends this one after its farewell.
+    """Run in the process: settle, then compute a control period for every action received."""
+    # A terminal or a service may signal all its processes; the vehicle ends this process after its own last frames.
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, signal.SIG_IGN)
     stay_ordinary()

@@ -1,4 +1,4 @@
-"""Where the pressures come from: what the loop asks of a flow, and a recording that is played again."""
+"""Sources of pressures: the protocol that the loop needs of a flow, and the replay of a recording."""
 
 from typing import Protocol
 
@@ -12,28 +12,28 @@ from contract.sensor_layout import SensorLayout
 
 
 class Pressures(Protocol):
-    """A flow that goes on in real time; `description` is a few words, with whether it answers the jets."""
+    """A flow in real time; `description` states in a few words whether its pressures respond to the jets."""
 
     layout: SensorLayout
     description: str
 
     def sampled(self) -> Array | None:
-        """Cp at the sampling instant that has come, (sensors,); None if the flow has not got there yet."""
+        """Return Cp (sensors,) at the present sampling instant; None if the flow has not reached it yet."""
 
     def drive(self, action: float) -> None:
-        """Let the jets ramp from this sampling instant to `action`, U_inf W, at the next one."""
+        """Ramp the jets from this sampling instant to `action`, in U_inf W, at the next instant."""
 
 
 class Replay:
-    """Recorded pressures, one row a period. They do not answer the jets. Raises DatasetError if there is no such
-    episode.
+    """Recorded pressures, one row per period, which do not respond to the jets. Raises DatasetError if the episode does
+    not exist.
 
     Args:
-        episode: its name; if None the first without a controller, before others one with the jets at rest.
+        episode: name of the episode; if None, the first episode without a controller, preferably without jets.
 
     Attributes:
-        layout, description: of the recording; see `Pressures`.
-        rounds: how often the recording began again; the pressures jump then.
+        layout, description: those of the recording; see `Pressures`.
+        rounds: number of times the recording started again; the pressures jump each time.
     """
 
     def __init__(self, dataset: Dataset, episode: str | None = None) -> None:
@@ -47,7 +47,7 @@ class Replay:
         self.rounds = 0
 
     def sampled(self) -> Array:
-        """The row of this period; after the last one the first."""
+        """Return the row of this period; the first row follows the last."""
         if self._next == len(self._cp):
             self._next = 0
             self.rounds += 1
@@ -56,7 +56,7 @@ class Replay:
         return row
 
     def drive(self, action: float) -> None:
-        """Nothing: what is recorded has happened."""
+        """Ignore the action: a recording does not respond."""
 
 
 def _episode(dataset: Dataset, name: str | None) -> Episode:

@@ -1,4 +1,4 @@
-"""A run of the vehicle's side: bus, receiving thread, privileges and clock around `VehicleLoop`."""
+"""A run of the vehicle's side: bus, receive thread, privileges and clock around `VehicleLoop`."""
 
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
@@ -26,23 +26,23 @@ from firmware_sim.bench.vehicle_node import VehicleNode
 from wake.plant.drive import Drive
 
 LEAD_IN_NS: Final = 50_000_000
-"""The time from the loop's making to its first sampling instant."""
+"""Time from the start of the loop to its first sampling instant."""
 _ROOM: Final = 4096
-"""Frames kept for a period: a second of a full classic bus."""
+"""Largest number of frames stored in a period: a second of a full classic bus."""
 WRITTEN_EVERY: Final = 500
-"""Commands between two writes of the freshness file: ten seconds at 20 ms."""
+"""Number of periods between two writes of the freshness file: ten seconds at 20 ms."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Course:
-    """How a run goes.
+    """Length, drive and files of a run.
 
     Attributes:
-        periods: its length; endless if None.
-        enable_after_s: when control begins to be wanted; never if None.
-        stage_times: file to write them to, at the end.
-        freshness: file of the node's power cycles, with `bus.key`.
-        drive: speeds from the first period on; the operating point's without one.
+        periods: number of periods; None for an endless run.
+        enable_after_s: time of the first request for control; None for no request.
+        stage_times: file for the stage times, written at the end.
+        freshness: file that counts the node's power cycles, with `bus.key`.
+        drive: speeds from the first period on; if None, the operating point's speed.
     """
 
     periods: int | None = None
@@ -64,16 +64,16 @@ def run_vehicle(
     report: Callable[[str], None] = lambda line: None,
     progress: Callable[[VehicleFigures], None] = lambda figures: None,
 ) -> VehicleFigures:
-    """Run until the course is done or a stop is asked for; then withdraw the request for control on the bus.
+    """Run until `course` ends or `is_stopped` is true; then withdraw the request for control on the bus.
 
     Args:
         sensors: names, in the order of the Pressure message.
-        report: called with lines for people, from this thread.
+        report: called with lines for the user, from this thread.
 
     Raises:
-        ConfigError: `bus.key` and the course's freshness file do not go together, or the pressures lack a sensor.
-        BusError: if the bus is lost.
-        StillwakeError: if a file cannot be written, or the live wake fails.
+        ConfigError: only one of `bus.key` and the freshness file is set, or the pressures lack a sensor.
+        BusError: the bus is lost.
+        StillwakeError: a file cannot be written, or the live wake fails.
     """
     store, node = _node(sensors, pressures, config, course)
     per_second = max(1, round(SILENCE_S * 1e9 / config.period_ns))
@@ -82,8 +82,8 @@ def run_vehicle(
     if course.stage_times is not None:
         times = StageTimes(VehicleStage) if course.periods is None else StageTimes(VehicleStage, course.periods)
     bus.receive_all()  # what came before the run
-    # Arrival is when the receiving thread has the frame: a step of the computer's date does not reach it, and what the
-    # frame waited for in the kernel counts as being under way.
+    # A frame arrives when the receive thread has it. So a step of the computer's date has no effect, and the wait in
+    # the kernel counts as transmission time.
     inbox = Inbox(lambda frame: clock.now_ns(), room=_ROOM)
     with ExitStack() as stack:
         report(f"real time: {in_words(stack.enter_context(taken(course.wanted)))}")
@@ -96,7 +96,7 @@ def run_vehicle(
         figures, begun, has_given_up = loop.figures, 0, False
         while not is_stopped() and (course.periods is None or begun < course.periods):
             if course.drive is not None:
-                # The live wake's time stands still where it is late.
+                # The live wake's time does not advance in periods without pressures.
                 driven_s = (begun - figures.unsampled) * config.period_ns / 1e9
                 node.speed = node.stated_speed = course.drive.speed(driven_s)
             loop.period(enable_request=enable_from is not None and begun >= enable_from)

@@ -1,4 +1,4 @@
-"""What a vehicle counts while it runs: fixed in memory, however long that is."""
+"""Counts of a vehicle's run, in constant memory for any length of the run."""
 
 from collections import Counter
 from dataclasses import dataclass, field
@@ -12,26 +12,27 @@ from can_bridge.wire.messages import Mode
 
 RESOLUTION_NS: Final = 10_000
 LONGEST_NS: Final = 2_000_000_000
-"""A time beyond it counts as it."""
+"""Longest time that is resolved, in ns; a longer time counts as this time."""
 
 
 class Durations:
-    """Times, counted in steps of 10 us up to 2 s."""
+    """A histogram of times in steps of 10 us up to 2 s."""
 
     def __init__(self) -> None:
         self._counts: NDArray[np.int64] = np.zeros(LONGEST_NS // RESOLUTION_NS + 1, dtype=np.int64)
         self._total = 0
 
     def add(self, duration_ns: int) -> None:
-        """One more."""
+        """Count one time."""
         self._counts[min(max(duration_ns, 0), LONGEST_NS) // RESOLUTION_NS] += 1
         self._total += 1
 
     def quantile_ms(self, share: float) -> float:
-        """What this share does not exceed (nearest rank, down to 10 us), 1.0 for the largest; NaN without any."""
+        """Return the time that this share of the times does not exceed (nearest rank, rounded down to 10 us); 1.0 gives
+        the largest, and NaN is returned without times."""
         if self._total == 0:
             return nan
-        # 0.07 * 100 is 7.000000000000001 in binary: a rank is not to grow by rounding.
+        # 0.07 * 100 is 7.000000000000001 in binary; rounding keeps the rank from growing.
         rank = max(1, ceil(round(share * self._total, 6)))
         return int(np.searchsorted(np.cumsum(self._counts), rank)) * RESOLUTION_NS / 1e6
 
@@ -41,20 +42,20 @@ class VehicleFigures:
     """Counts of one run.
 
     Attributes:
-        periods: begun.
-        left_out: periods that the vehicle itself did not begin, since it was late by more than half of one.
-        unsampled: periods without pressures, since the live wake had not got there.
+        periods: number of periods begun.
+        left_out: periods that the vehicle did not begin, because it was late by more than half a period.
+        unsampled: periods without pressures, because the live wake was late.
         commands: valid jet commands received.
-        misses: periods, after the first valid command, that ended without one.
-        at_once: commands that were for the period in which they came.
-        unsent: pressure frames that the bus did not take.
-        ages: from the sampling that a command rests on to its arrival.
-        lateness: of the sampling, after its scheduled instant.
-        modes: of the commands, by how often.
-        latest_mode: of the newest command.
+        misses: periods without a valid command, counted from the first valid command on.
+        at_once: commands for the period in which they arrived.
+        unsent: pressure frames that the bus did not accept.
+        ages: times from the sampling of a command's pressures to the command's arrival.
+        lateness: delays of the sampling after its scheduled instant.
+        modes: number of commands in each mode.
+        latest_mode: mode of the newest command.
         ended: periods whose commands are known.
-        squares: sum of the actions' squares over them.
-        largest: magnitude of an action.
+        squares: sum of the squared actions of those periods.
+        largest: largest magnitude of an action.
     """
 
     periods: int = 0
@@ -74,17 +75,17 @@ class VehicleFigures:
 
     @property
     def rms_action(self) -> float:
-        """Over all periods that have ended, U_inf W; NaN before the first has."""
+        """Root mean square of the action over all ended periods, in U_inf W; NaN before the first has ended."""
         return sqrt(self.squares / self.ended) if self.ended else nan
 
     def acted(self, action: float) -> None:
-        """One more period's action."""
+        """Count the action of one more period."""
         self.ended += 1
         self.squares += action * action
         self.largest = max(self.largest, abs(action))
 
     def as_dict(self) -> dict[str, Any]:
-        """The figures for a results file; None where nothing was measured."""
+        """Return the figures for a results file; a figure without measurements is None."""
         counted = ("periods", "left_out", "unsampled", "commands", "misses", "unsent")
         measured = {
             **{name: getattr(self, name) for name in counted},

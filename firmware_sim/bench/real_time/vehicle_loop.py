@@ -1,7 +1,7 @@
-"""A vehicle in real time: at every sampling instant the jets take over what was commanded, and pressures go out.
+"""A vehicle in real time: at every sampling instant the jets act on the latest command, and pressures are sent.
 
-Period k begins at the absolute instant t_k. What arrived before t_k belongs to period k - 1, however late this process
-woke. The jets' driver, `VehicleNode`, keeps all its doubts: they count in periods.
+Period k begins at the absolute instant t_k. A frame that arrived before t_k belongs to period k - 1, even if this
+process woke late. The jets' driver, `VehicleNode`, makes the same checks as in virtual time: they count in periods.
 """
 
 from collections.abc import Callable
@@ -23,30 +23,29 @@ from firmware_sim.bench.real_time.vehicle_counts import VehicleFigures
 from firmware_sim.bench.vehicle_node import Actuation, VehicleNode
 
 UNSENT_LIMIT: Final = 50
-"""Frames in a row that the bus does not take, after which it counts as lost: a second at 20 ms."""
+"""Number of frames in a row that the bus may refuse before it counts as lost: a second at 20 ms."""
 FAREWELL: Final = 3
-"""Periods at the end in which control is no longer wanted: as many frames may be lost as the ECU rides out, and one
-still arrives."""
+"""Number of last periods without a request: one more than the number of lost frames that the ECU tolerates."""
 LONGEST_FAREWELL: Final = 10
-"""Periods that it may take if the live wake has no pressures for some of them."""
+"""Largest number of periods at the end, if the live wake has no pressures for some of them."""
 
 
 class Sends(Protocol):
-    """What the loop needs of a bus."""
+    """The part of a bus that the loop needs."""
 
     def send(self, frame: Frame) -> None:
-        """Hand over one frame; raises BusError if the bus does not take it."""
+        """Send one frame; raises BusError if the bus does not accept it."""
 
 
 class VehicleLoop:
     """Runs periods one by one.
 
     Args:
-        stage_times: to fill in; none if None.
-        now_ns, sleep_until: the clock of deadlines and inbox.
+        stage_times: record of stage times to fill; None for none.
+        now_ns, sleep_until: the clock that deadlines and inbox use.
 
     Attributes:
-        heard: everything received since it was set, for whoever wonders where the commands are.
+        heard: frames received since this attribute was last set, for a message about missing commands.
     """
 
     def __init__(
@@ -75,8 +74,8 @@ class VehicleLoop:
         self.heard = Heard()
 
     def period(self, *, enable_request: bool) -> None:
-        """Wait for the next sampling instant, and do what it asks for. Raises BusError if the bus has taken no frame
-        for UNSENT_LIMIT periods; PlantError if the live wake failed."""
+        """Wait for the next sampling instant and run its period. Raises BusError if the bus has accepted no frame for
+        UNSENT_LIMIT periods; PlantError if the live wake failed."""
         due_ns = self._next_instant()
         if self._has_begun:
             self._end_period(due_ns)
@@ -85,7 +84,7 @@ class VehicleLoop:
         self._deadlines = self._deadlines.after(self._now_ns())
 
     def finish(self) -> None:
-        """Wait for the last period's end, so that its command counts, and shut the jets and withdraw the request."""
+        """Wait for the end of the last period, whose command counts; then shut the jets and withdraw the request."""
         due_ns = self._next_instant()
         if self._has_begun:
             self._end_period(due_ns)
@@ -98,7 +97,7 @@ class VehicleLoop:
             due_ns = self._next_instant()
 
     def _next_instant(self) -> int:
-        """Wait for it; one that was slept past by half a period or more is left out like one that was worked past."""
+        """Wait for the next sampling instant; leave out every instant that is missed by half a period or more."""
         while True:
             due_ns, latest_ns = self._deadlines.due_ns, self._deadlines.period_ns // 2
             self._sleep_until(due_ns)
@@ -109,7 +108,7 @@ class VehicleLoop:
             self._deadlines = self._deadlines.after(now_ns)
 
     def _end_period(self, due_ns: int) -> None:
-        """Let the jets' driver have what came in the period that ends now."""
+        """Give the frames of the period that ends now to the jets' driver."""
         frames = self._inbox.before(due_ns)
         self.heard.add(frames)
         actuation = self._node.apply_commands([frame for frame in frames if self._spec.names(frame)])
@@ -145,13 +144,13 @@ class VehicleLoop:
         self._sample(due_ns, enable_request=enable_request, is_noted=True)
 
     def _sample(self, due_ns: int, *, enable_request: bool, is_noted: bool = False) -> bool:
-        """Send the pressures of this instant; whether they went out."""
+        """Send the pressures of this instant; returns whether the bus accepted them."""
         cp = self._pressures.sampled()
         if cp is None:
             self.figures.unsampled += is_noted
             return False
         sampled_ns = self._now_ns()
-        # The row is of the instant that was due; what this process woke late is the frame's age.
+        # The pressures belong to the instant that was due; the delay of this process is the frame's age.
         frame = self._node.sample(
             np.asarray(cp), enable_request=enable_request, now_ns=due_ns, age_ns=max(0, sampled_ns - due_ns)
         )

@@ -1,1 +1,1 @@
-"""The loop that runs under a live session: what it does in a period, what is switched on in it, what it keeps."""
+"""The loop of a live session: its periods, its switched disturbances, its events and messages."""

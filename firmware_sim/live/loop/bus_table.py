@@ -1,4 +1,4 @@
-"""The bus as a table: who sends what how often, what its receiver thinks of it, and how the nodes are."""
+"""The bus as a table: sender and rate of each message, the receiver's E2E state, and the state of the nodes."""
 
 from collections import deque
 from collections.abc import Mapping
@@ -15,11 +15,11 @@ from firmware_sim.live.loop.messages import LiveMessage
 from firmware_sim.runs.bus_traffic import NodeErrors
 
 ROWS: Final = 64
-"""Most rows; of the identifiers beyond, those of the lowest priority are left out."""
+"""Largest number of rows; the identifiers of the lowest priority are left out."""
 _UNKNOWN: Final = "unknown"
-"""A message that is of no set of ours."""
+"""Name shown for a message that is in none of the project's message sets."""
 _BABBLER: Final = "babbler"
-"""Shown as the sender of what neither node has a message for: a babbling node is simulated at the port of one."""
+"""Sender shown for messages that neither node defines: a babbling node is simulated at the port of one node."""
 _NS: Final = 10**9
 
 
@@ -34,14 +34,14 @@ class _Row:
 
 
 class BusTable:
-    """Traffic of one run of the loop. Give it every `Transmission`, and call it when a period is over."""
+    """Bus traffic of a run: call the table with every `Transmission`, and `period_over` after each period."""
 
     def __init__(self, config: Config, messages: MessageSet) -> None:
         self._messages, self._period_ns = messages, config.period_ns
         self._periods = max(1, round(_NS / config.period_ns))
         self._rows: dict[tuple[int, bool], _Row] = {}
         self._activity: deque[BusActivity] = deque(maxlen=self._periods + 1)
-        # No node shows a receiver of these: the table checks them itself.
+        # No node has a receiver for these messages that can be read, so the table checks them itself.
         specs = messages.speed.spec, messages.status.spec
         self._listeners = {spec.frame_id: E2eReceiver(spec, config.bus.e2e) for spec in specs}
         self._heard: dict[int, list[Frame]] = {frame_id: [] for frame_id in self._listeners}
@@ -61,7 +61,7 @@ class BusTable:
             self._heard[frame.frame_id].append(frame)
 
     def period_over(self, activity: BusActivity) -> None:
-        """Count what was seen in it."""
+        """Count the frames of the period that has ended."""
         for row in self._rows.values():
             row.lately.append(row.seen)
             row.in_second += row.seen - (row.lately.popleft() if len(row.lately) > self._periods else 0)
@@ -74,8 +74,8 @@ class BusTable:
     def message(
         self, run: int, *, pressures: ReceiverState, commands: ReceiverState, nodes: Mapping[str, NodeErrors]
     ) -> LiveMessage:
-        """The bus over the latest second of virtual time. `pressures` and `commands` are of the receivers in ECU and
-        vehicle."""
+        """Return the message on the bus over the latest second of virtual time. `pressures` and `commands` are the
+        states of the receivers in ECU and vehicle."""
         first, last = self._activity[0], self._activity[-1]
         receivers = {
             self._messages.pressure.spec.frame_id: pressures,
@@ -83,7 +83,7 @@ class BusTable:
             **{frame_id: listener.state for frame_id, listener in self._listeners.items()},
         }
         passed_ns = last.now_ns - first.now_ns
-        # The very first period has none before it to be compared with.
+        # The first period has no earlier period to compare with.
         load = (last.busy_ns - first.busy_ns) / passed_ns if passed_ns else last.load
         chosen = sorted(self._rows)[:ROWS]
         return {

@@ -1,4 +1,4 @@
-"""One run of the live loop, from a start of its plant: stepped period by period, disturbed and observed meanwhile."""
+"""One run of the live loop from a start of its plant, stepped period by period, with disturbances and observation."""
 
 from collections import deque
 from collections.abc import Sequence
@@ -29,21 +29,21 @@ from wake.plant.sample import Sample
 from wake.truck.averages import over_cycles, over_last_cycles
 
 _NEEDS_A_RISE = (OperatingMode.INIT, OperatingMode.STANDBY, OperatingMode.FAULT)
-"""States that a request which stands does not lead out of."""
+"""Modes that the ECU leaves only when the request rises."""
 
 
 @dataclass(kw_only=True)
 class ControlRequest:
-    """The request in one run of the loop.
+    """The request for control in one run of the loop.
 
     Attributes:
-        lead_in: periods after which control is requested.
-        rearm_frames: good frames in a row that the ECU needs before a request ends a latched fault.
-        wanted: control is, once the lead-in is over.
-        waits: the lead-in is not over; a viewer who asks for control ends it.
-        rearming: the request is low until a rise can have its effect.
-        helped_until: period up to which what latches is ended by a new request, without a viewer's doing.
-        first: period in which control was first requested; None before.
+        lead_in: number of periods after which control is requested.
+        rearm_frames: good frames in a row that the ECU needs before a request clears a latched fault.
+        wanted: whether control is wanted.
+        waits: whether the lead-in still runs; it ends early when a viewer asks for control.
+        rearming: whether the request is held low until a rise can take effect.
+        helped_until: period up to which a new request clears latched faults without a viewer's action.
+        first: period of the first request for control; None before it.
     """
 
     lead_in: int
@@ -55,28 +55,29 @@ class ControlRequest:
     first: int | None = None
 
     def set(self, wanted: bool) -> None:
-        """Set what a viewer wants."""
+        """Set whether a viewer wants control."""
         self.wanted, self.waits, self.rearming = wanted, False, False
 
     def rearm(self, fail_safe: FailSafe, *, given_up: bool) -> bool:
-        """Take the request back if only a new one leads on; whether it is now."""
+        """Withdraw the request if only a new request restores control; returns whether it is withdrawn."""
         latched = given_up or fail_safe.mode in _NEEDS_A_RISE
         self.rearming = self.rearming or (self.first is not None and self.wanted and latched)
         return self.rearming
 
     def begins(self, k: int) -> bool:
-        """Whether the lead-in ends with period k; asked once a period."""
+        """Return whether the lead-in ends with period k, and then request control; call this once per period."""
         if not (self.waits and k >= self.lead_in):
             return False
         self.wanted, self.waits = True, False
         return True
 
     def requests(self, k: int, fail_safe: FailSafe, *, is_up: bool, given_up: bool) -> bool:
-        """Whether control is requested in period k.
+        """Return whether control is requested in period k.
 
         Args:
-            fail_safe: of the ECU after the period before.
-            given_up: the vehicle has, until its own request was low.
+            fail_safe: state of the ECU's fail-safe after the previous period.
+            is_up: whether the ECU has booted.
+            given_up: whether the vehicle has given up control, until its own request is low.
         """
         if self.rearming and is_up and not given_up and self._may_rise(fail_safe):
             self.rearming = False
@@ -88,11 +89,11 @@ class ControlRequest:
         return requested
 
     def _may_rise(self, fail_safe: FailSafe) -> bool:
-        """Whether the ECU has seen the request low, and takes a rise for what it is."""
+        """Return whether the ECU has seen the request low and will accept a rise."""
         if fail_safe.enable_request:
             return False
         if fail_safe.mode is OperatingMode.FAULT:
-            # The frame of the rise is a good one, too.
+            # The frame with the rising request counts as a good frame as well.
             return fail_safe.good + 1 >= self.rearm_frames
         return fail_safe.mode is OperatingMode.ARMED
 
@@ -101,12 +102,13 @@ class DragMeans:
     """Mean drag of one run of the loop.
 
     Args:
-        control_period: t_c.
-        kept: samples that are remembered.
+        control_period: control period in t_c.
+        kept: number of latest samples to store.
 
     Attributes:
-        uncontrolled: mean Cd over the whole cycles before control was first requested; None without one.
-        now: mean Cd over the latest cycle; None before there was one.
+        uncontrolled: mean Cd over the whole shedding cycles before the first request for control; None without a whole
+            cycle.
+        now: mean Cd over the latest shedding cycle; None before the first whole cycle.
     """
 
     def __init__(self, control_period: float, kept: int) -> None:
@@ -117,12 +119,11 @@ class DragMeans:
         self.now: float | None = None
 
     def add(self, sample: Sample) -> None:
-        """Add the sample of a period's start."""
+        """Add the sample at a period's start."""
         self._samples.append((sample.t, sample.Cd, sample.Cl))
 
     def update(self, *, without_control: bool) -> None:
-        """Average again. With `without_control` also the mean without control, up to the sample at which it is
-        requested."""
+        """Update the averages; with `without_control` also the mean before the sample at which control is requested."""
         if without_control:
             t, drag, lift = np.array(self._samples, dtype=float).T
             try:
@@ -134,29 +135,29 @@ class DragMeans:
         needed = int(1.0 / (self._frequency * self._period)) + 3
         latest = np.array([self._samples[at] for at in range(-min(needed, len(self._samples)), 0)], dtype=float)
         try:
-            # Of less than two cycles: one.
+            # The data are shorter than two cycles, so this averages over one cycle.
             self.now = float(over_last_cycles(latest[:, 0], self._frequency).mean(latest[:, 1]))
         except PlantError:
             self.now = None
 
     @property
     def reduction_percent(self) -> float | None:
-        """The share by which the present mean is below the uncontrolled one; None where one of them is missing."""
+        """Reduction of the present mean drag relative to that without control, in percent; None if one is missing."""
         if self.uncontrolled is None or self.now is None:
             return None
         return 100.0 * (1.0 - self.now / self.uncontrolled)
 
 
 BOOT_S: Final = 0.2
-"""Virtual time from power-on to the ECU's first step: what `reset` takes as its default."""
+"""Virtual time in s from power-on to the ECU's first step, as the default of `reset`."""
 _FOR_GOOD_NS: Final = 10**18
 _AVERAGES_EVERY: Final = 5
-"""Periods."""
+"""Number of periods from one update of the averages to the next."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LivePeriod:
-    """One control period. `planned_ns` is what a step that planned took in virtual time; None without one."""
+    """One control period. `planned_ns` is the virtual computing time of a step that planned; None without a plan."""
 
     k: int
     row: Row
@@ -165,22 +166,22 @@ class LivePeriod:
 
 
 class LiveRun:
-    """A run from the plant's start on. Raises StillwakeError if the plant lacks a sensor of the bundle, or the bus
-    cannot carry virtual time.
+    """A run that begins at the plant's start. Raises StillwakeError if the plant lacks a sensor of the bundle, or the
+    bus cannot carry virtual time.
 
     Args:
-        wake: at the start of a control period.
-        lead_in: periods after which control is requested by itself.
-        kept: latest periods whose drag is remembered.
+        wake: a plant at the start of a control period.
+        lead_in: number of periods after which control is requested without a viewer's action.
+        kept: number of latest periods whose drag is stored.
 
     Attributes:
-        number, wake, ecu: as given; the ECU may be exchanged.
+        number, wake, ecu: as given; the ECU can be exchanged.
         k: number of the next period, which lasts `period_ns` in virtual time.
-        drag, bus_table: what a viewer sees of them.
-        view, raster: of the pictures, their limits in W, and their pixels; empty for a plant whose flow has none.
-        picture: the flow at the start of the latest period; None without one.
-        latest: period; None before the first.
-        state: of the ECU after the latest period.
+        drag, bus_table: averages and bus table for viewers.
+        view, raster: limits of the pictures in W, and their pixels; empty for a plant without a flow field.
+        picture: flow at the start of the latest period; None for a plant without a flow field.
+        latest: latest period; None before the first.
+        state: state of the ECU after the latest period.
     """
 
     def __init__(
@@ -214,11 +215,11 @@ class LiveRun:
         self.state: EcuState = ecu.ecu.state
 
     def time_s(self, k: int) -> float:
-        """When period k begins, in s of the run."""
+        """Return the start of period k in s of the run."""
         return k * self.period_ns / 1e9
 
     def step(self) -> LivePeriod:
-        """One control period. Raises StillwakeError if the flow diverges."""
+        """Run one control period. Raises StillwakeError if the flow diverges."""
         k, loop = self.k, self._loop
         requested = self.request.requests(
             k, self.state.fail_safe, is_up=loop.ecu_is_up, given_up=self.node.has_given_up
@@ -240,14 +241,15 @@ class LiveRun:
         return self.latest
 
     def exchange(self, ecu: LoopEcu) -> None:
-        """Go on with another ECU from the state of the one so far."""
+        """Continue with another ECU, from the state of the present ECU."""
         self._loop.exchange_ecu(ecu.ecu, ecu.step_ns)
         self.ecu = ecu
 
     def help(self) -> bool:
-        """End what has latched, or will latch because of earlier faults, by a new request; return whether one is due.
+        """Clear latched faults, and faults that will latch because of earlier disturbances, by a new request; returns
+        whether the request is withdrawn for this.
 
-        A sensor that the ECU has set aside is used again when it has started again, which it then does.
+        If the ECU has set a sensor aside, the ECU restarts, so that it uses the sensor again.
         """
         if self.state.sensors.set_aside is not None and not self.is_off:
             self.power_on()
@@ -256,20 +258,20 @@ class LiveRun:
         return self.request.rearm(self.state.fail_safe, given_up=self.node.has_given_up)
 
     def power_on(self) -> None:
-        """The ECU starts; one that has its supply loses it for a moment."""
+        """Start the ECU; if it has its supply, the supply is interrupted for a moment."""
         self._reset(round(BOOT_S * 1e9))
         self.is_off = False
 
     def cut_supply(self) -> None:
-        """The ECU is silent until `power_on`. Its CAN transceiver still acknowledges frames."""
+        """Cut the ECU's supply: it sends nothing until `power_on`. Its CAN transceiver still acknowledges frames."""
         self._reset(_FOR_GOOD_NS)
         self.is_off = True
 
     def seen(self) -> SeenState:
-        """The state as of the latest period."""
+        """Return the state after the latest period."""
         state, mode = self.state, self.state.fail_safe.mode.name
         aside = state.sensors.set_aside
-        # An ECU that did not step has a trace of the step before.
+        # The trace of an ECU that did not step is from an earlier step, so it is ignored.
         gate = Intervention(0) if self.is_off or not self._loop.ecu_is_up else self.ecu.ecu.trace.interventions
         return SeenState(
             state=UNPOWERED if self.is_off else mode if self._loop.ecu_is_up else BOOT,
@@ -281,7 +283,7 @@ class LiveRun:
         )
 
     def set_disturbances(self, texts: tuple[str, ...]) -> None:
-        """Have these at work from the next period on. What comes of a new one is its own, and not helped."""
+        """Apply only these disturbances from the next period on. Faults caused by a new one stay latched."""
         if self.disturbances.set(texts, self.k):
             self.request.helped_until = 0
 

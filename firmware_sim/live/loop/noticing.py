@@ -1,4 +1,4 @@
-"""What changed in ECU, vehicle and bus from one period to the next, and the latest events, for people."""
+"""Changes in ECU, vehicle and bus from one period to the next as text for viewers, and the latest events."""
 
 from collections.abc import Iterator, Mapping
 from typing import Final, NamedTuple
@@ -12,7 +12,7 @@ from firmware_sim.runs.reasons import BECAUSE, DOES
 
 UNPOWERED: Final = "UNPOWERED"
 BOOT: Final = "BOOT"
-"""The words in place of an `OperatingMode`: the ECU has no supply; it starts."""
+"""States in addition to those of `OperatingMode`: the ECU has no supply (UNPOWERED), or it boots (BOOT)."""
 
 _DOES: Final[Mapping[str, str]] = {
     UNPOWERED: "no supply: the ECU is silent",
@@ -37,8 +37,8 @@ class SeenState(NamedTuple):
 
     Attributes:
         state: name of an `OperatingMode`, or `UNPOWERED` or `BOOT`.
-        set_aside: sensors that the ECU does not believe.
-        given_up: the vehicle has withdrawn its request by itself.
+        set_aside: sensors that the ECU has set aside.
+        given_up: whether the vehicle has withdrawn its request by itself.
         nodes: state of each node's CAN controller.
     """
 
@@ -54,7 +54,7 @@ FIRST_SEEN: Final = SeenState(OperatingMode.INIT.name, Reason.NONE, (), False, I
 
 
 def noticed(before: SeenState, now: SeenState) -> Iterator[tuple[str, str]]:
-    """(kind, text) of each change."""
+    """Yield (kind, text) for each change."""
     if now.state != before.state:
         yield "state", _transition(before, now)
     elif now.reason not in (before.reason, Reason.NONE):
@@ -93,9 +93,9 @@ def _transition(before: SeenState, now: SeenState) -> str:
 
 
 KEPT: Final = 500
-"""Latest events that wait to be asked for."""
+"""Largest number of events stored until they are fetched."""
 QUIET_S: Final = 1.0
-"""Virtual time without the same event; then one event has their number, and the time doubles."""
+"""Virtual s before an event is repeated; then one event states the number of repetitions, and the time doubles."""
 _LONGEST_S: Final = 16.0
 
 
@@ -107,7 +107,7 @@ class _Repeated(NamedTuple):
 
 
 class EventLog:
-    """Events of a session; their numbers go on from one run of the loop to the next."""
+    """Events of a session, numbered consecutively over all runs of the loop."""
 
     def __init__(self) -> None:
         self._new: list[LiveMessage] = []
@@ -115,7 +115,7 @@ class EventLog:
         self._count = 0
 
     def add(self, kind: str, text: str, *, time_s: float, t: float) -> None:
-        """Something happened now, in s and t_c of the run."""
+        """Add an event at this time of the run, in s and t_c."""
         if kind != "set":
             if repeated := self._repeated.get(text):
                 self._repeated[text] = repeated._replace(more=repeated.more + 1)
@@ -124,7 +124,7 @@ class EventLog:
         self._publish(kind, text, time_s, t)
 
     def pass_to(self, time_s: float, t: float) -> None:
-        """Time has passed: list what was repeated."""
+        """Advance the time, and add an event for each group of repeated events whose quiet time has ended."""
         for text, repeated in list(self._repeated.items()):
             if time_s - repeated.since_s < repeated.quiet_s:
                 continue
@@ -135,11 +135,11 @@ class EventLog:
                 self._repeated[text] = _Repeated(repeated.kind, time_s, min(2.0 * repeated.quiet_s, _LONGEST_S))
 
     def new_run(self) -> None:
-        """Time begins again at 0."""
+        """Start again at time 0."""
         self._repeated = {}
 
     def new(self) -> list[LiveMessage]:
-        """Those since this was asked last, the latest `KEPT` of them."""
+        """Return the events since the last call, at most the latest `KEPT`."""
         items, self._new = self._new, []
         return items
 

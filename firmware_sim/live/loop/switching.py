@@ -1,12 +1,12 @@
-"""Disturbances that come and go while the loop runs, each at work from one control period to another.
+"""Disturbances that are switched on and off while the loop runs, each from one control period to another.
 
-What is set at a time of the run disturbs it as a run that was given the same text with that time: each item is a
-`firmware_sim.bench.disturbing.Disturbing` of its own, which draws as it would among all those before it. The items of
-the transducers, and those of each node's port, keep the order in which the settings name them: what stands behind one
-that changes ends with it, and begins again.
+A disturbance that is switched on acts as in a run that has the same text with this time. Each item is its own
+`firmware_sim.bench.disturbing.Disturbing`, whose random sequences are numbered after those of all earlier items. The
+items of the transducers, and of each node's port, keep the order in which the settings name them: when one item
+changes, all items after it end and begin again.
 
-A port's item that has ended passes frames on and stays in its place for `LINGER_S` more, so that what it still holds
-reaches the node, late and in order, before it is taken out.
+A port's item that has ended passes frames on and is removed `LINGER_S` later, so that frames it still delays reach the
+node in order.
 """
 
 from collections import Counter
@@ -29,7 +29,7 @@ from firmware_sim.bench.run_faults import NODES, NodeFault
 
 
 class Plug:
-    """Passes everything on to what lies beneath, which may be exchanged."""
+    """A bus that passes everything on to the bus beneath, which can be exchanged."""
 
     def __init__(self, beneath: Bus) -> None:
         self.beneath = beneath
@@ -44,7 +44,7 @@ class Plug:
 
 
 class SwitchedPort(WrappedBus):
-    """A node's port with layers, the first next to the wire, put and taken while the bus runs."""
+    """A node's port with layers, which are added and removed while the bus runs; the first is closest to the bus."""
 
     def __init__(self, port: Bus) -> None:
         self._plugs: list[Plug] = []
@@ -55,14 +55,14 @@ class SwitchedPort(WrappedBus):
         return len(self._plugs)
 
     def put(self, layer: Callable[[Bus], Bus]) -> Plug:
-        """Put a layer around what is there; returns what it is taken out by."""
+        """Add a layer around the present layers; returns the plug by which it can be removed."""
         plug = Plug(self._top.beneath)
         self._top.beneath = layer(plug)
         self._plugs.append(plug)
         return plug
 
     def take_out(self, plug: Plug) -> None:
-        """Take out the layer over this plug; what it holds is lost. Raises ValueError if it is not in here."""
+        """Remove the layer above this plug; frames that it holds are lost. Raises ValueError for a foreign plug."""
         place = self._plugs.index(plug)
         above = self._plugs[place + 1] if place + 1 < len(self._plugs) else self._top
         above.beneath = plug.beneath
@@ -70,12 +70,12 @@ class SwitchedPort(WrappedBus):
 
 
 LINGER_S: Final = 1.0
-"""Virtual time: five times the longest delay that can be set."""
+"""Virtual time in s before an ended item is removed: five times the longest delay that can be set."""
 
 
 @dataclass(kw_only=True, eq=False)
 class _Item:
-    """What is at work; `end` is the period in which it no longer acts, and `text` is without its time."""
+    """A disturbance; `text` is its description without a time, `end` the first period in which it no longer acts."""
 
     text: str
     group: str
@@ -86,17 +86,17 @@ class _Item:
 
 
 class SwitchedDisturbances:
-    """Disturbances of one run of the loop; a `firmware_sim.bench.wiring.Disturbs`.
+    """Disturbances of one run of the loop; implements `firmware_sim.bench.wiring.Disturbs`.
 
     Args:
-        sensors: that the transducers read, in their order.
+        sensors: names of the transducers' sensors, in order.
 
     Attributes:
-        read: (S,) what the transducers read last; NaN before.
+        read: (S,) latest readings of the transducers; NaN before the first.
     """
 
     corrupts = None
-    """No setting is of the wire itself."""
+    """No setting of a viewer causes bit errors on the bus."""
     mishears = None
 
     def __init__(self, config: Config, sensors: Sequence[str], seed: int) -> None:
@@ -130,9 +130,8 @@ class SwitchedDisturbances:
         return around
 
     def set(self, texts: Sequence[str], k: int) -> bool:
-        """Have these at work from control period k on, before which the bus stands, and nothing else. Raises
-        ConfigError for a text that describes none. Returns whether one begins that was not at work. The texts are
-        disturbances without their times."""
+        """Apply only these disturbances, texts without times, from control period k on, which the bus has not reached
+        yet. Returns whether a disturbance begins. Raises ConfigError for a text that describes none."""
         assert self._bus is not None
         new: list[tuple[str, str]] = []
         for group in ("sensors", *NODES):
@@ -143,14 +142,14 @@ class SwitchedDisturbances:
             new += [(text, group) for text in here[same:]]
             for item in acting[same:]:
                 self._end(item, k)
-        # What is due at the start of the period comes behind what has ended, and before what begins.
+        # Events due at the start of the period run after the changed disturbances have ended and before new ones begin.
         self._bus.advance_to(k * self._config.period_ns)
         for text, group in new:
             self._begin(text, group, k)
         return bool(new)
 
     def period_over(self, k: int) -> None:
-        """Take out what has nothing left to do at the end of period k."""
+        """Remove the ended items that have nothing left to pass on after period k."""
         linger = round(LINGER_S * NS / self._config.period_ns)
         for item in [one for one in self._lingering if one.end + linger <= k + 1]:
             self._lingering.remove(item)
@@ -175,7 +174,7 @@ class SwitchedDisturbances:
 
     def _end(self, item: _Item, k: int) -> None:
         item.end = k
-        # What acts asks this very value whether it does, and the end of an open span is not known before.
+        # The running disturbance reads this object to check whether it is active; its end was unknown at its start.
         object.__setattr__(item.span, "end_s", k * self._config.period_ns / NS)
         self._items.remove(item)
         if item.plugs:

@@ -1,1 +1,1 @@
-"""The server of the live page: the loop in a process of its own, its viewers, who may ask it."""
+"""The server of the live page: the loop in its own process, its viewers, and their access."""

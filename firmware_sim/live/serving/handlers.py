@@ -1,8 +1,8 @@
-"""What the server answers: the page and its files, and the two sockets; and who may ask.
+"""The server's answers: the page and its files, the two sockets, and the check of access.
 
-A browser sends requests to a server on this machine for any page that asks it to. Against such pages stands the
-request's Origin, which must be this server's; and against a name that its owner lets point to this machine (DNS
-rebinding) the request's Host.
+A browser sends requests to a server on this machine for any page that makes them. Two checks refuse such pages: the
+request's Origin must be this server's, and the request's Host must be as well, in case the owner of another name points
+it to this machine (DNS rebinding).
 """
 
 import asyncio
@@ -30,19 +30,18 @@ TOKEN_BYTES: Final = 24
 
 @dataclass(frozen=True, kw_only=True)
 class PageAccess:
-    """The access to one server. Every request must show the token; there is none for a server that only this machine
-    can reach."""
+    """Rules of access to one server. Every request must show the token; a server on loopback has no token."""
 
     token: str | None
 
     @classmethod
     def to(cls, address: str) -> Self:
-        """The access to a server at this address: with a token of its own unless it is this machine's loopback."""
+        """Create the access to a server at this address, with a new token unless the address is loopback."""
         return cls(token=None if is_loopback(address) else token_urlsafe(TOKEN_BYTES))
 
     def refusal(self, *, host: str, origin: str | None, token: str | None) -> str | None:
-        """Why a request is refused, for people; None if it is not. `origin` is None where there is none, as from a
-        program that is no browser."""
+        """Return the reason for refusing a request; None if it is allowed. `origin` is None if the request has none, as
+        from a program that is not a browser."""
         if self.token is None and not is_loopback(_name(host)):
             return "this server answers to localhost alone"
         if origin is not None and origin.lower().partition("://")[2] != host.lower():
@@ -53,7 +52,7 @@ class PageAccess:
 
 
 def is_loopback(address: str) -> bool:
-    """Whether only this machine can reach it."""
+    """Return whether only this machine can reach the address."""
     try:
         return ip_address(address).is_loopback
     except ValueError:
@@ -61,7 +60,7 @@ def is_loopback(address: str) -> bool:
 
 
 def _name(host: str) -> str:
-    """Name in a Host header, without its port; empty if it is none."""
+    """Return the name in a Host header without its port; empty if there is no valid name."""
     try:
         return urlsplit(f"//{host}").hostname or ""
     except ValueError:
@@ -69,11 +68,11 @@ def _name(host: str) -> str:
 
 
 LONGEST_REQUEST: Final = 16 * 1024
-"""Bytes; a longer message ends its connection."""
+"""Largest size of a message in bytes; a longer message ends its connection."""
 
 
 def check(text: str | bytes) -> LiveAnswer | None:
-    """None for a request that the loop can be asked; otherwise the answer with its error."""
+    """Return None for a well-formed request, otherwise the answer with its error."""
     if isinstance(text, bytes):
         return {"error": "a request is text, and not bytes"}
     try:
@@ -86,7 +85,7 @@ def check(text: str | bytes) -> LiveAnswer | None:
 
 
 def as_json(message: LiveMessage | LiveAnswer) -> str:
-    """A message as it is sent; what JSON has no number for is null."""
+    """Return a message as JSON; NaN and infinity become null."""
     try:
         return json.dumps(message, allow_nan=False, separators=(",", ":"))
     except ValueError:
@@ -99,15 +98,15 @@ def _refuse(constant: str) -> None:
 
 MOST_VIEWERS: Final = 32
 BATCHES_A_SECOND: Final = 30.0
-"""The batches to a viewer: more are not seen."""
+"""Largest number of message batches per second to a viewer; a viewer would not see more."""
 SEND_BUFFER: Final = 256 * 1024
-"""Bytes that the machine keeps for a viewer; what it shows is as old as what is in there."""
+"""Size in bytes of the machine's send buffer for a viewer; the data in it delay the view."""
 STALLED_S: Final = 30.0
-"""A viewer that takes no message for so long is closed."""
+"""Time in s after which the connection of a viewer that accepts no message is closed."""
 MOST_UNANSWERED: Final = 8
-"""Requests of one viewer."""
+"""Largest number of unanswered requests of one viewer."""
 TRY_AGAIN_LATER: Final = 1013
-"""Status of a WebSocket's end (IANA's registry of RFC 6455)."""
+"""Status code of a closed WebSocket (IANA's registry of RFC 6455)."""
 _HEADERS: Final = {
     "Content-Security-Policy": "default-src 'self'; img-src 'self' data: blob:; base-uri 'none'; form-action 'none'; "
     "frame-ancestors 'none'; object-src 'none'",
@@ -130,7 +129,7 @@ _log = logging.getLogger("tornado.application")
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ServedPage:
-    """What the handlers share."""
+    """Data that the request handlers share."""
 
     supervisor: Supervisor
     access: PageAccess
@@ -139,12 +138,12 @@ class ServedPage:
 
     @property
     def cookie(self) -> str:
-        """Name of the cookie with the token: another one for each server, since cookies do not know ports."""
+        """Name of the cookie with the token. It differs between servers, because ports share their cookies."""
         return f"stillwake-{sha256((self.access.token or '').encode()).hexdigest()[:12]}"
 
 
 class Guarded(RequestHandler):
-    """Refuses whom `PageAccess` refuses, before anything else."""
+    """A handler that first refuses the requests that `PageAccess` refuses."""
 
     def initialize(self, served: ServedPage, **_others: Any) -> None:
         self.served = served
@@ -154,7 +153,7 @@ class Guarded(RequestHandler):
             self.set_header(name, value)
 
     def shown_token(self) -> str | None:
-        """That this request shows: in its address, or in the cookie that comes with the page's own files."""
+        """Return the token of this request, from its address or from the cookie that the page's files set."""
         return self.get_query_argument("token", None) or self.get_cookie(self.served.cookie)
 
     def prepare(self) -> None:
@@ -172,8 +171,7 @@ class Guarded(RequestHandler):
         self.finish(f"{status_code}: {self._reason}\n")
 
     def log_exception(self, typ: Any, value: Any, tb: Any) -> None:
-        # tornado's own would log the address, which has the token.
-        # At the server's end, answers that no one takes are cancelled.
+        # tornado's log would have the address with the token. When the server ends, unsent answers are cancelled.
         if not isinstance(value, HTTPError | asyncio.CancelledError):
             _log.error("%s %s", self.request.method, self.request.path, exc_info=(typ, value, tb))
 
@@ -186,7 +184,7 @@ class PageFiles(Guarded, StaticFileHandler):
         StaticFileHandler.initialize(self, path, default_filename)
 
     def get_content_type(self) -> str:
-        # The machine's own table of types may hold anything.
+        # The machine's own table of file types may have any entries.
         return _TYPES.get(Path(self.absolute_path or "").suffix.lower(), "application/octet-stream")
 
     def set_extra_headers(self, path: str) -> None:
@@ -199,10 +197,10 @@ class PageFiles(Guarded, StaticFileHandler):
 
 
 class Socket(Guarded, WebSocketHandler):
-    """What both sockets share."""
+    """Common part of both sockets."""
 
     def shown_token(self) -> str | None:
-        # Not the cookie: a browser sends that along for whoever asks it to.
+        # The cookie does not count here, because a browser sends it with the requests of any page.
         return self.get_query_argument("token", None)
 
     def check_origin(self, origin: str) -> bool:
@@ -217,23 +215,24 @@ class Socket(Guarded, WebSocketHandler):
         return getattr(self.ws_connection, "stream", None)
 
     async def send(self, message: str | bytes) -> None:
-        """Send it, and wait until the machine has taken it.
+        """Send a message, and wait until the machine has accepted it.
 
         Raises:
-            WebSocketClosedError: the viewer is gone, or is closed because it took nothing for too long.
+            WebSocketClosedError: the viewer has left, or its connection is closed because it accepted nothing for too
+                long.
         """
-        # Not `asyncio.timeout`: it would cancel what the connection writes.
+        # `asyncio.timeout` is not used, because it would cancel the connection's write.
         sent = asyncio.ensure_future(self.write_message(message, binary=isinstance(message, bytes)))
         sent.add_done_callback(lambda done: done.cancelled() or done.exception())
         await asyncio.wait([sent], timeout=self.served.stalled_s)
         if not sent.done() and self._connection is not None:
-            # Without a farewell, which would wait behind the message that is not taken.
+            # The connection closes without a closing frame, which would wait behind the message that is not accepted.
             self._connection.close()
         await sent
 
 
 class StreamSocket(Socket):
-    """The stream from the loop to one viewer: one message under way, and whatever is newest when it has been taken."""
+    """The stream from the loop to one viewer: one message is under way; then the newest data follow."""
 
     _sending: "asyncio.Task[None] | None" = None
 
@@ -246,7 +245,7 @@ class StreamSocket(Socket):
         self._sending = asyncio.create_task(self._send())
 
     def on_message(self, message: str | bytes) -> None:
-        """This channel takes none."""
+        """Ignore messages: this channel has none from viewers."""
 
     def on_close(self) -> None:
         self.served.viewers.discard(self)
@@ -274,7 +273,7 @@ class StreamSocket(Socket):
 
 
 class ControlSocket(Socket):
-    """Requests of one viewer, and an answer to each. One that does not read its answers is read no further."""
+    """Requests of one viewer, and an answer to each. Until a viewer reads its answers, no requests are read."""
 
     def open(self, *_arguments: str) -> None:
         super().open()
@@ -288,7 +287,7 @@ class ControlSocket(Socket):
         if refusal is not None:
             await self._answer(refusal, number)
             return
-        # Not awaited here: what the connection itself sends would wait for the loop as well.
+        # The task is not awaited here, because the connection's own messages would then wait for the loop as well.
         task = asyncio.create_task(self._ask(str(message), number))
         self._unanswered.add(task)
         task.add_done_callback(self._unanswered.discard)

@@ -1,6 +1,6 @@
-"""The loop in a process of its own: it waits for no one, and a thread here receives its messages.
+"""The loop in its own process, which never waits for the server; a thread of the server receives its messages.
 
-Between two periods the process does what it was asked.
+The process handles requests between two periods.
 """
 
 import json
@@ -26,23 +26,22 @@ if TYPE_CHECKING:
     from firmware_sim.live.session import LiveSession
 
 _IDLE_S: Final = 0.02
-"""Between two looks at a session that makes no periods, such as one that is paused."""
+"""Time in s between two steps of a session that computes no periods, for example because it is paused."""
 
 
 MakeSession = Callable[[Callable[[str], None]], "LiveSession"]
-"""Makes it, in the loop's process. Its argument shows viewers one line on what is waited for, as long as the session
-lasts."""
+"""Function that creates the session in the loop's process; its argument shows viewers a line on the present work."""
 
 
 def run(pipe: Connection, make: MakeSession, *, fast: bool) -> None:
-    """The process, to its end: the pipe is closed, or the session fails.
+    """Run the process until the pipe is closed or the session fails.
 
-    What it sends are pairs: ("messages", list), ("answer", (number, Answer)) and, last, ("ended", error). It gets pairs
-    of a number and a request as JSON. `fast` states whether a period may take less time than it does on a vehicle.
+    The process sends pairs: ("messages", list), ("answer", (number, Answer)) and, last, ("ended", error). It receives
+    pairs of a number and a request as JSON. `fast` states whether a period may take less time than on a vehicle.
     """
-    # At once, and not by an exception: one that a callback of the interpreter raises is only printed.
+    # The handler exits directly: an exception within a callback of the interpreter would only be printed.
     signal.signal(signal.SIGTERM, lambda *_: os._exit(0))
-    # It was started with both blocked; Ctrl-C stays so.
+    # The process was started with SIGINT and SIGTERM blocked; SIGINT (Ctrl-C) stays blocked.
     signal.pthread_sigmask(signal.SIG_UNBLOCK, (signal.SIGTERM,))
     outbox = Outbox(pipe)
     try:
@@ -71,7 +70,7 @@ def _step(session: "LiveSession", pipe: Connection, outbox: "Outbox", *, fast: b
                 period_s = message["period_ms"] / 1e3
         has_stepped = any(not isinstance(message, bytes) and message["type"] == "periods" for message in new)
         now = time.monotonic()
-        # A period that came late is not made up for: the wake would seem to run away.
+        # A late period is not made up for, because the wake would then appear to run faster.
         due = max(due + (0.0 if fast else period_s), now) if has_stepped else now + _IDLE_S
         requests.go_on()
         while pipe.poll(max(0.0, due - time.monotonic())):
@@ -80,7 +79,7 @@ def _step(session: "LiveSession", pipe: Connection, outbox: "Outbox", *, fast: b
 
 
 class Requests:
-    """Between two periods: those that can be handled at once, and one for which something is made meanwhile."""
+    """The handling of requests between two periods: at once, or one after its ECU was prepared in a thread."""
 
     def __init__(self, session: "LiveSession", outbox: "Outbox") -> None:
         self._session, self._outbox = session, outbox
@@ -88,7 +87,7 @@ class Requests:
         self._made: Queue[StillwakeError | None] = Queue()
 
     def take(self, number: int, request: Request) -> None:
-        """One that has come."""
+        """Take a request that has arrived."""
         work = self._session.before(request)
         if work is None:
             self._answer(number, self._session.handle(request))
@@ -99,7 +98,7 @@ class Requests:
             Thread(target=self._make, args=(work,), name="making", daemon=True).start()
 
     def go_on(self) -> None:
-        """Handle the one that waited, if what it needs is there."""
+        """Handle the waiting request if its ECU is ready."""
         if self._waiting is None or self._made.empty():
             return
         (number, request), self._waiting = self._waiting, None
@@ -125,20 +124,20 @@ class Requests:
 
 
 class Outbox:
-    """Sends, from any thread; at the server one does nothing but receive. Where the server is gone, the loop sees it at
-    the pipe."""
+    """A sender of messages to the server, from any thread. A thread of the server does nothing but receive. If the
+    server has ended, nothing is sent; the loop notices this when it reads the pipe."""
 
     def __init__(self, pipe: Connection) -> None:
         self._pipe, self._lock = pipe, Lock()
         self._state: LiveMessage = {}
 
     def send(self, kind: str, content: object) -> None:
-        """One of the pairs of `run`."""
+        """Send one of the pairs of `run`."""
         with self._lock, suppress(OSError):
             self._pipe.send((kind, content))
 
     def report(self, state: str, text: str = "") -> None:
-        """What this process does, where it is another thing than before."""
+        """Send the state of this process if it has changed."""
         now = {"type": "loop", "state": state, "text": text}
         if now != self._state:
             self._state = now
@@ -146,7 +145,7 @@ class Outbox:
 
 
 def _that_travels(error: Exception) -> Exception:
-    """The error, or its text where another process could not make it again."""
+    """Return the error, or a StillwakeError with its text if another process could not unpickle it."""
     try:
         copy: Any = pickle.loads(pickle.dumps(error))
     except Exception:  # noqa: BLE001  (pickle raises what the error's class raises)
@@ -155,18 +154,19 @@ def _that_travels(error: Exception) -> Exception:
 
 
 _LONGEST_END_S: Final = 3.0
-"""What the process is given to end by itself, before it is terminated and then killed."""
+"""Time in s for the process to end by itself before it is terminated, and then killed."""
 
 
 class LoopProcess:
-    """A session that is stepped in another process, from `start` to `end`.
+    """A session that runs in another process, from `start` to `end`.
 
     Args:
-        make: the session there; can be pickled.
-        fast: whether a period may take less time than it does on a vehicle.
-        hear: called with new messages, in a thread of its own.
-        answered: called with a request's number and its answer, there too.
-        ended: called once, there too, with why it ended by itself: a StillwakeError, or another error of the session's.
+        make: creates the session in that process; can be pickled.
+        fast: whether a period may take less time than on a vehicle.
+        hear: called with new messages, in a separate thread.
+        answered: called with a request's number and its answer, in that thread.
+        ended: called once, in that thread, with the reason if the process ended by itself: a StillwakeError, or another
+            error of the session.
     """
 
     def __init__(
@@ -179,7 +179,7 @@ class LoopProcess:
         ended: Callable[[Exception], None],
     ) -> None:
         self._hear, self._answered, self._ended = hear, answered, ended
-        # Not forked: this process has threads, whose locks a fork would keep as they are.
+        # The process is not forked: a fork would copy the locks of this process's threads in their present state.
         context = multiprocessing.get_context("spawn")
         self._pipe, theirs = context.Pipe()
         self._process = context.Process(
@@ -190,10 +190,10 @@ class LoopProcess:
         self._is_wanted = True
 
     def start(self) -> None:
-        """Begin."""
-        # Its own start lets the signals through that are held back here.
+        """Start the process."""
+        # Starting the resource tracker unblocks these signals, so it starts before they are blocked.
         resource_tracker.ensure_running()
-        # Ctrl-C goes to all processes of a terminal. This one is to end by its pipe, also while Python begins in it.
+        # Ctrl-C goes to all processes of a terminal, but this process has to end by its pipe, even while it starts.
         before = signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT, signal.SIGTERM))
         try:
             self._process.start()
@@ -203,19 +203,19 @@ class LoopProcess:
         self._thread.start()
 
     def ask(self, number: int, request: str) -> None:
-        """A request as JSON, to be answered under this number; one at a time, and not from an event loop: it may wait.
-        Raises StillwakeError if the process has ended."""
+        """Send a request as JSON with its number. Call this from one thread at a time, and not from an event loop,
+        because it may block. Raises StillwakeError if the process has ended."""
         try:
             self._pipe.send((number, request))
         except OSError as error:
             raise StillwakeError("the loop has ended") from error
 
     def end(self) -> None:
-        """End the process and wait until it is gone; it may have ended already. Nothing is heard of it any more."""
+        """End the process, which may have ended already, and wait for it. No messages are passed on afterwards."""
         if self._process.pid is None:
             return
         self._is_wanted = False
-        # Closing would not do: the thread that reads would keep it open. The process takes it for an end of the server.
+        # Closing the pipe is not enough: the reading thread keeps it open. The process takes a shutdown as the end.
         with suppress(OSError), socket.socket(fileno=os.dup(self._pipe.fileno())) as both:
             both.shutdown(socket.SHUT_RDWR)
         self._thread.join()
@@ -248,7 +248,7 @@ class LoopProcess:
 
 
 def how(status: int | None) -> str:
-    """A process ended, in words, by its exit code as `multiprocessing` has it."""
+    """Describe how a process ended, from its exit code in `multiprocessing`."""
     if status is None or status >= 0:
         return f"with status {status}"
     return f"by {signal.Signals(-status).name}"

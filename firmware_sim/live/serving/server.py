@@ -1,4 +1,4 @@
-"""The server of the live page: it opens a port, keeps the loop going and ends both."""
+"""The server of the live page: it opens a port, runs the loop, and ends both."""
 
 import asyncio
 import errno
@@ -31,17 +31,18 @@ _PAGE: Final = Path(str(files("firmware_sim.live").joinpath("page")))
 LOCALHOST: Final = "127.0.0.1"
 PORT: Final = 8765
 LOOK_S: Final = 0.1
-"""Between two looks at whether to stop."""
+"""Time in s between two checks whether to stop."""
 PING_S: Final = 20.0
-"""Between two questions to a viewer whether it is still there."""
+"""Time in s between two WebSocket pings to a viewer."""
 _IDLE_S: Final = 10.0
-"""A connection that sends no whole request for so long is closed."""
+"""Time in s after which a connection without a complete request is closed."""
 MOST_CONNECTIONS: Final = 128
-"""Two of each viewer, and as many that load files; half of the file descriptors that any system gives a process."""
+"""Largest number of connections: two of each viewer, and as many for loading files. This is half of the file
+descriptors that any system allows a process."""
 
 
 def application(supervisor: Supervisor, access: PageAccess, *, stalled_s: float = STALLED_S) -> Application:
-    """What is answered where. A viewer that takes no message for `stalled_s` is closed."""
+    """Return the web application with its addresses. `stalled_s` is a viewer's longest time to accept a message."""
     served = ServedPage(supervisor=supervisor, access=access, stalled_s=stalled_s)
     own: dict[str, Any] = {"served": served}
     return Application(
@@ -53,7 +54,7 @@ def application(supervisor: Supervisor, access: PageAccess, *, stalled_s: float 
         ],
         default_handler_class=NotFound,
         default_handler_args=own,
-        # Addresses have the token.
+        # Addresses are not logged, because they have the token.
         log_function=lambda handler: None,
         websocket_max_message_size=LONGEST_REQUEST,
         websocket_ping_interval=PING_S,
@@ -61,7 +62,7 @@ def application(supervisor: Supervisor, access: PageAccess, *, stalled_s: float 
 
 
 class BoundedServer(HTTPServer):
-    """Bounds what those can take who have shown no token: connections, their time, and bytes."""
+    """A server with limits for clients that have shown no token: number of connections, their time, and bytes."""
 
     def initialize(self, application: Application, *, idle_s: float = _IDLE_S) -> None:  # type: ignore[override]
         super().initialize(
@@ -74,7 +75,7 @@ class BoundedServer(HTTPServer):
         self._open: list[IOStream] = []
 
     def handle_stream(self, stream: IOStream, address: tuple[Any, ...]) -> None:
-        """Answer one more connection, or close it where there are too many."""
+        """Handle one more connection, or close it if there are too many."""
         self._open = [one for one in self._open if not one.closed()]
         if len(self._open) >= MOST_CONNECTIONS:
             stream.close()
@@ -84,7 +85,7 @@ class BoundedServer(HTTPServer):
 
 
 class NotFound(Guarded):
-    """Any other address."""
+    """The handler of all other addresses."""
 
     def prepare(self) -> None:
         super().prepare()
@@ -102,17 +103,17 @@ async def serve(
     ready: Callable[[str], None],
     report: Callable[[str], None],
 ) -> None:
-    """Serve the page until it is stopped, or the loop cannot go on.
+    """Serve the page until it is stopped or the loop fails.
 
     Args:
-        address: to listen at; with another one than this machine's loopback, requests need a token.
-        port: 0 for any that is free.
-        fast: whether a period may take less time than it does on a vehicle.
-        ready: called with the page's address, once it can be opened.
-        report: called with each line on what is waited for, from any thread.
+        address: address to listen on; if it is not this machine's loopback, requests need a token.
+        port: port number; 0 for any free port.
+        fast: whether a period may take less time than on a vehicle.
+        ready: called with the page's address as soon as it can be opened.
+        report: called with each line on the work that viewers wait for, from any thread.
 
     Raises:
-        StillwakeError: the port or the address cannot be had, or the loop fails shortly after its start.
+        StillwakeError: the port or the address cannot be used, or the loop fails shortly after its start.
     """
     sockets = _bound(address, port)
     access = PageAccess.to(address)
@@ -124,7 +125,7 @@ async def serve(
     try:
         while not is_stopped() and not loop.done():
             await asyncio.wait([loop], timeout=LOOK_S)
-        # A stop may go to all processes of a service: which of them ends first is chance.
+        # A stop signal may reach all processes of a service, so the loop may end before `is_stopped` is true.
         await asyncio.sleep(0.0 if is_stopped() else LOOK_S)
     finally:
         server.stop()
@@ -136,7 +137,7 @@ async def serve(
 
 
 def page_url(address: str, port: int, access: PageAccess) -> str:
-    """Address of the page for a browser."""
+    """Return the address of the page for a browser."""
     is_any = address in ("", "0.0.0.0", "::")
     host = socket.gethostname() if is_any else f"[{address}]" if ":" in address else address
     return f"http://{host}:{port}/" + ("" if access.token is None else f"?token={access.token}")

@@ -1,7 +1,7 @@
-"""Keeps the loop going for its viewers: its process, its messages, the requests that wait for an answer.
+"""The supervision of the loop for its viewers: its process, its messages, and the requests that wait for an answer.
 
-The hub keeps the newest value of each stream, and rings of what a viewer must not miss, once for all viewers. A
-`Viewer` holds how far it has come, so a slow one costs as much as a quick one.
+The hub stores the newest value of each stream, and ring buffers of the periods and events, once for all viewers. A
+`Viewer` stores only its position in the streams, so a slow viewer costs no more than a fast one.
 """
 
 import asyncio
@@ -20,17 +20,17 @@ from firmware_sim.live.serving.process import LoopProcess, MakeSession
 
 PICTURE: Final = "picture"
 STREAMS: Final = ("loop", "hello", "settings", "events", "periods", "now", "bus", PICTURE)
-"""The order in which a viewer gets them: `hello` names the run that the others belong to."""
+"""The order in which a viewer gets the streams: `hello` states the run to which the streams after it belong."""
 MOST_ROWS: Final = 500
-"""Periods, or events, in one message: what a viewer that has just come waits for stays small."""
+"""Largest number of periods, or events, in one message, so that a new viewer waits only for a small message."""
 KEPT_EVENTS: Final = 500
 KEPT_PERIODS: Final = 3000
-"""The periods that are kept until a `hello` gives a number."""
+"""Number of periods stored until a `hello` gives another number."""
 _OF_A_RUN: Final = ("now", "bus", PICTURE)
 
 
 class Hub:
-    """Takes the loop's messages, and returns what is new since a count. Threads may share it."""
+    """Stores the loop's messages, and returns those after a count. Threads may share it."""
 
     def __init__(self) -> None:
         self._lock = Lock()
@@ -40,13 +40,13 @@ class Hub:
         self._count = 0
 
     def put(self, messages: Iterable[LiveMessage | bytes]) -> None:
-        """Keep what came, in its order."""
+        """Store messages in their order."""
         with self._lock:
             for message in messages:
                 self._keep(message)
 
     def after(self, stream: str, count: int) -> tuple[LiveMessage | bytes | None, int]:
-        """What is new in a stream since its count was this, or None; and its count now."""
+        """Return the new content of a stream since a count, or None; and the stream's present count."""
         with self._lock:
             if stream == "periods":
                 rows, count = self._periods.after(count, MOST_ROWS)
@@ -72,7 +72,6 @@ class Hub:
             self._latest[message["type"]] = (self._count, message)
 
     def _begin(self, hello: LiveMessage) -> None:
-        """Forget what is of the run before."""
         self._run = hello["run"]
         self._periods.restart(hello["kept"])
         self._events.restart(KEPT_EVENTS)
@@ -81,45 +80,47 @@ class Hub:
 
 
 class Viewer:
-    """How far one viewer of a hub has come: it holds counts and no messages, however long it does not read."""
+    """The position of one viewer in the streams of a hub; it stores counts and no messages."""
 
     def __init__(self, hub: Hub) -> None:
         self._hub = hub
         self._counts = dict.fromkeys(STREAMS, 0)
 
     def take(self, stream: str) -> LiveMessage | bytes | None:
-        """What this viewer has not had of one of `STREAMS`; None if nothing.
+        """Return what this viewer has not yet received of one of `STREAMS`; None if there is nothing.
 
-        Of latest values the newest. Of the others the oldest `MOST_ROWS` that the hub still has.
+        For a stream of latest values this is the newest value; for periods and events it is the oldest `MOST_ROWS` that
+        the hub still has.
         """
         message, self._counts[stream] = self._hub.after(stream, self._counts[stream])
         if stream == "hello" and message is not None:
-            # A page begins again with it. What was taken of the new run before its `hello` is wanted again.
+            # A page starts again at a `hello`, so it also needs the data of the new run that were sent before.
             self._counts |= dict.fromkeys(STREAMS[STREAMS.index("hello") + 1 :], 0)
         return message
 
 
 class Ring:
-    """The newest items; each has a number from 1 on, in the order in which they came."""
+    """A ring buffer of the newest items, which are numbered from 1 in the order of their arrival."""
 
     def __init__(self, kept: int) -> None:
         self._items = deque[Any](maxlen=kept)
         self._count = 0
 
     def extend(self, items: Iterable[Any]) -> None:
-        """Newer items."""
+        """Add newer items."""
         for item in items:
             self._items.append(item)
             self._count += 1
 
     def restart(self, kept: int) -> None:
-        """Begin again with room for so many; the numbers go on."""
+        """Delete all items and set the capacity to `kept`; the numbering continues."""
         self._items = deque(maxlen=kept)
 
     def after(self, count: int, most: int) -> tuple[list[Any], int]:
-        """Take at most so many items with numbers above `count`, the oldest first, and the number of the last of them.
+        """Return at most `most` items with numbers above `count`, oldest first, and the number of the last returned
+        item.
 
-        Items that the ring no longer has are passed over.
+        Items that the ring no longer has are skipped.
         """
         first = self._count - len(self._items)
         begin = max(count, first)
@@ -133,18 +134,18 @@ def _periods(run: int, rows: list[tuple[float | None, ...]]) -> LiveMessage:
 
 
 SHORT_LIFE_S: Final = 20.0
-"""A loop that ends sooner after its start is not started again: it would end again."""
+"""Shortest time in s that a loop has to run to be started again; an earlier failure would repeat."""
 MOST_WAITING: Final = 32
-"""Requests of all viewers that the loop has not answered yet."""
+"""Largest number of requests of all viewers that the loop has not answered yet."""
 STARTING: Final = "the loop starts; the first time, the flow solver is compiled, which takes a minute"
 
 
 class Supervisor:
-    """Supervises one loop; for one event loop, in which all but `hub` is used.
+    """The supervisor of one loop. Everything but `hub` is for use in one event loop.
 
     Args:
-        fast: whether a period may take less time than it does on a vehicle.
-        report: called with each line on what is waited for, and on why the loop ended; from any thread.
+        fast: whether a period may take less time than on a vehicle.
+        report: called with each line on the work that viewers wait for, and on why the loop ended; from any thread.
     """
 
     def __init__(
@@ -165,10 +166,10 @@ class Supervisor:
         self._why = ""
 
     async def run(self) -> None:
-        """Start the loop, and start it again where it fails, until this is cancelled; then it is ended.
+        """Start the loop, and start it again after a failure, until this task is cancelled; then end the loop.
 
         Raises:
-            Exception: the loop's, which ended shortly after its start.
+            Exception: the error of a loop that ended shortly after its start.
         """
         self._events = asyncio.get_running_loop()
         self._sender = ThreadPoolExecutor(1, thread_name_prefix="requests")
@@ -202,11 +203,11 @@ class Supervisor:
             self._process = None
             for number in list(self._waiting):
                 self._settle(number, {"error": "the loop has ended"})
-            # Not awaited where this is cancelled: the process is to be gone when this returns.
+            # This call blocks on purpose: when the task is cancelled, the process must have ended before this returns.
             process.end()
 
     async def ask(self, request: str) -> LiveAnswer:
-        """What the loop answers to a request as JSON; it takes as long as the loop needs for it."""
+        """Return the loop's answer to a request in JSON; wait until the loop has answered."""
         process = self._process
         if process is None:
             return {"error": "the loop has ended"}
@@ -225,7 +226,7 @@ class Supervisor:
 
     @contextmanager
     def watched(self) -> Iterator[asyncio.Event]:
-        """An event that is set whenever the hub has something new."""
+        """Yield an event that is set whenever the hub has something new."""
         event = asyncio.Event()
         self._watching.add(event)
         try:
@@ -234,7 +235,7 @@ class Supervisor:
             self._watching.discard(event)
 
     def _heard(self, messages: Sequence[LiveMessage | bytes]) -> None:
-        """Keep new messages, in the thread that listens."""
+        """Store new messages; called in the receiving thread."""
         self.hub.put(messages)
         for message in messages:
             if isinstance(message, bytes):
@@ -242,12 +243,12 @@ class Supervisor:
             if message["type"] == "loop" and message["text"]:
                 self._report(message["text"])
             if message["type"] == "hello" and self._why:
-                # What is kept begins with this `hello`; that the loop had ended is to be seen later, too. The number is
-                # below those of the session, which a page takes to go up.
+                # The stored events begin with this `hello`, so the end of the loop before is added again for later
+                # viewers. Its number is below all numbers of the session, because a page expects increasing numbers.
                 item = {"n": -1, "time_s": 0.0, "t": 0.0, "kind": "loop", "text": self._why}
                 self.hub.put([{"type": "events", "run": message["run"], "items": [item]}])
                 self._why = ""
-        # One call at a time waits for the event loop, however much is sent meanwhile.
+        # At most one wake-up waits in the event loop, however many messages arrive.
         if not self._is_waking:
             self._is_waking = True
             self._later(self._wake)

@@ -1,1 +1,1 @@
-"""A whole board around an emulated Cortex-M7: its firmware runs from the reset vector, and sees registers alone."""
+"""A whole board with an emulated Cortex-M7: its firmware runs from reset and uses only registers and memories."""

@@ -1,9 +1,9 @@
-"""The board: a core, its memories and registers, from power-on to the loss of its supply, in virtual time.
+"""The board: a core with its memories and registers, from power-on to the loss of its supply, in virtual time.
 
-The firmware runs from its reset vector until it sleeps (`wfi`); nothing else passes time. No interrupt is served: the
-firmware masks them, and one that is pending ends its sleep. A board is one power cycle; what its flash holds is given
-to the next one. The memory map is an STM32H743's, with the registers of `flash_controller`, `can_controller` and
-`small_parts`.
+The firmware runs from its reset vector until it sleeps (`wfi`); the board's time then passes from outside. No interrupt
+is served: the firmware masks interrupts, and a pending interrupt ends its sleep. A board is one power cycle; its flash
+contents are given to the next one. The memory map is that of an STM32H743, with the registers of `flash_controller`,
+`can_controller` and `small_parts`.
 """
 
 import struct
@@ -33,33 +33,33 @@ BANK_BYTES: Final = SECTOR * SECTORS
 DTCM, DTCM_BYTES = 0x2000_0000, 128 * 1024
 SRAM, SRAM_BYTES = 0x2400_0000, 512 * 1024
 BACKUP, BACKUP_BYTES = 0x3880_0000, 4096
-"""SRAM that outlives a power cycle, by a battery."""
+"""SRAM that a battery supplies: its contents outlive a power cycle."""
 _STACK_BYTES: Final = 16 * 1024
 _PAGE: Final = 4096
 _COUNTER, _RANDOM, _CAN, _FLASH, _CORE = 0x5C00_8000, 0x4802_1800, 0x4000_A000, 0x5200_2100, 0xE000_E000
 _READABLE: Final = unicorn_const.UC_PROT_READ
 _LONGEST_US: Final = 600_000_000
-"""Wall time after which a core that does not sleep is given up."""
+"""Wall time in us after which a core that does not sleep counts as failed."""
 
 
 Part = Counter | RandomNumbers | CanController | FlashController | CoreRegisters
 
 
 class Board(EmulatedCore):
-    """A board that is switched on; `run` has it execute.
+    """A board that is switched on; `run` executes its firmware.
 
     Args:
-        firmware: in the first bank of flash.
-        bank: the second bank, changed in place; an erased one if None.
-        now_ns: what the counter shows.
-        times: of its flash.
-        cut_at: the supply fails in this operation of the flash, counted from 1; 0 for never.
-        seed: of random numbers, and of what a torn word holds.
-        backup: what the battery kept.
+        firmware: program in the first bank of flash.
+        bank: second bank of flash, changed in place; if None, an erased bank.
+        now_ns: initial value of the counter.
+        times: times of flash operations.
+        cut_at: number of the flash operation, counted from 1, in which the supply fails; 0 for never.
+        seed: seed of the random numbers and of the contents of a torn word.
+        backup: contents of the SRAM that the battery supplied.
 
     Attributes:
         counter, can, flash: its peripherals.
-        blocks: instructions and cycles.
+        blocks: counts of instructions and cycles.
     """
 
     def __init__(
@@ -104,8 +104,8 @@ class Board(EmulatedCore):
         self._core.reg_write(arm_const.UC_ARM_REG_SP, stack)
 
     def run(self) -> None:
-        """Execute until the firmware sleeps. Raises McuError if the core stopped, asked for what is not modelled, or
-        does not come to sleep; PowerCut, SystemReset if the power cycle is over."""
+        """Execute until the firmware sleeps. Raises McuError if the core stopped, used a register that is not modelled,
+        or does not sleep; PowerCut or SystemReset if the power cycle has ended."""
         self._exchange_pages()
         self._execute("firmware", self._at, 0xFFFF_FFFE, _LONGEST_US)
         self._at = int(self._core.reg_read(arm_const.UC_ARM_REG_PC))
@@ -122,9 +122,9 @@ class Board(EmulatedCore):
             raise self._raised.pop()
 
     def _guarded(self, work: Callable[[], object]) -> int:
-        """What a register does or shows; its exceptions end the emulation, and come out of it."""
+        """Call a register's function. Its exceptions stop the emulation and are raised again after it."""
         if self._raised:
-            # The core stops a few instructions later, and these do nothing any more.
+            # The core executes a few more instructions before it stops; they have no effect.
             return 0
         try:
             shown = work()
@@ -135,7 +135,7 @@ class Board(EmulatedCore):
             return 0
 
     def _registers_of(self, part: Part, shift: int) -> tuple[Any, ...]:
-        """What Unicorn calls for a page of registers, of which the first one stands `shift` behind its start."""
+        """Return the functions that Unicorn calls for a page of registers, the first of them at offset `shift`."""
 
         def read(_core: Any, offset: int, size: int, _data: Any) -> int:
             if part is self.flash:
@@ -159,7 +159,7 @@ class Board(EmulatedCore):
         return True
 
     def _loaded(self, offset: int, size: int) -> int:
-        """A read from a page with a word that cannot be read."""
+        """Read from a page that has an unreadable word."""
         self.flash.stall()
         if self.flash.is_bad(offset):
             self.flash.found_bad(offset)
@@ -176,9 +176,10 @@ class Board(EmulatedCore):
                 self._core.mem_write(BANK + page, bytes(bank.content[page : page + _PAGE]))
 
     def _exchange_pages(self) -> None:
-        """Have pages with a word that cannot be read pass through here, and the others be memory.
+        """Map pages with an unreadable word to functions of this class, and other pages to memory.
 
-        The emulator sees no single read of a memory without being slow at all of them. It is not done amid a store.
+        Hooks on every read of a memory would slow down the emulator. The mapping does not change while a flash
+        operation is under way.
         """
         if self.flash.is_at_work:
             return
@@ -193,7 +194,7 @@ class Board(EmulatedCore):
         self._bad_pages = set(self._bad_wanted)
 
     def _close(self) -> None:
-        """While an erasure is at work a read of the bank is noticed."""
+        """Protect the bank against reads while an operation is under way, so that such a read is noticed."""
         if self.flash.is_at_work and not self._is_closed:
             self._is_closed = True
             self._protect(unicorn_const.UC_PROT_NONE)
@@ -226,7 +227,7 @@ class Board(EmulatedCore):
 
 
 def _whole(offset: int, size: int) -> int:
-    """The offset of a register; raises McuError for an access that is not of a whole one."""
+    """Return the offset of a register; raises McuError for an access that is not to one whole register."""
     if size != 4 or offset % 4:
         raise McuError(f"a register is accessed with {size} bytes at {offset:#x}: must be 4, aligned")
     return offset

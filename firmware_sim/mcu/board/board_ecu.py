@@ -1,8 +1,8 @@
-"""The whole firmware on the emulated board as an ECU: frames in and out through its CAN controller.
+"""The whole firmware on the emulated board as an ECU: frames are received and sent through its CAN controller.
 
-It has the interface of `ecu.ecu.Ecu` for a closed loop, and `advance` for diagnosis. When a step takes
-place is the firmware's own decision: on the pressures of the step's frames, or, where there are none, at the deadline
-in its compare register, to which time then passes. What an observer sees is read from its memory, as by a debugger.
+The class has the interface of `ecu.ecu.Ecu` for a closed loop, and `advance` for diagnosis. The firmware itself decides
+when a step takes place: when the frames of the step bring pressures, or otherwise at the deadline in its compare
+register, to which the time then passes. Values for observers are read from its memory, as by a debugger.
 """
 
 import struct
@@ -24,28 +24,28 @@ from firmware_sim.mcu.build import BUS_KEY, NO_COMPILER, compile_board
 from firmware_sim.mcu.elf import Firmware, read_elf
 
 _SCRATCH: Final = SRAM + SRAM_BYTES - 16384
-"""The debugger's memory, behind everything that is linked."""
+"""Address of the debugger's memory, after all linked sections."""
 
 
 class BoardEcu(CEcuState):
-    """A board just powered on. Raises LibraryError if the library has no ECU; McuError if it does not compile, or the
-    compiler is missing.
+    """A board that was just powered on. Raises LibraryError if the library has no ECU; McuError if it does not compile,
+    or the compiler is missing.
 
     Args:
         sources: `ecu.in_c.c_ecu.ecu_sources`.
-        clock_mhz: of the core.
-        bank: the flash that is written in the field; erased if None.
-        own: files in place of the board's (`compile_board`).
-        firmware: compiled from the sources before.
-        times: of the flash.
-        secret: with `bus.key`, the key that production writes.
+        clock_mhz: clock of the core.
+        bank: flash that is written in the field; if None, an erased bank.
+        own: files that replace the board's (`compile_board`).
+        firmware: firmware compiled earlier from these sources.
+        times: times of flash operations.
+        secret: key of the bus that production writes, with `bus.key`.
 
     Attributes:
-        board: the board itself, of this power cycle.
-        description: what computes the step, for people.
-        instructions, cycles: of the latest step; the cycles are modelled.
-        waited_ns: how long the latest step waited for pressures.
-        resets: that the firmware asked for.
+        board: board of the present power cycle.
+        description: name of the board and its clock, for people.
+        instructions, cycles: counts of the latest step; the cycles are modelled.
+        waited_ns: time for which the latest step waited for pressures.
+        resets: number of resets that the firmware requested.
     """
 
     def __init__(
@@ -80,7 +80,8 @@ class BoardEcu(CEcuState):
         self.power_on(bank or FlashBank(), now_ns, cut_at=cut_at)
 
     def power_on(self, bank: FlashBank, now_ns: int, *, cut_at: int = 0) -> None:
-        """A new power cycle, with what the battery kept; the supply fails in an operation of flash, counted from 1."""
+        """Begin a new power cycle with the contents of the battery's SRAM; the supply fails in the flash operation with
+        the number `cut_at`, from 1."""
         before: Board | None = getattr(self, "board", None)
         self.board = Board(
             self.firmware,
@@ -97,14 +98,14 @@ class BoardEcu(CEcuState):
 
     @property
     def step_ns(self) -> int:
-        """What the board takes for the latest step: a wait for pressures, and the core's cycles by the model."""
+        """Time of the latest step in ns: its wait for pressures, and the core's modelled cycles."""
         return self.waited_ns + round(self.cycles * 1e3 / self._clock_mhz)
 
     def step(
         self, now_ns: int, frames: Sequence[Frame], health: BusHealth = HEALTHY, **around: Unpack[Surroundings]
     ) -> list[Frame]:
-        """One control period; as `Ecu.step`, but for `around`, which the firmware finds by itself. Raises McuError if
-        the core stopped."""
+        """Run one control period, like `Ecu.step`; values in `around` are refused, because the firmware determines them
+        itself. Raises McuError if the core stopped."""
         if any(around.values()):
             raise McuError("a fault or an update from outside: the board's firmware finds them by itself")
         self.board.blocks.start()
@@ -118,13 +119,13 @@ class BoardEcu(CEcuState):
         self.waited_ns = max(self.board.counter.now_ns - now_ns, 0)
         self.instructions, self.cycles = self.board.blocks.total()
         self._load()
-        # The bus that brought the frames has a time of its own for those that leave.
+        # The bus of the loop models the transmission, so the frames leave without delay.
         left, self._left = self._left, []
         return left + self.board.can.handed_over()
 
     def advance(self, until_ns: int, frames: Sequence[Frame] = ()) -> list[Frame]:
-        """Frames that come now, and the time until then; what the board sends. Raises McuError if the core stopped;
-        PowerCut if the supply failed."""
+        """Receive these frames now, let time pass until `until_ns`, and return the frames sent. Raises McuError if the
+        core stopped; PowerCut if the supply failed."""
         self._bring(frames)
         while self.board.counter.compare_ns <= until_ns:
             self.board.counter.now_ns = max(self.board.counter.compare_ns, self.board.counter.now_ns)
@@ -134,7 +135,7 @@ class BoardEcu(CEcuState):
         return left + self.board.can.taken(self.board.counter.now_ns)
 
     def _bring(self, frames: Sequence[Frame]) -> None:
-        """Bring as many as its FIFO takes; on a real bus the core, which sleeps, is quicker than frames come."""
+        """Give the controller as many frames as its FIFO can hold; on a real bus the core wakes faster than that."""
         waiting = list(frames)
         while True:
             board = self.board
@@ -160,19 +161,18 @@ class BoardEcu(CEcuState):
         return self._pointer("sw_board_steps") + (self.resets << 32)
 
     def _pointer(self, symbol: str) -> int:
-        """The word where a symbol is."""
         (value,) = struct.unpack("<I", self.board.peek(self.board.symbol(symbol), 4))
         return int(value)
 
     def _asked(self, function: str, packed: Any) -> int:
-        """What a function of the ECU answers to a struct; its state after that is mirrored."""
+        """Call a function of the ECU with a struct and return its result; then mirror the ECU's state."""
         self.board.poke(_SCRATCH, bytes(packed))
         answer = self.board.call(function, self._place, _SCRATCH)
         self._load()
         return answer
 
     def _load(self) -> None:
-        """The ECU in the board's memory, but for its workspace, into the mirror of it."""
+        """Copy the ECU in the board's memory, without its workspace, to its mirror."""
         self.structs.ffi.buffer(self._ecu, self._mirrored)[:] = self.board.peek(self._place, self._mirrored)
 
     @property

@@ -2,13 +2,13 @@
 
 Modelled: CCCR (INIT, CCE, FDOE, BRSE), NBTP, DBTP, TDCR, TSCC and TSCV (time stamps in nominal bits), ECR (TEC, REC,
 RP), PSR (EP, EW, BO), IR (RF0N, RF0L, BO), IE, ILE, GFC, SIDFC, XIDFC and XIDAM with classic filters into FIFO 0,
-RXF0C, RXF0S, RXF0A, RXESC, TXBC with dedicated buffers and a FIFO behind them, TXFQS, TXESC, TXBRP, TXBAR, TXBCR and
-TXBTO; elements of up to 64 bytes with XTD, FDF and BRS. Every other register is an error.
+RXF0C, RXF0S, RXF0A, RXESC, TXBC with dedicated buffers and a FIFO after them, TXFQS, TXESC, TXBRP, TXBAR, TXBCR and
+TXBTO; elements of up to 64 bytes with XTD, FDF and BRS. An access to any other register is an error.
 
-A frame takes the time of its bits, stuff bits and intermission included, at the rates of the timing registers. When one
-has ended the next one goes: of the dedicated buffers and the FIFO's oldest the one with the lowest identifier. No other
-node is on this bus. While the controller is bus-off frames wait. There is no recovery's delay: the bus that gives the
-error counters has it.
+A frame takes the time of its bits, including stuff bits and intermission, at the rates of the timing registers. After
+its end the next frame is sent: the frame with the lowest identifier among the dedicated buffers and the FIFO's oldest
+element. No other node is on this bus. While the controller is bus-off, frames wait. There is no recovery time here,
+because the bus that gives the error counters has it.
 """
 
 import struct
@@ -30,7 +30,7 @@ _RXF0S, _RXF0A, _TXFQS, _TXBRP, _TXBAR, _TXBCR, _TXBTO = 0xA4, 0xA8, 0xC4, 0xCC,
 _DBTP, _NBTP, _GFC, _SIDFC, _XIDFC, _XIDAM, _RXF0C, _TXBC = 0x0C, 0x1C, 0x80, 0x84, 0x88, 0x90, 0xA0, 0xC0
 _PLAIN: Final = {_DBTP, _NBTP, 0x20, 0x48, 0x54, 0x5C, _GFC, _SIDFC, _XIDFC, _XIDAM, _RXF0C, 0xBC, _TXBC, 0xC8}
 _PROTECTED: Final = _PLAIN - {0x54, 0x5C}
-"""Registers that keep what is written; and those of them that take it with CCE alone."""
+"""Registers that store written values (`_PLAIN`), and those of them that are only written with CCE (`_PROTECTED`)."""
 _INIT, _CCE = 1, 2
 _RF0N, _RF0L, _BO = 1, 8, 1 << 25
 _XTD, _FDF, _BRS = 1 << 30, 1 << 21, 1 << 20
@@ -39,13 +39,14 @@ _EVER_NS: Final = 1 << 63
 
 
 class CanController:
-    """The registers and the message RAM.
+    """The registers and the message RAM of a CAN controller.
 
     Args:
-        clock: ns of the board.
+        clock: returns the board's time in ns.
 
     Attributes:
-        init_reads_late: looks at CCCR for which INIT, once it was cleared, reads as set: it passes to another clock.
+        init_reads_late: number of reads of CCCR in which INIT still reads as set after it was cleared, because the
+            change has to pass to another clock.
     """
 
     def __init__(self, clock: Callable[[], int]) -> None:
@@ -60,7 +61,7 @@ class CanController:
 
     @property
     def bit_rates(self) -> tuple[float, float]:
-        """Nominal and data bits a second, by the timing registers."""
+        """Nominal and data bits per second, from the timing registers."""
         nominal, data = self._kept[_NBTP], self._kept[_DBTP]
         quanta = (nominal & 127) + (nominal >> 8 & 255) + 3, (data >> 4 & 15) + (data >> 8 & 31) + 3
         divider = (nominal >> 16 & 511) + 1, (data >> 16 & 31) + 1
@@ -68,18 +69,18 @@ class CanController:
 
     @property
     def room(self) -> int:
-        """Frames that FIFO 0 still takes."""
+        """Number of frames that FIFO 0 can still store."""
         return min(self._kept[_RXF0C] >> 16 & 127, 64) - self._level
 
     def surround(self, health: BusHealth) -> None:
-        """What the bus has made of its error counters; each time that it went bus-off since sets INIT."""
+        """Take the bus's error counters; every new bus-off sets INIT."""
         self._went_off += max(health.bus_off - self._health.bus_off, 0)
         self._health = health
         self._go_off()
 
     def receive(self, frame: Frame) -> None:
-        """A frame from the bus; one that no filter names, or for which there is no room, is dropped."""
-        # What the bus has brought came before the controller went off, or after that.
+        """Receive a frame from the bus; drop it if no filter accepts it or there is no room."""
+        # INIT after a bus-off does not refuse a frame: the bus brought it before the bus-off or after the recovery.
         if (self._control & _INIT and not self._went_off) or not self._accepts(frame):
             return
         self._interrupts |= _RF0N
@@ -97,27 +98,27 @@ class CanController:
         self._level += 1
 
     def taken(self, until_ns: int) -> list[Frame]:
-        """Frames that have left until then since the last call, oldest first, with the times of their ends."""
+        """Return the frames sent since the last call, up to `until_ns`, oldest first, stamped with their ends."""
         self._sending.progress(until_ns)
         left = [replace(frame, timestamp_ns=end_ns) for frame, end_ns in self._sending.left]
         self._sending.left.clear()
         return left
 
     def handed_over(self) -> list[Frame]:
-        """Frames to a bus that is modelled elsewhere: all of them, at once, as and when the firmware sent them."""
+        """Return all waiting frames at once, stamped with their times of sending, for a bus modelled elsewhere."""
         self._sending.progress(_EVER_NS)
         left = [frame for frame, _ in self._sending.left]
         self._sending.left.clear()
         return left
 
     def read(self, offset: int) -> int:
-        """A register, or a word of the message RAM; raises McuError for one that is not modelled."""
+        """Read a register or a word of the message RAM; raises McuError for a register that is not modelled."""
         if offset >= MESSAGE_RAM:
             return int.from_bytes(self._ram[offset - MESSAGE_RAM : offset - MESSAGE_RAM + 4], "little")
         return self._read(offset)
 
     def write(self, offset: int, value: int) -> None:
-        """The same."""
+        """Write a register or a word of the message RAM; raises McuError for one not modelled, or protected."""
         if offset >= MESSAGE_RAM:
             self._ram[offset - MESSAGE_RAM : offset - MESSAGE_RAM + 4] = value.to_bytes(4, "little")
         elif offset == _CCCR:
@@ -170,7 +171,7 @@ class CanController:
         return self._went_off > 0 or self._health.state is BusState.BUS_OFF
 
     def _go_off(self) -> None:
-        """The hardware sets INIT once for each time that it went bus-off; none is before the one before it was left."""
+        """Set INIT if the controller went bus-off. The hardware does so once per bus-off, before its recovery."""
         if self._went_off:
             self._control |= _INIT
             self._interrupts |= _BO
@@ -217,5 +218,5 @@ class CanController:
         return not self._kept[_GFC] >> 4 & 2
 
     def _time_stamp(self, at_ns: int) -> int:
-        """The time stamp of 16 bits."""
+        """Return the time stamp of 16 bits for a time."""
         return int(at_ns * self.bit_rates[0] // 1_000_000_000) & 0xFFFF if self._kept[_NBTP] else 0

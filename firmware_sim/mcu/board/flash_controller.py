@@ -1,13 +1,14 @@
 """The second bank of an STM32H743's flash with its controller (RM0433, section 4), as far as the firmware uses it.
 
 A sector of 128 KiB is erased as a whole. A word of 32 bytes is programmed once, by eight stores of four bytes that fill
-the write buffer. Each word has an error-correcting code of its own, so one that was programmed twice, or while the
-supply failed, is not what either write meant: its bits are those that both left set, or some of them, and a read finds
-an error that cannot be corrected. Such a read is a bus fault, unless the core ignores those for the moment.
+the write buffer. Each word has its own error-correcting code. A word that was programmed twice, or while the supply
+failed, has neither intended value: its set bits are those that both writes left set, or some of them, and a read finds
+an error that cannot be corrected. Such a read is a bus fault, unless the core ignores bus faults at that moment.
 
-Operations take their time, in which SR2 shows BSY and QW. A core that waits in a loop passes time by its looks at SR2.
-One that reads the bank meanwhile stands still until the operation has ended: the two banks work beside each other, one
-bank does one thing at a time. An operation that is begun before the one before it has ended is an error.
+During an operation SR2 shows BSY and QW. Time passes with each read of SR2, so that a core that polls it makes
+progress. A core that reads the bank during an operation stalls until the operation has ended: the two banks work in
+parallel, but one bank does one operation at a time. Beginning an operation before the previous one has ended is an
+error.
 
 Modelled: KEYR2 (both keys), CR2 (LOCK, PG, SER, SNB, START), SR2 (BSY, WBNE, QW, WRPERR, PGSERR, STRBERR, INCERR,
 DBECCERR), CCR2, ECC_FA2R. Not modelled: erasing a bank.
@@ -28,19 +29,19 @@ _KEYS: Final = (0x4567_0123, 0xCDEF_89AB)
 _LOCK, _PG, _SER, _START = 1, 2, 4, 1 << 7
 _BSY, _WBNE, _QW = 1, 2, 4
 _LOOK_NS: Final = 5_000
-"""That a look at SR2 takes in a loop, which is less than any operation: few of them pass a long one."""
+"""Time in ns for a read of SR2 during an operation: less than any operation, but few reads end a long one."""
 _PGSERR, _STRBERR, _INCERR, _DBECCERR = (1 << bit for bit in (18, 19, 21, 26))
 _ERRORS: Final = 0x0FFF_0000
 
 
 class PowerCut(Exception):  # noqa: N818
-    """The supply failed in the middle of an operation of the flash."""
+    """The supply failed in the middle of a flash operation."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class FlashTimes:
-    """The times of an operation, in ns. Those of an STM32H743 by its datasheet (DS12110, flash memory programming,
-    parallelism of 64 bits): typically as here, at most twice as long."""
+    """Times of flash operations in ns. The defaults are typical values of an STM32H743 from its datasheet (DS12110,
+    flash memory programming, parallelism of 64 bits); the datasheet's largest values are at most twice as long."""
 
     erase_ns: int = 1_000_000_000
     word_ns: int = 100_000
@@ -50,11 +51,11 @@ STM32H743: Final = FlashTimes()
 
 
 class FlashBank:
-    """What the bank holds, with or without supply.
+    """The contents of a flash bank, which survive a loss of supply.
 
     Attributes:
         content: bytes of all sectors.
-        programmed: of each word, 0 erased, 1 programmed, 2 not readable.
+        programmed: state of each word: 0 erased, 1 programmed, 2 unreadable.
     """
 
     def __init__(self) -> None:
@@ -67,7 +68,7 @@ class FlashBank:
 
     @classmethod
     def unpack(cls, packed: bytes) -> "FlashBank":
-        """Read what `pack` made; raises McuError for another size."""
+        """Read the result of `pack`; raises McuError for another size."""
         bank, words = cls(), SECTOR * SECTORS // WORD
         if len(packed) != words * (WORD + 1) or max(packed[:words]) > 2:
             raise McuError(f"a flash of {len(packed)} bytes: must be {words * (WORD + 1)}, as a board left it")
@@ -76,20 +77,20 @@ class FlashBank:
 
 
 class FlashController:
-    """The registers, and the bank behind them.
+    """The registers of a flash bank, and the bank.
 
     Args:
-        bank: is changed in place.
-        changed: called with the offset of bytes that are not what they were, and how many.
-        counter: whose time its operations take.
-        times: theirs.
-        cut_at: the supply fails in this operation, counted from 1; 0 for never.
-        seed: of what a torn word holds.
+        bank: the bank, changed in place.
+        changed: called with the offset of changed bytes, and their number.
+        counter: counter whose time passes during operations.
+        times: times of the operations.
+        cut_at: number of the operation, counted from 1, in which the supply fails; 0 for never.
+        seed: seed of the contents of a torn word.
 
     Attributes:
-        operations: so far, erased sectors and programmed words.
-        erasures: of these.
-        stalled_ns: for which the core stood still in a read of the bank.
+        operations: number of operations so far: erased sectors and programmed words.
+        erasures: number of erased sectors so far.
+        stalled_ns: total time for which the core stalled in reads of the bank.
     """
 
     def __init__(
@@ -112,7 +113,7 @@ class FlashController:
         self.operations = 0
 
     def read(self, offset: int) -> int:
-        """A register of the bank's block."""
+        """Read a register of the bank's block."""
         at_work = _BSY | _QW if self.is_at_work else 0
         known = {0x0C: self._control, 0x10: self._status | at_work | (_WBNE if self._buffer else 0), 0x60: self._fault}
         if offset not in known:
@@ -122,7 +123,7 @@ class FlashController:
         return known[offset]
 
     def write(self, offset: int, value: int) -> None:
-        """Raises PowerCut; McuError for a register or an operation that is not modelled."""
+        """Write a register. Raises PowerCut; McuError for a register or an operation that is not modelled."""
         if offset == 0x04:
             right = self._keys < len(_KEYS) and value == _KEYS[self._keys]
             # A wrong key locks the register until the next reset.
@@ -142,7 +143,7 @@ class FlashController:
             raise McuError(f"flash controller: no register to write at {offset:#x}")
 
     def store(self, offset: int, data: bytes) -> None:
-        """Four bytes into the bank, which fill the write buffer; raises PowerCut."""
+        """Store four bytes in the write buffer; a full buffer is programmed. Raises PowerCut."""
         word = offset // WORD * WORD
         if self._control & _LOCK or not self._control & _PG or len(data) != 4:
             self._status |= _PGSERR
@@ -159,25 +160,25 @@ class FlashController:
 
     @property
     def is_at_work(self) -> bool:
-        """Whether an operation has not ended yet."""
+        """Whether an operation is under way."""
         return self._counter.now_ns < self._until_ns
 
     def stall(self) -> None:
-        """The core reads the bank: it waits for the end of what is at work."""
+        """Pass time to the end of the present operation, because the core reads the bank."""
         self.stalled_ns += max(self._until_ns - self._counter.now_ns, 0)
         self._counter.now_ns = max(self._counter.now_ns, self._until_ns)
 
     def reset(self) -> None:
-        """The core is reset: what a sector holds that was being erased is not known."""
+        """Reset the core; a sector that was being erased then has undefined contents."""
         if self.is_at_work and self._erasing >= 0:
             self._change_sector(self._erasing, self._random.randbytes(SECTOR), 2)
 
     def is_bad(self, offset: int) -> bool:
-        """Whether a read there finds an error."""
+        """Return whether a read at this offset finds an error."""
         return self.bank.programmed[offset // WORD] == 2
 
     def found_bad(self, offset: int) -> None:
-        """A read there took place."""
+        """Record a read that found an error."""
         self._status |= _DBECCERR
         self._fault = offset // WORD
 
@@ -199,7 +200,7 @@ class FlashController:
             raise PowerCut
 
     def _begins(self, takes_ns: int) -> bool:
-        """Whether the supply fails in this operation."""
+        """Begin an operation; returns whether the supply fails in it."""
         if self.is_at_work:
             raise McuError("flash controller: an operation begins before the one before it has ended")
         self._until_ns = self._counter.now_ns + takes_ns

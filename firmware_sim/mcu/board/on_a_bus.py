@@ -1,4 +1,4 @@
-"""An emulated board on a real bus: its time passes with the wall clock, and stands still while a step is emulated."""
+"""An emulated board on a real bus: its time follows the wall clock, and stops while a step is emulated."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -14,13 +14,13 @@ from firmware_sim.mcu.board.flash_controller import FlashBank
 
 
 def equipment_header(root: PublicKey, access_key: bytes, vehicle: bytes, hardware: str, serial: str) -> bytes:
-    """The header that switches the loader on.
+    """Return the header that enables the loader.
 
     Args:
-        root: signs key lists.
-        access_key: of security access, 16 bytes.
-        vehicle: `contract.release.controller_image.ImageFacts.vehicle` of every image that fits.
-        hardware, serial: of the board; printable ASCII without quotes.
+        root: public key that checks key lists.
+        access_key: key of security access, 16 bytes.
+        vehicle: `contract.release.controller_image.ImageFacts.vehicle` of every image for this vehicle.
+        hardware, serial: hardware and serial number of the board; printable ASCII without quotes.
     """
     numbers = {"ROOT": root.raw, "ACCESS_KEY": access_key, "VEHICLE": vehicle}
     found = {name: "{" + ", ".join(map(str, value)) + "}" for name, value in numbers.items()} | {
@@ -30,11 +30,11 @@ def equipment_header(root: PublicKey, access_key: bytes, vehicle: bytes, hardwar
 
 
 LONGEST_UNSEEN_NS: Final = 20_000_000
-"""The most of the board's time that passes between two looks at the bus, however long the emulation takes."""
+"""Longest time of the board, in ns, between two reads of the bus, however long the emulation takes."""
 
 
 def read_bank(path: Path) -> FlashBank:
-    """The flash in a file, or an erased one where there is none; raises McuError if it cannot be read."""
+    """Read the flash from a file, or return an erased one without a file; raises McuError if it cannot be read."""
     try:
         return FlashBank.unpack(path.read_bytes()) if path.exists() else FlashBank()
     except OSError as error:
@@ -50,17 +50,17 @@ def serve(
     wait: Callable[[], None],
     is_stopped: Callable[[], bool],
 ) -> None:
-    """Run the board until it is stopped; the flash is written to the file whenever it has changed. Raises BusError if
-    the bus failed; McuError if the core stopped.
+    """Run the board until it is stopped; whenever the flash has changed, write it to the file. Raises BusError if the
+    bus failed; McuError if the core stopped.
 
     Args:
-        wait: for a moment, between two looks at the bus.
+        wait: waits for a moment between two reads of the bus.
     """
     kept, before_ns = ecu.board.flash.bank.pack() if path.exists() else b"", clock_ns()
     until_ns = ecu.board.counter.now_ns
     while not is_stopped():
         now_ns = clock_ns()
-        # The flash's own times pass within those of the bus.
+        # The time of flash operations is part of the board's time, so it is not added.
         until_ns, before_ns = until_ns + min(now_ns - before_ns, LONGEST_UNSEEN_NS), now_ns
         frames = [replace(frame, timestamp_ns=ecu.board.counter.now_ns) for frame in bus.receive_all()]
         for frame in ecu.advance(until_ns, frames):

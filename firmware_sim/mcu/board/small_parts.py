@@ -14,24 +14,24 @@ class SystemReset(Exception):  # noqa: N818
 
 
 class Counter:
-    """Arm's generic counter (CNTReadBase: CNTCV) at 1 GHz, and a compare value behind it that ends the core's sleep.
+    """Arm's generic counter (CNTReadBase: CNTCV) at 1 GHz, followed by a compare value that ends the core's sleep.
 
     Attributes:
-        now_ns, compare_ns: what the two show.
+        now_ns, compare_ns: values of the counter and of the compare register.
     """
 
     def __init__(self, now_ns: int = 0) -> None:
         self.now_ns, self.compare_ns = now_ns, 0
 
     def read(self, offset: int) -> int:
-        """Half of one of the two; raises McuError for another register."""
+        """Read half of the counter or of the compare value; raises McuError for another register."""
         if offset not in (0, 4, 8, 12):
             raise McuError(f"counter: no register at {offset:#x}")
         value = self.now_ns if offset < 8 else self.compare_ns
         return value >> 8 * (offset & 4) & 0xFFFF_FFFF
 
     def write(self, offset: int, value: int) -> None:
-        """The compare value alone can be written."""
+        """Write half of the compare value; raises McuError for another register."""
         if offset not in (8, 12):
             raise McuError(f"counter: no register to write at {offset:#x}")
         shift = 8 * (offset & 4)
@@ -39,7 +39,7 @@ class Counter:
 
 
 class RandomNumbers:
-    """An STM32H743's generator (RNG: CR with RNGEN, SR with DRDY, DR), with a seed."""
+    """The random number generator of an STM32H743 (RNG: CR with RNGEN, SR with DRDY, DR), with a seed."""
 
     def __init__(self, seed: int) -> None:
         self._random, self._control = random.Random(seed), 0
@@ -58,8 +58,8 @@ class CoreRegisters:
     """The system control space: CPACR, CCR with BFHFNMIGN, AIRCR with SYSRESETREQ, ICSR, and the NVIC's first words.
 
     Attributes:
-        has_floats: whether CPACR gives the floating-point unit free.
-        ignores_bus_faults: whether CCR has handlers of the highest priority go on after one.
+        has_floats: whether CPACR enables the floating-point unit.
+        ignores_bus_faults: whether CCR lets handlers of the highest priority continue after a bus fault.
     """
 
     _KEPT: Final = (0x100, 0x280, 0xD14, 0xD88)
@@ -76,13 +76,13 @@ class CoreRegisters:
         return bool(self._kept[0xD14] & _BFHFNMIGN)
 
     def read(self, offset: int) -> int:
-        """Raises McuError for a register that is not modelled."""
+        """Read a register; raises McuError if it is not modelled."""
         if offset not in self._kept:
             raise McuError(f"core: no register to read at {0xE000_E000 + offset:#x}")
         return self._kept[offset]
 
     def write(self, offset: int, value: int) -> None:
-        """The same; raises SystemReset."""
+        """Write a register; raises McuError if it is not modelled, and SystemReset if the firmware requests a reset."""
         if offset == 0xD0C:
             if value == _RESET:
                 raise SystemReset

@@ -1,4 +1,4 @@
-"""The sending side of an M_CAN: dedicated buffers, a FIFO behind them, and the frame on the wire, in virtual time."""
+"""The sending side of an M_CAN: dedicated buffers, the FIFO, and the frame in transmission, in virtual time."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -8,7 +8,7 @@ from can_bridge.wire.frame import Frame, priority
 
 
 class Left(NamedTuple):
-    """A frame, with the time at which it was handed over, and its end on the wire."""
+    """A sent frame, stamped with the time when the firmware sent it, and the end of its transmission."""
 
     frame: Frame
     end_ns: int
@@ -21,18 +21,18 @@ class _OnWire(NamedTuple):
 
 
 class TransmitBuffers:
-    """Elements by their numbers, those of the FIFO behind the dedicated ones.
+    """The transmit elements by number; the FIFO's elements follow the dedicated buffers.
 
     Args:
-        element: the frame in one.
-        duration_ns: of a frame on the wire, until the next one may begin.
+        element: returns the frame in an element.
+        duration_ns: returns the time of a frame's transmission, until the next frame may begin.
 
     Attributes:
-        dedicated, size: how many dedicated buffers there are, and elements of the FIFO.
-        pending, transmitted: a bit each: to be sent, and sent since it was last asked for.
-        put: the FIFO's next free element.
-        is_on: whether the controller takes part in the bus: it begins no frame otherwise.
-        left: frames that were sent, in order.
+        dedicated, size: numbers of dedicated buffers and of FIFO elements.
+        pending, transmitted: one bit per element: waiting to be sent; sent since the last request to send it.
+        put: number of the FIFO's next free element.
+        is_on: whether the controller takes part in the bus; if not, it begins no frame.
+        left: sent frames, in order.
     """
 
     def __init__(self, element: Callable[[int], Frame], duration_ns: Callable[[Frame], int]) -> None:
@@ -47,16 +47,16 @@ class TransmitBuffers:
         self._free_ns = 0
 
     def configure(self, dedicated: int, size: int) -> None:
-        """So many buffers; none is pending."""
+        """Set the numbers of dedicated buffers and of FIFO elements."""
         self.dedicated, self.size, self.put = dedicated, size, dedicated
 
     @property
     def free(self) -> int:
-        """Elements that the FIFO still takes."""
+        """Number of free FIFO elements."""
         return self.size - (self.pending >> self.dedicated).bit_count()
 
     def ask(self, bits: int, now_ns: int) -> None:
-        """Have elements sent, as they stand now."""
+        """Request the transmission of elements with their present contents."""
         self.progress(now_ns)
         for index in range(self.dedicated + self.size):
             if bits >> index & 1:
@@ -68,14 +68,14 @@ class TransmitBuffers:
         self.transmitted &= ~bits
 
     def cancel(self, bits: int, now_ns: int) -> None:
-        """Take elements back, but for one whose frame is on the wire."""
+        """Cancel elements, except the one in transmission."""
         self.progress(now_ns)
         if self._wire is not None:
             bits &= ~(1 << self._wire.element)
         self._drop(bits)
 
     def switch(self, now_ns: int, *, is_on: bool) -> None:
-        """Switch on the bus or off; what is on the wire then is lost there, and waits again."""
+        """Switch the controller on or off the bus. At switching off, a frame in transmission waits again."""
         self.progress(now_ns)
         if is_on and not self.is_on:
             self._free_ns = max(self._free_ns, now_ns)
@@ -84,7 +84,7 @@ class TransmitBuffers:
             self._wire = None
 
     def progress(self, now_ns: int) -> None:
-        """What is sent until then."""
+        """Simulate the transmissions until `now_ns`."""
         while True:
             if self._wire is not None:
                 index, frame, self._free_ns = self._wire

@@ -1,1 +1,1 @@
-"""The page of a run: its data for the page's script, and several runs next to each other."""
+"""The page of a run, with the data for its script, and the comparison of several runs on one page."""

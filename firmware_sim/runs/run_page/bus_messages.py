@@ -1,4 +1,4 @@
-"""What a run's log of frames holds, message by message: how often, how regular, and the results of the checks."""
+"""The messages in a run's log of frames: number, rate, and results of the end-to-end checks."""
 
 from typing import Final
 
@@ -10,15 +10,14 @@ from firmware_sim.runs.run_folder import RunFolder
 from firmware_sim.runs.run_log import RunLog
 
 _MOST_FRAMES: Final = 50_000
-"""Most frames of a log that is read for a page: some ten seconds."""
+"""Largest number of frames in a log that is read for a page, which takes some ten seconds."""
 
 _Rows = list[tuple[str, ...]]
 BUS_HEADS: Final = ("identifier", "message", "frames", "per s", "lost", "end-to-end checks")
 
 
 def bus_rows(folder: RunFolder, log: RunLog) -> _Rows:
-    """A row for each identifier, formatted; none where the log is missing or too long. Raises StillwakeError if the log
-    is damaged."""
+    """Return a row for each identifier; none without a short log. Raises StillwakeError if the log is damaged."""
     if log.traffic.frames > _MOST_FRAMES or not folder.frames.is_file():
         return []
     bus = log.metadata.config.bus

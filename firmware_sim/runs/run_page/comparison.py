@@ -1,4 +1,4 @@
-"""Several runs as one self-contained HTML page: figures with differences, settings that differ, wakes side by side."""
+"""The comparison of runs as one self-contained HTML page: figures and their differences, settings, and wakes."""
 
 import os
 from collections.abc import Mapping, Sequence
@@ -18,10 +18,10 @@ from firmware_sim.runs.run_tables import headline
 from firmware_sim.runs.summary import summary
 
 _MOST: Final = 6
-"""Runs on a page: more curves cannot be distinguished."""
+"""Largest number of runs on a page; more curves cannot be distinguished."""
 NONE: Final = "\N{EN DASH}"
 _SAME: Final = "="
-"""Stands for a difference that the format does not show."""
+"""Sign for a difference that is zero in the number format."""
 
 _FIGURES: Final = (
     ("mean Cd (wall), uncontrolled", "Cd_uncontrolled", ".4f"),
@@ -41,19 +41,19 @@ _FIGURES: Final = (
     ("frames lost", "frames_lost", "d"),
     ("frames rejected", "frames_rejected", "d"),
 )
-"""Label, name in `firmware_sim.runs.summary.summary`, number format."""
+"""Label, name in `firmware_sim.runs.summary.summary`, and number format of each figure."""
 
 
 class Cell(NamedTuple):
-    """A figure of one run, formatted, and its difference from the first run's: `_SAME`, or empty for none."""
+    """A figure of one run as text, and its difference from the first run's figure: `_SAME` for zero, empty for none."""
 
     value: str
     difference: str
 
 
 def names_of(folders: Sequence[Path]) -> list[str]:
-    """The folders' own names, with as many of those above as make them unique. Raises StillwakeError if there are fewer
-    than two or too many, or one of them twice."""
+    """Return the folders' names, with as many parent folders as are needed to make them unique. Raises StillwakeError
+    if there are too few or too many folders, or a folder is given twice."""
     places = [Path(os.path.realpath(folder)) for folder in folders]
     if not 2 <= len(places) <= _MOST:
         raise StillwakeError(f"{len(places)} runs: between 2 and {_MOST} can be compared on a page")
@@ -68,13 +68,13 @@ def names_of(folders: Sequence[Path]) -> list[str]:
 
 
 def figure_rows(logs: Sequence[RunLog]) -> list[tuple[str, list[Cell]]]:
-    """(quantity, a cell for each run)."""
+    """Return (quantity, one cell per run) for each figure."""
     summaries = [summary(log) for log in logs]
     return [(label, _cells([one[name] for one in summaries], style)) for label, name, style in _FIGURES]
 
 
 def differing(logs: Sequence[RunLog]) -> list[tuple[str, list[str]]]:
-    """(what, a text for each run) of all that the runs were made with and is not the same in all."""
+    """Return (property, one text per run) for every property of the runs that is not equal in all of them."""
     made = [_made_with(log) for log in logs]
     names = list(dict.fromkeys(name for one in made for name in one))
     rows = [(name, [one.get(name, NONE) for one in made]) for name in names]
@@ -114,7 +114,7 @@ def _made_with(log: RunLog) -> Mapping[str, str]:
 
 def write_comparison(folders: Sequence[RunFolder], target: Path) -> Path:
     """Write the page and return its path. Raises StillwakeError if the runs cannot be compared, a folder does not hold
-    one, or the page cannot be written."""
+    a run, or the page cannot be written."""
     names = names_of([folder.path for folder in folders])
     runs = [read_run(folder) for folder in folders]
     logs = [run.log for run in runs]

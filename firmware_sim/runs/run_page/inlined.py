@@ -1,4 +1,4 @@
-"""Styles, scripts and data inside a page: it loads nothing, and nothing that it shows can run."""
+"""The styles, scripts and data inside a page: the page loads no other files and runs no other scripts."""
 
 import base64
 import hashlib
@@ -29,7 +29,7 @@ _FORBIDDEN: Final = ("</script", "</style", "<!--")
 
 @dataclass(frozen=True, kw_only=True)
 class Inlined:
-    """The parts for a template. `policy` is the content security policy: no address at all, and these scripts only."""
+    """The parts for a template. `policy` is the content security policy: no other address, only these scripts."""
 
     policy: str
     styles: Markup
@@ -37,7 +37,7 @@ class Inlined:
 
 
 def inlined(main: str) -> Inlined:
-    """The widgets of the live page, and the script of the folder `page` here that puts them together."""
+    """Return the widgets of the live page, and the script `main` from this package's folder `page`."""
     scripts = [_text(*place) for place in (*_WIDGETS, (*_OWN, main))]
     hashes = " ".join(f"'sha256-{_digest(script)}'" for script in scripts)
     return Inlined(
@@ -48,7 +48,7 @@ def inlined(main: str) -> Inlined:
 
 
 def as_json(values: Any) -> Markup:
-    """Write values for a script element of type application/json: no text in it can end the element."""
+    """Return values as JSON for a script element of type application/json; no text in it can end the element."""
     text = json.dumps(values, allow_nan=False, separators=(",", ":"))
     return Markup(text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026"))
 

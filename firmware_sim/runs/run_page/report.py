@@ -1,4 +1,4 @@
-"""A run as one self-contained HTML page: verdict, tables, the run in time with its recorded wake, settings."""
+"""The report of a run as one self-contained HTML page: verdict, tables, series with the recorded wake, settings."""
 
 from pathlib import Path
 from typing import NamedTuple
@@ -20,7 +20,7 @@ from wake.pictures.drawing import check_suffix
 
 
 class ReadRun(NamedTuple):
-    """A run folder's series, and its pictures before and under control, PNG."""
+    """The series of a run, and its pictures before and under control as PNG."""
 
     log: RunLog
     uncontrolled: bytes
@@ -28,8 +28,7 @@ class ReadRun(NamedTuple):
 
 
 def read_run(folder: RunFolder) -> ReadRun:
-    """What a page needs of every run. Raises StillwakeError if the folder does not hold a run, or one of its files is
-    damaged."""
+    """Read the files for every page of a run. Raises StillwakeError if a file is missing or damaged."""
     log = run_log.load(folder.series)
     try:
         return ReadRun(log, folder.uncontrolled_picture.read_bytes(), folder.controlled_picture.read_bytes())
@@ -38,9 +37,9 @@ def read_run(folder: RunFolder) -> ReadRun:
 
 
 def write_report(folder: RunFolder, target: Path | None = None) -> Path:
-    """Write the page of a run and return its path: into the run folder, or where it is wanted. Raises StillwakeError if
-    the folder does not hold a run, one of its files is damaged, or the page cannot be written."""
-    # Through python-can it loads all that can be read, which takes a second.
+    """Write the page of a run into its folder, or to `target`, and return its path. Raises StillwakeError if the folder
+    does not hold a run, one of its files is damaged, or the page cannot be written."""
+    # Importing here saves a second elsewhere: this module imports all of python-can's readers.
     from firmware_sim.runs.run_page.bus_messages import BUS_HEADS, bus_rows
 
     run = read_run(folder)
@@ -67,21 +66,21 @@ def write_report(folder: RunFolder, target: Path | None = None) -> Path:
 
 
 def wake_of(folder: RunFolder, log: RunLog) -> WakeStills | None:
-    """What the folder has recorded of the wake; None in the folder of an earlier version. Raises StillwakeError if the
-    file is damaged, or its times are not the series'."""
+    """Read the recorded wake; None for a folder of an earlier version. Raises StillwakeError if the file is damaged, or
+    its times differ from the series'."""
     return wake_stills.load(folder.wake, log) if folder.wake.exists() else None
 
 
 def write_picture(folder: RunFolder, target: Path) -> None:
-    """Write the run as one picture: the wake before and under control, drag and action over time.
+    """Write the run as one picture: the wake before and under control, and drag and action over time.
 
-    The file's description names the run's bundle. Raises ConfigError if the target's name ends in no format of
-    pictures; StillwakeError if the folder does not hold a run, or the target cannot be written.
+    The file's description has the bundle's digest. Raises ConfigError if the target's suffix is not a picture format;
+    StillwakeError if the folder does not hold a run, or the target cannot be written.
     """
     check_suffix(target)
     run = read_run(folder)
     kind = target.suffix[1:].lower()
-    # PDF has fields of its own; PNG and SVG know a description.
+    # PDF has its own metadata fields; PNG and SVG have a description.
     described = {"Subject" if kind == "pdf" else "Description": f"stillwake bundle {run.log.metadata.digest}"}
     with replacing(target) as temporary:
         overview_figure(run.log, run.uncontrolled, run.controlled).savefig(temporary, format=kind, metadata=described)

@@ -1,4 +1,4 @@
-"""A run as plain values for the script of its page: what stays, the series, the events, the recorded wake."""
+"""A run as plain values for the script of its page: constants, series, events, and the recorded wake."""
 
 import base64
 import re
@@ -22,11 +22,11 @@ _SENSOR: Final = re.compile(r"^(\w+):(?:.*,)?sensor=([^,]+)")
 
 
 class Disturbed(NamedTuple):
-    """A disturbance over a stretch of a run.
+    """A disturbance over a span of a run.
 
     Attributes:
-        what: its text without its time.
-        first, after: first period that it may act in, and the one after the last.
+        what: text of the disturbance without its time.
+        first, after: first period in which it may act, and the period after the last.
     """
 
     what: str
@@ -35,13 +35,13 @@ class Disturbed(NamedTuple):
 
     @property
     def sensor(self) -> tuple[str, str] | None:
-        """(name, kind) of the one sensor that it is of; None for every other disturbance."""
+        """Sensor and kind of a disturbance of one sensor; None for every other disturbance."""
         match = _SENSOR.match(self.what)
         return None if match is None else (match[2], match[1])
 
 
 def disturbed(log: RunLog) -> Iterator[Disturbed]:
-    """List them in the order in which they were given. One without a time lasts from the begin to the end."""
+    """Yield the disturbances in the order given. A disturbance without a time spans the whole run."""
     count = len(log.series["t"])
     for fault in log.metadata.faults:
         what, _, span = fault.text.partition("@")
@@ -51,7 +51,7 @@ def disturbed(log: RunLog) -> Iterator[Disturbed]:
 
 
 def _period(log: RunLog, seconds: str) -> int | None:
-    """The first one at or after a time of the run; None where the text has none."""
+    """Return the first period at or after a time of the run; None if the text has no time."""
     try:
         return max(0, int(-(-float(seconds) * 1e9 // log.metadata.config.period_ns)))
     except (ValueError, OverflowError):
@@ -59,7 +59,7 @@ def _period(log: RunLog, seconds: str) -> int | None:
 
 
 MOST_EVENTS: Final = 400
-"""Events of a page: a bus that loses frames changes the mode again and again."""
+"""Largest number of events on a page; a bus that loses frames may change the mode very often."""
 
 _DOES: Final = {**DOES, SKIPPED: "the ECU was still computing, and left the period out"}
 
@@ -68,8 +68,8 @@ class RunEvent(NamedTuple):
     """An event at the start of a control period.
 
     Attributes:
-        period: its index in the run's series.
-        kind: "set" from outside, "state" of the ECU.
+        period: index of the period in the run's series.
+        kind: "set" for an event from outside, "state" for one of the ECU.
     """
 
     period: int
@@ -78,7 +78,7 @@ class RunEvent(NamedTuple):
 
 
 def events(log: RunLog) -> list[RunEvent]:
-    """List the events in order; the first `MOST_EVENTS`."""
+    """Return the first `MOST_EVENTS` events in order."""
     happened = sorted([*_set(log), *_states(log)], key=lambda event: event.period)
     if len(happened) <= MOST_EVENTS:
         return happened
@@ -112,13 +112,12 @@ def _states(log: RunLog) -> Iterator[RunEvent]:
 
 _COLUMNS: Final = ("t", "Cd", "Cl", "base_Cp", "action", "mode", "step_ms", "speed")
 _DIGITS: Final = 5
-"""Behind the point: finer than any screen shows."""
+"""Number of decimals: finer than any screen shows."""
 _BINS: Final = 60
 
 
 def run_data(log: RunLog, wake: WakeStills | None, name: str) -> dict[str, Any]:
-    """The data for `firmware_sim/runs/run_page/page`: JSON without NaN. `wake` are its stills; None where they were not
-    recorded."""
+    """Return the data for `firmware_sim/runs/run_page/page`, JSON without NaN; `wake` is None without stills."""
     config, means = log.metadata.config, averages(log)
     return {
         "name": name,
@@ -160,7 +159,7 @@ def _stills(wake: WakeStills) -> dict[str, Any]:
 
 
 def _latency(log: RunLog) -> dict[str, Any]:
-    """How long the control steps took, in ms: what `latency_histogram.js` draws."""
+    """Return the histogram of the control steps' times in ms, which `latency_histogram.js` draws."""
     budget, timing = log.metadata.budget_ms, latency(log)
     taken = log.series["step_ms"][planned_steps(log)]
     edges = np.linspace(0.0, max(budget, float(np.max(taken, initial=0.0))), _BINS + 1)
@@ -177,7 +176,7 @@ def _latency(log: RunLog) -> dict[str, Any]:
 
 
 def _numbers(values: Array) -> list[Any]:
-    """Nested lists, NaN as None."""
+    """Return nested lists, with None for NaN."""
     rounded = np.round(values, _DIGITS).astype(object)
     rounded[~np.isfinite(np.asarray(values, dtype=float))] = None
     return list(rounded.tolist())
