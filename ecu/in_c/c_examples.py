@@ -15,7 +15,7 @@ PLAYED: Final = "examples/pressures.h"
 MOST_PERIODS: Final = 100
 """Two seconds at 20 ms: 1600 bytes of flash, and 800 for the speed."""
 PLAYED_KEY: Final = bytes.fromhex("2b7e151628aed2a6abf7158809cf4f3c")
-"""With `bus.key`: the key of RFC 4493's examples, which is no secret; no other one goes into a file."""
+"""The key with `bus.key`: that of RFC 4493's examples, which is no secret; no other key is written into a file."""
 ASKED_FROM: Final = 5
 """Periods before the vehicle asks for control: a request that stands from the start is not believed."""
 
