@@ -21,7 +21,9 @@ int sw_is_fresh(int64_t timestamp_ns, int64_t age_ns, int64_t now_ns, int64_t ol
 static int came(const sw_frame *frames, int count)
 {
     int any = 0;
-    for (int i = 0; i < count; i++) any |= frames[i].id == (uint32_t)SW_PRESSURE_ID && !frames[i].is_extended;
+    for (int i = 0; i < count; i++) {
+        if (frames[i].id == (uint32_t)SW_PRESSURE_ID && !frames[i].is_extended) any = 1;
+    }
     return any;
 }
 #endif

@@ -97,7 +97,7 @@ static void mix_columns(uint32_t planes[SW_AES_PLANES])
     }
 }
 
-static void add(uint32_t planes[SW_AES_PLANES], const uint16_t key[SW_AES_PLANES])
+static void add_key(uint32_t planes[SW_AES_PLANES], const uint16_t key[SW_AES_PLANES])
 {
     for (uint32_t i = 0; i < SW_AES_PLANES; i++) planes[i] ^= key[i];
 }
@@ -133,12 +133,12 @@ void sw_aes_encrypt(const sw_aes_key *key, uint8_t block[SW_AES_BYTES])
 {
     uint32_t planes[SW_AES_PLANES];
     to_planes(planes, block);
-    add(planes, key->rounds[0]);
+    add_key(planes, key->rounds[0]);
     for (uint32_t round = 1; round <= SW_AES_ROUNDS; round++) {
         substitute(planes);
         shift_rows(planes);
         if (round < SW_AES_ROUNDS) mix_columns(planes);
-        add(planes, key->rounds[round]);
+        add_key(planes, key->rounds[round]);
     }
     from_planes(block, planes);
 }

@@ -11,7 +11,7 @@ static void doubled(uint8_t to[SW_AES_BYTES], const uint8_t block[SW_AES_BYTES])
     }
 }
 
-static void add(uint8_t block[SW_AES_BYTES], const uint8_t *other, uint32_t count)
+static void add_bytes(uint8_t block[SW_AES_BYTES], const uint8_t *other, uint32_t count)
 {
     for (uint32_t i = 0; i < count; i++) block[i] = (uint8_t)(block[i] ^ other[i]);
 }
@@ -30,16 +30,16 @@ void sw_cmac(const sw_cmac_key *key, const uint8_t *message, uint32_t length, ui
     uint32_t at = 0;
     for (uint32_t i = 0; i < SW_AES_BYTES; i++) mac[i] = 0;
     while (length - at > SW_AES_BYTES) {
-        add(mac, &message[at], SW_AES_BYTES);
+        add_bytes(mac, &message[at], SW_AES_BYTES);
         sw_aes_encrypt(&key->aes, mac);
         at += SW_AES_BYTES;
     }
-    add(mac, &message[at], length - at);
+    add_bytes(mac, &message[at], length - at);
     if (length - at == SW_AES_BYTES) {
-        add(mac, key->whole, SW_AES_BYTES);
+        add_bytes(mac, key->whole, SW_AES_BYTES);
     } else {
         mac[length - at] = (uint8_t)(mac[length - at] ^ 0x80u);
-        add(mac, key->padded, SW_AES_BYTES);
+        add_bytes(mac, key->padded, SW_AES_BYTES);
     }
     sw_aes_encrypt(&key->aes, mac);
 }

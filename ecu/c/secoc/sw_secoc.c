@@ -39,18 +39,18 @@ int sw_secoc_is_authentic(const sw_secoc *secoc, const uint8_t *data, uint32_t b
     return different == 0u;
 }
 
-static uint32_t counted(uint32_t count) { return count < UINT32_MAX ? count + 1u : count; }
+static uint32_t one_more(uint32_t count) { return count < UINT32_MAX ? count + 1u : count; }
 
 int sw_secoc_accepts(sw_verifier *verifier, const sw_secoc *secoc, const uint8_t *data, uint32_t bytes, uint32_t length,
                      uint16_t data_id)
 {
     uint64_t freshness;
     if (!sw_secoc_is_authentic(secoc, data, bytes, length, data_id, &freshness)) {
-        verifier->not_authentic = counted(verifier->not_authentic);
+        verifier->not_authentic = one_more(verifier->not_authentic);
         return 0;
     }
     if (freshness <= verifier->freshness) {
-        verifier->not_fresh = counted(verifier->not_fresh);
+        verifier->not_fresh = one_more(verifier->not_fresh);
         return 0;
     }
     verifier->freshness = freshness;
@@ -70,4 +70,4 @@ void sw_secoc_secure(const sw_secoc *secoc, uint8_t *data, uint32_t length, uint
     for (uint32_t i = 0; i < MAC_BYTES; i++) sent[FRESHNESS_BYTES + i] = mac[i];
 }
 
-void sw_freshness_next(sw_freshness *freshness) { freshness->count = counted(freshness->count); }
+void sw_freshness_next(sw_freshness *freshness) { freshness->count = one_more(freshness->count); }
