@@ -28,7 +28,7 @@ static volatile uint32_t *record(uint32_t which)
     return &((volatile uint32_t *)(uintptr_t)SW_BOARD_BACKUP)[WORDS * which];
 }
 
-/* Over words, not bytes; never 0, which stands for none. */
+/* The check over words, not bytes; never 0, which stands for none. */
 static uint32_t check_of(const volatile uint32_t *words)
 {
     uint32_t sum = BASIS;

@@ -235,7 +235,7 @@ static int read_key(const char *path, uint8_t key[SW_AES_BYTES])
     return failed ? -1 : 0;
 }
 
-/* Over the old file as a whole; -1 if that fails. */
+/* Replaces the old file as a whole; -1 if that fails. */
 static int keep_freshness(unsigned long trip, unsigned long long pressure, unsigned long long speed)
 {
     char beside[4096];
