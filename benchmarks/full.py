@@ -40,7 +40,7 @@ from export.to_c.library import sources_in as step_part
 RESULTS: Final = ROOT / "results"
 PLAN: Final = Path(__file__).with_suffix(".toml")
 RELEASE: Final = "release"
-_OF_ECU: Final = {"ecu": "", "store": "store", "loader": "loader", "board": "board"}
+_OF_ECU: Final = {"ecu": "", "secoc": "secoc", "store": "store", "loader": "loader", "board": "board"}
 """Folders of `ecu/c` by their names in the plan; all other names are folders of the control step."""
 _COMMENT: Final = re.compile(rb"/\*.*?\*/", re.DOTALL)
 

@@ -35,6 +35,16 @@ int sw_ecu_init(sw_ecu *ecu);
  */
 int sw_ecu_init_of(sw_ecu *ecu, const sw_numbers *numbers);
 
+#if SW_SECOC
+/* The bus' key and what is left of earlier power cycles, once after an init and before the first step. Without it nothing
+ * is sent, and every frame is refused. Returns 0, or 1 for a key of zeros or a trip of 0, and then there is no key.
+ *
+ * The caller overwrites `given` afterwards. It keeps in lasting memory what is newest in state.pressures.verifier and
+ * state.speed.receiver.verifier: a node that restarts takes everything that is newer than what was kept.
+ */
+int sw_ecu_authenticate(sw_ecu *ecu, const sw_authentication *given);
+#endif
+
 /* Other values from the next step on; call it between two steps. Returns 0, or the number of the first value that is
  * out of the limits of release and vehicle, counted from 1 in the order of the structure; nothing is changed then. What
  * was sent stays as it was sent, and a narrower range bounds the very next command. A state that is loaded must be of

@@ -66,8 +66,9 @@ class CEcuState(NeverCopied):
 
     @property
     def frames_rejected(self) -> int:
-        """Pressure frames that came but failed their end-to-end check."""
-        return self.state.pressures.frames_rejected
+        """Pressure frames that came but were not authentic, or failed their end-to-end check."""
+        state = self.state
+        return state.verifier.refused + state.pressures.frames_rejected
 
     def status(self) -> EcuStatus:
         """Health counters as of the latest step."""
@@ -112,6 +113,7 @@ class CEcu(CEcuState):
         compiler: command that compiles C; the one found here if None.
         flags: of the compiler.
         library: a file to keep the compiled library in; a temporary one if None.
+        secret: with `bus.key`, the key; the ECU is in its first power cycle.
 
     Attributes:
         description: what computes the step, for people.
@@ -126,6 +128,7 @@ class CEcu(CEcuState):
         compiler: Sequence[str] | None = None,
         flags: Sequence[str] = _EXACT,
         library: Path | None = None,
+        secret: bytes | None = None,
     ) -> None:
         command = host_compiler() if compiler is None else list(compiler)
         structs, bundle_hash = Structs(sources, command), bundle_hash_of(sources)
@@ -152,6 +155,8 @@ class CEcu(CEcuState):
                 f"the compiled ECU refuses: {' '.join(flags)}, or this process's floating-point mode, changes "
                 f"arithmetic that its decisions rest on; GCC needs -ffp-contract=off"
             )
+        if secret is not None:
+            self._authenticate(structs, secret)
         lib, buffer = self.lib, ffi.from_buffer
         super().__init__(structs, ecu, bundle_hash,
             lambda packed: int(lib.sw_ecu_calibrate(ecu, buffer("sw_calibration *", packed))),
@@ -159,6 +164,13 @@ class CEcu(CEcuState):
         )  # fmt: skip
         self._answers = ffi.new("sw_frame[2]")
         self.restore(self.saved())
+
+    def _authenticate(self, structs: Structs, secret: bytes) -> None:
+        if not hasattr(self.lib, "sw_ecu_authenticate"):
+            raise LibraryError("its settings are of a bus without a key (bus.key)")
+        given = structs.ffi.new("sw_authentication *", {"key": secret, "trip": 1})
+        if self.lib.sw_ecu_authenticate(self.ecu, given):
+            raise ConfigError("bus.key: a key of zeros; must be a random one")
 
     def step(
         self, now_ns: int, frames: Sequence[Frame], health: BusHealth = HEALTHY, **around: Unpack[Surroundings]

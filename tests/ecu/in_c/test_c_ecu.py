@@ -14,7 +14,7 @@ from can_bridge.bus.interface import BusHealth, BusState
 from can_bridge.wire.message_sets import message_set
 from can_bridge.wire.messages import Mode, Reason
 from contract.config.controller import CostWeights
-from contract.config.vehicle import BusConfig, EcuConfig
+from contract.config.vehicle import EcuConfig
 from contract.controller.c_folder import ECU_SETTINGS, library_sources
 from contract.controller.interface import ControllerError
 from contract.errors import ConfigError, LibraryError
@@ -174,7 +174,6 @@ def test_what_has_no_ecu_or_c_cannot_do_is_refused_in_one_line(release, sources,
         ecu_sources(release.folder, another, CONFIG)
     check = replace(CONFIG.ecu.sensor_check, doubt_periods=2**30)
     for config, words in (
-        (replace(CONFIG, bus=BusConfig(key="k.pem")), r"bus\.key"),
         (replace(CONFIG, ecu=replace(CONFIG.ecu, loss_window=65)), r"ecu\.loss_window"),
         (replace(CONFIG, ecu=replace(CONFIG.ecu, sensor_check=check)), r"ecu\.sensor_check\.doubt_periods"),
         (replace(CONFIG, ecu=replace(CONFIG.ecu, hold_periods=2**29 + 1)), r"ecu\.hold_periods = 536870913"),
