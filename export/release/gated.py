@@ -1,7 +1,7 @@
 """Lowerings that have passed every gate: the only ones that are written."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 from contract.arrays import Array
@@ -17,7 +17,7 @@ from export.gates.quantisation import (
 from export.int8.rounded_program import RoundedProgram
 from export.reference.mpc import control_step
 from export.release.lowering import Lowered
-from export.to_c.library import replay
+from export.to_c.library import replay, with_answer
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,12 +44,14 @@ class LibraryReport:
         quantisation: int8, integer products included, against the float reference; None for float32.
         workspace_bytes: scratch memory that a caller has to own.
         replayed: (n, 4), what the library's example program must answer to the windows: action, mean Cd and Cl, cost.
+        known_answer: what a build must compute at its start.
     """
 
     parity: ParityReport | None
     quantisation: QuantisationReport | None
     workspace_bytes: int
     replayed: Array
+    known_answer: tuple[float, float]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -80,11 +82,11 @@ def gate(
     limits = QuantisationLimits() if limits is None else limits
     # Both lowerings are held to the same answers, which take longest.
     exact = exact_answers(lowered.program.source, windows) if isinstance(lowered.program, RoundedProgram) else []
-    return Gated(
-        lowered=lowered,
-        graph=_gate_graph(lowered, windows, exact, limits),
-        library=None if lowered.library is None else _gate_library(lowered, windows, exact, limits, compiled),
-    )
+    graph, library = _gate_graph(lowered, windows, exact, limits), None
+    if lowered.library is not None:
+        library = _gate_library(lowered, windows, exact, limits, compiled)
+        lowered = replace(lowered, library=with_answer(lowered.library, library.known_answer))
+    return Gated(lowered=lowered, graph=graph, library=library)
 
 
 def _gate_graph(
@@ -117,5 +119,9 @@ def _gate_library(
         parity = check_lowering(lowered.effective, controller, "C library", windows)
     replayed = replay(controller, windows, lowered.effective.mpc.horizon)
     return LibraryReport(
-        parity=parity, quantisation=quantisation, workspace_bytes=controller.workspace_bytes, replayed=replayed
+        parity=parity,
+        quantisation=quantisation,
+        workspace_bytes=controller.workspace_bytes,
+        replayed=replayed,
+        known_answer=controller.known_answer(),
     )

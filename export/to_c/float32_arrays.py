@@ -122,7 +122,8 @@ def _decoder(program: ControllerProgram) -> dict[str, Array]:
 
 
 def optimiser_arrays(program: ControllerProgram) -> dict[str, Array]:
-    """The cost's reference, Adam's factors of every iteration, and the default cost weights."""
+    """The cost's reference, Adam's factors of every iteration, the default cost weights, and room for a known
+    answer (`with_answer`)."""
     beta1, beta2 = ADAM_BETAS
     number = np.arange(1, program.mpc.iterations + 1)
     return {
@@ -131,6 +132,7 @@ def optimiser_arrays(program: ControllerProgram) -> dict[str, Array]:
         "sw_adam_unbias": 1.0 / np.sqrt(1.0 - beta2**number),
         "sw_adam_epsilon": np.array(program.mpc.epsilon),
         "sw_default_weights": np.array(program.mpc.weights.as_tuple()),
+        "sw_known_answer": np.zeros(2),
     }
 
 
