@@ -124,7 +124,7 @@ class CController(NeverCopied):
 
     def known_answer(self) -> tuple[float, float]:
         """Compute the first action and the cost of `sw_known_answer.c` in another build of the same sources, one that
-        fuses no operations. Raises ControllerError if they are not finite; LibraryError if the compiler does not take them."""
+        fuses no operations. Raises ControllerError if they are not finite; LibraryError if it does not compile."""
         contents, sizes, command = self._made_of
         exact = CController(contents, sizes, compiler=command, flags=EXACT)
         workspace, given, found = exact._workspace.ctypes.data, exact._input, exact._output
