@@ -222,7 +222,8 @@ static void receive(sw_ecu *ecu, sw_period_inputs *inputs, const sw_frame *frame
     with_row(state, ecu->numbers.release, cp);
     const uint8_t sensor_fault = check_sensors(ecu, cp, reading);
     const uint8_t no_benefit = check_benefit(state, ecu->numbers.release, cp != NULL);
-    const uint8_t faults[] = {sw_inexact(), state->timing.fault, bus_fault(&state->health, &ecu->surroundings.health),
+    const uint8_t faults[] = {sw_inexact(), ecu->unfit, state->timing.fault,
+                              bus_fault(&state->health, &ecu->surroundings.health),
                               (uint8_t)(state->other_ecu.is_there ? SW_REASON_OTHER_ECU : SW_REASON_NONE),
                               sensor_fault, no_benefit, ecu->surroundings.fault};
     inputs->usable = received.usable;
@@ -249,9 +250,23 @@ static sw_gated act(sw_ecu *ecu, const sw_timing *before, int64_t now_ns)
     return passed;
 }
 
+/* Whether this build answers as the exporter's; in the ECU's own memory, of which nothing is left of use. */
+static uint8_t judged(sw_ecu *ecu, const sw_numbers *numbers)
+{
+#ifdef SW_WITHOUT_KNOWN_ANSWER
+    (void)ecu;
+    (void)numbers;
+    return SW_REASON_NONE;
+#else
+    const sw_status status = sw_known_answer_of(&numbers->program, &ecu->work.control, &ecu->input, &ecu->output);
+    return status == SW_OK ? SW_REASON_NONE : SW_REASON_INTERNAL;
+#endif
+}
+
 int sw_ecu_init_of(sw_ecu *ecu, const sw_numbers *numbers)
 {
     sw_calibration own;
+    const uint8_t unfit = judged(ecu, numbers);
     unsigned char *bytes = (unsigned char *)ecu;
     for (size_t i = 0; i < sizeof *ecu; i++) bytes[i] = 0; /* padding as well: states are compared as bytes */
     ecu->numbers = *numbers;
@@ -268,7 +283,8 @@ int sw_ecu_init_of(sw_ecu *ecu, const sw_numbers *numbers)
 #endif
     sw_fail_safe_start(&ecu->state.fail_safe);
     sw_sensors_start(&ecu->state.sensors);
-    return (int)sw_inexact();
+    ecu->unfit = unfit;
+    return unfit != SW_REASON_NONE ? (int)unfit : (int)sw_inexact();
 }
 
 #if SW_SECOC

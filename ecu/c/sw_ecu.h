@@ -26,7 +26,8 @@ extern "C" {
  * it would hold a request for control that was seen low, and a sensor set aside. Returns
  * SW_REASON_NONE, or SW_REASON_INTERNAL where this build, or the processor as it is set, computes otherwise than its
  * decisions need (sw_arithmetic; contraction). Every step looks at it again: while it is so, the jets are shut for that
- * reason.
+ * reason. The same, up to the next init, where a control step on a known window answers otherwise than the exporter's
+ * (sw_known_answer). It takes as long as the longest step; a build with SW_WITHOUT_KNOWN_ANSWER leaves it out.
  */
 int sw_ecu_init(sw_ecu *ecu);
 

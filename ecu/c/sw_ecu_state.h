@@ -285,6 +285,7 @@ typedef struct {
     sw_surroundings surroundings;
     sw_calibration calibration; /* in force; sw_ecu_calibrate alone changes it */
     sw_gate_limits limits;      /* by it */
+    uint8_t unfit;              /* SW_REASON_ why it keeps the jets shut since power-on, or SW_REASON_NONE */
     sw_trace trace;
     sw_input input;
     sw_output output;

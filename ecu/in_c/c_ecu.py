@@ -24,11 +24,9 @@ from contract.runtime.copies import NeverCopied
 from ecu.ecu_state import EcuState, Surroundings, Trace
 from ecu.in_c import c_settings
 from ecu.in_c.c_structs import Structs, c_time
-from ecu.in_c.compiler import compile_c, compiler_version, host_compiler
+from ecu.in_c.compiler import EXACT, compile_c, compiler_version, host_compiler
 from ecu.in_c.library_controller import check_program
 
-_EXACT: Final = ("-O3", "-march=native", "-ffp-contract=off")
-"""Flags with which the ECU decides to the bit as the one in Python: GCC reads no pragma against contraction."""
 _BUNDLE_HASH: Final = re.compile(rb"^#define SW_BUNDLE_HASH UINT32_C\((0x[0-9a-f]+)\)$", re.MULTILINE)
 _UNDEFINED: Final = re.compile(r"undefined symbol: (\w+)")
 _ALIGNMENT: Final = 64
@@ -126,7 +124,7 @@ class CEcu(CEcuState):
         sources: Mapping[str, bytes],
         *,
         compiler: Sequence[str] | None = None,
-        flags: Sequence[str] = _EXACT,
+        flags: Sequence[str] = EXACT,
         library: Path | None = None,
         secret: bytes | None = None,
     ) -> None:
@@ -153,7 +151,7 @@ class CEcu(CEcuState):
         if self.lib.sw_ecu_init(ecu):
             raise LibraryError(
                 f"the compiled ECU refuses: {' '.join(flags)}, or this process's floating-point mode, changes "
-                f"arithmetic that its decisions rest on; GCC needs -ffp-contract=off"
+                f"arithmetic that its decisions rest on, or its numbers are damaged; GCC needs -ffp-contract=off"
             )
         if secret is not None:
             self._authenticate(structs, secret)

@@ -54,7 +54,7 @@ int sw_node_init(sw_node *node, const sw_equipment *equipment, const sw_flash *f
     sw_faults_open(&node->services.faults);
     start_ecu(node);
     node->store.records.limit = SW_RECORDS_MOVE;
-    return (int)sw_inexact();
+    return node->ecu.unfit != SW_REASON_NONE ? (int)node->ecu.unfit : (int)sw_inexact();
 }
 
 /* --- Control --- */

@@ -38,6 +38,12 @@ void sw_estimate(sw_estimator_work *work, const sw_estimator_weights *weights,
 }
 #endif
 
+sw_status sw_known_answer_of(const sw_program *program, sw_workspace *work, sw_input *input, sw_output *output)
+{
+    (void)program, (void)work, (void)input, (void)output;
+    return SW_OK;
+}
+
 uint8_t sw_inexact(void)
 {
     return SW_REASON_NONE;
