@@ -45,22 +45,21 @@ def proofs(found: Any) -> str:
     """What is proved by machine on the exported C, under which bound and assumption, and what is open and why."""
     of, facts = found["figures"], found["facts"]
     rows = [
-        (
-            item["part"],
-            item["statement"],
-            item["bound"] or "none",
-            item["assumes"] or "nothing",
-            item["conditions"] or None,
-            item["seconds"] or None,
-            item["state"] + (f": {item['why']}" if item["why"] else ""),
-        )
+        tuple(item[name] or None for name in ("part", "statement", "bound", "assumes", "conditions", "seconds"))
         for item in of["items"]
+        if item["state"] == "proved"
     ]
-    heads = ("part", "for all inputs", "bound", "taken for granted", "conditions", "s", "")
+    undecided: dict[str, list[str]] = {}
+    for item in of["items"]:
+        if item["state"] != "proved":
+            undecided.setdefault(item["open"] or item["why"], []).append(f"`{item['name']}`")
+    heads = ("part", "proved for all inputs", "bound", "taken for granted", "conditions", "s")
     counts = ", ".join(f"{of[name]} {name}" for name in ("proved", "failed", "open"))
     return f"""{table(heads, rows)}
 
-{of["properties"]} items: {counts}. ESBMC {facts["esbmc"]}, {found["date"]}, seconds of one processor."""
+{of["properties"]} items: {counts}. ESBMC {facts["esbmc"]}, {found["date"]}, seconds of one processor.
+
+{table(("not proved", "why"), [(", ".join(names), why) for why, names in undecided.items()])}"""
 
 
 def sabotage(found: Any) -> str:
