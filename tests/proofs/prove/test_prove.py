@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from stillwake.parts.c_release import library_folder
 from tests.proofs.prove import proof
 
 ITEMS, SABOTAGE = proof.plan()
@@ -43,7 +44,7 @@ def test_a_limit_a_violation_and_a_crash_are_told_apart(tmp_path: Path):
 def test_what_is_quick_is_proved_and_its_sabotage_found(tmp_path: Path):
     esbmc = proof.tool()
     assert esbmc is not None
-    with proof.library_folder(None) as folder:
+    with library_folder(None) as folder:
         library = shutil.copytree(folder, tmp_path / "library")
     quick = {item.name: item for item in ITEMS if item.quick}
     for name, item in quick.items():
