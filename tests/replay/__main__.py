@@ -4,6 +4,7 @@ Exit status 3: an answer is another than on the shelf; 4: the shelf is of anothe
 """
 
 import json
+import os
 import time
 from collections.abc import Sequence
 from fnmatch import fnmatch
@@ -61,7 +62,8 @@ def main(
             for name, kind, new in found
             if (old := drives[name].answers.get(kind)) is not None
         ]
-    seconds, differing = time.monotonic() - began, [one for one in verdicts if one.periods]
+    spent = {"seconds": round(time.monotonic() - began, 1), "cpu_seconds": round(sum(os.times()[:4]), 1)}
+    differing = [one for one in verdicts if one.periods]
     _print(differing)
     if left := [name for name, drive in drives.items() if "c" not in drive.answers]:
         console.print(f"left out: {len(left)} drives that the ECU in C refused when recorded ({', '.join(left)})")
@@ -69,9 +71,9 @@ def main(
         console.print(f"recorded on another processor or with another library: Python to {judging.ROUNDING:g} U_inf W")
     periods = sum(len(drive.periods) for drive in drives.values())
     by_ecu = {kind: _figures([one for one in verdicts if one.kind == kind]) for kind in KINDS}
-    figures = {"drives": len(drives), "periods": periods, "by_ecu": by_ecu, "seconds": round(seconds, 1)}
+    figures = {"drives": len(drives), "periods": periods, "by_ecu": by_ecu, **spent}
     save(json_file, figures=figures, facts={**record, "python_to_the_bit": is_same, "left_out_in_c": left})
-    console.print(f"{len(drives)} drives, {periods} periods in {seconds:.0f} s: {len(differing)} answers differ")
+    console.print(f"{len(drives)} drives, {periods} periods in {spent['seconds']} s: {len(differing)} answers differ")
     if differing:
         judging.draw(differing, PARTS / "changed.png")
         console.print(f"{PARTS / 'changed.png'} shows them; where that is meant: make replay RENEW=1", soft_wrap=True)
