@@ -33,9 +33,9 @@ FOLDERS = (
 
 SOURCES = {
     "adjoint": "adjoint", "authentication": "bus", "bus_faults": "bus_loss_05", "bus_runs": "bus_secured",
-    "campaign_paper": "campaign", "can_load": "can_load_fd", "controller": "controller",
-    "controller_loop": "controller_loop", "environment": "roads", "flash_c": "flash_c", "limits": "limit_latency",
-    "live": "live_speed", "mcu_release": "mcu", "release_distributions": "release_figures",
+    "can_load": "can_load_fd", "controller": "controller",
+    "controller_loop": "controller_loop", "flash_c": "flash_c", "limits": "limit_latency",
+    "mcu_release": "mcu", "release_distributions": "release_figures",
     "roads": "roads", "sensor_check_alarms": "sensor_check", "sensor_check_faults": "sensor_check",
     "square": "square", "steps": "wake_speed", "summary": "demo",
 }  # fmt: skip

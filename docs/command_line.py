@@ -15,10 +15,9 @@ from stillwake.__main__ import PANELS, app
 WORDS: Final = {Path: "PATH", str: "TEXT", float: "NUMBER", int: "INTEGER"}
 """What an option takes that has no word of its own."""
 
-_STATED: Final = re.compile(r"\bstatus\b|\bEnds with\b|^stillwake ")
-"""In a paragraph that the page has: exit statuses, and calls to copy."""
+_STATED: Final = re.compile(r"\bstatus\b|\bEnds with\b")
+"""In a paragraph that the page has: exit statuses."""
 _CODE: Final = re.compile(r"(`[^`]*`)")
-_CALL: Final = re.compile(r"stillwake .*[^.]$")
 _PAGE: Final = re.compile(r"\bdocs/([\w-]+)/([\w-]+)\.md")
 _WORD: Final = re.compile(r"(?<!\S)((?:--set )?[^\s(`]*=[^\s,;)]*[^\s,;).:]|--[a-z][\w-]*)")
 
@@ -90,7 +89,7 @@ def _sections(name: str, command: Any) -> Iterator[str]:
 
 
 def _explained(command: Any) -> str:
-    """The first paragraph of the help, exit statuses and calls; of the others the pages that they lead to."""
+    """The first paragraph of the help, and exit statuses; of the others the pages that they lead to."""
     first, *others = command.help.split("\n\n")
     stated = [text for text in others if _STATED.search(text)]
     pages = sorted({found[0] for text in others if text not in stated for found in _PAGE.finditer(text)})
@@ -141,11 +140,8 @@ def _default(parameter: Any) -> str:
 
 
 def _marked(text: str) -> str:
-    """Calls, options and NAME=VALUE as code, pages of these documents as links."""
-    return "\n\n".join(
-        f"`{paragraph}`" if _CALL.match(paragraph) else "".join(map(_marked_piece, _CODE.split(paragraph)))
-        for paragraph in text.split("\n\n")
-    )
+    """Options and NAME=VALUE as code, pages of these documents as links."""
+    return "".join(map(_marked_piece, _CODE.split(text)))
 
 
 def _marked_piece(piece: str) -> str:

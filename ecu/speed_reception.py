@@ -1,8 +1,8 @@
-"""The vehicle's speed through the air, by which pressures become coefficients and actions become flow rates.
+"""The vehicle's speed through the air, which converts pressures to coefficients and actions to flow rates.
 
-A release that serves a range of speeds needs it. In this order: authentication, the end-to-end check, the age, the
-plausibility. A speed that is not to be trusted leaves the last one in force for a while: a vehicle does not change its
-speed in a fraction of a second.
+A release that serves a range of speeds needs it. The checks in their order: authentication, end-to-end check, age,
+plausibility. If a speed is not trusted, the last speed stays in force for a limited time, because a vehicle does not
+change its speed in a fraction of a second.
 """
 
 from collections.abc import Sequence
@@ -21,21 +21,21 @@ from contract.config.vehicle import E2eConfig, SpeedConfig
 from contract.release.manifest import Manifest, SpeedRange
 
 SHORTEST_S: Final = 0.1
-"""Over which a change of the speed is judged, at least: so that its rounding and a late frame are no acceleration."""
+"""Shortest time in s over which a change of speed is judged, so that rounding or a late frame is no acceleration."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class SpeedState:
-    """The speed as it is known after a control period.
+    """The vehicle's speed after a control period.
 
     Attributes:
-        believed: the vehicle's speed in design speeds; None where it is not known.
-        density: of the air in kg/m3, as the vehicle stated it with that, or the operating point's.
-        measured_ns: when it was measured.
-        is_off: it is outside the release's range by the margin; it has to come back into the range itself.
+        ratio: of the last accepted speed to the design speed; None if no speed is in force.
+        density: of the air in kg/m3, stated by the vehicle with this speed, or the operating point's.
+        measured_ns: time at which the speed was measured.
+        is_off: the speed left the release's range by more than the margin and has not returned into the range.
     """
 
-    believed: float | None = None
+    ratio: float | None = None
     density: float = 0.0
     measured_ns: int = 0
     is_off: bool = False
@@ -45,12 +45,12 @@ class SpeedState:
 
 @dataclass(frozen=True, kw_only=True)
 class SpeedReception:
-    """How the frames of the speed message are judged.
+    """The reception of speed frames.
 
     Attributes:
         key: None without authentication.
         design: the operating point of the release.
-        speeds: that it serves, in design speeds.
+        speeds: range of the release, in design speeds.
     """
 
     message: Message[VehicleSpeed]
@@ -64,7 +64,7 @@ class SpeedReception:
     def of(
         cls, manifest: Manifest, config: Config, message: Message[VehicleSpeed], key: Key | None
     ) -> "SpeedReception | None":
-        """The reception of a release; None for one that does not need the speed."""
+        """Return the reception of a release; None for a release that does not need the speed."""
         if manifest.speeds is None:
             return None
         return cls(
@@ -77,7 +77,7 @@ class SpeedReception:
         )
 
     def next(self, state: SpeedState, frames: Sequence[Frame], now_ns: int) -> SpeedState:
-        """Take the frames of a period, oldest first."""
+        """Return the state after the frames of a period, oldest first."""
         spec = self.message.spec
         verifier, frames, _ = verified(state.verifier, frames, spec=spec, key=self.key)
         receiver, reception = receive(state.receiver, frames, spec=spec, config=self.e2e)
@@ -86,40 +86,39 @@ class SpeedReception:
         stated = None if frame is None else self.message.parse(frame.data[: spec.protected])
         if frame is not None and stated is not None and stated.speed_m_per_s is not None:
             state = self._believed(state, stated, frame.timestamp_ns - stated.age_ns, now_ns)
-        if now_ns - state.measured_ns > self._oldest_ns or state.believed is None:
-            return replace(state, believed=None)
+        if now_ns - state.measured_ns > self._oldest_ns or state.ratio is None:
+            return replace(state, ratio=None)
         within = self.config.margin if not state.is_off else 0.0
-        is_off = not self.speeds.slowest * (1.0 - within) <= state.believed <= self.speeds.fastest * (1.0 + within)
+        is_off = not self.speeds.slowest * (1.0 - within) <= state.ratio <= self.speeds.fastest * (1.0 + within)
         return replace(state, is_off=is_off)
 
     def dynamic_pressure(self, state: SpeedState) -> float | None:
-        """Pa at Cp = 1; None without a speed."""
+        """Return the pressure in Pa at Cp = 1; None without a speed."""
         through_air = self.present(state) * self.design.speed
-        return None if state.believed is None else 0.5 * state.density * through_air * through_air
+        return None if state.ratio is None else 0.5 * state.density * through_air * through_air
 
     def present(self, state: SpeedState) -> float:
-        """The vehicle's speed in design speeds: within the release's range, and 1 where it is not known or too far
-        out."""
-        if state.believed is None or state.is_off:
+        """Return the vehicle's speed in design speeds, limited to the release's range; 1 if unknown or too far out."""
+        if state.ratio is None or state.is_off:
             return 1.0
-        return min(max(state.believed, self.speeds.slowest), self.speeds.fastest)
+        return min(max(state.ratio, self.speeds.slowest), self.speeds.fastest)
 
     @property
     def _oldest_ns(self) -> int:
         return round(self.config.oldest_ms * 1e6)
 
     def _believed(self, state: SpeedState, stated: VehicleSpeed, measured_ns: int, now_ns: int) -> SpeedState:
-        """Believe a new speed, unless it is old, or no vehicle gets from the last one to it so fast."""
+        """Accept a new speed, unless it is old, or no vehicle can reach it from the last speed so fast."""
         if stated.speed_m_per_s is None or not 0 <= now_ns - measured_ns <= self._oldest_ns:
             return state
-        if state.believed is not None:
+        if state.ratio is not None:
             most = self.config.most_acceleration * max((now_ns - state.measured_ns) * 1e-9, SHORTEST_S)
-            if abs(stated.speed_m_per_s - state.believed * self.design.speed) > most:
+            if abs(stated.speed_m_per_s - state.ratio * self.design.speed) > most:
                 return state
         density = stated.density_kg_per_m3
         return replace(
             state,
-            believed=stated.speed_m_per_s / self.design.speed,
+            ratio=stated.speed_m_per_s / self.design.speed,
             density=self.design.density if density is None else density,
             measured_ns=measured_ns,
         )

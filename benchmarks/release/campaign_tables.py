@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any, Final
 
 from benchmarks.common.markdown import read, table
-from firmware_sim.campaign.result_figures import PAPERS_DELAYED_CD, papers_reduction_percent
 
 FILE: Final = "campaign.json"
 MISSING: Final = "Not measured yet: the command above writes the file that this table is made of."
@@ -16,9 +15,8 @@ def tables(results: Path) -> dict[str, str]:
     """Return every table by its marker; a note in its place if there are no results of a campaign."""
     path = results / FILE
     if not path.is_file():
-        return {"campaign": MISSING, "campaign_paper": MISSING}
-    found = read(path)
-    return {"campaign": campaign(found), "campaign_paper": beside_the_paper(found["figures"])}
+        return {"campaign": MISSING}
+    return {"campaign": campaign(read(path))}
 
 
 def campaign(found: Mapping[str, Any], *, told: bool = False) -> str:
@@ -47,30 +45,6 @@ Measured on {found["date"]} with {facts["bundle_name"]} from {facts["phases"]} s
 the most of the phases. In control all of the time where nothing stands; in brackets the starts in which a fault
 latched. {facts["controlled"]:g} t_c with control, averages over the last
 {facts["controlled"] - facts["settle"]:g}. {safe} of {len(figures)} scenarios are safe."""
-
-
-def beside_the_paper(figures: Sequence[Mapping[str, Any]]) -> str:
-    """Return the table of drag and lift against the delay, with the paper's figures."""
-    by_name = {row["name"]: row for row in figures}
-    rows = []
-    for delay in (0, 2, 4, 8, 12):
-        compensated = by_name.get("undisturbed" if delay == 0 else f"delay_{delay}")
-        uncompensated = by_name.get("undisturbed" if delay == 0 else f"delay_{delay}_uncompensated")
-        if compensated is None or uncompensated is None:
-            continue
-        Cd = PAPERS_DELAYED_CD.get(delay)
-        rows.append(
-            (
-                delay,
-                _number(compensated["reduction_percent"], ".1f"),
-                _number(compensated["abs_Cl"], ".2f"),
-                _number(uncompensated["reduction_percent"], ".1f"),
-                _number(uncompensated["abs_Cl"], ".2f"),
-                "" if Cd is None else f"{papers_reduction_percent(Cd):.1f}",
-            )
-        )
-    heads = ("delay, periods", "less drag, %", "mean abs Cl", "not compensated, %", "mean abs Cl", "paper, %")
-    return table(heads, rows)
 
 
 def _in_control(row: Mapping[str, Any]) -> str:

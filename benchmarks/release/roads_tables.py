@@ -13,28 +13,7 @@ _DEFAULT_MESH = (443, 164)
 def tables(results: Path) -> dict[str, str]:
     """Return every table by its marker."""
     rows = read(results / "roads.json")["figures"]
-    return {"roads": table(_HEADS, [_cells(row) for row in rows]), "environment": _environment(rows)}
-
-
-def _environment(rows: list[dict[str, Any]]) -> str:
-    """Return the table of policies in the environment: rows on its mesh that use only its observations."""
-    known = [row for row in rows if tuple(row["mesh"]) == _DEFAULT_MESH and row["kind"] != "oracle"]
-    heads = ("policy", "mean reward", "mean `Cd_net`", "mean abs Cl", "mean Cl", "mean `jet_power`", "steps")
-    return table(
-        heads,
-        [
-            (
-                row["title"],
-                f"{-row['Cd']:.3f}",
-                f"{row['Cd_net']:.3f}",
-                f"{row['abs_Cl']:.3f}",
-                f"{row['mean_Cl']:+.3f}",
-                f"{row['jet_power']:.3f}",
-                f"{row['interactions']:,}",
-            )
-            for row in sorted(known, key=lambda row: float(row["Cd"]), reverse=True)
-        ],
-    )
+    return {"roads": table(_HEADS, [_cells(row) for row in rows])}
 
 
 def _cells(row: dict[str, Any]) -> tuple[object, ...]:

@@ -17,7 +17,6 @@ def tables(results: Path) -> dict[str, str]:
     """Return every table by its marker."""
     return {
         "steps": _steps(results),
-        "live": _live(results),
         "adjoint": _adjoint(results),
         "square": _square(results),
         "openfoam_loop": _openfoam_loop(results),
@@ -65,14 +64,6 @@ def _adjoint(results: Path) -> str:
         "gradient periods a second", "MB kept",
     )  # fmt: skip
     return table(heads, [tuple(row[name] for name in names) for row in read(results / "adjoint.json")["figures"]])
-
-
-def _live(results: Path) -> str:
-    heads = (
-        "refinement", "grid, time step", "ms a control period", "wall Cd", "reduction under control, %", "mean abs Cl",
-    )  # fmt: skip
-    names = ("refinement", "case", "period_ms", "Cd", "reduction_percent", "abs_Cl_controlled")
-    return table(heads, [tuple(row[name] for name in names) for row in read(results / "live_speed.json")["figures"]])
 
 
 def _openfoam_loop(results: Path) -> str:

@@ -112,14 +112,14 @@ def test_a_speed_is_not_believed_before_a_vehicle_could_have_reached_it():
     # 6.25 m/s at 15 m/s2 at most.
     for periods, ratio in ((20, 1.0), (1, 1.25)):
         drive(bench, 1.25, periods)
-        assert bench.ecu.state.speed.believed == pytest.approx(ratio)
+        assert bench.ecu.state.speed.ratio == pytest.approx(ratio)
 
 
 def test_old_speeds_do_not_count_and_the_density_scales_the_pressures():
     bench = bench_at()
     drive(bench, 1.0, 8)
     drive(bench, 1.02, 3, age_ns=600_000_000)
-    assert bench.ecu.state.speed.believed == 1.0
+    assert bench.ecu.state.speed.ratio == 1.0
     drive(bench, 1.0, 2, cp=0.1, density=0.6)
     assert bench.controller.calls[-1][0][-1, 0] == pytest.approx(0.2, abs=4e-4)
 

@@ -44,11 +44,10 @@ def test_the_reduction_pays_for_the_jets_and_the_spread_leaves_out_what_a_phase_
     assert set(over_phases) == set(FIGURES) - {"reduction_percent"}
 
 
-def test_every_scenario_of_a_campaign_has_a_row_and_delay_is_compared_with_the_paper(tmp_path):
+def test_every_scenario_of_a_campaign_has_a_row(tmp_path):
     assert set(tables(tmp_path).values()) == {MISSING}
     rows = rows_of(
         (scenario_of("delay_12"), [phase_of(0.82), phase_of(0.80)]),
-        (scenario_of("delay_12_uncompensated"), [phase_of(1.1, broken=["it broke"])]),
         (scenario_of("lost"), [phase_of(failure="it diverged")]),
     )
     facts = {"bundle_name": "small", "phases": 2, "controlled": 60.0, "settle": 20.0}
@@ -57,8 +56,3 @@ def test_every_scenario_of_a_campaign_has_a_row_and_delay_is_compared_with_the_p
     made = tables(tmp_path)
     assert "| delay_12 | useful | 19.0 (18.0..20.0) | 0.20 |  |" in made["campaign"]
     assert "| lost | **UNSAFE**, none | - | - | - |" in made["campaign"]
-    # 1.051 to 0.918 and to 0.950 (appendix B).
-    assert made["campaign_paper"].splitlines()[2:] == [
-        "| 0 | 20.0 | 0.20 | 20.0 | 0.20 | 12.7 |",
-        "| 12 | 19.0 | 0.20 | -10.0 | 0.20 | 9.6 |",
-    ]
