@@ -1,1 +1,1 @@
-"""Trained model -> controller program -> {NumPy reference, ONNX, C99}, float32 or int8; gates; the release writer."""
+"""The export of a trained model: controller program, NumPy reference, ONNX and C99 (float32, int8), gates, releases."""

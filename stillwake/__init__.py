@@ -1,1 +1,1 @@
-"""The command line: the only room that may import all others."""
+"""The command line: the only package that may import all others."""

@@ -1,7 +1,7 @@
-"""The composition root: every command by its name.
+"""The composition root, which has every command by its name.
 
-Commands import the rooms where they need them, so that `run` on a vehicle needs neither torch nor a flow solver's
-compiler, and a missing extra is one clear line.
+Commands import packages only when they need them. So `run` on a vehicle needs neither torch nor a flow solver's
+compiler, and a missing extra gives a message of one line.
 """
 
 from stillwake.console import own_rooms  # noqa: F401  (refuses to go on where a file hides one of our packages)
@@ -97,7 +97,7 @@ app.add_typer(dataset, name="dataset", rich_help_panel=_MODEL)
 
 
 def _let_paragraphs_flow(group: typer.Typer) -> None:
-    """Let the terminal's width break the lines of every command's help, not the source's."""
+    """Let rich break the lines of every command's help at the terminal's width, not at the source's line ends."""
     for info in group.registered_commands:
         paragraphs = (getdoc(info.callback) or "").split("\n\n")
         info.help = "\n\n".join(" ".join(paragraph.split()) for paragraph in paragraphs)
@@ -110,10 +110,10 @@ _let_paragraphs_flow(app)
 
 
 def main() -> None:
-    """Entry point of the `stillwake` command."""
+    """Run the `stillwake` command."""
     ends_like_ctrl_c()
     for stream in (sys.stdout, sys.stderr):
-        # A terminal that lacks a character, or a file name that is no UTF-8, must not end a command.
+        # A terminal that lacks a character, or a file name that is not UTF-8, must not end a command.
         if hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="backslashreplace")
 

@@ -23,9 +23,9 @@ from wake.truck.truck_wake import TruckWake
 Observation = npt.NDArray[np.float32]
 
 LEDGER: Final = ("t", *LEDGER_FIELDS, "Uy_probe", "action", "Cd_slot", "Cd_net")
-"""What `info` holds of a `wake.plant.sample.Sample`: all but the pressures."""
+"""The fields of `wake.plant.sample.Sample` that `info` holds: all but the pressures."""
 _SILENCE_S: Final = 3.0
-"""Time after which a reset reports what it is doing; a compiled one takes less."""
+"""Time in s after which a reset reports that the solver is being compiled; otherwise a reset takes less."""
 
 
 class TruckWakeEnv(CopiedWhole, gymnasium.Env[Observation, npt.NDArray[np.float32]]):
@@ -35,38 +35,35 @@ class TruckWakeEnv(CopiedWhole, gymnasium.Env[Observation, npt.NDArray[np.float3
     +-0.075. Reward: -Cd of the wall. An episode never terminates; it is truncated after `episode_steps`, and stays
     truncated in every later step.
 
-    `info` holds at every step the drag ledger, by the names and in the units of `wake.plant.sample.Sample`: time,
-    wall force, slot force, jet momentum, jet power, their net, the wake probe and the action in force; and `clipped`,
-    whether this step's action lay beyond the bound and was cut to it, with `clipped_count`, how often in this episode.
+    At every step `info` holds the drag ledger, with the names and units of `wake.plant.sample.Sample`: time, wall
+    force, slot force, jet momentum, jet power, their net, the wake probe and the action in force. `clipped` says
+    whether this step's action was clipped to the bound; `clipped_count` counts the clipped actions in this episode.
 
     `reset` starts at a random phase of the shedding cycle: between 0 and `max_phase_steps` uncontrolled control periods
-    after the start. The same seed gives the same phase, and so the same trajectory under the same actions, to the bit,
-    whatever the number of threads. Phases are kept once they have been computed, so that only the first resets take
-    time.
-    Options of `reset`:
+    after the start. The same seed gives the same phase, and so, with the same actions, the same trajectory bit for bit
+    with any number of threads. Computed phases are stored, so only the first resets take time. Options of `reset`:
 
-    - `phase_steps`: this phase instead of a random one;
-    - `start`: a `wake.truck.state.State` to start from instead, at a control period's start.
+    - `phase_steps`: the phase in control periods, in place of a random phase;
+    - `start`: a `wake.truck.state.State` to start from, at a control period's start.
 
-    A copy (`copy.copy` and `copy.deepcopy` give the same) or a pickle, taken at any time, is an environment of its own
-    that goes on as this one does, to the bit: flow, actions, episode, and the generators that draw phases and actions.
+    A copy (`copy.copy` or `copy.deepcopy`, with the same result) or a pickle, taken at any time, is an independent
+    environment. It continues bit for bit like the original: flow, actions, episode, and random generators.
 
     Args:
         sensor_names: the observed sensors; all by default, the truck's 90.
         episode_steps: control steps until truncation.
-        max_phase_steps: 25 are about one shedding cycle. A phase takes 1.8 MB.
-        start: instead of the shipped developed state, for other flow settings or another body.
+        max_phase_steps: largest random phase; 25 control periods are about one shedding cycle. A phase takes 1.8 MB.
+        start: initial flow state for other flow settings or another body; None for the shipped developed state.
         render_mode: None, or "rgb_array" for pictures of the vorticity, the jets and the observed sensors.
-        body: the truck by default; another body needs a `start` of its own.
+        body: the truck by default; another body needs `start`.
 
     Attributes:
         plant: the wake itself; `wake.truck.tape.Tape(env.unwrapped.plant)` differentiates it.
 
     Raises:
-        ConfigError: for a sensor that does not exist or is named twice, one name in place of a sequence, or a setting
-            out of its range.
-        PlantError: for a start of another plant or inside a control period, or flow settings whose time step would
-            diverge.
+        ConfigError: for a sensor that does not exist or is named twice, one string for all names, or a setting out of
+            its range.
+        PlantError: for a start of another plant or inside a control period, or an unstable time step.
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 10}  # noqa: RUF012  (Gymnasium's own convention)
@@ -113,7 +110,7 @@ class TruckWakeEnv(CopiedWhole, gymnasium.Env[Observation, npt.NDArray[np.float3
         """Start an episode. Raises ConfigError for an option that does not exist or is out of its range; PlantError for
         a start of another plant, or inside a control period."""
         super().reset(seed=seed)
-        # The solver is compiled here, once after an installation.
+        # The solver is compiled here on the first use after an installation.
         notice = Timer(_SILENCE_S, print, ["compiling the flow solver, once: up to a minute"], {"file": sys.stderr})
         notice.daemon = True
         notice.start()
@@ -132,7 +129,7 @@ class TruckWakeEnv(CopiedWhole, gymnasium.Env[Observation, npt.NDArray[np.float3
             raise gymnasium.error.ResetNeeded("call reset before step")
         commanded = _single_value(action)
         limit = self.plant.config.action_limit
-        # float32 rounds the bound itself up by an ulp; that is not a clipped action.
+        # Rounding to float32 can move the bound itself up by one ulp; such an action is not clipped.
         clipped = bool(abs(commanded) > np.float32(limit))
         sample = self.plant.advance(float(np.clip(commanded, -limit, limit)))
         self._step_count += 1
@@ -141,8 +138,8 @@ class TruckWakeEnv(CopiedWhole, gymnasium.Env[Observation, npt.NDArray[np.float3
         return self._observe(sample), -sample.Cd, False, truncated, self._info(sample, clipped)
 
     def render(self) -> npt.NDArray[np.uint8] | None:
-        """Vorticity, jets as arrows, observed sensors by Cp: (341, 1100, 3). None without a render mode. Raises
-        gymnasium.error.ResetNeeded before the first reset."""
+        """Draw vorticity, jets as arrows, and the observed sensors coloured by Cp: (341, 1100, 3). Returns None without
+        a render mode. Raises gymnasium.error.ResetNeeded before the first reset."""
         if self.render_mode is None:
             return None
         if self._step_count is None:
@@ -152,7 +149,7 @@ class TruckWakeEnv(CopiedWhole, gymnasium.Env[Observation, npt.NDArray[np.float3
         return self._picture.pixels()
 
     def __getstate__(self) -> dict[str, Any]:
-        # A copy draws a picture of its own plant, when it is asked for one.
+        # A copy draws its own plant, and builds its picture when it is first asked to render.
         return self.__dict__ | {"_picture": None}
 
     def _start(self, options: Mapping[str, Any]) -> State:
@@ -178,7 +175,7 @@ class TruckWakeEnv(CopiedWhole, gymnasium.Env[Observation, npt.NDArray[np.float3
         return start
 
     def _phase(self, steps: int) -> State:
-        """The flow so many uncontrolled control periods after the start."""
+        """Return the flow `steps` uncontrolled control periods after the start."""
         if steps >= len(self._phases):
             self.plant.reset(self._phases[-1])
         while steps >= len(self._phases):
@@ -204,5 +201,5 @@ def _single_value(action: npt.ArrayLike) -> float:
     return value
 
 
-# Gymnasium 1.0 dropped entry points: importing this module is what registers.
+# Importing this module registers the environment, because Gymnasium 1.0 no longer reads entry points.
 gymnasium.register(id="stillwake/TruckWake-v0", entry_point="wake.env:TruckWakeEnv")

@@ -1,4 +1,4 @@
-"""Opening the flow that a closed loop runs on, by name."""
+"""Opening a closed loop's flow by its name."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -27,15 +27,15 @@ def open_plant(
     *,
     start: Path | None = None,
 ) -> Iterator[LivePlant]:
-    """A developed wake at t = 0. Raises PlantError if the start does not fit, or OpenFOAM is asked for another body
-    than the truck, is not installed, or fails.
+    """Return a developed wake at t = 0. Raises PlantError if the start does not match the settings, or if OpenFOAM is
+    requested for a body other than the truck, is not installed, or fails.
 
     Args:
-        name: the own solver from its shipped start, which `flow.refinement` moves to another grid; or OpenFOAM.
-        output: run folder; OpenFOAM's case lives in it while it runs, and its developed start stays there.
-        duration: how long the run will be, t_c; OpenFOAM needs it in advance.
-        progress: called with (time, total) while OpenFOAM's start develops, or the shipped one settles on another grid.
-        start: a state of the own solver to begin from; its clock is set to zero and its jets are shut.
+        name: the own solver from its shipped start, adapted to the grid if `flow.refinement` differs; or OpenFOAM.
+        output: run folder; OpenFOAM's case is there during the run, and its developed start is stored there.
+        duration: duration of the run, t_c; OpenFOAM needs it in advance.
+        progress: called with (time, total) while a start develops in OpenFOAM or settles on another grid.
+        start: a state of the own solver as the start; its clock is set to zero and its jets are shut.
     """
     if name == "wake":
         yield own_wake(config, progress, start=start)
@@ -61,7 +61,7 @@ def open_plant(
 def own_wake(
     config: Config, progress: Callable[[float, float], None] = lambda t, total: None, *, start: Path | None = None
 ) -> TruckWake:
-    """The own solver's developed wake at t = 0; arguments and errors as for `open_plant`."""
+    """Return the own solver's developed wake at t = 0; arguments and errors as for `open_plant`."""
     wake = TruckWake(config.flow, body=config.body)
     state = _start(start, config)
     if start is None and state.origin is not None and state.origin.shape != wake.grid.shape:
@@ -72,7 +72,7 @@ def own_wake(
 
 
 def _start(path: Path | None, config: Config) -> State:
-    """The state to begin from, its clock at zero and its jets shut; raises PlantError for another Reynolds number."""
+    """Return the start with its clock at zero and its jets shut; raises PlantError for another Reynolds number."""
     state = developed_state() if path is None else load_state(path)
     if state.origin is not None:
         check_body(state.origin, config.body)

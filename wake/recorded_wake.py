@@ -1,4 +1,4 @@
-"""A recorded episode as a plant: its pressures and forces again, whatever the jets do, for as long as one likes."""
+"""A recorded episode as a plant, which repeats the recorded pressures and forces whatever the jets do, without end."""
 
 from typing import Final
 
@@ -13,22 +13,22 @@ from contract.sensor_layout import SensorLayout
 from wake.plant.sample import Sample
 
 _SAME_PERIOD: Final = 1e-6
-"""t_c: rounding of the times in a recording."""
+"""Largest difference between two control periods that count as equal, in t_c: rounding of the times in a recording."""
 
 
 class RecordedWake:
-    """A `wake.plant.protocol.LoopPlant` that does not answer.
+    """A `wake.plant.protocol.LoopPlant` that does not respond to the jets.
 
-    After the last row comes the first one; all series jump then, and the time goes on. A force that was not recorded is
-    NaN. The action is the jets' own, not the recorded one. Raises PlantError for another control period.
+    The first row follows the last row; all series jump there, while the time continues. A force that was not recorded
+    is NaN. The action is the jets', not the recorded action. Raises PlantError for another control period.
 
     Args:
         flow: the clock; its control period must be the recording's.
 
     Attributes:
         answers_jets: False.
-        description: the episode, and what it is not.
-        rounds: how often it began again.
+        description: the episode's name and length, and that it does not respond to the jets.
+        rounds: number of completed passes through the episode.
     """
 
     answers_jets: Final = False
@@ -51,7 +51,7 @@ class RecordedWake:
         return self._period // self._length
 
     def sample(self) -> Sample:
-        """The row of this period."""
+        """Return the present period's row."""
         row = self._period % self._length
         return Sample(
             t=(self._period + self._substep / self._flow.substeps) * self._flow.control_period,
@@ -62,7 +62,7 @@ class RecordedWake:
         )
 
     def advance_to(self, substep: int, action: float | None = None) -> None:
-        """See `wake.plant.protocol.Plant.advance_to`; the jets reach the action, and nothing comes of it. Raises
+        """See `wake.plant.protocol.Plant.advance_to`; the jets reach the action, without effect on the flow. Raises
         PlantError for a substep that is over, or of another period."""
         last = self._flow.substeps
         if not self._substep < substep <= last:

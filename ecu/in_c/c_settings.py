@@ -10,6 +10,7 @@ from typing import Final
 
 import numpy as np
 
+from can_bridge.calibration.daq import cycle_of
 from can_bridge.command_gate import GateLimits
 from can_bridge.e2e.profiles import profile_of
 from can_bridge.wire import message_specs as wire
@@ -72,8 +73,6 @@ def ecu_settings(bundle: Bundle, config: Config) -> bytes:
 
 def check_settings(config: Config) -> None:
     """Raise ConfigError for a setting that the C ECU cannot do, whatever the release."""
-    if config.bus.key:
-        raise ConfigError("bus.key: the ECU in C has no authentication; leave it empty")
     for name, most in _MOST.items():
         value = attrgetter(name)(config)
         if value > most:
@@ -97,11 +96,17 @@ def _definitions(bundle: Bundle, config: Config) -> dict[str, int | float | str]
     specs = dict(zip(("PRESSURE", "SPEED", "COMMAND", "STATUS"), messages.specs, strict=True))
     found: dict[str, int | float | str] = {}
     for name, spec in specs.items():
-        found |= {f"SW_{name}_ID": spec.frame_id, f"SW_{name}_BYTES": spec.length, f"SW_{name}_DATA_ID": spec.data_id}
+        found |= {
+            f"SW_{name}_ID": spec.frame_id,
+            f"SW_{name}_BYTES": spec.protected,
+            f"SW_{name}_DATA_ID": spec.data_id,
+        }
+        found |= {f"SW_{name}_SECURED": spec.length} if spec.is_secured else {}
     spec = messages.pressure.spec
     return found | {
-        **_of_diagnosis(config.bus.diagnosis),
+        **_of_diagnosis(config.bus.diagnosis, config.period_ns),
         "SW_FRAMES_FD": int(spec.is_fd),
+        "SW_SECOC": int(spec.is_secured),
         "SW_E2E_PROFILE": spec.profile,
         "SW_E2E_COUNTERS": profile_of(spec).counter_period,
         "SW_PRESSURE_RESOLUTION_PA": messages.pressure_resolution_pa,
@@ -188,14 +193,21 @@ def _of_release(numbers: Numbers) -> dict[str, int | float | str]:
     }
 
 
-def _of_diagnosis(config: DiagnosisConfig) -> dict[str, int | float | str]:
-    """SW_FUNCTIONAL is 0 where nothing is heard under a functional identifier."""
+def _of_diagnosis(config: DiagnosisConfig, period_ns: int) -> dict[str, int | float | str]:
+    """SW_FUNCTIONAL is 0 where nothing is heard under a functional identifier, SW_XCP where no tool is answered."""
+    cycle, unit = cycle_of(period_ns)
     return {
         "SW_DIAGNOSIS_EXTENDED": int(config.request.is_extended),
         "SW_REQUEST_ID": f"{config.request.number:#x}u",
         "SW_RESPONSE_ID": f"{config.response.number:#x}u",
         "SW_FUNCTIONAL": int(config.functional is not None),
         "SW_FUNCTIONAL_ID": f"{config.functional.number if config.functional else 0:#x}u",
+        "SW_XCP": int(config.xcp),
+        "SW_XCP_EXTENDED": int(config.xcp_command.is_extended),
+        "SW_XCP_COMMAND_ID": f"{config.xcp_command.number:#x}u",
+        "SW_XCP_RESPONSE_ID": f"{config.xcp_response.number:#x}u",
+        "SW_XCP_CYCLE": f"{cycle}u",
+        "SW_XCP_CYCLE_UNIT": f"{unit}u",
     }
 
 

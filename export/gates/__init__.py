@@ -1,1 +1,1 @@
-"""What a lowering must pass before anything is written."""
+"""The checks that a lowering must pass before anything is written."""

@@ -1,9 +1,9 @@
-"""The gate between reference and a lowering: the same control steps through both, largest differences, a tolerance.
+"""The gate between reference and lowering: the same control steps by both, with tolerances of the differences.
 
-Tolerances and why: float32 keeps about 7 digits, and a roll-out of 25 steps with layer norms amplifies that to
-some 1e-6 in a force of order 1. Adam moves an action by about lr an iteration whatever the gradient's size, so
-actions mostly agree to 1e-7; but where a gradient component is near Adam's epsilon, or a kink of |Cl| or max Cd
-falls between the two roundings, the move itself differs by some part of lr.
+The reasons for the tolerances: float32 has about 7 digits, and a roll-out of 25 steps with layer norms amplifies its
+rounding to about 1e-6 in a force of order 1. Adam moves an action by about lr per iteration for any size of the
+gradient, so most actions agree to 1e-7. But if a gradient component is near Adam's epsilon, or a kink of |Cl| or
+max Cd lies between the two roundings, the move itself differs by a part of lr.
 """
 
 from collections.abc import Iterator, Sequence
@@ -21,21 +21,20 @@ from export.program.windows import random_window
 from export.reference.mpc import control_step
 
 SPEEDS: Final = (1.0, 0.6, 1.4)
-"""Speeds of the vehicle, as ratios to the design speed, at which cases are judged in turn where the program depends on
-it."""
+"""Speeds of the vehicle, as ratios to the design speed, used for the cases in turn if the program depends on the
+speed."""
 LIMITS: Final = (1.0, 0.8, 0.3, 1.2, 0.55)
-"""The same of the bound on |a|, in shares of the program's."""
+"""Bounds on |a|, as shares of the program's bound, used for the cases in turn."""
 BEYOND: Final = 100.0
-"""The factor by which every fourth case has effort and lift dearer than other cases: a prior was not trained for it."""
+"""Factor on the weights of effort and lift in every fourth case, which is outside the prior's training range."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ParityTolerance:
-    """Largest differences allowed.
+    """The largest allowed differences.
 
     Attributes:
-        move: of an action, as a part of iterations * lr, the way Adam can take it; 2.5e-5 U_inf W at the
-            paper's setting.
+        move: of an action, as a share of iterations * lr, Adam's largest move; 2.5e-5 U_inf W in the paper.
         force: of a predicted Cd or Cl.
         cost: of a term or of J.
     """
@@ -57,7 +56,7 @@ class ParityReport:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ControlCase:
-    """Arguments of one control step, representable in float32 so that both sides see the same numbers."""
+    """The arguments of one control step, representable in float32 so that reference and lowering get equal numbers."""
 
     window: Array
     plan: Array
@@ -68,19 +67,19 @@ class ControlCase:
 
     @property
     def arguments(self) -> tuple[Array, Array, Array, Array | None, float, float | None]:
-        """The arguments in the order of `Controller.control_step`."""
+        """Return the arguments in the order of `Controller.control_step`."""
         return self.window, self.plan, self.free, self.weights, self.speed, self.limit
 
 
 def control_cases(
     program: ControllerProgram, windows: Sequence[Array] | None = None, *, count: int = 20, seed: int = 0
 ) -> Iterator[ControlCase]:
-    """Control steps with random warm starts, up to a quarter of the plan committed, and, in every second one,
-    cost weights off their defaults (all terms switched on).
+    """Yield control steps with random warm starts and up to a quarter of the plan committed. In every second step the
+    cost weights differ from their defaults, with all terms switched on.
 
     Args:
-        windows: recorded windows (L, S+1), one case each; random ones if None.
-        count: cases where `windows` is None.
+        windows: recorded windows (L, S+1), one case each; random windows if None.
+        count: number of cases if `windows` is None.
     """
     rng = np.random.default_rng(seed)
     h, limit = program.mpc.horizon, program.action_limit
@@ -91,7 +90,7 @@ def control_cases(
         weights = rng.uniform(0.5, 2.0, 8) * [1.0, 0.1, 0.05, 0.2, 4.0, 1.0, 4.0, 2.0] if i % 2 else None
         if weights is not None and i % 4 == 3:
             weights[[TERMS.index("effort"), TERMS.index("lift")]] *= BEYOND
-        # Just inside the limit, since rounding to float32 may go up.
+        # The plan stays just inside the limit, because rounding to float32 may increase it.
         plan = 0.999 * limit * rng.uniform(-1.0, 1.0, h)
         yield ControlCase(
             window=_as_float32(window),
@@ -104,7 +103,7 @@ def control_cases(
 
 
 def case_speed(program: ControllerProgram, number: int) -> float:
-    """The speed that a case is judged at."""
+    """Return the vehicle's speed in a case."""
     return float(np.float32(SPEEDS[number % len(SPEEDS)])) if program.knows_speed else 1.0
 
 
@@ -115,7 +114,7 @@ def check_parity(
     *,
     tolerance: ParityTolerance | None = None,
 ) -> ParityReport:
-    """Run a serialised ONNX controller against the reference; as `check_lowering`."""
+    """Compare a serialised ONNX controller with the reference; see `check_lowering`."""
     return check_lowering(program, OnnxController(model, program.sizes), "ONNX graph", windows, tolerance=tolerance)
 
 
@@ -127,11 +126,11 @@ def check_lowering(
     *,
     tolerance: ParityTolerance | None = None,
 ) -> ParityReport:
-    """Run a lowering against the reference. Raises ExportError if a difference is above its tolerance or not a number;
-    the message names it.
+    """Compare a lowering with the reference. Raises ExportError if a difference exceeds its tolerance or is not a
+    number; the message states it.
 
     Args:
-        program: what it should compute; for int8 weights, the one that the integers stand for.
+        program: the program that the lowering should compute; for int8 weights, the program with dequantised weights.
         windows: recorded windows (L, S+1), one case each.
     """
     tolerance = ParityTolerance() if tolerance is None else tolerance
@@ -153,7 +152,7 @@ def check_lowering(
         ("force", force, tolerance.force),
         ("cost", cost, tolerance.cost),
     ):
-        # Written so that a NaN fails.
+        # The comparison is written so that NaN fails too.
         if not difference <= allowed:
             raise ExportError(
                 f"{name} and reference differ by {difference:.2g} in {figure}, at most {allowed:.2g} is allowed"

@@ -1,7 +1,7 @@
-"""What int8 weights cost the controller: the difference in actions, and the cost of acting on them.
+"""The effect of int8 weights on the controller: the difference in actions, and the cost of these actions.
 
-Bits do not matter here, behaviour does: both programs answer the same windows from the same warm start, and
-the quantised one's plan is priced by the float one's model.
+The gate compares behaviour, not bits: both programs get the same windows and warm starts, and the model of the float
+program computes the cost of the quantised program's plan.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -21,13 +21,13 @@ from export.reference.mpc import control_step, evaluate, starting_plan
 
 @dataclass(frozen=True, kw_only=True)
 class QuantisationLimits:
-    """What is accepted.
+    """The limits of the gate.
 
     Attributes:
-        rms_action_error: on the commanded action a_t, in U_inf W. One step moves an action by up to about
-            iterations * lr (5e-3 at the paper's setting); the default is a fifth of that. The largest error is
-            reported but not limited: Adam follows the sign of a gradient, and wherever that is close to zero
-            the two programs may step apart at next to no cost.
+        rms_action_error: of the commanded action a_t, in U_inf W. One step moves an action by up to about iterations *
+            lr (5e-3 with the paper's settings); the default is a fifth of that. The largest error is reported but has
+            no limit: Adam follows the sign of a gradient, and where the gradient is close to zero the two programs may
+            move in opposite directions at nearly no cost.
         max_cost_gap: on J, in units of Cd.
     """
 
@@ -37,13 +37,13 @@ class QuantisationLimits:
 
 @dataclass(frozen=True, kw_only=True)
 class QuantisationReport:
-    """Differences of the quantised from the float program over `cases` control steps.
+    """The differences between the quantised and the float program over `cases` control steps.
 
     Attributes:
         max_action_error, rms_action_error: of the commanded action a_t, in U_inf W.
         max_plan_error: of any action of a plan.
-        max_cost_gap, mean_cost_gap: J(quantised plan) - J(float plan), both under the float program and its own
-            weights; positive where the quantised plan is worse.
+        max_cost_gap, mean_cost_gap: J(quantised plan) - J(float plan), both by the float program with its own weights;
+            positive if the quantised plan is worse.
     """
 
     cases: int
@@ -55,13 +55,13 @@ class QuantisationReport:
 
 
 Answer = Callable[[Array, Array, Array, Array | None, float, float | None], ControlStep]
-"""`Controller.control_step`."""
+"""A function with the arguments and the result of `Controller.control_step`."""
 
 
 def exact_answers(program: ControllerProgram, windows: Iterable[Array]) -> list[ControlStep]:
-    """The float program's answers to consecutive windows (L, S+1), each plan the warm start of the next.
+    """Compute the float program's control steps for consecutive windows (L, S+1); a plan is the next step's warm start.
 
-    Where the program depends on them, windows are answered at several speeds and for several goals in turn.
+    Speeds and goals vary from window to window if the program depends on them.
     """
     plan, free = np.zeros(program.mpc.horizon), np.ones(program.mpc.horizon)
     found = []
@@ -74,8 +74,8 @@ def exact_answers(program: ControllerProgram, windows: Iterable[Array]) -> list[
 def compare_answers(
     program: ControllerProgram, answer: Answer, windows: Sequence[Array], exact_steps: Sequence[ControlStep]
 ) -> QuantisationReport:
-    """Answer the windows of `exact_answers` with another lowering; the float plan is the warm start of both. Raises
-    ExportError if there are no windows."""
+    """Compute the control steps of `exact_answers` with another lowering; both start from the float program's plan.
+    Raises ExportError if there are no windows."""
     h = program.mpc.horizon
     plan, free = np.zeros(h), np.ones(h)
     weights = np.array(program.mpc.weights.as_tuple())
@@ -102,7 +102,8 @@ def compare_answers(
 
 
 def _asked(program: ControllerProgram, number: int) -> tuple[Array | None, float, float | None]:
-    """Weights, speed and limit: the program's own, or every second time those in the middle of what a prior knows."""
+    """Return weights, speed and limit of a window. Weights and limit are the program's, and for every second window of
+    a program with a prior the middle of the prior's range."""
     speed, own = case_speed(program, number), program.mpc.weights
     if program.prior is None or number % 2 == 0:
         return None, speed, None
@@ -113,10 +114,10 @@ def _asked(program: ControllerProgram, number: int) -> tuple[Array | None, float
 
 
 def check_quantisation(report: QuantisationReport, limits: QuantisationLimits, *, name: str = "int8 weights") -> None:
-    """Raise ExportError, naming what was compared and the figure, if the report exceeds a limit."""
+    """Raise ExportError, with the compared lowering and the figure, if the report exceeds a limit."""
     for figure in ("rms_action_error", "max_cost_gap"):
         found, allowed = getattr(report, figure), getattr(limits, figure)
-        # Written so that a NaN fails.
+        # The comparison is written so that NaN fails too.
         if not found <= allowed:
             raise ExportError(
                 f"{name}: {figure} is {found:.2g}, at most {allowed:.2g} is allowed; "

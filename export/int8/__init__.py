@@ -1,1 +1,1 @@
-"""Weights as integers: how they are rounded, and what they are calibrated on."""
+"""Weights as integers: their rounding and its calibration."""

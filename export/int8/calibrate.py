@@ -1,7 +1,6 @@
-"""Rounding in view of recorded windows: every matrix with error feedback on the inputs that its own layer meets on them
-(`error_feedback`, `layer_inputs`).
+"""Rounding of matrices with error feedback on each layer's recorded inputs (`quantise_on`, `layer_inputs`).
 
-Correcting biases by the mean of what is left was tried and dropped: it gains nothing after that.
+Correcting biases by the mean of the remaining error was tried and dropped: after error feedback it gains nothing.
 """
 
 from collections.abc import Sequence
@@ -15,24 +14,24 @@ from export.int8.rounded_program import QMAX, Int8Matrix, RoundedProgram, quanti
 from export.program.controller_program import ControllerProgram
 
 DAMPING: Final = 0.01
-"""Share of H's mean diagonal that is added to it: directions that the inputs never take must not be given away."""
+"""Share of H's mean diagonal that is added to H, so that errors in directions without inputs also count."""
 
 
 def quantise_on(weight: Array, inputs: Array) -> Int8Matrix:
-    """The Int8Matrix of a matrix (outputs, m) whose products with inputs (n, m) are close to its own.
+    """Return the Int8Matrix whose products with inputs (n, m) are close to those of a matrix (outputs, m).
 
-    Nearest rounding makes the least of every weight's error. What counts is |(W - W_q) X|^2, and inputs are correlated:
-    what one column's rounding does to an output can be taken back by the columns still to come. With H = X^T X / n +
+    Nearest rounding minimises the error of each weight alone. But the error that counts is |(W - W_q) X|^2, and inputs
+    are correlated: later columns can compensate the effect of one column's rounding on an output. With H = X^T X / n +
     damping, and U the upper Cholesky factor of its inverse, H^-1 = U^T U, rounding column j by e changes every later
-    column k by -e U_jk / U_jj: the best that they can do (optimal brain surgeon; Frantar et al., "GPTQ", ICLR 2023).
+    column k by -e U_jk / U_jj, the best compensation (optimal brain surgeon; Frantar et al., "GPTQ", ICLR 2023).
 
-    The scales are `quantise_matrix`'s, and the largest weight of a row, which sets its scale, keeps its integer:
-    rounding the result again changes no integer.
+    The scales are those of `quantise_matrix`. A row's largest weight, which sets its scale, keeps its integer,
+    so rounding the result again changes no integer.
     """
     nearest = quantise_matrix(weight)
     scales = nearest.scales.astype(np.float64)
     covariance = inputs.T @ inputs / len(inputs)
-    # Inputs that are all zero call for no rounding in particular.
+    # If all inputs are zero, any positive damping is right.
     damping = DAMPING * covariance.trace() / len(covariance) or 1.0
     inverse = np.linalg.inv(covariance + damping * np.eye(len(covariance)))
     upper = np.linalg.cholesky(inverse).T
@@ -49,7 +48,7 @@ def quantise_on(weight: Array, inputs: Array) -> Int8Matrix:
 
 
 def rounded_on(program: ControllerProgram, windows: Sequence[Array]) -> RoundedProgram:
-    """The program rounded on recorded windows (L, S+1); raises ExportError if there are none."""
+    """Round a program on recorded windows (L, S+1); raises ExportError if there are none."""
     inputs = _by_matrix(layer_inputs(program, windows))
     return RoundedProgram.of(program, lambda name, weight: quantise_on(weight, inputs[name]))
 

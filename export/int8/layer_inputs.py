@@ -1,10 +1,10 @@
-"""The inputs of every layer of the controller on recorded windows: the data that int8 rounding is calibrated on.
+"""The inputs of every layer of the controller on recorded windows: the data for the calibration of int8 rounding.
 
-The encoder runs over the windows. Dynamics and decoder run over roll-outs from every window's latent state under a few
-plans: zero, full amplitude either way, random ones, and random ones that wander as an optimised plan does.
+The encoder runs over the windows. Dynamics and decoder run over roll-outs from every window's latent state with a few
+plans: zero, full amplitude in either direction, random plans, and random walks that resemble an optimised plan.
 
-How large the activations get is what the integer steps of an int8 lowering stand for: ranges are largest magnitudes
-over these inputs. A lowering adds a margin and saturates beyond it.
+The integer scales of an int8 lowering's activations follow from their ranges: the largest magnitudes over these inputs.
+A lowering adds a margin and saturates beyond it.
 """
 
 from collections.abc import Sequence
@@ -24,21 +24,21 @@ from export.reference.prior import filtered_sums, past_of
 _RANDOM: Final = 2
 _WANDERING: Final = 2
 _STRIDE: Final = 0.25
-"""Deviation of a wandering plan's steps, as a share of the action limit."""
+"""Standard deviation of a random walk's steps, as a share of the action limit."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LayerInputs:
-    """Inputs by layer, one a row; those of dynamics and decoder over all steps of all roll-outs.
+    """The inputs by layer, one per row; those of dynamics and decoder over all steps of all roll-outs.
 
     Attributes:
-        row, recurrent: scaled rows of the windows, and the LSTM's output before each.
-        head, latent: of the encoder's linear layers: after the norm, and after the ELU.
-        state: of the dynamics, [z, a / action_std]; its further layers' are `hidden1` and `hidden2`, after the ELUs.
-        z: of the decoder.
-        blocks: of its blocks; `elus` are the outputs of their ELUs.
-        forces: of its last layer.
-        prior, sums: of the prior: filtered rows of the past, and filtered sums; empty of a program without one.
+        row, recurrent: scaled rows of the windows, and the LSTM's output before each row.
+        head, latent: inputs of the encoder's linear layers: after the norm, and after the ELU.
+        state: input of the dynamics, [z, a / action_std]; `hidden1` and `hidden2` are the inputs of its further layers.
+        z: input of the decoder.
+        blocks: inputs of the decoder's blocks; `elus` are the outputs of their ELUs.
+        forces: input of the decoder's last layer.
+        prior, sums: inputs of the prior: filtered rows of the past, and filtered sums; empty without a prior.
     """
 
     row: Array
@@ -62,7 +62,7 @@ def layer_inputs(program: ControllerProgram, windows: Sequence[Array]) -> LayerI
         raise ExportError("int8 calibration: no windows to measure activations on")
     encoder = encoder_layers(program, np.array(windows))
     plans = _plans(program, np.random.default_rng(0))
-    # Every latent state under every plan; the rows of a step are together.
+    # Every latent state is combined with every plan; the rows of a step are together.
     z = np.repeat(linear(program.encoder.output, encoder.latent), len(plans), axis=0)
     actions = np.tile(plans, (len(windows), 1))
     latents = np.moveaxis(rollout(program, z, actions), 1, 0)
@@ -112,16 +112,16 @@ def _rows(values: Array) -> Array:
 
 @dataclass(frozen=True, kw_only=True)
 class ActivationRanges:
-    """Largest magnitudes.
+    """The largest magnitudes of the layers' inputs.
 
     Attributes:
         row: a scaled row of the window.
         head: input of the encoder's first linear layer, after the norm.
-        latent: input of its second one, after the ELU.
-        state: the dynamics' input, [z, a / action_std], and the decoder's.
+        latent: input of the encoder's second linear layer, after the ELU.
+        state: input of the dynamics, [z, a / action_std], and of the decoder.
         hidden1, hidden2: outputs of the dynamics' ELUs.
         blocks: inputs of the decoder's blocks.
-        elus: outputs of their ELUs.
+        elus: outputs of the blocks' ELUs.
         forces: input of the decoder's output layer.
     """
 

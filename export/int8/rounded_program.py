@@ -1,9 +1,9 @@
-"""A program whose matrices are integers: made once, so that every int8 lowering computes the same one.
+"""A program whose matrices are integers. It is built once, so that all int8 lowerings use equal integers.
 
-ONNX and C take the integers and the scales from here, the reference takes the program that they stand for, and the
-hash in manifest and C header is that program's.
+ONNX and C take the integers and the scales from here, and the reference takes the program with the dequantised
+weights. The hash in manifest and C header is that of the dequantised program.
 
-Weights are symmetric int8 with one scale per output row; biases, norms and arithmetic stay float. W[r, c] ~ scale[r]
+Weights are symmetric int8 with one scale per output row; biases, norms and arithmetic remain float. W[r, c] ~ scale[r]
 q[r, c] with q in -127 .. 127 and scale[r] = max_c |W[r, c]| / 127, so that the error of a weight is at most scale / 2
 (half a step). This quarters the file; on x86 it does not shorten the step. The sensor estimator's matrices are rounded
 to nearest in the same way.
@@ -28,37 +28,37 @@ QMAX: Final = 127
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Int8Matrix:
-    """values (outputs, inputs) int8 and one positive scale per output, float32."""
+    """A matrix as values (outputs, inputs) in int8 and one positive scale per output, float32."""
 
     values: npt.NDArray[np.int8]
     scales: npt.NDArray[np.float32]
 
     def dequantised(self) -> npt.NDArray[np.float32]:
-        """scale[r] q[r, c], rounded to float32 as ONNX's DequantizeLinear does."""
+        """Return scale[r] q[r, c], rounded to float32 as ONNX's DequantizeLinear does."""
         return self.values.astype(np.float32) * self.scales[:, None]
 
 
 def quantise_matrix(weight: Array) -> Int8Matrix:
-    """The nearest Int8Matrix of a matrix (outputs, inputs)."""
+    """Return the nearest Int8Matrix of a matrix (outputs, inputs)."""
     scales = row_scales(weight)
     steps = np.rint(weight / scales[:, None].astype(np.float64))
     return Int8Matrix(values=np.clip(steps, -QMAX, QMAX).astype(np.int8), scales=scales)
 
 
 def row_scales(weight: Array) -> npt.NDArray[np.float32]:
-    """The scale of every row: its largest magnitude over 127; a row of zeros takes 1."""
+    """Return the scale of every row: its largest magnitude over 127; 1 for a row of zeros."""
     largest = np.abs(weight).max(axis=1)
-    # The floor keeps the scale a normal float32: below it, a row's products vanish in float32 anyway.
+    # The lower bound keeps the scale a normal float32; with a smaller scale, a row's products vanish in float32 anyway.
     return np.where(largest > 0, np.maximum(largest / QMAX, np.finfo(np.float32).tiny), 1.0).astype(np.float32)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RoundedProgram:
-    """Int8 weights, all else as it was.
+    """A program with int8 weights; all other parts are unchanged.
 
     Attributes:
         source: the program before rounding.
-        program: the one that the integers stand for; what the reference computes in its place.
+        program: the program with the dequantised weights, which the reference computes.
         matrices: integers and scales of every matrix, by the names of `export.program.controller_program`.
     """
 
@@ -68,15 +68,16 @@ class RoundedProgram:
 
     @classmethod
     def of(cls, source: ControllerProgram, rounding: Callable[[str, Array], Int8Matrix]) -> "RoundedProgram":
-        """Round every matrix by its name and itself; raises ExportError for one that float32 cannot hold."""
+        """Round every matrix with `rounding(name, matrix)`; raises ExportError for a matrix that float32 cannot
+        hold."""
         stored: dict[str, Int8Matrix] = {}
 
         def change(name: str, weight: Array) -> Array:
             as_float32(weight, name)  # for its refusal: the scales are float32
             rounded = rounding(name, weight)
             dequantised = rounded.dequantised().astype(np.float64)
-            # A lowering's scale is the largest float32 weight over 127. In one row of 128 that is the neighbour of the
-            # scale which the weight was rounded with, a float32 ulp away.
+            # A lowering's scale is the largest float32 weight over 127. In one row of 128 it differs by one float32 ulp
+            # from the scale with which the weight was rounded.
             stored[name] = Int8Matrix(values=rounded.values, scales=row_scales(dequantised))
             return dequantised
 
@@ -85,30 +86,30 @@ class RoundedProgram:
 
 
 Program = ControllerProgram | RoundedProgram
-"""What can be lowered; its type is its precision."""
+"""A program that can be lowered; its type determines the precision of the weights."""
 
 
 def effective(program: Program) -> ControllerProgram:
-    """What a lowering of it computes, as the reference takes it."""
+    """Return the program that a lowering computes, for the reference."""
     return program.program if isinstance(program, RoundedProgram) else program
 
 
 def precision_of(program: Program) -> WeightPrecision:
-    """Its name in manifests and headers."""
+    """Return the name of the precision in manifests and headers."""
     return "int8" if isinstance(program, RoundedProgram) else "float32"
 
 
 def rounded_to_nearest(program: ControllerProgram) -> RoundedProgram:
-    """Every weight by itself."""
+    """Round every weight to the nearest integer."""
     return RoundedProgram.of(program, lambda _, weight: quantise_matrix(weight))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RoundedEstimator:
-    """What a bundle holds.
+    """The sensor estimator of a bundle, with rounded weights.
 
     Attributes:
-        network: with the weights that the integers stand for.
+        network: the network with the dequantised weights.
         matrices: the integers of each layer.
     """
 
@@ -117,7 +118,7 @@ class RoundedEstimator:
 
 
 def rounded_estimator(network: EstimatorNetwork) -> RoundedEstimator:
-    """A network's; of one that is rounded already the integers stay."""
+    """Round a network to nearest; a network that is already rounded keeps its integers."""
     matrices = [quantise_matrix(weight) for weight, _ in network.layers]
     layers = [
         (matrix.dequantised().astype(float), bias) for matrix, (_, bias) in zip(matrices, network.layers, strict=True)

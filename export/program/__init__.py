@@ -1,1 +1,1 @@
-"""The controller program: weights, scaling and MPC settings as arrays, and where they come from."""
+"""The controller program: weights, scaling and MPC settings as arrays, and their sources."""

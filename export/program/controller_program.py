@@ -1,9 +1,9 @@
-"""The controller as data: everything that a lowering needs to know, and nothing else.
+"""The controller as data: everything that a lowering needs, and nothing else.
 
-Its weight matrices have names: what rounding replaces, and what a lowering stores. They are those of the tensors:
-`lstm.weight_input`, `dynamics.hidden.weight`, `decoder.blocks.0.linear.weight`. Of the prior, which is small, these are
-the matrices on filtered rows: `prior.first` (5 n, F (p + 1)), a row for each schedule of each unit, and `prior.sums`
-(n, F p). One hash names a program in every lowering.
+Its weight matrices have names, by which rounding replaces and a lowering stores them. The names are those of the
+tensors: `lstm.weight_input`, `dynamics.hidden.weight`, `decoder.blocks.0.linear.weight`. Of the small prior, only the
+matrices on filtered rows are among them: `prior.first` (5 n, F (p + 1)), one row per schedule variable and unit, and
+`prior.sums` (n, F p). One hash identifies a program in every lowering.
 """
 
 import hashlib
@@ -25,9 +25,9 @@ from export.program.weights import DecoderWeights, DynamicsWeights, EncoderWeigh
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ControllerProgram:
-    """Encoder, latent dynamics, force decoder and the optimiser's settings.
+    """The encoder, the latent dynamics, the force decoder and the optimiser's settings.
 
-    A program that exists is consistent: the gates below ran when it was built.
+    Every program is consistent, because the constructor checks it.
 
     Attributes:
         encoder, dynamics, decoder: the networks (paper, table 1).
@@ -35,8 +35,8 @@ class ControllerProgram:
         mpc: horizon H, iterations, learning rate, default cost weights.
         action_limit: bound on |a|, in U_inf W.
         sensors: names in the order of the window's columns.
-        encoder_rows: how many of the window's newest rows the encoder reads.
-        prior: where the plan comes from that the optimiser starts at; None takes the previous one.
+        encoder_rows: number of the window's newest rows that the encoder reads.
+        prior: computes the plan from which the optimiser starts; if None, the optimiser starts from the previous plan.
     """
 
     encoder: EncoderWeights
@@ -85,9 +85,9 @@ class ControllerProgram:
         encoder_rows: int,
         prior: StateDict | None = None,
     ) -> "ControllerProgram":
-        """Build a program from the tensors of the trained networks, named as in their state dicts. Raises ExportError
-        if a tensor is missing, unknown, not finite or of the wrong shape, or the parts do not fit each other; the
-        message names it."""
+        """Build a program from the tensors of the trained networks, named as in their state dicts. Raises ExportError,
+        with the tensor or part, if a tensor is missing, unknown, not finite or of the wrong shape, or if parts are
+        inconsistent."""
         return cls(
             encoder=EncoderWeights.from_state(encoder),
             dynamics=DynamicsWeights.from_state(dynamics),
@@ -102,12 +102,12 @@ class ControllerProgram:
 
     @property
     def window(self) -> int:
-        """L, control steps of history: what the encoder or the prior reads, whichever is longer."""
+        """L, control steps of history: the rows that the encoder or the prior reads, whichever are more."""
         return max(self.encoder_rows, 0 if self.prior is None else self.prior.memory)
 
     @property
     def knows_speed(self) -> bool:
-        """Whether the vehicle's speed changes a plan."""
+        """Whether plans depend on the vehicle's speed."""
         return self.prior is not None and self.prior.knows_speed
 
     @property
@@ -147,10 +147,9 @@ def _check_scaling(scaling: Scaling, sensors: int) -> None:
 
 
 def program_of(model: ModelFolder, mpc: MpcConfig) -> ControllerProgram:
-    """The controller of a trained model with these optimiser settings; raises ExportError if the weights do not fit.
+    """Return a trained model's controller with these optimiser settings; raises ExportError for inconsistent weights.
 
-    The slim encoder is the program's, and so are slim dynamics and decoder where the model holds them; the teacher on
-    all sensors stays behind.
+    The program has the slim encoder, and slim dynamics and decoder if the model has them, but not the teacher.
     """
     about = model.description
     return ControllerProgram.from_state(
@@ -167,7 +166,7 @@ def program_of(model: ModelFolder, mpc: MpcConfig) -> ControllerProgram:
 
 
 def matrices(program: ControllerProgram) -> dict[str, Array]:
-    """Every matrix, (outputs, inputs), by its name."""
+    """Return every matrix, (outputs, inputs), by its name."""
     found: dict[str, Array] = {}
 
     def keep(name: str, weight: Array) -> Array:
@@ -179,7 +178,7 @@ def matrices(program: ControllerProgram) -> dict[str, Array]:
 
 
 def map_matrices(program: ControllerProgram, change: Callable[[str, Array], Array]) -> ControllerProgram:
-    """The program with every matrix replaced by what `change` makes of its name and itself; all else stays."""
+    """Return the program with every matrix replaced by `change(name, matrix)`; all other parts are unchanged."""
 
     def linear(name: str, layer: Linear) -> Linear:
         return replace(layer, weight=change(f"{name}.weight", layer.weight))
@@ -217,7 +216,7 @@ def map_matrices(program: ControllerProgram, change: Callable[[str, Array], Arra
 
 
 def program_sha256(program: ControllerProgram) -> str:
-    """SHA-256, in hex, over every weight as a little-endian float64 with its name, and every setting."""
+    """Return the SHA-256, in hex, over every weight as a little-endian float64 with its name, and every setting."""
     digest = hashlib.sha256()
     parts = ("scaling", "mpc", "encoder", "dynamics", "decoder")
     settings: dict[str, Any] = {name: asdict(getattr(program, name)) for name in parts}

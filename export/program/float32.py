@@ -1,4 +1,4 @@
-"""Rounding to float32, which is what every lowering but the reference computes in."""
+"""Rounding to float32, the precision of every lowering except the reference."""
 
 import numpy as np
 import numpy.typing as npt
@@ -7,7 +7,7 @@ from contract.errors import ExportError
 
 
 def as_float32(values: npt.ArrayLike, name: str) -> npt.NDArray[np.float32]:
-    """The values rounded to float32; raises ExportError, with the name, if one has no finite float32."""
+    """Round values to float32; raises ExportError, with the name, if a value has no finite float32."""
     with np.errstate(over="ignore"):
         array = np.asarray(values, dtype=np.float64).astype(np.float32)
     if not np.isfinite(array).all():
@@ -16,6 +16,6 @@ def as_float32(values: npt.ArrayLike, name: str) -> npt.NDArray[np.float32]:
 
 
 def float32_within(limit: float) -> float:
-    """The largest float32 that is not above the limit: rounding must not let an action out of bounds."""
+    """Return the largest float32 that is not above the limit, so that rounding moves no action out of bounds."""
     rounded = np.float32(limit)
     return float(np.nextafter(rounded, np.float32(0.0)) if float(rounded) > limit else rounded)

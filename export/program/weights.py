@@ -1,7 +1,7 @@
-"""Weights of the three networks as float64 arrays (paper, table 1), and the gate they pass to get in.
+"""The weights of the three networks as float64 arrays (paper, table 1), and the checks when they are read.
 
-Matrices are (outputs, inputs), as PyTorch stores them. Widths, window and number of decoder blocks are read
-off the arrays; the gate refuses arrays that do not fit each other.
+Matrices are (outputs, inputs), as PyTorch stores them. Widths, window and number of decoder blocks follow from the
+arrays' shapes; the checks refuse inconsistent arrays.
 """
 
 from collections.abc import Mapping
@@ -20,12 +20,12 @@ StateDict = Mapping[str, npt.NDArray[Any]]
 """Tensors by name, as in a PyTorch state dict."""
 
 LAYER_NORM_EPSILON: Final = 1e-5
-"""Added to the variance in every layer norm; PyTorch's default."""
+"""Number added to the variance in every layer norm; PyTorch's default."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Linear:
-    """y = W x + b; W (outputs, inputs), b (outputs,)."""
+    """A linear layer y = W x + b; W (outputs, inputs), b (outputs,)."""
 
     weight: Array
     bias: Array
@@ -33,7 +33,7 @@ class Linear:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Norm:
-    """Gain and offset of a layer norm, both (width,)."""
+    """The gain and offset of a layer norm, both (width,)."""
 
     weight: Array
     bias: Array
@@ -41,7 +41,7 @@ class Norm:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Lstm:
-    """Gates stacked in PyTorch's order i, f, g, o: weight_input (4h, S+1), weight_recurrent (4h, h), biases (4h,)."""
+    """An LSTM, gates in PyTorch's order i, f, g, o: weight_input (4h, S+1), weight_recurrent (4h, h), biases (4h,)."""
 
     weight_input: Array
     weight_recurrent: Array
@@ -56,7 +56,7 @@ class Lstm:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class EncoderWeights:
-    """LSTM, layer norm of its last hidden state, then two linear layers with an ELU between them."""
+    """An LSTM, a layer norm of its last hidden state, then two linear layers with an ELU between them."""
 
     lstm: Lstm
     norm: Norm
@@ -65,7 +65,7 @@ class EncoderWeights:
 
     @classmethod
     def from_state(cls, state: StateDict) -> "EncoderWeights":
-        """Read a state dict; raises ExportError naming the tensor that is missing, unknown or does not fit."""
+        """Read a state dict; raises ExportError with the tensor that is missing, unknown or of the wrong shape."""
         tensors = _Tensors("encoder", state)
         width = tensors.size("lstm.weight_hh_l0", axis=1)
         inputs = tensors.size("lstm.weight_ih_l0", axis=1)
@@ -97,7 +97,8 @@ class EncoderWeights:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DynamicsWeights:
-    """f(z, a): three linear layers, layer norm and ELU after the first two. The input is [z, a / action_std]."""
+    """The dynamics f(z, a): three linear layers, layer norm and ELU after the first two. Input is [z, a /
+    action_std]."""
 
     input: Linear
     norm_in: Norm
@@ -107,7 +108,7 @@ class DynamicsWeights:
 
     @classmethod
     def from_state(cls, state: StateDict) -> "DynamicsWeights":
-        """Read a state dict; raises ExportError naming the tensor that is missing, unknown or does not fit."""
+        """Read a state dict; raises ExportError with the tensor that is missing, unknown or of the wrong shape."""
         tensors = _Tensors("dynamics", state)
         latent = tensors.size("output.weight", axis=0)
         first = tensors.size("input.weight", axis=0)
@@ -129,7 +130,7 @@ class DynamicsWeights:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ResidualWeights:
-    """x + ELU(LayerNorm(W x + b)); dropout is inactive at inference."""
+    """A residual block x + ELU(LayerNorm(W x + b)); dropout is inactive at inference."""
 
     linear: Linear
     norm: Norm
@@ -137,7 +138,7 @@ class ResidualWeights:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DecoderWeights:
-    """Linear, residual blocks, linear to the scaled forces."""
+    """A linear layer, residual blocks, and a linear layer to the scaled forces."""
 
     input: Linear
     blocks: tuple[ResidualWeights, ...]
@@ -145,7 +146,7 @@ class DecoderWeights:
 
     @classmethod
     def from_state(cls, state: StateDict) -> "DecoderWeights":
-        """Read a state dict; raises ExportError naming the tensor that is missing, unknown or does not fit."""
+        """Read a state dict; raises ExportError with the tensor that is missing, unknown or of the wrong shape."""
         tensors = _Tensors("decoder", state)
         width = tensors.size("input.weight", axis=0)
         latent = tensors.size("input.weight", axis=1)
@@ -171,18 +172,18 @@ class DecoderWeights:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PriorWeights:
-    """The prior of the plan (`export.reference.prior`): a feedback on M past rows, and what predicts the next row.
+    """The prior of the plan (`export.reference.prior`): a feedback on M past rows, and a predictor of the next row.
 
     A row is (y, a): the differences of the sensors' pairs in Cp, first minus second, and the action in U_inf W. No
-    layer of rows has a bias, so a mirrored wake gets the mirrored plan where the pairs are mirror images.
+    layer on rows has a bias, so if the pairs are mirror images, a mirrored wake gets the mirrored plan.
 
     Attributes:
         filters: (M, F) weights of the rows, oldest first; units read the F filtered rows.
-        first: (5, n, F, p + 1), a unit's weights on them for each of `contract.controller.goal.SCHEDULED`.
-        gate: (n, 5), the same of its gate.
+        first: (5, n, F, p + 1), a unit's weights on the filtered rows for each of `contract.controller.goal.SCHEDULED`.
+        gate: (n, 5), the weights of a unit's gate for each of `SCHEDULED`.
         sums: (n, F, p), the gate's weights on the filtered sums of the pairs in Cp.
-        output: (n,), of the gated units.
-        predictor: (p, M, p + 1), the next differences from the past that ends with the present row.
+        output: (n,), weights of the gated units.
+        predictor: (p, M, p + 1), weights that predict the next differences from the past up to the present row.
     """
 
     filters: Array
@@ -194,10 +195,10 @@ class PriorWeights:
 
     @classmethod
     def from_state(cls, state: StateDict) -> "PriorWeights":
-        """Read a state dict; raises ExportError naming the tensor that is missing, unknown or does not fit.
+        """Read a state dict; raises ExportError with the tensor that is missing, unknown or of the wrong shape.
 
-        A model of 1.0.0 knows the speed at most: it has "slope", what "first" (n, F, p + 1) gains for each design speed
-        that the vehicle is faster, or "hidden" (n, M, p + 1) in place of filters and both.
+        A model of version 1.0.0 depends on the speed at most. It has "slope", the change of "first" (n, F, p + 1) per
+        design speed that the vehicle is faster; or it has "hidden" (n, M, p + 1) in place of filters, first and slope.
         """
         tensors, is_dense = _Tensors("prior", state), "hidden" in state
         if is_dense or "slope" in state:
@@ -226,22 +227,22 @@ class PriorWeights:
 
     @property
     def memory(self) -> int:
-        """M, rows of the past."""
+        """M, the number of past rows."""
         return len(self.filters)
 
     @property
     def pairs(self) -> int:
-        """p, differences."""
+        """p, the number of differences."""
         return int(self.first.shape[3]) - 1
 
     @property
     def knows_speed(self) -> bool:
-        """Whether the vehicle's speed changes a plan."""
+        """Whether plans depend on the vehicle's speed."""
         return self._knows("speed")
 
     @property
     def knows_goal(self) -> bool:
-        """Whether weights on effort and lift change a plan."""
+        """Whether plans depend on the weights on effort and lift."""
         return self._knows("effort", "lift")
 
     def _knows(self, *names: str) -> bool:
@@ -250,7 +251,7 @@ class PriorWeights:
 
 
 class _Tensors:
-    """Hands out the tensors of one network once each, checked, and remembers what is left."""
+    """A reader that returns each tensor of a network once, checked, and records the unread tensors."""
 
     def __init__(self, network: str, state: StateDict) -> None:
         self._network = network

@@ -1,4 +1,4 @@
-"""Windows of a controller, out of a recording or drawn at random: for gates, calibration and benchmarks."""
+"""Windows of a controller, from a recording or random, for gates, calibration and benchmarks."""
 
 import numpy as np
 
@@ -13,10 +13,10 @@ from export.program.controller_program import ControllerProgram
 def recorded_windows(
     program: ControllerProgram, episode: Episode, count: int, layout: SensorLayout = TRUCK
 ) -> list[Array]:
-    """The episode's last `count` windows (L, S+1), consecutive ones, with rows (Cp_k, a_{k-1}).
+    """Return the episode's last `count` consecutive windows (L, S+1), with rows (Cp_k, a_{k-1}).
 
-    The last ones, because a recording's start is a transient. Raises ConfigError if the program has a sensor that the
-    layout has not; ExportError if the episode is too short.
+    The last windows are used because a recording begins with a transient. Raises ConfigError if the layout lacks a
+    sensor of the program; ExportError if the episode is too short.
     """
     needed = program.window + count - 1
     if count < 1 or len(episode) < needed:
@@ -26,9 +26,9 @@ def recorded_windows(
 
 
 def random_window(program: ControllerProgram, rng: np.random.Generator) -> Array:
-    """A window (L, S+1) with the roughness of recorded ones: each column a few slow random sines.
+    """Return a window (L, S+1) as rough as recorded windows: each column is a few slow random sines.
 
-    Pressures have the mean and spread of the program's scaling, actions stay within its limit.
+    Pressures have the mean and spread of the program's scaling; actions are within its limit.
     """
     columns = len(program.sensors) + 1
     t = np.arange(program.window)[:, None, None]
@@ -39,6 +39,6 @@ def random_window(program: ControllerProgram, rng: np.random.Generator) -> Array
 
 
 def random_windows(program: ControllerProgram, count: int, *, seed: int = 0) -> list[Array]:
-    """So many windows, each by itself: not consecutive ones."""
+    """Return `count` independent random windows, which are not consecutive."""
     rng = np.random.default_rng(seed)
     return [random_window(program, rng) for _ in range(count)]

@@ -29,7 +29,7 @@ from contract.controller.interface import TERMS
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CostGradient:
-    """dJ/dforces (..., H, 2), and dJ/da (..., H) with the forces held fixed."""
+    """The gradients dJ/dforces (..., H, 2), and dJ/da (..., H) with the forces held fixed."""
 
     forces: Array
     plan: Array
@@ -38,7 +38,8 @@ class CostGradient:
 def cost_terms(
     forces: Array, plan: Array, previous_action: Array | float, drag_reference: float, start: Array | None = None
 ) -> Array:
-    """The unweighted terms, shape (..., 8), in the order of `TERMS`; without `start` the plan is where it started."""
+    """Return the unweighted terms, shape (..., 8), in the order of `TERMS`; without `start` the term `prior` is
+    zero."""
     cd, cl = forces[..., 0], forces[..., 1]
     terms = {
         "drag_mean": cd.mean(axis=-1) - drag_reference,
@@ -56,7 +57,7 @@ def cost_terms(
 def cost_gradient(
     forces: Array, plan: Array, previous_action: Array | float, weights: Array, start: Array | None = None
 ) -> CostGradient:
-    """Gradient of J = weights . terms; `weights` is (8,) in the order of `TERMS`, `start` as of `cost_terms`."""
+    """Return the gradient of J = weights . terms; `weights` is (8,) in `TERMS`' order, `start` as in `cost_terms`."""
     weight = dict(zip(TERMS, weights, strict=True))
     horizon = plan.shape[-1]
     cd, cl = forces[..., 0], forces[..., 1]

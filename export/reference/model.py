@@ -1,11 +1,10 @@
-"""The three networks in NumPy float64 (paper, section 2.2 and table 1), with the adjoints the MPC needs.
+"""The three networks in NumPy float64 (paper, section 2.2 and table 1), with the adjoints for the MPC.
 
-This is the specification that every lowering is tested against. All functions act on the last axes of their arrays,
-whatever axes lead: windows are (..., L, S+1), latent states z (..., n_z), actions a (...,) in U_inf W, and forces
-(..., 2) are the physical (Cd, Cl).
+This is the specification for the tests of every lowering. All functions act on the last axes of their arrays, with any
+leading axes: windows are (..., L, S+1), latent states z (..., n_z), actions a (...,) in U_inf W, and forces (..., 2)
+are the physical (Cd, Cl).
 
-The `*_layers` functions return what goes into every layer on the way to an output. An adjoint needs it, and so does
-int8 calibration.
+The `*_layers` functions return the inputs of every layer of a network, for the adjoints and int8 calibration.
 
 Each layer acts on the last axis of an array (..., n). Its adjoint (vector-Jacobian product) takes the layer's input and
 dJ/d(output), and returns dJ/d(input).
@@ -21,34 +20,34 @@ from export.program.weights import LAYER_NORM_EPSILON, Linear, Lstm, Norm
 
 
 def linear(layer: Linear, x: Array) -> Array:
-    """y = W x + b; (..., inputs) -> (..., outputs)."""
+    """Compute y = W x + b; (..., inputs) -> (..., outputs)."""
     return x @ layer.weight.T + layer.bias
 
 
 def linear_adjoint(layer: Linear, dy: Array) -> Array:
-    """dx = W^T dy; (..., outputs) -> (..., inputs)."""
+    """Compute dx = W^T dy; (..., outputs) -> (..., inputs)."""
     return dy @ layer.weight
 
 
 def elu(x: Array) -> Array:
-    """x for x > 0, exp(x) - 1 otherwise."""
-    # The minimum keeps exp of large positive values, which are not used, from overflowing.
+    """Return x for x > 0, exp(x) - 1 otherwise."""
+    # The minimum prevents an overflow of exp for large positive values, which are not used.
     return np.where(x > 0, x, np.expm1(np.minimum(x, 0.0)))
 
 
 def elu_adjoint(x: Array, dy: Array) -> Array:
-    """dx = dy for x > 0, exp(x) dy otherwise."""
+    """Return dx = dy for x > 0, exp(x) dy otherwise."""
     return np.asarray(dy * np.exp(np.minimum(x, 0.0)))
 
 
 def layer_norm(norm: Norm, x: Array) -> Array:
-    """y = g xhat + b with xhat = (x - mean x) / sqrt(var x + 1e-5), the variance over n (not n - 1)."""
+    """Compute y = g xhat + b with xhat = (x - mean x) / sqrt(var x + 1e-5), the variance over n (not n - 1)."""
     normalised, _ = _normalise(x)
     return normalised * norm.weight + norm.bias
 
 
 def layer_norm_adjoint(norm: Norm, x: Array, dy: Array) -> Array:
-    """dx = r (v - mean v - xhat mean(v xhat)) with v = g dy and r = 1 / sqrt(var x + 1e-5)."""
+    """Compute dx = r (v - mean v - xhat mean(v xhat)) with v = g dy and r = 1 / sqrt(var x + 1e-5)."""
     normalised, inverse_std = _normalise(x)
     v = dy * norm.weight
     along = (v * normalised).mean(axis=-1, keepdims=True)
@@ -56,12 +55,12 @@ def layer_norm_adjoint(norm: Norm, x: Array, dy: Array) -> Array:
 
 
 def sigmoid(x: Array) -> Array:
-    """1 / (1 + exp(-x)), without overflow for large |x|."""
+    """Return 1 / (1 + exp(-x)), without overflow for large |x|."""
     return np.asarray(0.5 * (1.0 + np.tanh(0.5 * x)))
 
 
 def _normalise(x: Array) -> tuple[Array, Array]:
-    # The sums of `mean` and `var` without what these spend on a short vector before they add: a third of the time.
+    # These are the sums of `mean` and `var` without NumPy's overhead, two thirds of the time for short vectors.
     n = x.shape[-1]
     centred = x - np.add.reduce(x, axis=-1, keepdims=True) / n
     inverse_std = 1.0 / np.sqrt(np.add.reduce(centred * centred, axis=-1, keepdims=True) / n + LAYER_NORM_EPSILON)
@@ -70,14 +69,14 @@ def _normalise(x: Array) -> tuple[Array, Array]:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class EncoderLayers:
-    """Inside the encoder.
+    """The inputs of the encoder's layers.
 
     Attributes:
         rows: x_k, the scaled rows of the window, (..., L, S+1).
-        recurrent: h before each row, (..., L, width); before the first it is 0.
+        recurrent: h before each row, (..., L, width); before the first row it is 0.
         output: h after the last row, (..., width).
         head: LayerNorm(h), input of the first linear layer.
-        latent: input of the last one, after the ELU.
+        latent: input of the last linear layer, after the ELU.
     """
 
     rows: Array
@@ -89,13 +88,13 @@ class EncoderLayers:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DynamicsLayers:
-    """Inside the dynamics.
+    """The inputs of the dynamics' layers.
 
     Attributes:
         state: [z, a / action_std], (..., n_z + 1).
         product1, product2: W x + b of the first two layers, (..., width).
-        normed1, normed2: LN of these.
-        hidden1, hidden2: ELU of these, inputs of the second and of the third layer.
+        normed1, normed2: layer norms of product1 and product2.
+        hidden1, hidden2: ELUs of normed1 and normed2, inputs of the second and of the third layer.
     """
 
     state: Array
@@ -109,7 +108,8 @@ class DynamicsLayers:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class BlockLayers:
-    """Inside a residual block of the decoder: its input x, W x + b, LN of that, and ELU of that, all (..., width)."""
+    """The values in a residual block of the decoder: input x, W x + b, its layer norm, and its ELU, all (...,
+    width)."""
 
     x: Array
     product: Array
@@ -119,25 +119,25 @@ class BlockLayers:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DecoderLayers:
-    """Inside the decoder: its blocks, and the input of its last layer, (..., width)."""
+    """The decoder's blocks, and the input of its last layer, (..., width)."""
 
     blocks: tuple[BlockLayers, ...]
     forces: Array
 
 
 def encode(program: ControllerProgram, window: Array) -> Array:
-    """z_t = f_enc(S_t).
+    """Compute z_t = f_enc(S_t).
 
     With x_k the scaled row k of the window, an LSTM runs over the L rows from h = c = 0: c = sigmoid(f) c + sigmoid(i)
     tanh(g) and h = sigmoid(o) tanh(c), where (i, f, g, o) = W x_k + U h + b. Then z = W_2 ELU(W_1 LayerNorm(h) + b_1) +
     b_2. Returns the latent state, (..., n_z). `window` is (..., L, S+1), oldest row first; row k is (Cp_k, a_{k-1}),
-    unscaled. The encoder reads its newest `encoder_rows`.
+    unscaled. The encoder reads the newest `encoder_rows` rows.
     """
     return linear(program.encoder.output, encoder_layers(program, window).latent)
 
 
 def encoder_layers(program: ControllerProgram, window: Array) -> EncoderLayers:
-    """The way to z; arguments as of `encode`."""
+    """Return the layers' inputs for z; arguments as for `encode`."""
     weights, scaling = program.encoder, program.scaling
     rows = np.asarray((window[..., -program.encoder_rows :, :] - scaling.window_mean) / scaling.window_std)
     h = _lstm(weights.lstm, rows)
@@ -147,7 +147,7 @@ def encoder_layers(program: ControllerProgram, window: Array) -> EncoderLayers:
 
 
 def step(program: ControllerProgram, z: Array, a: Array) -> Array:
-    """z_{t+1} = z_t + f_dyn(z_t, a_t); (..., n_z), (...,) -> (..., n_z).
+    """Compute z_{t+1} = z_t + f_dyn(z_t, a_t); (..., n_z), (...,) -> (..., n_z).
 
     f_dyn = W_3 ELU(LN(W_2 ELU(LN(W_1 [z, a / action_std] + b_1)) + b_2)) + b_3.
     """
@@ -155,7 +155,7 @@ def step(program: ControllerProgram, z: Array, a: Array) -> Array:
 
 
 def step_adjoint(program: ControllerProgram, z: Array, a: Array, dz_next: Array) -> tuple[Array, Array]:
-    """Adjoint of `step`: dJ/dz_{t+1} -> (dJ/dz_t, dJ/da_t), shapes (..., n_z) -> (..., n_z), (...,)."""
+    """Compute the adjoint of `step`: dJ/dz_{t+1} -> (dJ/dz_t, dJ/da_t), shapes (..., n_z) -> (..., n_z), (...,)."""
     weights, layers = program.dynamics, dynamics_layers(program, z, a)
     d = linear_adjoint(weights.output, dz_next)
     d = layer_norm_adjoint(weights.norm_hidden, layers.product2, elu_adjoint(layers.normed2, d))
@@ -166,7 +166,7 @@ def step_adjoint(program: ControllerProgram, z: Array, a: Array, dz_next: Array)
 
 
 def dynamics_layers(program: ControllerProgram, z: Array, a: Array) -> DynamicsLayers:
-    """The way to z_{t+1}; arguments as of `step`."""
+    """Return the layers' inputs for z_{t+1}; arguments as for `step`."""
     weights = program.dynamics
     state = np.concatenate([z, np.asarray(a)[..., None] / program.scaling.action_std], axis=-1)
     product1 = linear(weights.input, state)
@@ -186,7 +186,7 @@ def dynamics_layers(program: ControllerProgram, z: Array, a: Array) -> DynamicsL
 
 
 def decode(program: ControllerProgram, z: Array) -> Array:
-    """(Cd, Cl) = force_mean + force_std f_dec(z); (..., n_z) -> (..., 2).
+    """Compute (Cd, Cl) = force_mean + force_std f_dec(z); (..., n_z) -> (..., 2).
 
     f_dec: x = W_0 z + b_0, then x <- x + ELU(LN(W_i x + b_i)) for every block, then W_out x + b_out.
     """
@@ -195,7 +195,7 @@ def decode(program: ControllerProgram, z: Array) -> Array:
 
 
 def decode_adjoint(program: ControllerProgram, z: Array, dforces: Array) -> Array:
-    """Adjoint of `decode`: dJ/d(Cd, Cl) (..., 2) -> dJ/dz (..., n_z)."""
+    """Compute the adjoint of `decode`: dJ/d(Cd, Cl) (..., 2) -> dJ/dz (..., n_z)."""
     weights, layers = program.decoder, decoder_layers(program, z)
     d = linear_adjoint(weights.output, dforces * program.scaling.force_std)
     for block, inside in zip(reversed(weights.blocks), reversed(layers.blocks), strict=True):
@@ -205,7 +205,7 @@ def decode_adjoint(program: ControllerProgram, z: Array, dforces: Array) -> Arra
 
 
 def decoder_layers(program: ControllerProgram, z: Array) -> DecoderLayers:
-    """The way to the forces at z (..., n_z)."""
+    """Return the layers' inputs for the forces at z (..., n_z)."""
     x = linear(program.decoder.input, z)
     blocks = []
     for block in program.decoder.blocks:
@@ -217,7 +217,7 @@ def decoder_layers(program: ControllerProgram, z: Array) -> DecoderLayers:
 
 
 def _lstm(lstm: Lstm, rows: Array) -> Array:
-    """h_0 .. h_L, (..., L+1, width), over rows (..., L, S+1)."""
+    """Return h_0 .. h_L, (..., L+1, width), for rows (..., L, S+1)."""
     h = c = np.zeros((*rows.shape[:-2], lstm.width))
     outputs = [h]
     for x in np.moveaxis(rows, -2, 0):

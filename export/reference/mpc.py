@@ -1,12 +1,12 @@
-"""One control step in NumPy float64 (paper, section 2.4): start, predict, adjoint, projected Adam.
+"""One control step in NumPy float64 (paper, section 2.4): start, prediction, adjoint, projected Adam.
 
-The plan is a_t .. a_{t+H-1}. Adam runs a fixed number of iterations from zero moments, so a control step depends on
-the window and the previous plan only, and always takes the same time.
+The plan is a_t .. a_{t+H-1}. Adam runs a fixed number of iterations from zero moments, so a control step depends on the
+window and the previous plan only, and always takes the same time.
 
 `control_step` and `evaluate` take one plan (H,). The other functions take any number of plans at once, (..., H). The
-latent state z (..., n_z), the previous action a_{t-1} (...,) and the mask of free actions (..., H) are each plan's own,
-or one for all. Cost weights are (8,), the program's if None. `start` is the plan that the cost's term `prior` measures
-from; without it that term is zero.
+latent state z (..., n_z), the previous action a_{t-1} (...,) and the mask of free actions (..., H) are given per plan
+or once for all plans. Cost weights are (8,), the program's if None. `start` is the reference plan of the cost's term
+`prior`; without `start` that term is zero.
 """
 
 from collections.abc import Iterable, Iterator
@@ -36,14 +36,14 @@ def control_step(
     speed: float = 1.0,
     limit: float | None = None,
 ) -> ControlStep:
-    """What `controller.onnx` computes; arguments as in `contract.controller.interface`.
+    """Compute the outputs of `controller.onnx`; arguments as in `contract.controller.interface`.
 
-    Where the plan starts at a prior, the optimiser acts on what the prior does not know (`beyond`). Terms and cost are
-    those of the given weights.
+    If the plan starts at a prior, the optimiser uses the part of the cost that the prior does not cover (`beyond`).
+    Terms and cost are those of the given weights.
 
     Args:
         window: (L, S+1) rows (Cp_k, a_{k-1}), oldest first.
-        plan: (H,) the previous step's plan as it came out.
+        plan: (H,) the previous step's output plan.
         free: (H,) 1 where the shifted plan may be changed, 0 where it is committed.
         weights: (8,) cost weights; the program's if None.
         speed: of the vehicle, as a ratio to the design speed.
@@ -70,7 +70,8 @@ def starting_plan(
     speed: float = 1.0,
     limit: float | None = None,
 ) -> Array:
-    """Where the optimiser starts, (H,): the prior's plan, or without a prior the shifted previous one."""
+    """Return the plan from which the optimiser starts, (H,): the prior's, or without a prior the shifted previous
+    plan."""
     shifted = shift(plan)
     if program.prior is None:
         return shifted
@@ -80,12 +81,12 @@ def starting_plan(
 
 
 def shift(plan: Array) -> Array:
-    """The previous plan one step later, its last action repeated."""
+    """Return the previous plan one step later, with its last action repeated."""
     return np.concatenate([plan[..., 1:], plan[..., -1:]], axis=-1)
 
 
 def rollout(program: ControllerProgram, z: Array, plan: Array) -> Array:
-    """z_t .. z_{t+H} under the plan, shape (..., H+1, n_z)."""
+    """Compute z_t .. z_{t+H} with the plan, shape (..., H+1, n_z)."""
     latents = [np.broadcast_to(z, (*plan.shape[:-1], z.shape[-1]))]
     for a in np.moveaxis(plan, -1, 0):
         latents.append(step(program, latents[-1], a))
@@ -93,7 +94,7 @@ def rollout(program: ControllerProgram, z: Array, plan: Array) -> Array:
 
 
 def predict(program: ControllerProgram, z: Array, plan: Array) -> Array:
-    """(Cd, Cl) at t+1 .. t+H under the plan, shape (..., H, 2)."""
+    """Compute (Cd, Cl) at t+1 .. t+H with the plan, shape (..., H, 2)."""
     return decode(program, rollout(program, z, plan)[..., 1:, :])
 
 
@@ -105,7 +106,7 @@ def evaluate(
     weights: Array | None = None,
     start: Array | None = None,
 ) -> ControlStep:
-    """Predicted forces, cost terms and cost of one plan (H,) from latent state z (n_z,)."""
+    """Compute predicted forces, cost terms and cost of one plan (H,) from latent state z (n_z,)."""
     forces = predict(program, z, plan)
     terms = cost_terms(forces, plan, previous_action, program.mpc.drag_reference, start)
     return ControlStep(plan=plan, forces=forces, terms=terms, cost=float(terms @ _weights(program, weights)))
@@ -119,10 +120,10 @@ def gradient(
     weights: Array | None = None,
     start: Array | None = None,
 ) -> Array:
-    """dJ/da_k, shape (..., H), by the discrete adjoint.
+    """Compute dJ/da_k, shape (..., H), by the discrete adjoint.
 
-    With lambda_k = dJ/dz_{t+k} and lambda_H = dJ/dz_{t+H} through the forces alone, backwards in k:
-    (lambda_k, dJ/da_k) = step_adjoint(lambda_{k+1}), each lambda_k taking its own forces' share on top.
+    Let lambda_k = dJ/dz_{t+k}; lambda_H comes from the forces at t+H alone. Backwards in k, (lambda_k, dJ/da_k) =
+    step_adjoint(lambda_{k+1}), and the share of the forces at t+k is added to each lambda_k.
     """
     latents = rollout(program, z, plan)
     forces = decode(program, latents[..., 1:, :])
@@ -147,7 +148,7 @@ def optimise(
     weights: Array | None = None,
     limit: float | None = None,
 ) -> Array:
-    """The program's iterations of `adam` at its learning rate."""
+    """Run the program's iterations of `adam` at its learning rate."""
     rates = [program.mpc.learning_rate] * program.mpc.iterations
     for optimised in adam(program, z, plan, previous_action, rates, free_mask=free_mask, weights=weights, limit=limit):
         plan = optimised
@@ -165,14 +166,14 @@ def adam(
     weights: Array | None = None,
     limit: float | None = None,
 ) -> Iterator[Array]:
-    """Projected Adam on the free actions, from `plan` as its start: yields the plan after each iteration.
+    """Run projected Adam on the free actions, starting from `plan`; yields the plan after each iteration.
 
     For i = 1, 2, ..: m <- b1 m + (1 - b1) g, v <- b2 v + (1 - b2) g^2,
     a <- project(a - lr (m / (1 - b1^i)) / (sqrt(v / (1 - b2^i)) + eps)).
 
     Args:
-        learning_rates: lr of each iteration, for all plans or, (...,), of each.
-        free_mask: 1 where an action may be changed, 0 where it is committed and stays.
+        learning_rates: lr of each iteration, one for all plans or one per plan, (...,).
+        free_mask: 1 where an action may be changed, 0 where it is committed.
         limit: bound on |a|; the program's if None or above it.
     """
     beta1, beta2 = ADAM_BETAS
@@ -191,7 +192,7 @@ def adam(
 
 
 def project(plan: Array, limit: float) -> Array:
-    """The nearest plan with every |a| <= limit."""
+    """Return the nearest plan with every |a| <= limit."""
     return np.clip(plan, -limit, limit)
 
 

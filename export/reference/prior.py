@@ -1,18 +1,18 @@
 """The prior of the plan in NumPy float64: the specification of its lowerings.
 
-A feedback that was trained through the flow (`train.refinement`) is followed over the horizon, on differences that an
-autoregressive model predicts. With rows (y_i, a_i) of the sensors' differences and the action, a past of M rows, and
-the schedule s = (1, (speed - 1) / 0.4, effort, lift, limit) of the present speed and goal (`contract.controller.goal`),
+The plan is the output of a feedback over the horizon. The feedback was trained through the flow (`train.refinement`);
+its inputs in the horizon are differences that an autoregressive model predicts. With rows (y_i, a_i) of the sensors'
+differences and the action, a past of M rows, and the schedule s = (1, (speed - 1) / 0.4, effort, lift, limit) of the
+present speed and goal (`contract.controller.goal`),
 
-    g = 1 + tanh(gate s + sums . filters^T (Cp_first + Cp_second, rows t-M+1 .. t)),
-    a_{t+k} = clip(r A tanh(output . (g tanh((sum_j s_j first_j) . filters^T rows t+k-M .. t+k-1)))),
-    y_{t+k+1} = predictor . rows t+k-M+1 .. t+k,
+    g = 1 + tanh(gate s + sums . filters^T (Cp_first + Cp_second, rows t-M+1 .. t)), a_{t+k} = clip(r A tanh(output . (g
+    tanh((sum_j s_j first_j) . filters^T rows t+k-M .. t+k-1)))), y_{t+k+1} = predictor . rows t+k-M+1 .. t+k,
 
-where A is what the jets can do, r A how far the goal lets them go, the clip the control step's own limit, and an action
-that is committed stands as it is. Schedule and gates are of the present, over the whole horizon: how far the wake is
-from the steady one changes over many shedding cycles. The feedback does not read the row of its own step, because on
-the vehicle the command that is made from the pressures of t acts in period t+1, which is how it was trained. So a plan
-that is made a period ahead needs no prediction; a late actuator, and what the horizon has beyond it, do.
+where A is the program's bound on |a|, r A the bound that the goal allows, and clip the limit of this control step.
+Committed actions do not change. Schedule and gates are those of the present over the whole horizon, because the
+distance of the wake from the steady wake changes over many shedding cycles. The feedback does not read the row of its
+own step: on the vehicle, and in training, the command computed from the pressures of t acts in period t+1. So the first
+action one period ahead needs no prediction; later actions do, and so does a late actuator.
 """
 
 import numpy as np
@@ -32,7 +32,7 @@ def prior_plan(
     goal: Goal = OWN,
     limit: float = np.inf,
 ) -> Array:
-    """The plan (H,) that the optimiser starts from.
+    """Compute the plan (H,) from which the optimiser starts.
 
     Args:
         window: (L, S+1) rows (Cp_k, a_{k-1}), oldest first; L is at least the prior's memory.
@@ -40,7 +40,7 @@ def prior_plan(
         free: (H,) 1 where the prior decides.
         reach: A, bound on |a| of the program, in U_inf W.
         speed: of the vehicle, as a ratio to the design speed.
-        goal: the present one.
+        goal: the present goal.
         limit: bound on |a| in this control step, in U_inf W.
     """
     past, y = past_of(window, prior.memory)
@@ -59,23 +59,23 @@ def prior_plan(
 
 
 def gates_of(prior: PriorWeights, window: Array, scheduled: Array) -> Array:
-    """(n,) at a window and a schedule (5,)."""
+    """Compute the gates g, (n,), at a window and a schedule (5,)."""
     by_sums = np.tensordot(prior.sums, filtered_sums(prior, window), axes=2)
     return np.asarray(1.0 + np.tanh(prior.gate @ scheduled + by_sums))
 
 
 def filtered_sums(prior: PriorWeights, window: Array) -> Array:
-    """(F, p) of the pairs' sums in the newest M rows, the present one among them."""
+    """Compute the filtered sums of the pairs, (F, p), over the newest M rows including the present row."""
     newest = window[-prior.memory :]
     return np.asarray(prior.filters.T @ (newest[:, :-1:2] + newest[:, 1:-1:2]))
 
 
 def past_of(window: Array, memory: int) -> tuple[Array, Array]:
-    """Rows (y_i, a_i), (M, p + 1), before the present one, and the differences y_t, (p,), of the present one.
+    """Return the rows (y_i, a_i), (M, p + 1), before the present row, and the present differences y_t, (p,).
 
-    The window does not hold the oldest of them, which is taken to be like the one after it.
+    The window does not contain the oldest of these rows, which is set equal to the next row.
     """
     newest = window[-memory:]
-    # Each pressure's row has the action before it. The last action is not decided yet.
+    # In the window, a row holds the action before its pressures. The present action is not decided yet.
     rows = np.column_stack([newest[:, :-1:2] - newest[:, 1:-1:2], np.append(newest[1:, -1], 0.0)])
     return np.vstack([rows[:1], rows[:-1]]), rows[-1, :-1]

@@ -1,1 +1,1 @@
-"""The way from a model folder to a release: lower, gate, write."""
+"""The export of a model folder as a release: lower, gate, write."""

@@ -1,4 +1,4 @@
-"""Write gated lowerings as a release bundle, with the manifest of what they assume and where they come from."""
+"""The writer of a release bundle from gated lowerings, with a manifest of their assumptions and their origin."""
 
 from dataclasses import asdict, dataclass
 from datetime import date
@@ -19,12 +19,12 @@ from export.release.gated import Gated
 
 @dataclass(frozen=True, kw_only=True)
 class Vehicle:
-    """What a release assumes about the vehicle around it.
+    """A release's assumptions about the vehicle.
 
     Attributes:
         control_period: in t_c.
-        budget_ms: latest answer after a pressure frame.
-        compute_time_ms: what of it is allotted to the control step.
+        budget_ms: largest time between a pressure frame and the command, in ms.
+        compute_time_ms: part of budget_ms for the control step.
     """
 
     operating_point: OperatingPoint
@@ -34,7 +34,7 @@ class Vehicle:
 
     @classmethod
     def of(cls, config: Config) -> "Vehicle":
-        """The one that is configured."""
+        """Return the configured vehicle."""
         return cls(
             operating_point=config.operating_point,
             control_period=config.flow.control_period,
@@ -44,7 +44,7 @@ class Vehicle:
 
 
 def speeds_of(provenance: Provenance) -> SpeedRange | None:
-    """The speeds that a model's prior was trained at; None for the design speed alone, or no prior."""
+    """Return the speeds at which a model's prior was trained; None without a prior, or for the design speed only."""
     refined = provenance.config.get("refine", {})
     slowest, fastest = refined.get("slowest", 1.0), refined.get("fastest", 1.0)
     return SpeedRange(slowest=slowest, fastest=fastest) if slowest < fastest else None
@@ -63,15 +63,15 @@ def write_release(
     key: Ed25519PrivateKey | None = None,
     estimator: MadeEstimator | None = None,
 ) -> None:
-    """Write a release bundle, whole or not at all. Raises StillwakeError if the path cannot be written, or holds
-    something else; BundleControllerError if the estimator is of other sensors or another window.
+    """Write a release bundle, completely or not at all. Raises StillwakeError if the path cannot be written, or holds
+    something else; BundleControllerError if the estimator is for other sensors or another window.
 
     Args:
         provenance: of the training; the gates' figures are added under `export`.
         positions: (x, y) of every sensor in the body's reference length, if they are known.
         resting: the wake without jets by speed, if it is known.
         key: to sign the release with; unsigned if None.
-        estimator: of the same sensors and window; the ECU does not check its sensors without one.
+        estimator: of the same sensors and window; without it, the ECU does not check its sensors.
     """
     lowered = gated.lowered
     program = lowered.effective

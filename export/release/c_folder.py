@@ -1,4 +1,4 @@
-"""Write a gated C library as a folder, with recorded rows for its example program."""
+"""The writer of a gated C library as a folder, with recorded rows for its example program."""
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -9,6 +9,7 @@ from contract.arrays import Array
 from contract.controller.c_folder import BILL, EXPECTED, RECORDED, rows_text, write_folder
 from contract.controller.image_payload import with_layout
 from export.release.gated import Gated
+from export.to_c.builds import build_files
 from export.to_c.library import documents
 
 
@@ -19,27 +20,27 @@ def write_c_release(
     ecu: Mapping[str, bytes] | None = None,
     bill: Callable[[Mapping[str, bytes]], bytes] | None = None,
 ) -> None:
-    """Write the library's folder, whole or not at all. Raises LibraryError if the folder holds something else;
+    """Write the library's folder, completely or not at all. Raises LibraryError if the folder holds something else;
     StillwakeError if the folder cannot be written.
 
     Args:
-        windows: consecutive recorded windows (L, S+1), whose rows go into the folder.
-        ecu: files of the ECU around the control step, if it gets one, and for people beside it.
-        bill: from all files of the folder to their bill of materials, if it gets one.
+        windows: consecutive recorded windows (L, S+1), whose rows are written to the folder.
+        ecu: files of the ECU around the control step and its documents; None for a folder without ECU.
+        bill: computes the bill of materials from all files of the folder; None for a folder without it.
     """
     assert gated.lowered.library is not None
     assert gated.library is not None
     recorded = {RECORDED: recorded_rows(windows).encode(), EXPECTED: rows_text(gated.library.replayed).encode()}
     library = with_layout({**gated.lowered.library, **({} if ecu is None else ecu)})
-    contents = {**library, **recorded, **documents(library)}
+    contents = {**library, **recorded, **documents(library), **build_files(library)}
     write_folder(folder, contents if bill is None else {**contents, BILL: bill(contents)})
 
 
 def recorded_rows(windows: Sequence[Array]) -> str:
-    """The rows that consecutive windows are made of, one a line, in the digits of float32."""
+    """Return the rows of consecutive windows as text, one row per line, with the digits of float32."""
     return rows_text(rows_of(windows))
 
 
 def rows_of(windows: Sequence[Array]) -> Array:
-    """The rows that consecutive windows (L, S+1) are made of, (n, S+1)."""
+    """Return the rows of consecutive windows (L, S+1), (n, S+1)."""
     return np.concatenate([windows[0], *(window[-1:] for window in windows[1:])])

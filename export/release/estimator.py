@@ -17,10 +17,11 @@ from export.to_onnx.sensor_estimator import build_estimator
 def lowered_estimator(
     fitted: EstimatorNetwork, recording: Dataset, sensors: Sequence[str], provenance: Mapping[str, Any]
 ) -> MadeEstimator:
-    """The estimator of these sensors for a bundle, with root mean squares of its residuals, averaged over time as the
-    check does it, on the episodes that it never saw, or on those that it learned from where there are no others.
+    """Return the estimator of these sensors for a bundle, with the root mean squares of its residuals, averaged over
+    time as in the sensor check. They are measured on the episodes that were not used for training, or on the training
+    episodes if there are no others.
 
-    `r2` of each sensor by its others, and the roles of the episodes that it is `judged_on`, go into the provenance.
+    The provenance gets `r2` of each sensor's estimate from the others, and the roles `judged_on` of the episodes.
     """
     rounded = rounded_estimator(fitted)
     network, window, columns = rounded.network, fitted.window, recording.layout.indices(sensors)
@@ -43,7 +44,7 @@ def lowered_estimator(
 
 
 def _residuals(network: EstimatorNetwork, rows: Array) -> Array:
-    """(n - L + 1, S, S): entry [., j, i] of sensor i with j left out as well."""
+    """Compute the residuals, (n - L + 1, S, S): entry [., j, i] is that of sensor i, estimated without j and i."""
     sensors, length = network.sensors, network.window
     windows = np.lib.stride_tricks.sliding_window_view(rows, length, axis=0).transpose(0, 2, 1)
     hypotheses = Hypotheses.of(sensors)
@@ -66,7 +67,7 @@ def _residuals(network: EstimatorNetwork, rows: Array) -> Array:
 
 
 def _deviation(residuals: Sequence[Array], periods: int) -> tuple[tuple[float, ...], ...]:
-    """(S, S) root mean squares of the residuals' running means over so many periods."""
+    """Compute the root mean squares, (S, S), of the residuals' running means over `periods` periods."""
     squares = []
     for item in residuals:
         mean = np.zeros(item.shape[1:])

@@ -1,7 +1,7 @@
-"""Lowerings that have passed every gate: the only ones that are written."""
+"""Lowerings that have passed every gate; only these are written."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 from contract.arrays import Array
@@ -17,17 +17,17 @@ from export.gates.quantisation import (
 from export.int8.rounded_program import RoundedProgram
 from export.reference.mpc import control_step
 from export.release.lowering import Lowered
-from export.to_c.library import replay
+from export.to_c.library import replay, with_answer
 
 
 @dataclass(frozen=True, kw_only=True)
 class GraphReport:
-    """What the gates measured, also found in the manifest's provenance under `export`.
+    """The gates' figures, which the manifest's provenance holds under `export`.
 
     Attributes:
         controller_bytes: size of `controller.onnx`.
-        parity: ONNX graph against the reference at the same weights.
-        quantisation: int8 against float weights; None for a float release.
+        parity: ONNX graph compared with the reference with the same weights.
+        quantisation: int8 compared with float weights; None for a float release.
     """
 
     controller_bytes: int
@@ -37,24 +37,26 @@ class GraphReport:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LibraryReport:
-    """What the gates measured.
+    """The gates' figures of the C library.
 
     Attributes:
-        parity: float32 against the reference; None for int8.
-        quantisation: int8, integer products included, against the float reference; None for float32.
-        workspace_bytes: scratch memory that a caller has to own.
-        replayed: (n, 4), what the library's example program must answer to the windows: action, mean Cd and Cl, cost.
+        parity: float32 compared with the reference; None for int8.
+        quantisation: int8 with integer products compared with the float reference; None for float32.
+        workspace_bytes: size of the scratch memory that the caller provides.
+        replayed: (n, 4), the example program's expected answers to the windows: action, mean Cd and Cl, cost.
+        known_answer: the control step that a build must compute when it starts.
     """
 
     parity: ParityReport | None
     quantisation: QuantisationReport | None
     workspace_bytes: int
     replayed: Array
+    known_answer: tuple[float, float]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Gated:
-    """Lowerings and what their gates measured; `library` is None where there is none."""
+    """The lowerings and their gates' figures; `library` is None without a C library."""
 
     lowered: Lowered
     graph: GraphReport
@@ -68,23 +70,22 @@ def gate(
     *,
     compiled: CompileLibrary | None = None,
 ) -> Gated:
-    """Run every lowering through its gates. Raises ExportError if a lowering is further from the reference than its
-    gate allows; the message names both figures; LibraryError if there is no C compiler, or it does not take the
-    library.
+    """Run every lowering through its gates. Raises ExportError if a lowering differs from the reference by more than
+    its gate allows; the message states both figures. Raises LibraryError if no C compiler compiles the library.
 
     Args:
         windows: consecutive recorded windows (L, S+1) that the gates replay.
-        limits: what int8 weights may change; the default ones if None.
-        compiled: compiles the library; needed where there is one.
+        limits: the allowed effect of int8 weights; the default limits if None.
+        compiled: compiles the library; required if there is a library.
     """
     limits = QuantisationLimits() if limits is None else limits
-    # Both lowerings are held to the same answers, which take longest.
+    # Both lowerings are compared with these control steps, whose computation takes longest.
     exact = exact_answers(lowered.program.source, windows) if isinstance(lowered.program, RoundedProgram) else []
-    return Gated(
-        lowered=lowered,
-        graph=_gate_graph(lowered, windows, exact, limits),
-        library=None if lowered.library is None else _gate_library(lowered, windows, exact, limits, compiled),
-    )
+    graph, library = _gate_graph(lowered, windows, exact, limits), None
+    if lowered.library is not None:
+        library = _gate_library(lowered, windows, exact, limits, compiled)
+        lowered = replace(lowered, library=with_answer(lowered.library, library.known_answer))
+    return Gated(lowered=lowered, graph=graph, library=library)
 
 
 def _gate_graph(
@@ -117,5 +118,9 @@ def _gate_library(
         parity = check_lowering(lowered.effective, controller, "C library", windows)
     replayed = replay(controller, windows, lowered.effective.mpc.horizon)
     return LibraryReport(
-        parity=parity, quantisation=quantisation, workspace_bytes=controller.workspace_bytes, replayed=replayed
+        parity=parity,
+        quantisation=quantisation,
+        workspace_bytes=controller.workspace_bytes,
+        replayed=replayed,
+        known_answer=controller.known_answer(),
     )

@@ -1,4 +1,4 @@
-"""What a graph must be before anyone signs it: by onnx's own checker, and of the operators that the export writes."""
+"""The check of a graph before it is signed: by onnx's own checker, and for the operators that the export writes."""
 
 from collections.abc import Iterator
 from typing import Final
@@ -23,12 +23,12 @@ OPERATORS: Final = frozenset(
 SHAPING: Final = frozenset(
     ("ReduceMax", "ReduceMean", "ReduceMin", "ReduceSum", "Reshape", "Slice", "Split", "Squeeze", "Unsqueeze")
 )
-"""Those whose further inputs decide the shape of what they give, and so what a step takes."""
+"""The operators whose further inputs determine the shape of their output, and so the duration of a step."""
 
 
 def judge(bundle: Bundle) -> None:
-    """Judge a bundle's graphs and run a step of each, in bounded time and memory. Raises BundleControllerError if one
-    of them is not sound, or computes otherwise than the manifest states."""
+    """Check a bundle's graphs and run a step of each, in bounded time and memory. Raises BundleControllerError if a
+    graph is not valid, or does not compute as the manifest states."""
     for name in (CONTROLLER, ESTIMATOR):
         if name in bundle.files:
             try:
@@ -40,7 +40,7 @@ def judge(bundle: Bundle) -> None:
 
 
 def check_model(content: bytes) -> int:
-    """How many nodes a sound graph has; raises ValueError for one that is not, with what is wrong."""
+    """Return the number of nodes of a valid graph; raises ValueError, with the reason, for an invalid graph."""
     try:
         model = onnx.load_from_string(content)
         onnx.checker.check_model(model, full_check=True)
@@ -60,7 +60,7 @@ def check_model(content: bytes) -> int:
 
 
 def _nodes(graph: onnx.GraphProto) -> Iterator[onnx.NodeProto]:
-    """All nodes, with those of bodies."""
+    """Yield all nodes, including those of bodies."""
     for node in graph.node:
         yield node
         for part in node.attribute:

@@ -1,4 +1,4 @@
-"""A program's lowerings, in memory: the ONNX graph and, on request, the C library, of the same numbers."""
+"""The lowerings of a program in memory: the ONNX graph and, on request, the C library, with equal numbers."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -15,8 +15,7 @@ from export.to_onnx.control_step import build_controller
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Lowered:
-    """What stands to be written, once it has passed its gates. `library` is the C library's files by name; None where
-    none was asked for."""
+    """The lowerings to write once they have passed their gates. `library` is the C library's files by name, or None."""
 
     program: Program
     graph: bytes
@@ -24,7 +23,7 @@ class Lowered:
 
     @property
     def effective(self) -> ControllerProgram:
-        """What the lowerings compute, as the reference takes it."""
+        """The program that the lowerings compute, for the reference."""
         return effective(self.program)
 
     @property
@@ -33,28 +32,27 @@ class Lowered:
 
     @property
     def program_sha256(self) -> str:
-        """The hash as the bundle's manifest and the library's header have it."""
+        """The hash in the bundle's manifest and the library's header."""
         return program_sha256(self.effective)
 
 
 def lower(program: Program, *, calibration: Sequence[Array], with_library: bool) -> Lowered:
-    """Lower a program. Raises ExportError if the program cannot be lowered; the message names what stands in the way.
+    """Lower a program. Raises ExportError if the program cannot be lowered; the message states the reason.
 
     Args:
-        calibration: recorded windows (L, S+1) that an int8 library takes its activations' ranges from: those that the
-            program was rounded on.
+        calibration: recorded windows (L, S+1) for an int8 library's activation ranges; those of the rounding.
     """
     graph = build_controller(program).SerializeToString()
     return Lowered(program=program, graph=graph, library=library_of(program, calibration) if with_library else None)
 
 
 def library_of(program: Program, calibration: Sequence[Array]) -> dict[str, bytes]:
-    """The C library's files by name; arguments and errors as for `lower`."""
+    """Return the C library's files by name; arguments and errors as for `lower`."""
     if isinstance(program, RoundedProgram):
         return c_library(program, activation_ranges(program.program, calibration))
     return c_library(program)
 
 
 def int8_library(program: ControllerProgram, calibration: Sequence[Array]) -> dict[str, bytes]:
-    """The C library of a program that is rounded on these windows."""
+    """Return the C library of a program, rounded on these windows."""
     return library_of(rounded_on(program, calibration), calibration)

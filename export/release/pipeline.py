@@ -1,4 +1,4 @@
-"""The way from a model folder to a release bundle and, if asked for, a C library: read, round, lower, gate, write.
+"""The export of a model folder as a release bundle and, on request, a C library: read, round, lower, gate, write.
 
 Every lowering has passed its gates before the first file is written.
 """
@@ -48,9 +48,9 @@ class CLibrary:
 
     Attributes:
         compiled: compiles the library for its gate.
-        ecu: from the release and the rows (n, S+1) that go into the folder to the files of the ECU around the control
-            step; called after the bundle is written. Without it the folder has no ECU.
-        bill: from all files of the folder and the release to their bill of materials; called after that.
+        ecu: returns the files of the ECU around the control step from the release and the rows (n, S+1) of the folder;
+            called after the bundle is written. Without it the folder has no ECU.
+        bill: returns the bill of materials from all files of the folder and the release; called after `ecu`.
     """
 
     folder: Path
@@ -60,7 +60,7 @@ class CLibrary:
 
 
 def gate_figures(gated: Gated) -> Iterator[tuple[str, Any]]:
-    """Every figure of every gate by its name."""
+    """Yield every figure of every gate with its name."""
     parts = {
         "graph against reference": gated.graph.parity,
         "int8 against float32": gated.graph.quantisation,
@@ -75,11 +75,11 @@ def gate_figures(gated: Gated) -> Iterator[tuple[str, Any]]:
 def calibration_windows(
     program: ControllerProgram, episodes: Sequence[Episode], layout: SensorLayout = TRUCK
 ) -> list[Array]:
-    """Windows (L, S+1) of the last episode of every kind of forcing: what a controller meets differs between them.
+    """Return windows (L, S+1) of the last episode of every kind of forcing, because inputs differ between kinds.
 
-    About `CALIBRATION_WINDOWS` of them, or all there are. Episodes without `LEAST_CALIBRATION` windows are left out. An
-    episode whose provenance names no kind of forcing is of its own kind. Raises ExportError if all episodes are too
-    short; the message names the longest.
+    There are about `CALIBRATION_WINDOWS` windows, or fewer if the episodes have fewer. Episodes with fewer than
+    `LEAST_CALIBRATION` windows are left out. An episode whose provenance states no forcing is a kind of its own. Raises
+    ExportError if all episodes are too short; the message states the longest.
     """
     held = {item.name: windows_in(len(item), program.window) for item in episodes}
     last = {
@@ -102,8 +102,8 @@ def calibration_windows(
 
 
 def gate_windows(program: ControllerProgram, episodes: Sequence[Episode], layout: SensorLayout = TRUCK) -> list[Array]:
-    """The last `GATE_WINDOWS` windows (L, S+1) of the first episode that has as many. Raises ExportError if all
-    episodes are too short; the message names the longest."""
+    """Return the last `GATE_WINDOWS` windows (L, S+1) of the first episode that has so many. Raises ExportError if all
+    episodes are too short; the message states the longest."""
     for item in episodes:
         if windows_in(len(item), program.window) >= GATE_WINDOWS:
             return recorded_windows(program, item, GATE_WINDOWS, layout)
@@ -126,31 +126,30 @@ def export_all(
     notice: Callable[[str], None] = lambda line: None,
     phase: Callable[[str], None] = lambda name: None,
 ) -> tuple[Gated, Bundle]:
-    """Write the bundle, read it as whoever gets it does, and write the C library if one is asked for; nothing unless
-    both pass their gates.
+    """Write the bundle, read it as users do, and write the C library if requested, once both have passed their gates.
 
     Args:
         model: directory written by `train`.
         recording: data set whose test episode the gates replay, and whose training episodes calibrate int8.
-        config: its `mpc` is the controller's; its control period and action limit must be the model's.
+        config: `config.mpc` is used for the controller; control period and action limit must be the model's.
         precision: "int8" or "float32", of both.
         key: to sign the bundle with; unsigned if None.
-        named: whether someone asked for that recording; if not, it must be the one that the model was fitted to.
-        estimator: a sensor estimator for the bundle; it has none without.
+        named: whether the user named the recording; if not, it must be the recording that the model was fitted to.
+        estimator: a sensor estimator for the bundle; None for a bundle without it.
         notice: called with a line if the recording is not the model's.
         phase: called with each of `EXPORT_PHASES` when it begins.
 
     Raises:
-        ModelError: the model directory is not sound.
-        DatasetError: the recording is not sound.
-        ExportError: the recording is not the model's, or of other sensors; the settings are of another control period
-            or action limit; the model's weights do not fit, or a lowering does not pass its gates.
-        LibraryError: there is no C compiler for a library that is asked for.
+        ModelError: the model directory is not valid.
+        DatasetError: the recording is not valid.
+        ExportError: the recording is not the model's, or has other sensors; the settings have another control period or
+            action limit; the model's weights are inconsistent, or a lowering does not pass its gates.
+        LibraryError: there is no C compiler for a requested library.
         StillwakeError: a file cannot be read or written.
     """
     if precision not in PRECISIONS:
         raise ExportError(f"--precision {precision}: must be int8 or float32")
-    # Before the work: neither place is written if the other one cannot be.
+    # Check both outputs before the work, so that neither is written if the other cannot be.
     bundle.check_replaceable(output)
     if library is not None:
         c_folder_format.check_replaceable(library.folder)
@@ -190,8 +189,8 @@ def export_library(
     recording: Path,
     phase: Callable[[str], None] = lambda name: None,
 ) -> Gated:
-    """Write the C library of an existing release, from the model that it was exported from. Raises ExportError if the
-    release is of another model, or this program does not round it as it was rounded; StillwakeError as `export_all`.
+    """Write the C library of an existing release, from the model that was exported to it. Raises ExportError if the
+    release is of another model, or rounding gives other integers; StillwakeError as `export_all` does.
 
     Args:
         model: directory written by `train`.
@@ -238,7 +237,7 @@ def _lowered(
     with_library: bool,
     phase: Callable[[str], None],
 ) -> tuple[Lowered, list[Array]]:
-    """The program rounded and lowered, and the windows for its gates."""
+    """Return the program rounded and lowered, and the windows for its gates."""
     windows = gate_windows(program, episodes.with_role("test"), episodes.layout)
     calibration: list[Array] = []
     if precision == "int8":
@@ -250,9 +249,10 @@ def _lowered(
 
 
 def check_settings(own: Config, config: Config) -> None:
-    """Raise ExportError unless the settings keep the model's clock and limit, and the computing time fits the clock.
+    """Raise ExportError for another control period or action limit than the model's, or a computing time above the
+    period.
 
-    The manifest would refuse that too, but only after the work, and with the C library written.
+    The manifest would refuse such settings too, but only after the work, when the C library is already written.
     """
     vehicle = Vehicle.of(config)
     if vehicle.compute_time_ms > vehicle.budget_ms:
@@ -272,7 +272,7 @@ def check_settings(own: Config, config: Config) -> None:
 def _recording_of(
     path: Path, of_model: str, layout: SensorLayout, named: bool, notice: Callable[[str], None]
 ) -> Dataset:
-    """The recording for gates and calibration: the model's own, or another one of the same sensors if it was named.
+    """Read the recording for gates and calibration: the model's own, or one of the same sensors that the user named.
 
     Args:
         of_model: SHA-256 of the recording that the model was fitted to.

@@ -2,8 +2,8 @@
 
     python -m export.release.sbom 2026-11-26 WHEEL...
 
-writes a file next to each wheel, for `make packages`. The same inputs give the same bytes: the day is an argument, and
-the serial number is made of what the bill is of. A package's licence is the one that its installation here states.
+writes a file next to each wheel, for `make packages`. Equal inputs give equal bytes: the day is an argument, and the
+serial number is computed from the content. A package's licence is the one that its installation states.
 """
 
 import re
@@ -31,11 +31,11 @@ from contract.release.signing import project_key
 
 _MONOCYPHER: Final = re.compile(rb"Monocypher version ([0-9.]+)")
 OURS: Final = "MIT"
-"""Licence of what the project made; a release of others is theirs."""
+"""Licence of the project's own files; other people's releases have their own licence."""
 
 
 def release_bom(bundle: Bundle, contents: Mapping[str, bytes]) -> bytes:
-    """A verified release's files, what its controller was trained from, and the software that made it.
+    """Return the bill of a verified release: its files, its controller's training data, and the software used.
 
     Args:
         contents: all its files by name; `Bundle.files` lacks manifest and signature.
@@ -57,7 +57,7 @@ def release_bom(bundle: Bundle, contents: Mapping[str, bytes]) -> bytes:
 
 
 def folder_bom(contents: Mapping[str, bytes], bundle: Bundle) -> bytes:
-    """A C library's folder: its files by their paths, the release that it is of, and the code of others in it."""
+    """Return the bill of a C library's folder: its files by their paths, the release, and the code of others in it."""
     hashes = {name: sha256(data) for name, data in sorted(contents.items())}
     digest, name = sha256(repr(hashes).encode()), f"{bundle.manifest.name} in C"
     folder = _part(ComponentType.FIRMWARE, name, licence=_licence(bundle), version=digest[:12])
@@ -75,7 +75,7 @@ def folder_bom(contents: Mapping[str, bytes], bundle: Bundle) -> bytes:
 
 
 def wheel_bom(wheel: Path, day: str) -> bytes:
-    """A wheel and the packages that it requires, in the versions that are installed here; those of extras are optional.
+    """Return the bill of a wheel and its required packages, in the versions installed here; extras are optional.
 
     Args:
         day: of the bill, YYYY-MM-DD.
@@ -113,7 +113,7 @@ def _release(bundle: Bundle) -> Component:
 
 
 def write_bom(of: Path, content: bytes) -> Path:
-    """Write a bill next to what it is of; raises StillwakeError where that is not possible."""
+    """Write a bill next to the file or folder `of`; raises StillwakeError if that is not possible."""
     path = of.with_name(f"{of.name}.cdx.json")
     with replacing(path) as temporary:
         temporary.write_bytes(content)
@@ -139,7 +139,7 @@ def _part(
 
 
 def _installed(name: str, field: str) -> str | None:
-    """What a package that is installed here states about itself."""
+    """Return a field of the metadata of a package that is installed here."""
     try:
         stated = metadata(name).get_all(field) or []
     except PackageNotFoundError:
@@ -152,7 +152,7 @@ def _installed(name: str, field: str) -> str | None:
 def _bom(
     parts: Sequence[Component], needs: Sequence[tuple[Component, Sequence[Component]]], digest: str, day: str
 ) -> bytes:
-    """The bill of the first that needs others."""
+    """Return the bill of the first component in `needs`."""
     about = BomMetaData(component=needs[0][0], timestamp=datetime.fromisoformat(day).replace(tzinfo=UTC))
     version = _installed("stillwake", "Version")
     about.tools.components.add(Component(type=ComponentType.APPLICATION, name="stillwake", version=version))

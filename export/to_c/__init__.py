@@ -1,1 +1,1 @@
-"""The program as a C99 library: arrays and sources that a folder is made of."""
+"""The program as a C99 library: the arrays and sources of its folder."""

@@ -1,7 +1,7 @@
-"""A program's numbers in the layout that the C sources expect (`export/to_c/sources/float32/sw_weights.h`).
+"""A program's numbers in the layout of the C sources (`export/to_c/sources/float32/sw_weights.h`).
 
-Derived in float64 and rounded once: matrices centred where a norm follows, 1 / action_std folded into the action's row,
-both LSTM biases added up. Vectors are padded with zeros to whole registers.
+The numbers are derived in float64 and rounded once: matrices are centred if a norm follows, 1 / action_std is folded
+into the action's row, and both LSTM biases are added. Vectors are padded with zeros to whole registers.
 """
 
 from collections.abc import Mapping
@@ -21,18 +21,17 @@ from export.reference.mpc import ADAM_BETAS
 
 Integers = npt.NDArray[np.int32]
 ArrayValues = Array | npt.NDArray[np.int8] | Integers | npt.NDArray[np.uint32]
-"""Numbers of an array in C, where float64 becomes float."""
+"""The numbers of an array in C, where float64 becomes float."""
 
 FLOAT32_LANES = 16
-"""float32 numbers in the widest vector register that compilers are to fill; narrower ones take two or more."""
+"""Number of float32 values in the widest vector register that compilers are to fill."""
 
 PRIOR_UNITS_AT_A_TIME = 8
-"""Weights of the prior as `sw_prior.c` computes with them."""
+"""Number of the prior's units that `sw_prior.c` computes together."""
 
 
 def float_arrays(program: ControllerProgram) -> dict[str, ArrayValues]:
-    """Every array of `sw_weights.h` by its C name. Raises ExportError for a program without residual blocks in its
-    decoder."""
+    """Return every array of `sw_weights.h` by its C name. Raises ExportError for a decoder without residual blocks."""
     return {
         **scaling_arrays(program),
         **_encoder(program),
@@ -44,18 +43,18 @@ def float_arrays(program: ControllerProgram) -> dict[str, ArrayValues]:
 
 
 def padded(values: Array) -> Array:
-    """Zeros after the last axis's end, up to a multiple of `FLOAT32_LANES`."""
+    """Append zeros along the last axis, up to a multiple of `FLOAT32_LANES`."""
     missing = -values.shape[-1] % FLOAT32_LANES
     return np.pad(values, [(0, 0)] * (values.ndim - 1) + [(0, missing)])
 
 
 def centred(values: Array) -> Array:
-    """C W or C b with C = I - 11^T / n: mean zero over the outputs, the first axis."""
+    """Return C W or C b with C = I - 11^T / n: the mean over the outputs, the first axis, is zero."""
     return np.asarray(values - values.mean(axis=0))
 
 
 def scaling_arrays(program: ControllerProgram) -> dict[str, Array]:
-    """Scaling of the window and of the forces, and how far actions go."""
+    """Return the scaling of the window and of the forces, and the limits of the actions."""
     scaling = program.scaling
     return {
         "sw_window_mean": np.array(scaling.window_mean),
@@ -83,7 +82,7 @@ def _encoder(program: ControllerProgram) -> dict[str, Array]:
 
 
 def _gates(stacked: Array) -> Array:
-    """Four gates side by side along the last axis, each padded by itself."""
+    """Join the four gates along the last axis, each padded separately."""
     return np.concatenate([padded(gate) for gate in np.split(stacked, 4, axis=-1)], axis=-1)
 
 
@@ -122,7 +121,8 @@ def _decoder(program: ControllerProgram) -> dict[str, Array]:
 
 
 def optimiser_arrays(program: ControllerProgram) -> dict[str, Array]:
-    """The cost's reference, Adam's factors of every iteration, and the default cost weights."""
+    """Return the cost's reference, Adam's factors of every iteration, the default cost weights, and the place of the
+    known answer (`with_answer`)."""
     beta1, beta2 = ADAM_BETAS
     number = np.arange(1, program.mpc.iterations + 1)
     return {
@@ -131,14 +131,15 @@ def optimiser_arrays(program: ControllerProgram) -> dict[str, Array]:
         "sw_adam_unbias": 1.0 / np.sqrt(1.0 - beta2**number),
         "sw_adam_epsilon": np.array(program.mpc.epsilon),
         "sw_default_weights": np.array(program.mpc.weights.as_tuple()),
+        "sw_known_answer": np.zeros(2),
     }
 
 
 def prior_arrays(program: ControllerProgram, integers: Mapping[str, Int8Matrix]) -> dict[str, ArrayValues]:
-    """The prior's filters, each from its first row to its last, and its layers; nothing where there is no prior.
+    """Return the prior's filters, each from its first row to its last row, and its layers; nothing without a prior.
 
     Args:
-        integers: of the prior's two matrices by their names; where they are not, numbers are floats of scale 1.
+        integers: of the prior's two matrices by their names; a matrix without integers is stored as floats of scale 1.
     """
     if program.prior is None:
         return {}
@@ -147,7 +148,7 @@ def prior_arrays(program: ControllerProgram, integers: Mapping[str, Int8Matrix])
     first, first_scale = _stored(prior.first.reshape(-1, prior.first[0, 0].size), integers.get("prior.first"))
     sums, sums_scale = _stored(prior.sums.reshape(units, -1), integers.get("prior.sums"))
     by_unit = {
-        # A unit's weights on an input, each for one of the schedule, stand next to each other.
+        # A unit's weights on an input, one for each schedule variable, are next to each other.
         "sw_prior_first": first.reshape(-1, units, first.shape[1]).transpose(1, 2, 0),
         "sw_prior_first_scale": first_scale.reshape(-1, units).T,
         "sw_prior_gate": prior.gate,
@@ -166,19 +167,19 @@ def prior_arrays(program: ControllerProgram, integers: Mapping[str, Int8Matrix])
 
 
 def _stored(matrix: Array, integers: Int8Matrix | None) -> tuple[Array | npt.NDArray[np.int8], Array]:
-    """Numbers of a matrix (outputs, inputs), and their scale for each output."""
+    """Return the numbers of a matrix (outputs, inputs), and the scale of each output."""
     if integers is None:
         return matrix, np.ones(len(matrix))
     return integers.values, integers.scales.astype(np.float64)
 
 
 def _filled(by_unit: Any) -> Any:
-    """Zeros behind the last unit, up to whole eights."""
+    """Append zeros after the last unit, up to a multiple of `PRIOR_UNITS_AT_A_TIME`."""
     return np.pad(by_unit, [(0, -len(by_unit) % PRIOR_UNITS_AT_A_TIME)] + [(0, 0)] * (by_unit.ndim - 1))
 
 
 def prior_settings(prior: PriorWeights) -> dict[str, int | np.float32]:
-    """What `sw_settings.h` has of the filters, of what schedules the units, and of the goals that a prior knows."""
+    """Return the entries of `sw_settings.h` for the filters, the schedule variables, and the goals of a prior."""
     ranges = _filter_ranges(prior)
     return {
         "SW_PRIOR_FILTERS": len(ranges),
@@ -192,7 +193,7 @@ def prior_settings(prior: PriorWeights) -> dict[str, int | np.float32]:
 
 
 def _filter_ranges(prior: PriorWeights) -> Integers:
-    """(F, 2): the first row that a filter reads, and how many there are up to its last; one where all are zero."""
+    """Return (F, 2): a filter's first row, and the number of rows up to its last; one row for a filter of zeros."""
     ranges = []
     for column in prior.filters.T:
         read = np.flatnonzero(column) if column.any() else np.zeros(1, int)

@@ -1,6 +1,6 @@
-"""A program's numbers in the layout that the int8 C sources expect (`export/to_c/sources/int8/sw_weights.h`).
+"""A program's numbers in the layout of the int8 C sources (`export/to_c/sources/int8/sw_weights.h`).
 
-Integers and scales are the rounded program's, as in the int8 ONNX graph. Biases come from the program as they are.
+Integers and scales are the rounded program's, as in the int8 ONNX graph. Biases are taken from the program unchanged.
 """
 
 from collections.abc import Mapping
@@ -19,10 +19,9 @@ from export.to_c.int8_format import INT8_LANES, packed, padded_size, qmax
 
 
 def int8_arrays(rounded: RoundedProgram, ranges: ActivationRanges) -> dict[str, ArrayValues]:
-    """Every array of `sw_weights.h` by its C name: matrices in int8, tables in uint32, constants of layers with a norm
-    in int32, all else in float64. Raises ExportError for a decoder without residual blocks, a layer so wide that
-    nothing is left of an activation, one whose ELU outputs come near the end of their range, or an LSTM with absurdly
-    large weights."""
+    """Return every array of `sw_weights.h` by its C name: matrices in int8, tables in uint32, constants of layers with
+    a norm in int32, all other arrays in float64. Raises ExportError for a decoder without residual blocks, a layer that
+    is too wide, a layer whose ELU outputs come near the end of their range, or an LSTM with huge weights."""
     program = rounded.program
     if not program.decoder.blocks:
         raise ExportError("decoder: no residual blocks, the C library needs at least one")
@@ -43,21 +42,21 @@ def int8_arrays(rounded: RoundedProgram, ranges: ActivationRanges) -> dict[str, 
 
 
 def _inverse_scale(largest: float, width: int) -> float:
-    """Integers per unit of an activation; a range of zero is any range."""
+    """Return the number of integers per unit of an activation; for a range of zero any number is right."""
     return qmax(padded_size(width)) / (form.ACTIVATION_MARGIN * largest if largest > 0 else 1.0)
 
 
 def _channels(*columns: Array) -> Array:
-    """Constants of every output in eights, (n / 8, constants, 8), zeros in the padding."""
+    """Group the constants of the outputs in eights, (n / 8, constants, 8), with zeros in the padding."""
     rows = np.pad(np.stack(columns, axis=-1), [(0, -len(columns[0]) % INT8_LANES), (0, 0)])
     return rows.reshape(-1, INT8_LANES, len(columns)).transpose(0, 2, 1)
 
 
 def _layer(name: str, matrix: Int8Matrix, bias: Array, norm: Norm, inverse_scale: float) -> Mapping[str, ArrayValues]:
-    """Constants of a layer with norm and ELU, `sw_NAME_channel`, `sw_NAME_adjoint` and `sw_NAME_layer`.
+    """Return the constants of a layer with norm and ELU: `sw_NAME_channel`, `sw_NAME_adjoint` and `sw_NAME_layer`.
 
-    Integers of a sum times its scale are of a unit as fine as these allow: a factor of C's sw_scaled is below 1/2, and
-    the sum of all outputs may not overflow.
+    A scaled sum is an integer whose unit is as small as two limits allow: a factor of C's sw_scaled is below 1/2, and
+    the sum over all outputs may not overflow.
     """
     _stay_below(
         form.ELU_ARGUMENT_MAX, np.abs(norm.weight) * np.sqrt(len(bias)) + np.abs(norm.bias), "ELUs behind a norm"
@@ -69,7 +68,7 @@ def _layer(name: str, matrix: Int8Matrix, bias: Array, norm: Norm, inverse_scale
     offset = form.ELU_ARGUMENT_ONE * (norm.bias + form.ELU_RANGE)
     gain_max = np.abs(norm.weight).max() or 1.0
     largest = float(matrix.scales.max())
-    # In the adjoint a value times gain and slope is cut to its upper 32 bits, which makes a quarter of it.
+    # In the adjoint a value times gain and slope is reduced to its upper 32 bits, which is a quarter of the product.
     quarter = form.GAIN_ONE * 256 / 2**form.SCALED_BITS
     return {
         f"sw_{name}_channel": _integers(_channels(scales / unit * 2**form.SCALED_BITS, bias / unit, gain, offset)),
@@ -83,7 +82,7 @@ def _layer(name: str, matrix: Int8Matrix, bias: Array, norm: Norm, inverse_scale
 
 
 def _integers(values: Array) -> Integers:
-    """The nearest ones."""
+    """Round to the nearest integers."""
     return np.rint(values).astype(np.int32)
 
 
@@ -113,7 +112,7 @@ def _encoder(rounded: RoundedProgram, ranges: ActivationRanges) -> Mapping[str, 
     )
     _stay_below(form.ELU_ARGUMENT_MAX, of_head, "the encoder's ELUs")
     _fed_by_elu(weights.output.weight)
-    # tanh(x) = 2 logistic(2 x) - 1, for gate g.
+    # Gate g uses tanh(x) = 2 logistic(2 x) - 1.
     arguments = form.LOGISTIC_ONE * np.repeat([1.0, 1.0, 2.0, 1.0], lstm.width)
     by_gate = (
         by_input.scales / row * arguments,
@@ -143,7 +142,7 @@ def _stay_below(limit: float, reach: Array, what: str) -> None:
 
 
 def _fed_by_elu(weight: Array) -> None:
-    """ELU outputs take all 16 bits, whatever the width."""
+    """Check a layer's width: ELU outputs use all 16 bits for every width."""
     if weight.shape[1] > form.FULL_RANGE_WIDTH:
         raise ExportError(
             f"a layer of width {weight.shape[1]} behind an ELU: int8 lowering takes at most {form.FULL_RANGE_WIDTH}"
@@ -151,7 +150,7 @@ def _fed_by_elu(weight: Array) -> None:
 
 
 def _gates(stacked: npt.NDArray[np.int8]) -> npt.NDArray[np.int8]:
-    """Rows of the four gates, each gate padded by itself."""
+    """Join the rows of the four gates, each gate padded separately."""
     return np.concatenate([np.pad(gate, [(0, -len(gate) % INT8_LANES), (0, 0)]) for gate in np.split(stacked, 4)])
 
 
@@ -195,7 +194,7 @@ def _decoder(rounded: RoundedProgram, ranges: ActivationRanges) -> Mapping[str, 
         "sw_decoder_adjoint_rows": packed(first.values.T),
         "sw_decoder_channel": _channels(first.scales.astype(np.float64) / latent / unit, weights.input.bias / unit),
         "sw_decoder_scale": _integers(_scales(first) / first.scales.max() * (2**31 - 1)),
-        # C's sw_scaled halves, with a factor of 2^31.
+        # C's sw_scaled with a factor of 2^31 halves its argument.
         "sw_decoder_largest": np.array(2.0 * first.scales.max()),
         "sw_block_rows": np.array([packed(matrix.values) for matrix in blocks]),
         "sw_block_adjoint_rows": np.array([packed(matrix.values.T) for matrix in blocks]),
@@ -211,7 +210,7 @@ def _decoder(rounded: RoundedProgram, ranges: ActivationRanges) -> Mapping[str, 
 
 
 def _residual_unit(first: Int8Matrix, weights: DecoderWeights, latent: float, finest: float) -> float:
-    """The step of the decoder's sum of residuals as an int32: a 512th of the finest integer made of it, or coarser."""
+    """Return the unit of the decoder's int32 residual sum: 1/512 of the finest integer computed from it, or larger."""
     sums = np.abs(first.values.astype(np.float64)).sum(axis=1) * (form.INT16_QMAX + 1) * first.scales / latent
     reach = np.max(sums + np.abs(weights.input.bias)) + len(weights.blocks) * form.ELU_RANGE
     unit = max(1.0 / finest / 512.0, 1.01 * float(reach) / 2**31)

@@ -1,7 +1,7 @@
-"""The integers of the int8 C library: how far they reach, how matrices are packed, and tables of functions.
+"""The integers of the int8 C library: their ranges, the packing of matrices, and tables of functions.
 
-With every matrix int8 and every activation int16, a product's sum of n terms stays below 127 qmax(n) n < 2^31. What is
-stated here is written into `sw_settings.h` (`c_constants`), so that C has no number of its own.
+With int8 matrices and int16 activations, a product's sum of n terms is below 127 qmax(n) n < 2^31. The constants here
+are written into `sw_settings.h` (`c_constants`), so that the C sources define no number a second time.
 """
 
 from collections.abc import Callable
@@ -14,16 +14,16 @@ from contract.arrays import Array
 from contract.errors import ExportError
 
 _WORD: Final = 4
-"""int8 weights in a 32-bit word; a tile is a word by as many rows."""
+"""Number of int8 weights in a 32-bit word; a tile is one word wide and has as many rows."""
 
 INT8_LANES: Final = 2 * _WORD
-"""Every length is padded to whole pairs of words, and constants of outputs stand in eights."""
+"""Multiple to which every length is padded, two words; constants of outputs are grouped by it."""
 
 ACTIVATION_MARGIN: Final = 1.5
-"""How far an activation may exceed its calibrated range before it saturates."""
+"""Ratio of the activation at which an integer saturates to the calibrated range."""
 
 AHEAD: Final = 16
-"""Zeros after every matrix, for loads ahead of their use."""
+"""Number of zeros after every matrix, for loads ahead of their use."""
 
 INT16_QMAX: Final = 32767
 
@@ -34,51 +34,52 @@ FULL_RANGE_WIDTH: Final = SUM_QMAX // INT16_QMAX
 """Widest vector of 16-bit numbers whose product with int8 weights cannot overflow 32 bits."""
 
 XHAT_QMAX: Final = 32767
-"""The integer of a normed value at its bound, sqrt(n) in a layer of width n."""
+"""The integer of a normalised value at its bound, sqrt(n) in a layer of width n."""
 
 POINTS_PER_UNIT: Final = 32
-"""Points of the tables; between them the function is a straight line."""
+"""Number of table points per unit of the argument; between points the function is interpolated linearly."""
 
 ELU_ONE: Final = 4096
-"""ELU outputs are integers of 1 / 4096 up to `ELU_RANGE`, whatever the layer, so that one table serves all."""
+"""The integer of an ELU output of 1 in every layer, up to `ELU_RANGE`, so that one table serves all layers."""
 
 ELU_RANGE: Final = 8
 
 ELU_MAX: Final = 6.4
-"""Largest calibrated output that still leaves room below the range's end."""
+"""Largest calibrated output, with a margin to the range's end."""
 
 ELU_ARGUMENT_ONE: Final = 1 << 18
-"""An argument of 1 of ELU's table."""
+"""The integer of an argument of 1 in ELU's table."""
 
 ELU_ARGUMENT_MAX: Final = 4000.0
-"""Largest argument of an ELU that, in 1 / `ELU_ARGUMENT_ONE`, is still an int32 with a bit to spare."""
+"""Largest argument of an ELU that, in units of 1 / `ELU_ARGUMENT_ONE`, is an int32 with a bit to spare."""
 
 SLOPE_SHIFT: Final = 4
-"""The shift from `ELU_ONE` to the 256 of the tape's slopes of ELU, which are bytes."""
+"""The shift from `ELU_ONE` to 256, the unit of ELU's slopes on the tape, which are bytes."""
 
 GAIN_ONE: Final = 1 << 22
-"""The largest gain of a layer in its adjoint: times a slope of 256 a quarter of an int32's range."""
+"""The integer of the largest gain of a layer in its adjoint; times a slope of 256 it is a quarter of an int32's
+range."""
 
 ROW_SCALE_ONE: Final = 1 << 23
-"""The largest scale of a matrix in the adjoint of the layer in front."""
+"""The integer of the largest scale of a matrix in the adjoint of the layer before it."""
 
 SCALED_BITS: Final = 32
-"""C's sw_scaled multiplies by a factor in 1 / 2^32, which is below 1/2."""
+"""C's sw_scaled multiplies by a factor below 1/2, in units of 1 / 2^SCALED_BITS."""
 
 LOGISTIC_ONE: Final = 16384
-"""An argument of 1 of the table of the logistic function."""
+"""The integer of an argument of 1 in the table of the logistic function."""
 
 LOGISTIC_QMAX: Final = 32767
-"""The table's integer for 1."""
+"""The integer of a value of 1 in the table of the logistic function."""
 
 LOGISTIC_RANGE: Final = 16
 
 GATE_MAX: Final = 6e4
-"""Largest argument of a gate that, in 1 / `LOGISTIC_ONE` and doubled, is still an int32."""
+"""Largest argument of a gate that, doubled and in units of 1 / `LOGISTIC_ONE`, is an int32."""
 
 
 def c_constants() -> dict[str, int | np.float32]:
-    """The definitions of `sw_settings.h` that the int8 sources need, besides sizes."""
+    """Return the definitions of `sw_settings.h` for the int8 sources, except sizes."""
     return {
         "SW_LANES": INT8_LANES,
         "SW_AHEAD": AHEAD,
@@ -98,21 +99,21 @@ def c_constants() -> dict[str, int | np.float32]:
 
 
 def qmax(width: int) -> int:
-    """Largest integer of a vector of this padded width whose product cannot overflow 32 bits; in C, SW_QMAX. Raises
-    ExportError if the vector is so wide that too little is left."""
+    """Return the largest integer of a vector of this padded width whose product cannot overflow 32 bits; in C, SW_QMAX.
+    Raises ExportError if the vector is so wide that too few integers are left."""
     if width > 4 * FULL_RANGE_WIDTH:
         raise ExportError(f"a layer of width {width}: int8 lowering takes at most {4 * FULL_RANGE_WIDTH}")
     return INT16_QMAX if width <= FULL_RANGE_WIDTH else SUM_QMAX // width
 
 
 def padded_size(size: int) -> int:
-    """A length rounded up to whole pairs of words."""
+    """Round a length up to whole pairs of words."""
     return size + -size % INT8_LANES
 
 
 def packed(values: npt.NDArray[np.int8]) -> npt.NDArray[np.int8]:
-    """Pack a matrix for `sw_dots`: tiles of 4 x 4, those of the same rows one behind the other; within a tile's row 0,
-    2, 1, 3."""
+    """Pack a matrix for `sw_dots` in tiles of 4 x 4. Tiles of the same rows are together; order in a row: 0, 2, 1,
+    3."""
     whole = np.pad(values, [(0, -size % INT8_LANES) for size in values.shape])
     outputs, inputs = whole.shape
     tiles = whole.reshape(outputs // _WORD, _WORD, inputs // _WORD, _WORD)[..., [0, 2, 1, 3]]
@@ -120,7 +121,8 @@ def packed(values: npt.NDArray[np.int8]) -> npt.NDArray[np.int8]:
 
 
 def elu_points() -> npt.NDArray[np.uint32]:
-    """ELU at -8, -8 + 1/32, .. below 8 in 1 / `ELU_ONE`, as C's sw_between takes it; up to the largest int16."""
+    """Return ELU at -8, -8 + 1/32, .. below 8 in units of 1 / `ELU_ONE`, for C's sw_between; at most the largest
+    int16."""
 
     def elu(x: Array) -> Array:
         held: Array = np.minimum(ELU_ONE * np.where(x < 0, np.expm1(np.minimum(x, 0)), x), INT16_QMAX)
@@ -130,7 +132,8 @@ def elu_points() -> npt.NDArray[np.uint32]:
 
 
 def logistic_points() -> npt.NDArray[np.uint32]:
-    """The logistic function at -16, -16 + 1/32, .. below 16 in 1 / `LOGISTIC_QMAX`, as C's sw_between takes it."""
+    """Return the logistic function at -16, -16 + 1/32, .. below 16 in units of 1 / `LOGISTIC_QMAX`, for C's
+    sw_between."""
     return _points(lambda x: LOGISTIC_QMAX / (1.0 + np.exp(-x)), LOGISTIC_RANGE)
 
 

@@ -1,8 +1,8 @@
 """The C99 library of one control step: hand-written sources, generated settings and weights.
 
-The generated text is numbers only: `sw_settings.h` and `sw_weights.c` (`contract.controller.c_folder`).
+Only the numbers are generated: `sw_settings.h` and `sw_weights.c` (`contract.controller.c_folder`).
 
-The other files of a folder are documents, and the answers that its example must give.
+The other files of a folder are documents, and the expected answers of its example program.
 """
 
 from collections.abc import Mapping, Sequence
@@ -37,12 +37,12 @@ from export.to_c.int8_arrays import int8_arrays
 from export.to_c.int8_format import c_constants
 
 ALIGNMENTS: Final = {"int8": 16, "float32": 64}
-"""Bytes at multiples of which the arrays begin: a word of Cortex-M or a vector register, and a cache line."""
+"""Alignment of the arrays in bytes: a word of Cortex-M or a vector register (int8), and a cache line (float32)."""
 _TABLES: Final = ("sw_elu_points", "sw_logistic_points")
-"""The same for every program, and so compiled in."""
+"""Tables that are equal for every program, and so are compiled in."""
 _HOT: Final = ("sw_dyn1_rows", "sw_dyn1_adjoint_rows", "sw_dyn2_rows", "sw_dyn2_adjoint_rows", "sw_dyn3_rows",
                "sw_dyn3_adjoint_rows")  # fmt: skip
-"""Members of `sw_hot`."""
+"""Names of the arrays in the C struct `sw_hot`."""
 
 
 @overload
@@ -54,8 +54,8 @@ def c_library(program: RoundedProgram, ranges: ActivationRanges) -> dict[str, by
 
 
 def c_library(program: Program, ranges: ActivationRanges | None = None) -> dict[str, bytes]:
-    """All files of the library by name: in float32, or of a rounded program with integer products. Raises ExportError
-    for a value that float32 cannot hold, or a program that the library cannot run; the message names it.
+    """Return all files of the library by name: in float32, or with integer products for a rounded program. Raises
+    ExportError for a value that float32 cannot hold, or a program that the library cannot run; the message states it.
 
     Args:
         ranges: of the activations of a rounded program.
@@ -73,7 +73,7 @@ def c_library(program: Program, ranges: ActivationRanges | None = None) -> dict[
 def weights_files(
     arrays: Mapping[str, ArrayValues], definitions: Mapping[str, int | str | np.float32], alignment: int
 ) -> dict[str, bytes]:
-    """`sw_settings.h` with these definitions, and a program's numbers by their names in C: as a source, and packed."""
+    """Return `sw_settings.h` with these definitions, and numbers by their names in C: as a source, and packed."""
     rest = {name: values for name, values in arrays.items() if name not in (*_HOT, *_TABLES)}
     hot = {name: arrays[name] for name in _HOT if name in arrays}
     constants = {"sw_own_weights": numbers("sw_weights", rest, alignment)}
@@ -91,8 +91,28 @@ def weights_files(
     }
 
 
+def with_answer(library: Mapping[str, bytes], answer: tuple[float, float]) -> dict[str, bytes]:
+    """Give the library whose `sw_known_answer` expects an answer, its first action and its cost."""
+
+    def member(values: Sequence[float]) -> Numbers:
+        return Numbers(struct="sw_weights", members={"known_answer": np.array(values, np.float32)})
+
+    unknown, known = (member(values).initialiser[1:-1].encode() for values in ((0.0, 0.0), answer))
+    layout = ProgramSettings.of(library).text("SW_WEIGHTS_LAYOUT").split("; ")
+    (place,) = (int(each.split()[-1]) for each in layout if each.startswith("known_answer "))
+    source, packed = library[PROGRAM_WEIGHTS], bytearray(library[image_payload.WEIGHTS_PART])
+    assert source.count(unknown) == 1
+    values = member(answer).packed()
+    packed[place : place + len(values)] = values
+    return {
+        **library,
+        PROGRAM_WEIGHTS: source.replace(unknown, known),
+        image_payload.WEIGHTS_PART: bytes(packed),
+    }
+
+
 def numbers(struct: str, arrays: Mapping[str, ArrayValues], alignment: int) -> Numbers:
-    """A struct in C; raises ExportError for a value that float32 cannot hold."""
+    """Return a struct in C; raises ExportError for a value that float32 cannot hold."""
     return Numbers(
         struct=struct,
         members={name.removeprefix("sw_"): _in_c(name, values) for name, values in arrays.items()},
@@ -105,18 +125,18 @@ def _in_c(name: str, values: ArrayValues) -> npt.NDArray[Any]:
 
 
 def static_sources(precision: WeightPrecision) -> dict[str, bytes]:
-    """The control step's sources that are the same for every program."""
+    """Return the control step's sources that are equal for every program."""
     folders = ("common", precision, "step")
     return {name: text for folder in folders for name, text in sources_in(folder).items()}
 
 
 def sources_in(folder: str) -> dict[str, bytes]:
-    """Sources and headers of a folder of `sources`, by name."""
+    """Return the sources and headers of a folder of `sources`, by name."""
     return c_files(files("export.to_c").joinpath("sources", folder))
 
 
 def settings(program: ControllerProgram, precision: WeightPrecision) -> dict[str, int | str | np.float32]:
-    """Everything of `sw_settings.h`: numbers that C shares with Python stand here, and nowhere in C."""
+    """Return all definitions of `sw_settings.h`. Numbers that C shares with Python are defined here only."""
     mpc = program.mpc
     beta1, beta2 = ADAM_BETAS
     return {
@@ -127,7 +147,7 @@ def settings(program: ControllerProgram, precision: WeightPrecision) -> dict[str
         "SW_WINDOW": program.window,
         "SW_SENSORS": len(program.sensors),
         "SW_HORIZON": mpc.horizon,
-        # In C, `SW_` and a term's name in capitals is its index.
+        # In C, a term's name in capitals after `SW_` is the term's index.
         **{f"SW_{name.upper()}": index for index, name in enumerate(TERMS)},
         "SW_TERMS": len(TERMS),
         "SW_LSTM": program.encoder.lstm.width,
@@ -153,7 +173,7 @@ _FLOAT_BYTES = 4
 
 
 def documents(library: Mapping[str, bytes]) -> dict[str, bytes]:
-    """README, rules for CMake and licence, with the sizes of this library filled in."""
+    """Return README, rules for CMake and licence, with the sizes of this library filled in."""
     root = files("export.to_c").joinpath("folder")
     found = {name: root.joinpath(name).read_bytes() for name in DOCUMENTS}
     text = found["README.md"].decode("utf-8")
@@ -163,13 +183,13 @@ def documents(library: Mapping[str, bytes]) -> dict[str, bytes]:
 
 
 def replay(controller: Controller, windows: Sequence[Array], horizon: int) -> Array:
-    """What the example program expects, (n, 4): the planned action, the predicted mean Cd and Cl, and the cost.
+    """Return the example program's expected answers, (n, 4): planned action, predicted mean Cd and Cl, and cost.
 
-    Every answer starts from a plan of zeros. Were a plan to go into the next step, a difference in rounding could grow
-    from answer to answer, and more with one plant than with another.
+    Every answer starts from a plan of zeros. If plans were passed on to the next step, a difference in rounding could
+    grow from answer to answer, by an amount that depends on the plant.
 
     Args:
-        windows: n windows (L, S+1), each a control step after the other.
+        windows: n windows (L, S+1) of consecutive control steps.
     """
     plan, free = np.zeros(horizon), np.ones(horizon)
     steps = [controller.control_step(window, plan, free) for window in windows]

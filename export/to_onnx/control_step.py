@@ -1,11 +1,11 @@
 """`controller.onnx`: one control step in standard ONNX operators (`contract.controller.interface`).
 
-Encoder, then fixed-iteration projected Adam as one Scan over its iterations, whose body holds a Scan forwards and a
-Scan backwards over the horizon, then one more roll-out for the forces and the cost of the result. Written from the hand
-adjoint of `export.reference.mpc`; nothing is traced or unrolled, so the number of nodes does not depend on H or the
-iterations.
+The graph has the encoder, then fixed-iteration projected Adam as one Scan over its iterations, whose body holds a
+forward Scan and a backward Scan over the horizon, then one more roll-out for the forces and the cost of the result. It
+follows the hand-written adjoint of `export.reference.mpc`. Nothing is traced or unrolled, so the number of nodes does
+not depend on H or the iterations.
 
-What Adam's moments m and v are divided by does not depend on the data, so its Scan holds
+The divisors of Adam's moments m and v do not depend on the data, so its Scan computes
 
     M = b1 M + g,    V = b2 V + g^2,    a = a - rate_i M / (sqrt(V) + floor_i),
 
@@ -33,8 +33,8 @@ from export.to_onnx.prior import lower_beyond, lower_prior, lower_schedule
 
 
 def build_controller(lowered: Program) -> onnx.ModelProto:
-    """Lower a program to ONNX, a rounded one with its int8 weights; arithmetic is float32 in either. Raises ExportError
-    for a value that float32 cannot hold."""
+    """Lower a program to ONNX, with int8 weights if it is rounded; arithmetic is float32 in both cases. Raises
+    ExportError for a value that float32 cannot hold."""
     store, program = store_for(lowered), effective(lowered)
     shapes = program.sizes.shapes()
     graph = Graph()
@@ -75,7 +75,7 @@ def build_controller(lowered: Program) -> onnx.ModelProto:
 
 
 def previous_action(graph: Graph, sizes: Sizes, window: str) -> str:
-    """a_{-1}, the last row's last column, as (1,)."""
+    """Add a_{-1}, the last column of the last row, as (1,)."""
     last, column = sizes.window - 1, sizes.sensors
     corner = graph.op(
         "Slice", window, graph.index([last, column]), graph.index([last + 1, column + 1]), graph.index([0, 1])
@@ -84,7 +84,7 @@ def previous_action(graph: Graph, sizes: Sizes, window: str) -> str:
 
 
 def shifted(graph: Graph, plan: str, horizon: int) -> str:
-    """The previous plan one step later, its last action repeated, as a row (1, H)."""
+    """Add the previous plan one step later, with its last action repeated, as a row (1, H)."""
     rest, last = graph.slice(plan, 1, horizon), graph.slice(plan, horizon - 1, horizon)
     return graph.op("Unsqueeze", graph.op("Concat", rest, last, axis=0), graph.index([0]))
 
@@ -97,12 +97,13 @@ def lower_adam(
     bound: str,
     gradient: Callable[[Graph, str], str],
 ) -> str:
-    """The optimised plan (1, H), from the plan (1, H) to start at, the mask of free actions (H,) and the bound on |a|,
-    (). `gradient` writes dJ/da (1, H) at a plan (1, H) into the body it is given."""
+    """Add the optimised plan (1, H), from the starting plan (1, H), the mask of free actions (H,) and the bound on |a|,
+    (). `gradient` adds dJ/da (1, H) at a plan (1, H) to the given body.
+    """
     h, mpc = program.mpc.horizon, program.mpc
     beta1, beta2 = ADAM_BETAS
     number = np.arange(1, mpc.iterations + 1)[:, None]
-    # One row an iteration.
+    # Each row is an iteration.
     spread_scale = np.sqrt((1.0 - beta2) / (1.0 - beta2**number))
     mean_scale = (1.0 - beta1) / (1.0 - beta1**number)
     rates = graph.constant(mpc.learning_rate * mean_scale / spread_scale, "adam_rate")

@@ -1,7 +1,7 @@
-"""The force decoder and its adjoint as ONNX nodes, all H steps of the horizon as one batch of rows.
+"""The force decoder and its adjoint as ONNX nodes; all H steps of the horizon are one batch of rows.
 
-The forces' scaling is in the last matrix and bias. In a block ELU(y) = max(y, 0) + exp(min(y, 0)) - 1, and its 1 is
-left out of the rows that go from block to block: the biases behind them take it off.
+The forces' scaling is folded into the last matrix and bias. In a block ELU(y) = max(y, 0) + exp(min(y, 0)) - 1. The
+term -1 is left out of the rows that pass from block to block; the biases of the following layers compensate it.
 """
 
 from dataclasses import dataclass
@@ -16,14 +16,14 @@ from export.to_onnx.graph_builder import Graph, NormNames, PutMatrix, centred, c
 
 @dataclass(frozen=True, kw_only=True)
 class BlockTape:
-    """What a residual block's adjoint needs: xhat, and p = ELU' g r (see `to_onnx.dynamics`), both (H, width)."""
+    """The values for a residual block's adjoint: xhat, and p = ELU' g r (see `to_onnx.dynamics`), both (H, width)."""
 
     xhat: str
     slope: str
 
 
 class DecoderGraph:
-    """f_dec in a graph, with matrices prepared once."""
+    """The decoder f_dec in a graph, with matrices prepared once."""
 
     def __init__(self, graph: Graph, program: ControllerProgram, store: PutMatrix) -> None:
         weights, scaling = program.decoder, program.scaling
@@ -43,14 +43,14 @@ class DecoderGraph:
         self._signed_output_bias = graph.constant(taped_bias[[0, 0, 1]] * [1.0, -1.0, 1.0], "decoder.output.bias")
 
     def forces(self, graph: Graph, latents: str) -> str:
-        """Physical (Cd, Cl), (H, 2), from latents (H, n_z)."""
+        """Add the physical (Cd, Cl), (H, 2), from latents (H, n_z)."""
         x = graph.op("Gemm", latents, self._input, self._input_bias, transB=1)
         for block in self._blocks:
             x = block.plain(graph, x)
         return graph.op("Gemm", x, self._output, self._output_bias, transB=1)
 
     def signed_forces(self, graph: Graph, latents: str) -> tuple[str, list[BlockTape]]:
-        """(Cd, -Cd, Cl), (H, 3), which `Cost.gradient` takes, and the tape for `adjoint`."""
+        """Add (Cd, -Cd, Cl), (H, 3), for `Cost.gradient`, and the tape for `adjoint`."""
         x = graph.op("Gemm", latents, self._input, self._input_bias, transB=1)
         tapes = []
         for block in self._blocks:
@@ -59,7 +59,7 @@ class DecoderGraph:
         return graph.op("Gemm", x, self._signed_output, self._signed_output_bias, transB=1), tapes
 
     def adjoint(self, graph: Graph, tapes: list[BlockTape], d_signed_forces: str) -> str:
-        """dJ/dz (H, n_z) from dJ/d(Cd, -Cd, Cl) (H, 3)."""
+        """Add dJ/dz (H, n_z) from dJ/d(Cd, -Cd, Cl) (H, 3)."""
         d = graph.op("MatMul", d_signed_forces, self._signed_output)
         for block, tape in zip(reversed(self._blocks), reversed(tapes), strict=True):
             d = block.adjoint(graph, tape, d)
@@ -77,18 +77,18 @@ class _Block:
         self._zero = graph.constant(0.0)
 
     def plain(self, graph: Graph, x: str) -> str:
-        """The block's output (H, width)."""
+        """Add the block's output (H, width)."""
         y = self._norm.apply(graph, graph.op("Gemm", x, self._forward, self._bias))
         return graph.op("Add", x, graph.op("Elu", y))
 
     def taped(self, graph: Graph, x: str) -> tuple[str, BlockTape]:
-        """The block's output, each block so far one too high, and what the adjoint needs."""
+        """Add the block's output, which is too high by one for each block so far, and the values for the adjoint."""
         u = graph.op("Gemm", x, self._forward, self._taped_bias)
         y, inverse_std = self._norm.with_inverse_std(graph, u)
         slope = graph.op("Exp", graph.op("Min", y, self._zero))
         above = graph.op("Add", graph.op("Add", x, graph.op("Relu", y)), slope)
         factor = graph.op("Mul", graph.op("Mul", slope, self._norm.gain), inverse_std)
-        # u has mean zero, as its matrix and bias are centred.
+        # u has mean zero, because its matrix and bias are centred.
         return above, BlockTape(xhat=graph.op("Mul", u, inverse_std), slope=factor)
 
     def adjoint(self, graph: Graph, tape: BlockTape, d: str) -> str:
@@ -99,5 +99,5 @@ class _Block:
 
 
 def _without_ones(layer: Linear, ones: int) -> Array:
-    """The bias of a layer whose inputs are all so much too high."""
+    """Return the bias of a layer whose inputs are all too high by `ones`."""
     return np.asarray(layer.bias - ones * layer.weight.sum(axis=1))

@@ -1,22 +1,22 @@
 """The latent dynamics as Scans over the horizon: forwards for the states, backwards for the adjoint.
 
-ONNX Runtime takes its time for any node, however small, so what the recursions do not need leaves the Scans and is
-computed for all H steps at once. Forwards that is the action's share of the first layer, and the residual's biases,
-without which the recursion runs,
+ONNX Runtime has a cost per node, even for small nodes. So the Scans hold only the recursions, and everything else is
+computed for all H steps at once. In the forward Scan, the action's share of the first layer and the residual's biases
+are outside; the recursion without them is
 
     s_{k+1} = s_k + W_3 h_k,    z_k = s_k + k b_3.
 
-Backwards everything leaves but three products. Both layer norms get centred inputs (`weights.centred`), so that
-the adjoint of norm and ELU is, with xhat, r, and gain g of the norm, n its width, and p = ELU'(g xhat + b) r,
+The backward Scan holds three products only. Both layer norms get centred inputs (`weights.centred`). So the adjoint of
+norm and ELU, with xhat, r, and gain g of the norm, n its width, and p = ELU'(g xhat + b) r, is
 
     v = d diag(g) diag(p) (I - xhat xhat^T / n).
 
-diag(g) is in the constant matrix in front of it, and for both layers the rest goes into the matrix on their narrow
-side. With d_k the sum of dJ/dz through the forces alone, over all steps from k + 1 on, and e_k the rest of the adjoint,
-which comes through later steps, what is left in the Scan is
+diag(g) is folded into the constant matrix before it, and for both layers the other factors are folded into the matrix
+on their narrow side. Let d_k be the sum of dJ/dz through the forces alone, over all steps from k + 1 on, and e_k the
+rest of the adjoint, through later steps. The Scan then computes
 
-    e_{k-1} = e_k + (e_k + d_k) B_k W_2 diag(g_1) A_k,
-    B = W_3 diag(g_2) diag(p_2) (I - xhat_2 xhat_2^T / n),    A = diag(p_1) (I - xhat_1 xhat_1^T / n) W_1.
+    e_{k-1} = e_k + (e_k + d_k) B_k W_2 diag(g_1) A_k, B = W_3 diag(g_2) diag(p_2) (I - xhat_2 xhat_2^T / n),    A =
+    diag(p_1) (I - xhat_1 xhat_1^T / n) W_1.
 """
 
 from dataclasses import dataclass
@@ -30,8 +30,7 @@ from export.to_onnx.graph_builder import Graph, NormNames, PutMatrix, centred, c
 
 @dataclass(frozen=True, kw_only=True)
 class Rollout:
-    """Values of a forward pass: latents (H, n_z) at t+1 .. t+H, and both layers' inputs and outputs of norm and ELU,
-    (H, 1, width)."""
+    """A forward pass: latents (H, n_z) at t+1 .. t+H, and inputs and outputs of norms and ELUs, (H, 1, width)."""
 
     latents: str
     before: tuple[str, str]
@@ -39,7 +38,7 @@ class Rollout:
 
 
 class DynamicsGraph:
-    """f_dyn in a graph: matrices prepared once, used by any number of roll-outs and adjoints."""
+    """The dynamics f_dyn in a graph: matrices prepared once, used by any number of roll-outs and adjoints."""
 
     def __init__(self, graph: Graph, program: ControllerProgram, store: PutMatrix) -> None:
         weights = program.dynamics
@@ -48,7 +47,7 @@ class DynamicsGraph:
         first = centred(graph, store(graph, "dynamics.input.weight"))
         second = centred(graph, store(graph, "dynamics.hidden.weight"))
         third = store(graph, "dynamics.output.weight")
-        # Columns of the first layer: the latent state, then the action.
+        # The columns of the first layer are the latent state, then the action.
         by_state = graph.slice(first, 0, latent, 1)
         by_action = graph.slice(first, latent, latent + 1, 1)
         per_action = graph.constant(1.0 / program.scaling.action_std, "1 / action_std")
@@ -56,7 +55,7 @@ class DynamicsGraph:
         self._forward = (transposed(graph, by_state), transposed(graph, second))
         self._output = third
         first_bias, self._hidden_bias, self._output_bias = _biases(graph, weights.input, weights.hidden, weights.output)
-        # b_1, and what k times b_3 does to the first layer, (H, width).
+        # This is b_1 plus the effect of k times b_3 on the first layer, (H, width).
         steps = graph.constant(np.arange(self._horizon)[:, None], "steps")
         per_step = graph.op("MatMul", self._output_bias, self._forward[0])
         self._bias_by_step = graph.op("Add", graph.op("Mul", steps, per_step), first_bias)
@@ -64,13 +63,13 @@ class DynamicsGraph:
         self._norms = norm_in, NormNames(graph, weights.norm_hidden, "dynamics.norm_hidden")
         self._backward = graph.op("Mul", second, self._norms[0].gain)
         self._output_backward = graph.op("Mul", third, self._norms[1].gain)
-        # Their transposes over n, for means of products over a layer's width n.
+        # The transposed matrices divided by n, for means of products over a layer's width n.
         self._output_backward_means = _per_width(graph, self._output_backward, self._norms[1])
         self._forward_means = _per_width(graph, self._forward[0], self._norms[0])
         self._column = graph.index([self._horizon, 1])
 
     def rollout(self, graph: Graph, z: str, plan: str) -> Rollout:
-        """Latent states under a plan (1, H) in U_inf W, from z (1, n_z)."""
+        """Add the latent states with a plan (1, H) in U_inf W, from z (1, n_z)."""
         actions = graph.op("Reshape", plan, self._column)
         drive = graph.op("Gemm", actions, self._by_action_row, self._bias_by_step)
 
@@ -93,11 +92,11 @@ class DynamicsGraph:
         return Rollout(latents=latents, before=(u1s, u2s), after=(h1s, h2s))
 
     def adjoint(self, graph: Graph, rollout: Rollout, through_forces: str, through_plan: str) -> str:
-        """dJ/da (1, H), from dJ/dz_{k+1} through the forces alone, (H, n_z), and what comes through the plan alone."""
+        """Add dJ/da (1, H), from dJ/dz_{k+1} through the forces alone, (H, n_z), and dJ/da through the plan alone."""
         h, widths = self._horizon, [norm.width for norm in self._norms]
         xhat1, p1 = self._linearise(graph, 0, rollout)
         xhat2, p2 = self._linearise(graph, 1, rollout)
-        # B_k and the transposed A_k of all steps, (H, n_z, width), and d_k B_k.
+        # Compute B_k and the transposed A_k of all steps, (H, n_z, width), and d_k B_k.
         w3_p2_xhat2 = self._products(graph, graph.op("Mul", p2, xhat2), self._output_backward_means)
         b = graph.op("Sub", graph.op("Mul", p2, self._output_backward), graph.op("Mul", w3_p2_xhat2, xhat2))
         w1_xhat1 = self._products(graph, xhat1, self._forward_means)
@@ -122,12 +121,12 @@ class DynamicsGraph:
         return graph.op("Gemm", self._by_action_row, rows, through_plan, transB=1)
 
     def _products(self, graph: Graph, rows: str, columns: str) -> str:
-        """Rows (H, 1, n) times a matrix (n, n_z), as (H, n_z, 1)."""
+        """Multiply rows (H, 1, n) by a matrix (n, n_z), to (H, n_z, 1)."""
         return graph.op("Reshape", graph.op("MatMul", rows, columns), graph.index([self._horizon, self._latent, 1]))
 
     def _linearise(self, graph: Graph, layer: int, rollout: Rollout) -> tuple[str, str]:
         xhat, inverse_std = self._norms[layer].normalise(graph, rollout.before[layer])
-        # ELU' from ELU itself: 1 above zero, exp(x) = elu + 1 below.
+        # ELU' follows from ELU itself: 1 above zero, exp(x) = elu + 1 below.
         zero, one = graph.constant(0.0), graph.constant(1.0)
         slope = graph.op("Add", graph.op("Min", rollout.after[layer], zero), one)
         return xhat, graph.op("Mul", slope, inverse_std)

@@ -8,12 +8,12 @@ from export.to_onnx.graph_builder import Graph, NormNames, PutMatrix
 
 
 def lower_encoder(graph: Graph, program: ControllerProgram, window: str, store: PutMatrix) -> str:
-    """z_t as a row (1, n_z) from the window (L, S+1)."""
+    """Add z_t as a row (1, n_z) from the window (L, S+1)."""
     weights, scaling = program.encoder, program.scaling
     width = weights.lstm.width
     gates = _onnx_gates(width)
     mean = graph.constant(scaling.window_mean, "window_mean")
-    # As a factor, a deviation too small for float32 is refused where a divisor would round to zero.
+    # The deviation is a factor, so that one too small for float32 is refused; a divisor would round to zero.
     std = np.array(scaling.window_std)
     rows = window
     if program.encoder_rows < program.window:
@@ -24,7 +24,7 @@ def lower_encoder(graph: Graph, program: ControllerProgram, window: str, store: 
         weight = store(graph, f"encoder.{name}.weight")
         return graph.op("Gemm", x, weight, graph.constant(bias, f"encoder.{name}.bias"), transB=1)
 
-    # The operator has a direction axis in front of everything, and a batch axis of one in the sequence.
+    # The operator has a leading direction axis in all inputs, and a batch axis of one in the sequence.
     biases = np.concatenate([weights.lstm.bias_input[gates], weights.lstm.bias_recurrent[gates]])
     _, hidden = graph.ops(
         "LSTM",
@@ -41,6 +41,6 @@ def lower_encoder(graph: Graph, program: ControllerProgram, window: str, store: 
 
 
 def _onnx_gates(width: int) -> Index:
-    """Rows in PyTorch's gate order i, f, g, o in ONNX's order i, o, f, c (its c is PyTorch's g)."""
+    """Return the rows in PyTorch's gate order i, f, g, o that give ONNX's order i, o, f, c (its c is PyTorch's g)."""
     i, f, g, o = np.split(np.arange(4 * width), 4)
     return np.concatenate([i, o, f, g])

@@ -1,8 +1,8 @@
-"""A small writer of ONNX graphs: nodes by operator name, shared constants, Scan bodies that see what is outside.
+"""A small writer of ONNX graphs: nodes by operator name, shared constants, and Scan bodies that read outer values.
 
-A weight matrix is stored as float32, or as int8 with a DequantizeLinear behind it. Everything derived from a matrix
-(its transpose, its centred form) is computed from it in the outermost graph, never inside a Scan: for float weights
-ONNX Runtime folds these nodes when the session is built, for int8 weights they run once per control step.
+A weight matrix is stored as float32, or as int8 followed by a DequantizeLinear. Everything derived from a matrix (its
+transpose, its centred form) is computed in the outermost graph, never inside a Scan. For float weights ONNX Runtime
+folds these nodes when the session is built; for int8 weights they run once per control step.
 """
 
 from collections.abc import Sequence
@@ -20,15 +20,15 @@ from export.program.float32 import as_float32
 from export.program.weights import LAYER_NORM_EPSILON, Norm
 
 OPSET: Final = 18
-"""The oldest with LayerNormalization and axes as inputs of every reduction."""
+"""The oldest operator set with LayerNormalization and with axes as inputs of every reduction."""
 IR_VERSION: Final = 8
 
 
 class Graph:
-    """Collects nodes; every value is known by its name.
+    """A collection of nodes; every value has a name.
 
-    A body made by `body()` becomes the inside of a `scan`. It reads any value of the graphs around it by name,
-    and its constants are stored in the outermost graph. Equal constants are stored once.
+    A body from `body()` becomes the inside of a `scan`. It reads any value of the graphs around it by name, and its
+    constants are stored in the outermost graph. Equal constants are stored once.
     """
 
     def __init__(self, parent: "Graph | None" = None) -> None:
@@ -50,24 +50,24 @@ class Graph:
     def output(self, value: str, shape: Sequence[int], name: str | None = None) -> None:
         """Declare a value to be a float32 output, under another name if one is given."""
         if name is not None:
-            # Only where needed: inside a Scan even an Identity costs its dispatch in every step.
+            # An Identity is added only if needed: inside a Scan its dispatch takes time in every step.
             self._nodes.append(helper.make_node("Identity", [value], [name]))
         self._outputs.append(helper.make_tensor_value_info(name or value, TensorProto.FLOAT, shape))
 
     def constant(self, values: npt.ArrayLike, name: str = "const") -> str:
-        """A float32 constant; raises ExportError if a value has no finite float32."""
+        """Add a float32 constant; raises ExportError if a value has no finite float32."""
         return self._root._store(name, as_float32(values, name))
 
     def index(self, values: Sequence[int]) -> str:
-        """An int64 constant: axes, starts, ends, shapes."""
+        """Add an int64 constant: axes, starts, ends, shapes."""
         return self._root._store("index", np.array(values, dtype=np.int64))
 
     def stored(self, array: npt.NDArray[Any], name: str) -> str:
-        """A constant of any type, as it is."""
+        """Add a constant of any type, unchanged."""
         return self._root._store(name, array)
 
     def default(self, name: str, values: npt.ArrayLike) -> str:
-        """An input that may be left out, and what it is then."""
+        """Add an optional input and its default value."""
         array = np.asarray(values, dtype=np.float32)
         self.input(name, array.shape)
         self._initializers[name] = numpy_helper.from_array(array, name)
@@ -78,7 +78,7 @@ class Graph:
         return self.ops(kind, *inputs, outputs=1, **attributes)[0]
 
     def slice(self, x: str, *bounds: int) -> str:
-        """Part of a value: from a start to an end, along the first axis or the one that is given third."""
+        """Add a slice of a value from a start to an end, along the first axis or along the axis given third."""
         return self.op("Slice", x, *(self.index([bound]) for bound in bounds))
 
     def ops(self, kind: str, *inputs: str, outputs: int, **attributes: Any) -> tuple[str, ...]:
@@ -88,7 +88,7 @@ class Graph:
         return names
 
     def body(self) -> "Graph":
-        """An empty Scan body within this graph."""
+        """Return an empty Scan body within this graph."""
         return Graph(parent=self)
 
     def scan(
@@ -96,8 +96,8 @@ class Graph:
     ) -> tuple[str, ...]:
         """Run `body` over the first axis of `sequences`; returns the final states, then the stacked outputs.
 
-        The body's inputs are the states and then one slice of every sequence, its outputs the new states and
-        then what is to be stacked. In reverse, slices are taken and stacked from the last to the first.
+        The body's inputs are the states and then one slice of every sequence; its outputs are the new states and then
+        the values to stack. In reverse, slices are taken and stacked from the last to the first.
         """
         stacked = len(body._outputs) - len(states)
         directions = {"scan_input_directions": [int(reverse)] * len(sequences)}
@@ -114,7 +114,7 @@ class Graph:
         )
 
     def model(self, name: str, doc: str) -> onnx.ModelProto:
-        """The finished model, after ONNX's own full check with shape inference."""
+        """Return the model, after ONNX's own full check with shape inference."""
         graph = helper.make_graph(self._nodes, name, self._inputs, self._outputs, list(self._initializers.values()))
         model = helper.make_model(
             graph,
@@ -141,19 +141,19 @@ class Graph:
 
 
 class PutMatrix(Protocol):
-    """Puts a matrix (outputs, inputs) of the program into the graph and returns the name of its float32 value."""
+    """A function that stores a matrix (outputs, inputs) in the graph and returns the name of its float32 value."""
 
     def __call__(self, graph: Graph, name: str, *, rows: Index | None = None, leading: int = 0) -> str:
-        """The matrix of this name (`export.program.controller_program`).
+        """Store the matrix with this name (`export.program.controller_program`).
 
         Args:
-            rows: outputs in another order, where an operator wants one.
-            leading: axes of length 1 in front, likewise.
+            rows: another order of the outputs, if an operator needs it.
+            leading: number of leading axes of length 1, if an operator needs them.
         """
 
 
 class Float32Store:
-    """Matrices rounded to float32."""
+    """A store of matrices rounded to float32."""
 
     def __init__(self, program: ControllerProgram) -> None:
         self._matrices = matrices(program)
@@ -164,10 +164,10 @@ class Float32Store:
 
 
 class Int8Store:
-    """The integers of a rounded program: a byte a weight and a scale a row.
+    """A store of the integers of a rounded program: one byte per weight and one scale per row.
 
-    The value must go straight into a product or a sum: ONNX Runtime moves a DequantizeLinear past operators that
-    only rearrange (Transpose, Slice, Unsqueeze), and 1.20 aborts on that with a scale a row.
+    The value must be used directly in a product or a sum. ONNX Runtime moves a DequantizeLinear past operators that
+    only rearrange (Transpose, Slice, Unsqueeze), and version 1.20 aborts on that with one scale per row.
     """
 
     def __init__(self, program: RoundedProgram) -> None:
@@ -182,7 +182,7 @@ class Int8Store:
 
 
 def store_for(program: Program) -> PutMatrix:
-    """The way to store a program's matrices."""
+    """Return the store for a program's matrices."""
     return Int8Store(program) if isinstance(program, RoundedProgram) else Float32Store(program)
 
 
@@ -195,21 +195,21 @@ def _with_axes(values: npt.NDArray[Any], leading: int) -> npt.NDArray[Any]:
 
 
 def centred(graph: Graph, weight: str) -> str:
-    """C W with C = I - 11^T / n: the matrix whose product has mean zero over the outputs.
+    """Add C W with C = I - 11^T / n: the matrix whose product has mean zero over the outputs.
 
-    A layer norm does not see the difference, and its adjoint, which ends in a product with C, gets that
-    product for nothing: (W^T C) v = (C W)^T v.
+    A layer norm gives the same result for both. Its adjoint ends in a product with C, which is then already contained
+    in the matrix: (W^T C) v = (C W)^T v.
     """
     return graph.op("Sub", weight, graph.op("ReduceMean", weight, graph.index([0]), keepdims=1))
 
 
 def centred_bias(bias: Array) -> Array:
-    """C b, to go with `centred`."""
+    """Return C b, for use with `centred`."""
     return np.asarray(bias - bias.mean())
 
 
 def transposed(graph: Graph, weight: str) -> str:
-    """The (inputs, outputs) form that a row vector is multiplied by."""
+    """Add the (inputs, outputs) form, by which a row vector is multiplied."""
     return graph.op("Transpose", weight, perm=[1, 0])
 
 
@@ -222,17 +222,17 @@ class NormNames:
         self.offset = graph.constant(norm.bias, f"{name}.bias")
 
     def apply(self, graph: Graph, x: str) -> str:
-        """LN(x) over the last axis."""
+        """Add LN(x) over the last axis."""
         return graph.op("LayerNormalization", x, self.gain, self.offset, epsilon=LAYER_NORM_EPSILON)
 
     def normalise(self, graph: Graph, x: str) -> tuple[str, str]:
-        """xhat and r = 1 / sqrt(var x + eps): the operator with unit gain and its third output."""
+        """Add xhat and r = 1 / sqrt(var x + eps): the operator with unit gain and its third output."""
         one, zero = graph.constant(np.ones(self.width)), graph.constant(np.zeros(self.width))
         xhat, _, inverse_std = graph.ops("LayerNormalization", x, one, zero, outputs=3, epsilon=LAYER_NORM_EPSILON)
         return xhat, inverse_std
 
     def with_inverse_std(self, graph: Graph, x: str) -> tuple[str, str]:
-        """LN(x) over the last axis, and r."""
+        """Add LN(x) over the last axis, and r."""
         y, _, inverse_std = graph.ops(
             "LayerNormalization", x, self.gain, self.offset, outputs=3, epsilon=LAYER_NORM_EPSILON
         )

@@ -1,10 +1,10 @@
-"""The prior of the plan as ONNX nodes: one Scan over the horizon (`export.reference.prior`), and the goal around it.
+"""The prior of the plan as ONNX nodes: one Scan over the horizon (`export.reference.prior`), and the goal.
 
-The past is one row, oldest differences first. What schedule and filters make of the units, one matrix on that row, and
-the gates are made once in a control step.
+The past is one row, oldest differences first. The units' matrix on that row, which combines schedule and filters, and
+the gates are computed once per control step.
 
-The goal schedules a prior and decides what it leaves to the iterations. See `contract.controller.goal`, whose functions
-these are for weights (8,) and a bound () on |a|.
+The goal schedules a prior and determines the part of the cost that is left to the iterations. The nodes compute the
+functions of `contract.controller.goal` for weights (8,) and a bound () on |a|.
 """
 
 import numpy as np
@@ -16,10 +16,10 @@ from export.to_onnx.graph_builder import Graph, PutMatrix, transposed
 
 
 def lower_schedule(graph: Graph, weights: str, speed: str | None, share: str) -> tuple[str, str]:
-    """The schedule (5, 1), and how far the goal lets the jets go as a share of the program's limit, ().
+    """Add the schedule (5, 1), and the bound that the goal allows as a share of the program's limit, ().
 
     Args:
-        speed: (); None where the prior does not know it.
+        speed: (); None if the prior does not depend on the speed.
         share: (), the bound on |a| as a share of the program's limit, at most 1.
     """
     row = graph.index([1])
@@ -29,7 +29,7 @@ def lower_schedule(graph: Graph, weights: str, speed: str | None, share: str) ->
     asked = graph.op("Concat", effort, lift, axis=0)
     dearest = graph.op("Mul", drag, graph.constant([DEAREST_EFFORT, DEAREST_LIFT]))
     root = graph.op("Sqrt", graph.op("Div", asked, dearest))
-    # A cost without drag divides by zero here, and takes the other side.
+    # A cost without drag divides by zero here, and Where selects the other value.
     any_at_all = graph.op("Cast", graph.op("Greater", asked, graph.constant(0.0)), to=1)
     prices = graph.op("Where", graph.op("Greater", dearest, asked), root, any_at_all)
     one, zero = graph.constant(1.0), graph.constant(0.0)
@@ -44,7 +44,7 @@ def lower_schedule(graph: Graph, weights: str, speed: str | None, share: str) ->
 
 
 def lower_beyond(graph: Graph, weights: str, *, knows_goal: bool) -> str:
-    """The weights (8,) of the iterations behind a prior, which knows a goal or drag alone."""
+    """Add the weights (8,) of the iterations after a prior, which covers drag and goal, or drag alone."""
     known, kept = np.zeros(len(TERMS)), np.ones(len(TERMS))
     if knows_goal:
         known[[TERMS.index("effort"), TERMS.index("lift")]] = DEAREST_EFFORT, DEAREST_LIFT
@@ -67,12 +67,12 @@ def lower_prior(
     reach: str,
     bound: str,
 ) -> str:
-    """The plan (1, H) that the optimiser starts from.
+    """Add the plan (1, H) from which the optimiser starts.
 
     Args:
         window, committed, free: (L, S+1); (1, H) actions where they are not free; (H,).
         schedule: (5, 1).
-        reach: (), how far the goal lets the jets go, in U_inf W.
+        reach: (), the bound on |a| that the goal allows, in U_inf W.
         bound: (), on |a| in this control step.
     """
     columns, length = prior.pairs + 1, prior.memory * (prior.pairs + 1)
@@ -102,7 +102,7 @@ def lower_prior(
 
 
 def _units(graph: Graph, prior: PriorWeights, store: PutMatrix, schedule: str) -> str:
-    """(M (p + 1), n): what the units multiply the past with, the sum over the schedule."""
+    """Add the units' matrix on the past, (M (p + 1), n), the sum over the schedule."""
     scheduled, units, count, columns = prior.first.shape
     by_row = graph.op("Mul", schedule, graph.constant(np.ones((1, units))))
     weighted = graph.op("Mul", store(graph, "prior.first"), graph.op("Reshape", by_row, graph.index([-1, 1])))
@@ -115,7 +115,7 @@ def _units(graph: Graph, prior: PriorWeights, store: PutMatrix, schedule: str) -
 
 
 def _gates(graph: Graph, prior: PriorWeights, store: PutMatrix, sizes: Sizes, window: str, schedule: str) -> str:
-    """(n, 1)."""
+    """Add the gates, (n, 1)."""
     both = np.repeat(np.eye(prior.pairs), 2, axis=0)
     newest = graph.slice(window, sizes.window - prior.memory, sizes.window, 0)
     sums = graph.op("MatMul", newest, graph.constant(np.vstack([both, np.zeros(prior.pairs)]), "sums"))
@@ -126,7 +126,7 @@ def _gates(graph: Graph, prior: PriorWeights, store: PutMatrix, sizes: Sizes, wi
 
 
 def _past(graph: Graph, prior: PriorWeights, sizes: Sizes, window: str) -> tuple[str, str]:
-    """Rows (y, a) before the present one, (1, M (p + 1)), and the differences now, (1, p)."""
+    """Add the rows (y, a) before the present row, (1, M (p + 1)), and the present differences, (1, p)."""
     memory, pairs = prior.memory, prior.pairs
     newest = graph.slice(window, sizes.window - memory, sizes.window, 0)
     row, size = _history(graph, newest, memory, pairs), memory * (pairs + 1) - 1
@@ -137,15 +137,15 @@ def _past(graph: Graph, prior: PriorWeights, sizes: Sizes, window: str) -> tuple
 
 
 def _history(graph: Graph, window: str, length: int, pairs: int) -> str:
-    """Rows (Cp_k, a_{k-1}), (L, S+1), as (1, L (p + 1) - 1): y_k and a_k in turn, without the last action.
+    """Convert rows (Cp_k, a_{k-1}), (L, S+1), to (1, L (p + 1) - 1): y_k and a_k in turn, without the last action.
 
-    The first row's action is older than the memory: it is dropped, and the others move up by a row.
+    The first row's action is older than the memory. It is dropped, and the other actions move up by a row.
     """
     signs = np.zeros((2 * pairs + 1, pairs + 1))
     for pair in range(pairs):
         signs[2 * pair, pair + 1], signs[2 * pair + 1, pair + 1] = 1.0, -1.0
     signs[-1, 0] = 1.0
-    # Rows (a_{k-1}, y_k), one after the other: without the first number it is the history.
+    # Rows (a_{k-1}, y_k) one after another; without the first number they are the history.
     turned = graph.op("MatMul", window, graph.constant(signs, "differences"))
     size = length * (pairs + 1)
     row = graph.op("Reshape", turned, graph.index([1, size]))

@@ -1,4 +1,4 @@
-"""The estimates of pressures from each other as ONNX nodes, all views of the window in one batch, and back again."""
+"""The estimates of pressures from the other pressures as ONNX nodes; all views of the window are one batch."""
 
 from typing import Final
 
@@ -23,7 +23,7 @@ DOC: Final = "Pressures estimated from each other: see contract.controller.estim
 
 
 def build_estimator(rounded: RoundedEstimator) -> onnx.ModelProto:
-    """`sensors.onnx` of a network; raises ExportError if a number of it has no finite float32."""
+    """Build `sensors.onnx` of a network; raises ExportError if one of its numbers has no finite float32."""
     network = rounded.network
     sensors, length = network.sensors, network.window
     seen_by = views(sensors)
@@ -52,8 +52,8 @@ def build_estimator(rounded: RoundedEstimator) -> onnx.ModelProto:
 
 
 def read_estimator(content: bytes) -> RoundedEstimator:
-    """The network of a graph that `build_estimator` wrote, in a verified bundle. Raises ExportError if the graph is of
-    another make, as those with float32 weights are that came before version 0.6."""
+    """Read the network of a graph that `build_estimator` wrote, from a verified bundle. Raises ExportError if the graph
+    has another structure, such as the graphs with float32 weights of versions before 0.6."""
     graph = onnx.load_from_string(content).graph
     constants = {item.name: numpy_helper.to_array(item) for item in graph.initializer}
     made_by = {name: node for node in graph.node for name in node.output}
@@ -66,7 +66,7 @@ def read_estimator(content: bytes) -> RoundedEstimator:
         for node in weights
         if node is not None
     ]
-    # The first of their kind are those that standardise the window.
+    # The first Sub and the first Mul standardise the window.
     mean, kept = (next(node for node in graph.node if node.op_type == kind).input[1] for kind in ("Sub", "Mul"))
     network = EstimatorNetwork(
         window=graph.input[0].type.tensor_type.shape.dim[0].dim_value,

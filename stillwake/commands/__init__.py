@@ -1,1 +1,1 @@
-"""A command group a file. One folder below `__main__`, so that no file here shadows a room of the same name."""
+"""The command groups, one file each, one folder below `__main__`, so that no file hides a package of its name."""

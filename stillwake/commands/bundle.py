@@ -43,7 +43,7 @@ bundle = typer.Typer(
 )
 
 DIFFERENT: Final = 1
-"""Exit status of `diff`, as of diff(1)."""
+"""Exit status of `diff` for two different bundles, like that of diff(1)."""
 
 DataSet = Annotated[Path | None, typer.Option("--dataset", help="Fit a new sensor estimator to this; takes minutes.")]
 SecurityVersion = Annotated[
@@ -69,10 +69,10 @@ def keygen(
         typer.Option("--secret", help="A secret for frames (bus.key) or for a tester's access, in place of a pair."),
     ] = False,
 ) -> None:
-    """Make a key pair: release.key signs and stays secret, release.pub is for everyone who is to trust it.
+    """Make a key pair: release.key signs and must be kept secret, release.pub is for everyone who checks the signature.
 
-    With --secret it is 128 random bits as hexadecimal digits: for authenticated frames, with `bus.key` on both nodes,
-    or for a tester's access, with --access. Frames and access need secrets of their own. What is there is never
+    With --secret the command writes 128 random bits as hexadecimal digits: for authenticated frames, with `bus.key` on
+    both nodes, or for a tester's access, with --access. Frames and access need different secrets. Nothing is
     overwritten.
     """
     if secret:
@@ -112,10 +112,10 @@ def renew(
 ) -> None:
     """Make a bundle of the same controller for this version's stillwake.dbc, and sign it.
 
-    The old bundle must be in order but for its DBC. The new one names it by its hash. With --set
+    The old bundle must be valid except for its DBC. The new bundle states the old bundle's hash. With --set
     operating_point.speed=12.5, or another setting of that section, it is for another vehicle or speed; with --set
-    mpc.weights.lift=0.1 it has other weights of the cost. --security-version and --hardware decide which ECUs take it
-    when it is flashed. A sensor estimator that it has is kept; with --dataset it gets one, or another one.
+    mpc.weights.lift=0.1 it has other weights of the cost. --security-version and --hardware decide which ECUs accept it
+    when it is flashed. A sensor estimator is copied; with --dataset the new bundle gets a new estimator.
     """
     from export.release.judged import judge
 
@@ -156,7 +156,7 @@ def _speeds(text: str) -> SpeedRange:
 
 
 def _given(loaded: Loaded, section: str, values: object) -> dict[str, float]:
-    """What the user set of a section, by name."""
+    """Return the values of a section that the user set, by name."""
     names = [name.removeprefix(section) for name in loaded.given if name.startswith(section)]
     return {name: getattr(values, name) for name in names}
 
@@ -171,8 +171,8 @@ def inspect(
 ) -> None:
     """Verify a bundle, an image or a key list, and show what it holds and who signed it.
 
-    Of a bundle every check that loading makes has a line, and so has a control step; if one fails, nothing else is
-    shown and the exit status is 1. Of a key list any signer is accepted, unless --trust names the root key.
+    For a bundle, each check of loading and a control step have a line; if a check fails, nothing else is shown and the
+    exit status is 1. For a key list any signer is accepted, unless --trust names the root key.
     """
     if path is not None and key_list.is_list(path):
         _refuse_sbom(sbom)
@@ -202,7 +202,7 @@ def _refuse_sbom(sbom: Path | None) -> None:
 
 
 def _verify(where: Path, trusted: PublicKey | None) -> None:
-    """Make every check, print a line for each. Raises BundleError if one of them fails."""
+    """Make every check and print a line for each. Raises BundleError if a check fails."""
     checks = bundles.examine(where, trusted)
     if all(check.error is None for check in checks):
         checks.append(_first_step(bundles.load(where, trusted)))
@@ -216,8 +216,8 @@ def _verify(where: Path, trusted: PublicKey | None) -> None:
 
 
 def _first_step(release: Bundle) -> Check:
-    """A step of each graph, in bounded time and memory, with the inputs and outputs that the manifest gives them."""
-    # ONNX Runtime takes a while to load, and leaves a file in the temporary folder: other commands do without.
+    """Run a step of each graph, in bounded time and memory, with the inputs and outputs that the manifest states."""
+    # The import is here, because ONNX Runtime takes a while to load and leaves a file in the temporary folder.
     from contract.runtime.onnx_estimator import OnnxEstimator
     from contract.runtime.onnx_session import OnnxController
 
@@ -236,8 +236,8 @@ def diff(
 ) -> None:
     """Show what differs between two bundles, manifest, signer and files by their hashes, or between two images (.swi).
 
-    Ends with 0 if they are the same, 1 if they differ, and 2 if one of them cannot be read or does not verify. They may
-    be of other versions' stillwake.dbc.
+    The exit status is 0 if both are equal, 1 if they differ, and 2 if one of them cannot be read or does not verify.
+    Bundles with the stillwake.dbc of other versions are accepted.
     """
     try:
         found = differences(a, b)
@@ -260,8 +260,8 @@ def keylist(
 ) -> None:
     """Make the list of the keys that may sign releases for an ECU, signed by the root key.
 
-    An ECU knows its root key from production on, and takes every list that this key signed and that has a greater
-    version than its own. A root key is made like any other: `stillwake keygen FOLDER`.
+    An ECU has its root key from production on. It accepts every list that this key signed and that has a greater
+    version than its own list. A root key is made like any other key: `stillwake keygen FOLDER`.
     """
     check_output(path, overwrite=None)
     private = signing.read_private_key(key)
@@ -275,7 +275,7 @@ def keylist(
 
 
 def _opened_list(path: Path, root: PublicKey | None) -> tuple[KeyList, PublicKey]:
-    """The list in a file and who signed it: any key, unless one is demanded."""
+    """Read the list in a file and return it with its signer, which is any key unless `root` is given."""
     try:
         raw = path.read_bytes()
     except OSError as error:
@@ -294,12 +294,12 @@ def _show(listed: KeyList, root: PublicKey) -> None:
 
 
 def _folded(head: str) -> Column:
-    """A column whose texts are never cut."""
+    """Return a column whose texts are never cut."""
     return Column(head, overflow="fold")
 
 
 def rows(release: Bundle) -> list[tuple[str, str]]:
-    """Everything a manifest ties together, by name."""
+    """Return all facts of a manifest, by name."""
     manifest = release.manifest
     mpc, point, scaling = manifest.mpc, manifest.operating_point, manifest.scaling
     weights = ", ".join(f"{name} {value:g}" for name, value in vars(mpc.weights).items())

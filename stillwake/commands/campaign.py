@@ -1,4 +1,4 @@
-"""The command that runs a test plan: the loop under every disturbance, in parallel, and one report of it."""
+"""The command that runs a test plan: the loop under every disturbance, in parallel, with one report."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -29,12 +29,12 @@ if TYPE_CHECKING:
     from firmware_sim.campaign.folder import CampaignFolder
 
 NOT_SAFE: Final = 3
-"""Exit status of a campaign that is whole, but in which an invariant broke."""
+"""Exit status of a complete campaign in which an invariant did not hold."""
 _USES: Final = ("operating_point", "flow", "bus", "ecu", "vehicle")
 _LONGEST: Final = 1e6
-"""t_c: a run of a day."""
+"""Longest span in t_c: a run of a day."""
 _MOST_PHASES: Final = 25
-"""A shedding cycle has as many control periods."""
+"""Largest number of starts, about the number of control periods in a shedding cycle."""
 
 Scenarios = Annotated[list[Path], typer.Option(help="Scenarios of your own, a TOML file (repeatable).", metavar="FILE")]
 Only = Annotated[list[str], typer.Option(help="Only scenarios of such names, 'noise_*' (repeatable).", metavar="GLOB")]
@@ -61,13 +61,13 @@ def campaign(
     json_file: shared.JsonFile = None,
     given: shared.Settings = [],  # noqa: B006
 ) -> None:
-    """Run a test plan: the loop under noise, delay, lying sensors, a bad bus, another flow, each from several starts.
+    """Run a test plan: the loop under noise, delay, sensor and bus faults, and another flow, each from several starts.
 
-    Writes a table, figures and one page into the folder. It can be stopped at any time: finished runs are kept, and the
-    same command goes on. Another seed, bundle, span or setting makes another campaign. With --phases 1 --controlled 40
-    it is a look, no figure.
+    The command writes a table, figures and one page into the folder. It can be stopped at any time: finished runs are
+    stored, and the same command continues. Another seed, bundle, span or setting makes another campaign. With --phases
+    1 --controlled 40 it is a quick trial without significant figures.
 
-    Exit status 3: an invariant broke in a scenario. What is of no use to the drag is a figure, no failure.
+    Exit status 3: an invariant did not hold in a scenario. A scenario without drag reduction is no failure.
     """
     from firmware_sim.campaign.folder import CampaignFolder
     from firmware_sim.campaign.matrix_words import listing
@@ -108,7 +108,7 @@ def campaign(
 def _planned(
     release: Bundle, config: Config, files: Sequence[Path], only: Sequence[str], spans: dict[str, float], seed: int
 ) -> "Campaign":
-    """The campaign that was asked for, checked: whatever is wrong with it is reported before anything runs."""
+    """Return the requested campaign, checked: every error in it is reported before anything runs."""
     from contract.config.body_sensors import layout_of
     from ecu.fit import check_flow, check_sensors
     from firmware_sim.bench.spans import Spans
@@ -122,7 +122,7 @@ def _planned(
     check_sensors(release, layout)
     sensors = release.manifest.sensors
     on_base = {layout.names[column] for column in layout.base}
-    # The controller's window fills without control, with what the disturbed sensors read.
+    # The controller's window fills without control, with the readings of the disturbed sensors.
     lead_in = (release.manifest.window + MARGIN_PERIODS) * config.flow.control_period
     place = Place(
         sensors=sensors,
@@ -143,10 +143,10 @@ def _planned(
 
 
 def _conducted(planned: "Campaign", folder: "CampaignFolder", spread: Mapping[str, Any]) -> "Result":
-    """Run what is missing, with progress; when it is stopped, report how to go on."""
+    """Run what is missing, with progress; if stopped, print how to continue."""
     from firmware_sim.campaign.conduct import conduct
 
-    # A run takes half a minute: the speed is that of the last hour.
+    # A run takes half a minute, so the speed is averaged over the last hour.
     with progress("runs", estimate_over=3600.0) as report:
         report("the starts", 0)
 
@@ -163,7 +163,7 @@ def _conducted(planned: "Campaign", folder: "CampaignFolder", spread: Mapping[st
 
 
 def _print(result: "Result") -> None:
-    """The matrix, and the headline last, where a terminal is read first."""
+    """Print the matrix, and the headline last, because a terminal is read from its end."""
     from firmware_sim.campaign.matrix_words import MATRIX_HEADS, cells, headline
 
     table = Table(*MATRIX_HEADS)

@@ -1,4 +1,4 @@
-"""The command that shows settings: each with its value, where the value comes from, and what it means."""
+"""The command that shows settings: each with its value, the value's source, and its meaning."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -30,8 +30,8 @@ def config(
     """Show the settings: values, units, and where each value comes from.
 
     The last column gives the source: the "default", the shipped "release", a "file" of --set, or a single "--set". With
-    a prefix, the default's own source is given too. The same --set gives the same settings to every other command but
-    `export`, which begins with its model's own.
+    a prefix, the source of the default is given too. The same --set gives the same settings to every other command
+    except `export`, which begins with its model's settings.
     """
     loaded = read_settings(given)
     listed = chosen(sections(loaded.config), prefix, only_changed=changed)
@@ -45,8 +45,8 @@ def config(
 
 
 def chosen(listed: Sequence[Section], prefix: str, *, only_changed: bool) -> tuple[Section, ...]:
-    """The sections with those of their settings that begin with the prefix, and that differ from the paper's if asked.
-    Raises ConfigError if no setting begins with the prefix."""
+    """Return the sections with those of their settings that begin with the prefix and, on request, differ from the
+    paper's. Raises ConfigError if no setting begins with the prefix."""
     if not any(one.name.startswith(prefix) for section in listed for one in section.settings):
         raise ConfigError(
             f"no setting begins with {prefix!r}; the sections are {', '.join(one.name for one in listed)}"
@@ -60,7 +60,7 @@ def chosen(listed: Sequence[Section], prefix: str, *, only_changed: bool) -> tup
 
 
 def table(listed: Sequence[Section], loaded: Loaded, *, explain: bool) -> Iterator[str]:
-    """Lines of text, the columns as wide as their content; bounds, meaning and default's source below if asked for."""
+    """Yield lines of text, columns as wide as their content; `explain` adds bounds, meaning and default's source."""
     rows = [cells(one, loaded) for section in listed for one in section.settings]
     widths = [max(map(len, column)) for column in zip(_HEAD, *rows, strict=True)]
     yield _line(_HEAD, widths)
@@ -80,12 +80,12 @@ def table(listed: Sequence[Section], loaded: Loaded, *, explain: bool) -> Iterat
 
 
 def cells(one: Setting, loaded: Loaded) -> tuple[str, ...]:
-    """A row of the table: name, value, the paper's value where it is another, unit, and where the value comes from."""
+    """Return a row of the table: name, value, the paper's value if it differs, unit, and the value's source."""
     return (one.name, shown(one.value), shown(one.paper) if one.is_changed else "", one.unit, source(one, loaded))
 
 
 def source(one: Setting, loaded: Loaded) -> str:
-    """Where the value of a setting comes from."""
+    """Return the source of a setting's value."""
     if one.name in loaded.in_overrides:
         return "--set"
     if one.name in loaded.in_file:
@@ -98,7 +98,7 @@ def _bounds(one: Setting) -> str:
 
 
 def _origin(source: Source) -> str:
-    """A sentence on where a default comes from."""
+    """Return a sentence on the source of a default."""
     note = f": {source.note}" if source.note else ""
     page = f" (docs/{source.page})" if source.page else ""
     return f"Default ({source.name}){note}{page}."

@@ -1,4 +1,4 @@
-"""`stillwake ecu`: the ECU on a real bus, and what belongs to one that can be flashed."""
+"""`stillwake ecu`: the ECU on a real bus, and the folder of an ECU that can be flashed."""
 
 import sys
 from dataclasses import fields
@@ -28,7 +28,7 @@ _USES: Final = (
     "flow.action_limit",
     *REAL_BUS,
     "bus.key",
-    # In real time the step takes what it takes.
+    # The compute time is left out, because in real time a step takes its actual time.
     *(f"ecu.{item.name}" for item in fields(EcuConfig) if item.name != "compute_time_ms"),
     COST_WEIGHTS,
 )
@@ -39,11 +39,11 @@ _MAKES: Final = {
     "root": "`stillwake keygen` makes a pair",
     "library": "`stillwake export --c` writes one",
 }
-"""What makes the files that an ECU needs, by the option."""
+"""The commands that make the files of an ECU, by option."""
 
 
 class _RunsByDefault(TyperGroup):
-    """`stillwake ecu BUNDLE` is `stillwake ecu run BUNDLE`."""
+    """A command group in which `stillwake ecu BUNDLE` is `stillwake ecu run BUNDLE`."""
 
     default_command = _RUN
 
@@ -90,15 +90,15 @@ def run(
 ) -> None:
     """Run the ECU on a real CAN bus: pressures in, jet commands out, once a control period, until stopped.
 
-    The jets stay shut until the vehicle raises its enable request while the ECU is there. They are shut on the bus when
-    the command ends, also by Ctrl-C or SIGTERM; when the bus is lost, which is opened again; and when another ECU
-    commands on it. Real-time privileges are used where they are granted, and told where they are not. --freshness goes
-    with bus.key; its default is in systemd's state directory.
+    The jets stay shut until the vehicle raises its enable request while the ECU is present. The ECU shuts them on the
+    bus when the command ends, also by Ctrl-C or SIGTERM; when the bus is lost, which is then opened again; and when
+    another ECU sends commands on it. Real-time privileges are used if they are granted, otherwise a message says so.
+    --freshness goes with bus.key; its default is in systemd's state directory.
 
     With --slots it runs the release in a folder, which `stillwake flash` replaces over the same bus and `stillwake
-    calibrate` tunes; `stillwake ecu provision` makes the folder. With --mcu it runs the firmware of --library whole in
-    the emulator, from its reset vector: a fresh one has no release, and takes a key list and an image (`export
-    --image`) by `stillwake flash`. Its control step takes longer than a period: `stillwake run --ecu mcu` drives.
+    calibrate` tunes; `stillwake ecu provision` makes the folder. With --mcu it runs the whole firmware of --library in
+    the emulator, from its reset vector. New firmware has no release; send it a key list and an image (`export --image`)
+    with `stillwake flash`. Its control step takes longer than a period, so use `stillwake run --ecu mcu` for control.
 
     stillwake ecu --bus socketcan:can0
 
@@ -144,9 +144,9 @@ def provision(
     serial: Annotated[str | None, typer.Option(help="Number of this ECU; default: a random one.")] = None,
     given: shared.Settings = [],  # noqa: B006
 ) -> None:
-    """Make the folder of an ECU that can be flashed: its keys, and perhaps its first release.
+    """Make the folder of an ECU that can be flashed, with its keys and, on request, its first release.
 
-    What is there already is never overwritten. `stillwake ecu --slots FOLDER` runs it.
+    Existing files are never overwritten. `stillwake ecu --slots FOLDER` runs the ECU.
 
     stillwake ecu provision slots --root root/release.pub --keys keys.list --bundle contract/release/shipped
     """
@@ -175,7 +175,7 @@ def provision(
 def _run_release(
     given: list[str], bundle: Path | None, trust: str | None, library: Path | None, options: "ProcessOptions"
 ) -> None:
-    """The ECU with one release, in this process."""
+    """Run the ECU with one release, in this process."""
     from contract.controller.interface import RunnableController
     from contract.runtime.onnx_session import OnnxController
     from ecu.daemon import service
@@ -204,7 +204,7 @@ def _run_release(
 def _run_store(
     given: list[str], slots: Path, root: Path | None, hardware: str | None, options: "ProcessOptions", *, access: Path
 ) -> None:
-    """The ECU with the releases in a folder."""
+    """Run the ECU with the releases in a folder."""
     from can_bridge.uds.security import AccessKey
     from ecu.daemon.store_service import serve_store
     from ecu.flashable.ecu_folder import read_folder
@@ -240,7 +240,7 @@ def _refuse(why: str, **given: Any) -> None:
 
 
 def _needed(what: str, **given: Path | None) -> dict[str, Path]:
-    """The paths that `what` needs; raises ConfigError for the first that was not given."""
+    """Return the paths that `what` needs; raises ConfigError for the first path that was not given."""
     found = {}
     for name, value in given.items():
         if value is None:

@@ -1,4 +1,4 @@
-"""The commands that lower a trained model: to a release bundle and a C library, and onto an emulated Cortex-M7."""
+"""The commands that export a trained model: to a release bundle and a C library, and to an emulated Cortex-M7."""
 
 import tempfile
 from collections.abc import Iterable, Iterator, Sequence
@@ -45,9 +45,9 @@ _NO_BUNDLE: Final = (
 )
 
 USES: Final = ("mpc", "operating_point", "ecu.compute_time_ms")
-"""Settings of a release that its model does not fix."""
+"""Settings of a release that its model does not determine."""
 USES_IN_C: Final = ("bus", "ecu")
-"""More of them, which the ECU of a C library is compiled with."""
+"""Further settings, which are compiled into the ECU of a C library."""
 USES_FOR_TESTERS: Final = (
     *TESTERS_BUS,
     *("operating_point", "flow.control_period", "flow.action_limit"),
@@ -89,14 +89,14 @@ def export(
 ) -> None:
     """Turn a trained model into a controller: one ONNX graph of a control step, in a release bundle.
 
-    Settings are those that the model was trained with; --set goes on top, for example --set mpc.weights.lift=0.1.
-    Nothing is written unless the graph agrees with the reference computation in NumPy, and so does the C library where
-    one is asked for; both replay the data set that the model was trained on. The folder of --c has the whole ECU in C
-    as well, with the settings of the sections bus and ecu compiled in, its DBC, A2L and PDX, and a bill of materials.
+    The settings are the model's training settings; --set changes them, for example --set mpc.weights.lift=0.1. Nothing
+    is written unless the graph, and the C library if requested, agree with the reference computation in NumPy; all
+    replay the data set that the model was trained on. The folder of --c also has the whole ECU in C, with the settings
+    of the sections bus and ecu compiled in, its DBC, A2L and PDX, and a bill of materials.
 
-    `export --c FOLDER` alone writes that folder for the shipped bundle, and `export --fmu FILE` its ECU as an FMU,
-    `export --image FILE` its image. `export --for-testers FOLDER` alone is of the shipped bundle, `export BUNDLE
-    --for-testers FOLDER` of another one; it needs no ECU.
+    `export --c FOLDER` alone writes that folder for the shipped bundle, `export --fmu FILE` its ECU as an FMU, and
+    `export --image FILE` its image. `export --for-testers FOLDER` alone is for the shipped bundle, `export BUNDLE
+    --for-testers FOLDER` for another bundle; it needs no ECU.
     """
     files = _Files(
         c=c, fmu=fmu, image=image, for_testers=for_testers, key=None if key is None else read_private_key(key)
@@ -118,13 +118,13 @@ def export(
     check_output(output.with_name(f"{output.name}.cdx.json"), overwrite=overwrite)
     files.check(overwrite=overwrite)
     if files.in_c:
-        _check_c_settings(config)
+        _check_c_settings(config, files.fmu)
     _export_model(model, output, files, config, dataset, name=name, precision=precision, estimator=estimator)
 
 
 @dataclass(frozen=True, kw_only=True)
 class _Files:
-    """What is written beside a bundle, or for one that is there."""
+    """The files that are written together with a bundle, or for an existing bundle."""
 
     c: Path | None
     fmu: Path | None
@@ -134,7 +134,7 @@ class _Files:
 
     @property
     def in_c(self) -> bool:
-        """Whether one of them needs the C library."""
+        """Whether a file needs the C library."""
         return any(path is not None for path in (self.c, self.fmu, self.image))
 
     @property
@@ -142,7 +142,7 @@ class _Files:
         return self.in_c or self.for_testers is not None
 
     def check(self, *, overwrite: bool) -> None:
-        """Refuse their places; see `check_output`."""
+        """Check that the files can be written; see `check_output`."""
         if self.c is not None:
             check_output(self.c, overwrite=overwrite, folder=True, occupant=_LIBRARY, mark=PROGRAM_SETTINGS)
         if self.for_testers is not None:
@@ -155,7 +155,8 @@ class _Files:
 
     @contextmanager
     def library(self) -> Iterator[Path]:
-        """Where the C library is written: the place that was given, or one that lasts as long as the block."""
+        """Yield the folder for the C library: the given folder, or a temporary folder that lasts as long as the
+        block."""
         with tempfile.TemporaryDirectory() as scratch:
             yield Path(scratch, "library") if self.c is None else self.c
 
@@ -169,7 +170,7 @@ class _Files:
             write_image(self.image, library, release, config, self.key)
 
     def write_for_testers(self, release: Bundle, config: Config) -> None:
-        """Write the descriptions of the ECU, if they were asked for."""
+        """Write the descriptions of the ECU, if requested."""
         if self.for_testers is None:
             return
         found = descriptions(release, config)
@@ -180,7 +181,7 @@ class _Files:
         console.print(f"wrote {self.for_testers}: {', '.join(found)} of {release.manifest.name}")
 
     def print(self) -> None:
-        """Tell what FMU and image are."""
+        """Print the facts of FMU and image."""
         if self.image is not None:
             console.print(f"wrote {self.image}: {self.image.stat().st_size / 1024:.1f} KiB, {self.signed}")
         if self.fmu is not None:
@@ -188,7 +189,7 @@ class _Files:
 
     @property
     def signed(self) -> str:
-        """Say by whom it is signed."""
+        """The signer of the image, in words."""
         return "unsigned" if self.key is None else f"signed by key {public_key(self.key).fingerprint}"
 
 
@@ -243,7 +244,7 @@ def _export_model(
 
 
 def _library(folder: Path, config: Config) -> "CLibrary":
-    """The C library to write into a folder, with the ECU of its release."""
+    """Return the C library to write into a folder, with the ECU of its release."""
     from ecu.in_c.host_library import CController
     from export.release.pipeline import CLibrary
     from export.release.sbom import folder_bom
@@ -267,22 +268,19 @@ def _print_remarks(done: "Gated", config: Config) -> None:
         )
 
 
-def _check_c_settings(config: Config) -> None:
-    """Refuse settings that the ECU in C cannot do, whatever the release is."""
+def _check_c_settings(config: Config, fmu: Path | None) -> None:
+    """Refuse settings that the ECU in C does not support with any release."""
     from ecu.in_c.c_settings import check_settings
 
-    if config.bus.key:
-        raise ConflictError(
-            "bus.key: the ECU in C has no authentication yet, so --c, --fmu and --image are of one without; "
-            "leave bus.key empty for them"
-        )
+    if fmu is not None and config.bus.key:
+        raise ConflictError("bus.key: an FMU has signals and no frames to be authenticated; leave it empty for --fmu")
     check_settings(config)
 
 
 def _export_shipped(files: _Files, given: list[str]) -> None:
-    """The shipped bundle's library, FMU and image, with the vehicle's settings compiled in."""
+    """Write the shipped bundle's library, FMU and image, with the vehicle's settings compiled in."""
     config = settings("export --c", given, uses=USES_IN_C).config
-    _check_c_settings(config)
+    _check_c_settings(config, files.fmu)
 
     from export.release.pipeline import EXPORT_PHASES, gate_figures
     from stillwake.parts.c_release import write_shipped_library
@@ -304,11 +302,11 @@ def _measured(figures: Iterable[tuple[str, Any]]) -> Iterator[tuple[str, str]]:
 
 
 def _settings(model: Path, given: list[str], *, uses: Sequence[str] = USES) -> Config:
-    """The model's own, with what the user gives on top."""
+    """Return the model's settings with the user's changes."""
     try:
         own = model_folder.read_description(model)["config"]
     except ModelError:
-        # As for every other command, a setting that does not exist comes first.
+        # Like in every other command, a setting that does not exist is reported first.
         read_settings(given)
         raise
     try:
@@ -319,7 +317,7 @@ def _settings(model: Path, given: list[str], *, uses: Sequence[str] = USES) -> C
 
 
 def _description(bundle: Path) -> str:
-    """What lies where a bundle is to be written, in words."""
+    """Describe the existing object at the bundle's path."""
     try:
         there = bundles.load(bundle)
     except StillwakeError:

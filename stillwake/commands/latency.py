@@ -1,4 +1,4 @@
-"""`stillwake latency`: ECU and vehicle as two processes on a bus of this machine, timed stage by stage."""
+"""`stillwake latency`: ECU and vehicle as two processes on a bus of this machine, with a time for each stage."""
 
 import os
 import shlex
@@ -30,18 +30,18 @@ if TYPE_CHECKING:
     from firmware_sim.latency.measured import MeasuredRun
 
 _NOT_PASSED: Final = 3
-"""Exit status of a run that is whole, but broke its budget, or whose ECU left control."""
+"""Exit status of a complete run that broke its budget, or whose ECU left control."""
 LEAD_IN_S: Final = 2.0
-"""The time until control is requested: by then the ECU's deadlines follow the vehicle's sampling."""
+"""Time in s until control is requested; by then the ECU's deadlines follow the vehicle's sampling."""
 SPARE_PERIODS: Final = 25
-"""Besides, before the first plan and after the last one that counts."""
+"""Number of additional periods, before the first plan and after the last period that counts."""
 INTERFACE: Final = "udp_multicast"
 USES: Final = ("operating_point", "flow.control_period", "flow.action_limit", *REAL_BUS, "ecu", "vehicle")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Subject:
-    """What is timed.
+    """A controller that is timed.
 
     Attributes:
         name: "onnx" or "c".
@@ -73,11 +73,11 @@ def latency(
     """Time the control loop in real time, from the sampling instant to the command, next to an idle loop.
 
     `stillwake ecu` and `stillwake vehicle`, which replays recorded pressures, run as two processes on a bus of this
-    machine; a third one with the same deadlines and privileges does nothing, and shows what the machine itself does.
-    Every time counts from the instant that was scheduled.
+    machine. A third process with the same deadlines and privileges is idle, and shows the delays of the machine itself.
+    Every time counts from its scheduled instant.
 
-    Without --set bus.interface the bus is udp_multicast, in a group of its own. With --both and no --library the C
-    library is made from the shipped model; that of another bundle must be named.
+    Without --set bus.interface the bus is udp_multicast, in a separate group. With --both and no --library the C
+    library is made from the shipped model; for another bundle, --library is required.
 
     Exit status 3: the budget is broken, or the ECU left control.
     """
@@ -117,8 +117,8 @@ def latency(
 
 
 def in_real_time(loaded: Loaded) -> Loaded:
-    """The settings with a bus in real time: `udp_multicast` unless another one was named. Raises ConfigError if the bus
-    is one in virtual time, or of one process."""
+    """Return the settings with a bus in real time, `udp_multicast` unless the user named another. Raises ConfigError
+    for a bus in virtual time or within one process."""
     bus = loaded.config.bus
     named = {"bus.interface", "bus.channel"} & loaded.given
     if "bus.interface" not in loaded.given:
@@ -128,7 +128,7 @@ def in_real_time(loaded: Loaded) -> Loaded:
             f"bus.interface = {bus.interface!r}: two processes need a bus between them, such as {INTERFACE}"
         )
     if bus.interface == INTERFACE and "bus.channel" not in loaded.given:
-        # One of the addresses that no router passes on (RFC 2365); two measurements do not hear each other.
+        # No router passes these addresses on (RFC 2365), and two measurements at once have different addresses.
         high, low = divmod(os.getpid() % 65536, 256)
         bus = replace(bus, channel=f"239.255.{high}.{low}")
     changed = loaded.in_overrides | {"bus.interface", "bus.channel"} - named
@@ -138,7 +138,7 @@ def in_real_time(loaded: Loaded) -> Loaded:
 def measured(
     subjects: Sequence[Subject], loaded: Loaded, folder: Path, *, periods: int, window: int
 ) -> "list[MeasuredRun]":
-    """One run after the other, each with its tables in a folder of its name."""
+    """Measure the subjects one after another, each with its tables in a folder of the subject's name."""
     from can_bridge.e2e.profiles import profile_of
     from can_bridge.wire.message_sets import message_set
     from firmware_sim.latency.measured import MeasuredRun
@@ -169,22 +169,23 @@ def measured(
 
 
 def ecu_command(subject: Subject, chosen: Path, *, periods: int) -> list[str]:
-    """`stillwake ecu` on it, for so many control steps at most."""
+    """Return the call of `stillwake ecu` for a subject, for at most `periods` control steps."""
     library = [] if subject.library is None else ["--library", str(subject.library)]
-    # The vehicle's pressures are recorded: jets change nothing about them.
+    # The benefit check is off, because the vehicle's pressures are recorded and do not respond to the jets.
     unjudged = ["--set", "ecu.benefit_check.enabled=false"]
     options = [*library, "--periods", str(periods), "--set", str(chosen), *unjudged]
     return [*_STILLWAKE, "ecu", str(subject.bundle), *options]
 
 
 def vehicle_command(subject: Subject, chosen: Path, *, periods: int, lead_in: float) -> list[str]:
-    """`stillwake vehicle` for it, which replays recorded pressures."""
+    """Return the call of `stillwake vehicle` for a subject, which replays recorded pressures."""
     run = ["--periods", str(periods), "--lead-in", str(lead_in)]
     return [*_STILLWAKE, "vehicle", "--bundle", str(subject.bundle), *run, "--set", str(chosen)]
 
 
 def figures(runs: "Sequence[MeasuredRun]") -> dict[str, Any]:
-    """The figures of a results file: counts over all runs, and each run's own under its controller's name."""
+    """Return the figures of a results file: counts over all runs, and each run's figures under its controller's
+    name."""
     from firmware_sim.latency.budget import COUNTS
 
     own = {run.name: run.figures() for run in runs}
@@ -196,7 +197,7 @@ _STILLWAKE: Final = (sys.executable, "-m", "stillwake")
 
 
 def _given(loaded: Loaded) -> list[Any]:
-    """The sections with those settings that were asked for, and no others: the processes take the rest as this one."""
+    """Return the sections with the settings that the user gave, and no others; the processes have the same defaults."""
     listed = (
         replace(section, settings=tuple(one for one in section.settings if one.name in loaded.given))
         for section in sections(loaded.config)
@@ -212,8 +213,8 @@ def _subjects(
     both: bool,
     stack: ExitStack,
 ) -> list[Subject]:
-    """What is to be timed; a library that is made for it lasts as long as the stack. Raises LibraryError if both are
-    wanted of a bundle of one's own, and its library was not named."""
+    """Return the controllers to time; a library made for them lasts as long as the stack. Raises LibraryError if both
+    are requested for a user's bundle without its library."""
     path, _ = locate(bundle, None)
     name = f"{release.manifest.name} {release.digest[:12]}"
     onnx = Subject(name="onnx", about=f"{name}, ONNX Runtime", bundle=path.absolute())

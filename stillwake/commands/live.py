@@ -26,7 +26,7 @@ USES: Final = (
     "vehicle",
     COST_WEIGHTS,
 )
-"""The settings of `run` but for authentication and another goal than the release's cost can have."""
+"""The settings of `run`, except authentication and goals other than the weights that a release accepts."""
 
 Host = Annotated[str, typer.Option(help="Address to listen at; another needs the token in the link.")]
 Port = Annotated[int, typer.Option(help="Port to listen at; 0: any that is free.", min=0, max=65535)]
@@ -52,14 +52,13 @@ def live(
     """Run the closed loop on a page in a browser, where it can be watched and disturbed.
 
     The page shows the wake, the forces, the bus and the ECU while they run, and acts on them: sensors and frames that
-    fail, late jets, a babbling node, power cycles, other cost weights, another ECU. Several browsers may look at once.
-    `run --disturb` keeps as a run what was tried here.
+    fail, late jets, a babbling node, power cycles, other cost weights, another ECU. Several browsers may show it at
+    once. `run --disturb` makes a stored run with the same disturbances.
 
-    The loop runs at the vehicle's pace at most, and slower where the machine is slower. Only this machine can open the
-    page, unless --host names another address; the link that is printed then has a token, which every request needs.
+    The loop runs at most at the vehicle's pace, and slower on a slow machine. Only this machine can open the page,
+    unless --host names another address; the printed link then has a token, which every request needs.
 
-    Ctrl-C or SIGTERM ends it. If the loop fails it is started again; if it fails within 20 s of its start, the command
-    ends with exit status 1.
+    Ctrl-C or SIGTERM ends it. A loop that fails is restarted; if it fails within 20 s, the exit status is 1.
     """
     from firmware_sim.live.serving import server
     from firmware_sim.live.settings import LiveSettings

@@ -1,4 +1,4 @@
-"""The command that draws the flow: a state, a mean over time, or a moving picture."""
+"""The command that draws the flow: a state, a mean over time, or an animation."""
 
 from math import isfinite
 from pathlib import Path
@@ -23,9 +23,9 @@ if TYPE_CHECKING:
     from wake.truck.truck_wake import TruckWake
 
 _USUAL_DURATION: Final = 25.0
-"""t_c: five shedding cycles."""
+"""Default duration in t_c, about five shedding cycles."""
 _MOVING: Final = (".gif", ".webp")
-"""How the name of a moving picture ends."""
+"""Endings of the names of animations."""
 FORCINGS: Final = {
     "none": (),
     "sine": ("amplitude", "frequency"),
@@ -33,9 +33,9 @@ FORCINGS: Final = {
     "chirp": (),
     "extended_chirp": (),
 }
-"""What the jets may do, with its parameters."""
+"""The forcings of the jets, with their parameters."""
 _FREQUENCY: Final = 0.2
-"""1/t_c, about that of the shedding."""
+"""Default frequency in 1/t_c, about that of the shedding."""
 
 Output = Annotated[Path, typer.Argument(help="Still (.png, .pdf, .svg), or moving (.gif, .webp).")]
 Field = Annotated[Literal["vorticity", "pressure", "mean"], typer.Option(help="What is drawn.")]
@@ -60,10 +60,10 @@ def picture(
 ) -> None:
     """Draw the flow: vorticity or pressure with the jets, and wall pressure at the sensors; or a mean with streamlines.
 
-    A still is of the state. --field mean and moving pictures run the wake from there: without control, with the jets
-    forced, or replaying the actions of a run folder. The forcings are none, sine, training (training:seed=2), chirp and
-    extended_chirp; a sine has the action's limit and 0.2 / t_c unless it is told otherwise. A mean prints the length of
-    the recirculation bubble and mean forces. --sensors are coloured by Cp; without them a run's, or all.
+    A still picture shows the state. --field mean and animations run the wake from the state: without control, with the
+    jets forced, or with the actions of a run folder. The forcings are none, sine, training (training:seed=2), chirp and
+    extended_chirp; a sine's defaults are the action's limit and 0.2 / t_c. A mean also gives the length of the
+    recirculation bubble and mean forces. --sensors are coloured by Cp; by default they are the run's sensors, or all.
     """
     from wake.pictures.animation import check_target
     from wake.pictures.drawing import check_suffix
@@ -164,13 +164,13 @@ def _time(config: Config, steps: int) -> float:
 
 
 def actions_of(config: Config, duration: float | None, forcing: str) -> npt.NDArray[np.float64]:
-    """The actions to command in turn, one a control period: from a forcing, or those of a run folder. Raises
+    """Return the actions to command, one per control period: from a forcing, or from a run folder. Raises
     StillwakeError for a forcing that does not exist, or a run that is shorter than `duration` in t_c."""
     asked = None if duration is None else steps_of("--duration", duration, config.flow.control_period)
     if forcing.partition(":")[0] in FORCINGS:
         usual = round(_USUAL_DURATION / config.flow.control_period)
         return _signal(config, usual if asked is None else asked, forcing)
-    # Row k holds the action reached at t_k, and the plant is to ramp there from the one before.
+    # Row k holds the action reached at t_k, to which the plant ramps from the action of row k - 1.
     recorded: npt.NDArray[np.float64] = _run_log(Path(forcing)).series["action"][1:]
     steps = len(recorded) if asked is None else asked
     if steps > len(recorded):

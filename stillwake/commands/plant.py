@@ -1,4 +1,4 @@
-"""The commands that prepare flows: the developed wake and the steady one, and the plant for other simulation tools."""
+"""The commands that prepare flows: the developed wake, the steady wake, and the plant for other simulation tools."""
 
 from dataclasses import asdict
 from pathlib import Path
@@ -21,7 +21,7 @@ from stillwake.parts.settling import settle_into
 USES: Final = ("flow", "body")
 """Settings of a plant without forcing or control."""
 _USUAL_DURATION: Final = 200.0
-"""t_c: forty shedding cycles."""
+"""Default duration in t_c, forty shedding cycles."""
 
 Duration = Annotated[float | None, typer.Option(help="Settling time, t_c (200).")]
 Steady = Annotated[bool, typer.Option("--steady", help="The steady symmetric wake instead; see above.")]
@@ -37,11 +37,11 @@ def develop(
 ) -> None:
     """Start the flow from rest and run it until the wake sheds; write its state, for --state of other commands.
 
-    The shipped start was made in this way. Another Reynolds number or body needs one of its own, with the same settings
-    in both commands, for example --set flow.reynolds=1000.
+    The shipped start was made in this way. Another Reynolds number or body needs its own start; give both commands the
+    same settings, for example --set flow.reynolds=1000.
 
-    With --steady, compute the flow with its two halves held symmetric, so that no vortices are shed, until it is
-    steady. Its drag is the least that a controller can reach by suppressing the shedding alone; --json writes it.
+    With --steady, compute the flow with its two halves kept symmetric, so that no vortices are shed, until it is
+    steady. Its drag is the lowest that a controller can reach by suppressing the shedding only; --json writes it.
     """
     config = settings("develop", given, uses=USES).config
     if steady and duration is not None:
@@ -89,8 +89,8 @@ def plant_fmu(
 ) -> None:
     """Write the wake of `run` as an FMU for co-simulation, FMI 3.0: jet flow and vehicle speed in, pressures out.
 
-    It runs in the importing tool's Python, where stillwake[sim] has to be installed. The ECU for it is `export
-    --fmu`'s. Writing it needs a C compiler.
+    The FMU runs in the importing tool's Python, where stillwake[sim] has to be installed. `export --fmu` writes the ECU
+    for it. Writing the FMU needs a C compiler.
     """
     config = settings("plant-fmu", given, uses=(*USES, "operating_point")).config
     if output.suffix.lower() != ".fmu":

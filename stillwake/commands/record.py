@@ -1,5 +1,4 @@
-"""The command that records: forced episodes, the paper's data set, or a round under a release's controller or from the
-steady wake."""
+"""The command that records: forced episodes, the paper's data set, or a round under control or from the steady wake."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -28,7 +27,7 @@ if TYPE_CHECKING:
 
 
 _STEPS: Final = {"training": 6000, "chirp": 1500, "uncontrolled": 500}
-"""Control steps of the usual forced episodes."""
+"""Default numbers of control steps of the forced episodes."""
 _KINDS: Final = (*_STEPS, "controlled", "calm")
 
 Lengths = Annotated[
@@ -67,18 +66,18 @@ def record(
     """Record the forced wake at every control step: pressures at all sensors, drag and side force.
 
     The episodes are training=6000, a sine whose frequency and amplitude vary; chirp=1500, a slow sweep of the
-    frequency, to test on; and uncontrolled=500. Another length, or 0, takes the place of one. --paper has 50,000
-    training steps in ten episodes, 2,500 uncontrolled, 10,000 of the chirp, and 10,000 of the extended chirp of the
-    paper's appendix A. The workers of a scheduler must have the output's folder at its path.
+    frequency, for tests; and uncontrolled=500. Give another length, or 0, to change one. --paper has 50,000 training
+    steps in ten episodes, 2,500 uncontrolled, 10,000 of the chirp, and 10,000 of the extended chirp of the paper's
+    appendix A. The workers of a scheduler must have the output's folder at its path.
 
-    With --under, record it under a controller with exploration, and add the episodes, of controlled=1100 each. With
-    --from-steady, record how small disturbances grow on the steady wake (`develop --steady`, computed and written there
-    if there is none), with or without a controller, calm=350 each; the rms of their random actions lies between
-    --amplitudes, evenly by the logarithm. --role controlled or calm holds a round out. --seed is of the training
-    waveform, with --paper of the first of its ten episodes, from which the others count on; or of exploration, random
-    actions and where episodes begin.
+    With --under, record the wake under a controller with exploration, and add the episodes, of controlled=1100 each.
+    With --from-steady, record the growth of small disturbances on the steady wake (`develop --steady`, computed and
+    written to the file if it does not exist), with or without a controller, calm=350 each; the rms of their random
+    actions is between --amplitudes, evenly spaced in the logarithm. --role controlled or calm holds a round out. --seed
+    is for the training waveform, with --paper for the first of its ten episodes, and the others count up from it; or
+    for exploration, random actions and the episodes' starts.
 
-    It can be stopped at any time. The same command continues where it was, and leaves a finished recording as it is.
+    It can be stopped at any time. The same command continues it, and leaves a finished recording unchanged.
     """
     steps = lengths_of(lengths or [])
     is_forced = under is None and from_steady is None
@@ -106,7 +105,7 @@ def record(
 
 
 def lengths_of(texts: list[str]) -> dict[str, int]:
-    """Control steps by kind; raises ConfigError for what is none."""
+    """Read the control steps by kind; raises ConfigError for a text that is not a number of steps."""
     found = {}
     for kind, text in shared.pairs(texts, "training=6000", _KINDS):
         if not (text.isascii() and text.isdigit() and len(text) < 10):
@@ -116,7 +115,6 @@ def lengths_of(texts: list[str]) -> dict[str, int]:
 
 
 def _check_forced(steps: Mapping[str, int], options: Mapping[str, object], *, paper: bool) -> None:
-    """Refuse what is of a round."""
     for kind, option in (("controlled", "--under BUNDLE"), ("calm", "--from-steady FILE")):
         if kind in steps:
             raise StillwakeError(f"{kind}={steps[kind]}: give {option} as well")
@@ -135,7 +133,7 @@ def _check_round(
     paper: bool,
     overwrite: bool,
 ) -> None:
-    """Refuse what is of forced episodes, or of the other kind of round."""
+    """Refuse options of forced episodes, or of the other kind of round."""
     option, own = ("--under", "controlled") if steady is None else ("--from-steady", "calm")
     if paper:
         raise StillwakeError(f"{option} and --paper are two recordings: give one of them")
@@ -154,7 +152,7 @@ def _check_round(
 def _record_forced(
     output: Path, config: Config, steps: Mapping[str, int] | None, seed: int, how: Mapping[str, Any]
 ) -> None:
-    """Episodes of these lengths, in control steps; None: the paper's."""
+    """Record episodes with these lengths, in control steps; with the paper's lengths if None."""
     from wake.recording.episode_plan import EpisodePlan, paper_plans
     from wake.recording.recorder import record as record_dataset
 
@@ -184,7 +182,7 @@ def _record_round(
     of_plan: Mapping[str, Any],
     how: Mapping[str, Any],
 ) -> None:
-    """Episodes under a controller, from the steady wake, or both."""
+    """Record episodes under a controller, from the steady wake, or both."""
     from wake.recording.episode_job import NoFeedback
     from wake.recording.recorder import record_round
     from wake.recording.round_plan import CalmRound, ControlledRound
@@ -209,7 +207,7 @@ def _record_round(
 
 
 def _settled(steady: Path, config: Config) -> None:
-    """Compute the steady wake if it is not there, and check that it is one, of this plant."""
+    """Compute the steady wake if its file does not exist, and check that it is a steady wake of this plant."""
     from stillwake.parts.settling import settle_into
     from wake.recording.episode_job import check_start
     from wake.truck.state import load_state
@@ -230,7 +228,7 @@ def _policy(bundle: Path, config: Config) -> tuple[Bundle, "PolicyFactory"]:
 
     release = open_release(bundle)
     check_flow(release, config.flow)
-    # Built once here, so that a model that does not load is refused before anything is recorded.
+    # The policy is built once here, so that a model that does not load is refused before anything is recorded.
     policy = partial(BundlePolicy, release, layout=layout_of(config.body))
     policy()
     console.print(*describe(release), sep="\n")
@@ -239,7 +237,7 @@ def _policy(bundle: Path, config: Config) -> tuple[Bundle, "PolicyFactory"]:
 
 @contextmanager
 def _continued(output: Path) -> Iterator[None]:
-    """When the recording is stopped, report how to go on, if there is anything to go on from."""
+    """Print how to continue when the recording is stopped and something is recorded."""
     from wake.recording.parts_folder import PartsFolder
 
     try:
@@ -254,8 +252,8 @@ def _continued(output: Path) -> Iterator[None]:
 
 @contextmanager
 def _progress(episodes: int) -> Iterator[dict[str, Any]]:
-    """`progress` and `notice` of a recording of so many episodes."""
-    # A block takes seconds, and is counted when it is whole: only many of them show the speed.
+    """Yield `progress` and `notice` for a recording of `episodes` episodes."""
+    # A block takes seconds and counts when it is complete, so only many blocks show the speed.
     with progress("steps", estimate_over=600.0) as report:
         done: dict[str, tuple[int, int]] = {}
 

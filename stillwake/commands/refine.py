@@ -21,7 +21,7 @@ from stillwake.console.terminal import console
 from stillwake.parts.training_progress import TrainingProgress, check_model_output, continued
 
 _SENSORS: Final = 4
-"""How many are taken where none are named."""
+"""Number of sensors that are used if none are named."""
 USES: Final = ("refine", "mpc", "train.seed")
 
 
@@ -42,12 +42,12 @@ def refine(
     json_file: shared.JsonFile = None,
     given: shared.Settings = [],  # noqa: B006
 ) -> None:
-    """Train through the flow where a model's controller starts from.
+    """Train through the flow the prior, from which a model's controller starts.
 
     In closed loop with the flow solver, a small feedback learns by the exact gradient of drag. In the controller it
-    gives the plan that the optimiser starts from. It can be stopped at any time; the same command goes on.
-    docs/explanation/through-the-flow.md describes it. --sensors are pairs of mirror images, --dataset is what the model
-    was trained on, and --state is on the usual grid.
+    gives the plan from which the optimiser starts. It can be stopped at any time; the same command continues.
+    docs/explanation/through-the-flow.md describes it. --sensors are pairs of mirror images, --dataset is the model's
+    training data, and --state is on the default grid.
     """
     from train import model_store
     from train.refinement.pipeline import refine_model
@@ -58,7 +58,7 @@ def refine(
     trained = model_store.load(folder_read)
     own = trained.config
     if trained.prior is None:
-        # What its optimiser was set to moves a plan from period to period; from a prior it has less to do.
+        # The model's optimiser was set to move a plan from period to period; from a prior it has less to do.
         kept = own.mpc
         mpc = replace(load_config().mpc, horizon=kept.horizon, drag_reference=kept.drag_reference)
         own = replace(own, mpc=mpc)

@@ -1,4 +1,4 @@
-"""The command that shows finished runs."""
+"""The command that reports on finished runs."""
 
 from pathlib import Path
 from typing import Annotated
@@ -17,7 +17,7 @@ def report(
     picture: Annotated[Path | None, typer.Option(help="Also write the run as one picture (.png, .pdf, .svg).")] = None,
     csv: Annotated[Path | None, typer.Option(help="Also write the series as CSV, units in the header.")] = None,
 ) -> None:
-    """Write the HTML page of a finished run again, or of several runs side by side.
+    """Write the HTML page of a finished run again, or of several runs next to one another.
 
     The page needs no other file and no network. Its slider moves through the recorded wake.
     """

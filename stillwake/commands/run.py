@@ -1,4 +1,4 @@
-"""The command that closes the loop."""
+"""The command that runs the closed loop."""
 
 import shlex
 import sys
@@ -31,17 +31,17 @@ if TYPE_CHECKING:
     from wake.plant.drive import Drive
 
 NOT_IN_CONTROL: Final = 3
-"""Exit status of a run that is whole, but in which the ECU latched a fault or control was not held."""
+"""Exit status of a complete run in which the ECU latched a fault or control was not held."""
 BELOW_REQUIREMENT: Final = 4
-"""Exit status of a run that is whole, but did not reach the reduction that was asked for."""
+"""Exit status of a complete run that did not reach the required reduction."""
 
 _BUS: Final = (*(name for name in REAL_BUS if name != "bus.channel"), "bus.key", "bus.background")
-"""All but the channel: a bus in virtual time has none."""
+"""All settings of the bus except the channel, which a bus in virtual time does not have."""
 _USES: Final = ("body", "operating_point", "flow", *_BUS, "ecu", "vehicle", "mpc")
 PYTHON: Final = "python"
 ECUS: Final = (PYTHON, "c", "mcu")
 CLOCK_MHZ: Final = 480.0
-"""The usual clock of the emulated microcontroller."""
+"""Default clock of the emulated microcontroller, in MHz."""
 
 EcuName = Annotated[
     str, typer.Option("--ecu", help="python, c (on this machine), mcu (emulated), or mcu@MHZ.", metavar="ECU")
@@ -78,18 +78,18 @@ def run(
     """Close the loop: live wake, pressures on CAN, the bundle's controller on the ECU, jets; in virtual time.
 
     Exit status 3: the ECU latched a fault, or control was not held while it was requested. Status 4: the reduction that
-    --require-reduction asks for was not reached. The run folder is whole in both cases.
+    --require-reduction asks for was not reached. The run folder is complete in both cases.
 
-    --ecu c runs the whole ECU as its C sources. With --ecu mcu they run as the firmware of an emulated microcontroller,
-    from its reset vector on: frames pass through its CAN controller's registers, and modelled cycles are charged as
-    compute time, at 480 MHz or as --ecu mcu@300 has it; docs/how-to/board-and-rtos.md has more. Both are of the
-    folder that --library names, or of the shipped model.
+    --ecu c runs the whole ECU from its C sources. With --ecu mcu they run as the firmware of an emulated
+    microcontroller, from its reset vector on: frames pass through its CAN controller's registers, and modelled cycles
+    count as compute time, at 480 MHz or, with --ecu mcu@300, at 300 MHz; docs/how-to/board-and-rtos.md has more. The
+    sources are in the folder that --library names, or are made from the shipped model.
 
     --disturb may be given several times: noise:level=0.5 at the transducers, ecu:drop:probability=0.1@5..10 in what the
     ECU sends, reset@5 in the ECU, reynolds=700 in the flow; times are in s of the run. The kinds are noise, bias,
     drift, stuck, dead, swap, quantise, wire_errors, reset, clock, no_request, reynolds, body, gust, operating_point,
     action_limit, stuck_jets, speed_scale, speed_late, speed_frozen, no_speed and density
-    (docs/reference/disturbances.md); in the port of the vehicle: or ecu: they are drop, burst_loss, duplicate, delay,
+    (docs/reference/disturbances.md); with vehicle: or ecu: for the node they are drop, burst_loss, duplicate, delay,
     reorder, flip_bits, stuck_at, babble, disconnect, slow_consumer and clock_drift (the same page).
 
     --drive gives the vehicle speeds that vary, and first drives without control, to compare the energy: steady-60 to
@@ -136,7 +136,7 @@ def run(
 
 
 def ecu_of(text: str) -> tuple[str, float]:
-    """Kind and clock in MHz of an ECU such as mcu@300. Raises ConfigError for another one."""
+    """Return kind and clock in MHz of an ECU such as mcu@300. Raises ConfigError for another text."""
     kind, at, clock = text.partition("@")
     if kind not in ECUS or (at and kind != "mcu"):
         raise ConfigError(f"--ecu {text}: must be one of {', '.join(ECUS)}, or a clock in MHz as in mcu@300")
@@ -167,7 +167,7 @@ def _spans(
     *,
     averages: bool,
 ) -> "Spans":
-    """Spans that hold in a run; what is refused is refused before a library is made."""
+    """Return the spans of a run; invalid spans are refused before a library is made."""
     from firmware_sim.bench.spans import Spans
 
     if controlled is None:
@@ -179,7 +179,7 @@ def _spans(
 
 @dataclass(frozen=True, kw_only=True)
 class _Loop:
-    """A run that was asked for, checked as far as that goes before the work."""
+    """A requested run, checked as far as possible before the work."""
 
     output: Path
     release: Bundle
@@ -193,7 +193,7 @@ class _Loop:
     state: Path | None
 
     def closed(self, ecu: "LoopEcu | None", library: Path | None) -> "RunLog":
-        """Run it, with an ECU in C or the one in Python; a library then takes the place of ONNX Runtime."""
+        """Run the loop with the given ECU in C, or with the ECU in Python; a library then replaces ONNX Runtime."""
         from can_bridge.wire.messages import Mode
         from ecu.in_c.library_controller import open_library
         from firmware_sim.bench.closed_loop import run_closed_loop
@@ -244,16 +244,16 @@ class _Loop:
 
 
 def _ecu_in_c(kind: str, clock_mhz: float, library: Path | None, release: Bundle, config: Config) -> "LoopEcu":
-    """The bundle's ECU in C, for the vehicle of this run. Raises LibraryError if no library was named, and the bundle
-    is not the shipped one; or the library is not the bundle's; StillwakeError if it cannot be compiled, or the settings
-    are not for an ECU in C."""
+    """Return the bundle's ECU in C, for the vehicle of this run. Raises LibraryError if no library was named and the
+    bundle is not the shipped one, or if the library is not the bundle's. Raises StillwakeError if it cannot be
+    compiled, or the settings are not for an ECU in C."""
+    from can_bridge.secoc.key import read_secret
     from ecu.in_c.c_ecu import ecu_sources
     from firmware_sim.bench.ecus import check_ecu, loop_ecu
     from stillwake.parts.c_release import library_folder
 
-    # What is refused is refused before the library is made.
-    if config.bus.key:
-        raise ConfigError(f"bus.key: --ecu {kind} has no authentication; leave it empty, or take --ecu {PYTHON}")
+    # Invalid settings are refused before the library is made.
+    secret = read_secret(Path(config.bus.key)) if config.bus.key else None
     check_ecu(kind, clock_mhz)
     if library is None:
         if release.digest != open_release(None).digest:
@@ -261,11 +261,11 @@ def _ecu_in_c(kind: str, clock_mhz: float, library: Path | None, release: Bundle
         console.print("making the C library of the shipped model, as `stillwake export --c` does")
     with library_folder(library) as folder:
         sources = ecu_sources(folder, release, config)
-    return loop_ecu(kind, sources, clock_mhz=clock_mhz)
+    return loop_ecu(kind, sources, clock_mhz=clock_mhz, secret=secret)
 
 
 def _print(log: "RunLog") -> None:
-    """What went wrong, the tables, and the headline last, where a terminal is read first."""
+    """Print failures, the tables, and the headline last, because a terminal is read from its end."""
     from firmware_sim.runs.control import trouble
     from firmware_sim.runs.run_tables import drag_rows, headline, service_rows
 
@@ -278,7 +278,7 @@ def _print(log: "RunLog") -> None:
 
 
 def exit_with(log: "RunLog", required: float | None) -> None:
-    """End with the status that says whether the run is what was asked for."""
+    """End with the status that states whether the run met the requirements."""
     from firmware_sim.runs.control import trouble
     from firmware_sim.runs.summary import summary
 

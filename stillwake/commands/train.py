@@ -21,14 +21,14 @@ from stillwake.parts.training_progress import TrainingProgress, check_model_outp
 from train.fitting import unfinished
 
 if TYPE_CHECKING:
-    # Loading torch takes seconds, HDF5 is no part of a vehicle: the other commands do without.
+    # The imports are for types only, because torch takes seconds to load and a vehicle has no HDF5.
     from contract.recording.dataset import Dataset
     from train.distillation.evaluate import ModelMetrics
     from train.model_store import TrainedModel
 
 
 USES: Final = ("model", "train", "mpc", "flow", "operating_point", "ecu.compute_time_ms")
-"""Settings of the training, and those that the model keeps for its export."""
+"""Settings of the training, and settings that the model stores for its export."""
 
 
 Device = Annotated[str, typer.Option(help="cpu or cuda.")]
@@ -49,11 +49,11 @@ def train(
 ) -> None:
     """Train the model of the wake offline, from a recording: joint fit, choice of sensors, distillation.
 
-    It can be stopped at any time. The same command continues from the last checkpoint and ends with the same model. One
-    setting is changed by, for example, --set train.epochs=300. The model keeps all settings; `export` begins with them.
-    --sensors take the place of the method's choice. docs/how-to/train.md describes the steps.
+    It can be stopped at any time. The same command continues from the last checkpoint and gives the same model. Change
+    a setting with, for example, --set train.epochs=300. The model stores all settings; `export` begins with them.
+    --sensors replace the method's choice. docs/how-to/train.md describes the steps.
     """
-    # A missing extra is reported before missing data; a vehicle has no HDF5.
+    # A missing extra is reported before a missing file; a vehicle has no HDF5.
     from contract.recording.dataset import read
 
     config = settings("train", given, uses=USES, base=training_settings(quick=quick)).config
@@ -115,7 +115,7 @@ def _save(path: Path | None, trained: "TrainedModel", show: TrainingProgress, co
 
 
 def _check_recording(recording: "Dataset", path: Path, config: Config, chosen: Sequence[str] | None) -> None:
-    """Refuse what needs no torch to be seen, before that is loaded."""
+    """Check everything that needs no torch before torch is loaded."""
     from contract.recording.findings import findings, refuse_unfit
 
     if chosen is not None:

@@ -1,4 +1,4 @@
-"""The command that is the other side of an ECU's bus, in real time."""
+"""The command that is the vehicle on an ECU's bus, in real time."""
 
 from contextlib import ExitStack
 from pathlib import Path
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from wake.plant.drive import Drive
 
 NO_COMMANDS: Final = 3
-"""Exit status of a run in which no usable command came."""
+"""Exit status of a run in which no usable command was received."""
 _RECORDING: Final = "recording"
 _USES: Final = ("body", "operating_point", "flow", *REAL_BUS, "bus.key", "ecu", "vehicle")
 
@@ -55,20 +55,20 @@ def vehicle(
     bus: shared.Bus = None,
     given: shared.Settings = [],  # noqa: B006
 ) -> None:
-    """Be the vehicle of an ECU on a bus, in real time: send pressures every control period, obey its commands.
+    """Simulate the vehicle of an ECU on a bus, in real time: send pressures every control period, follow its commands.
 
-    The pressures are a recording's, of an episode with the jets at rest if there is one, and do not answer the jets:
-    whether bus and ECU keep their times can be seen, but no drag reduction. With --plant wake they are of a wake that
-    is computed meanwhile, on a grid on which this computer keeps up, for example --set flow.refinement=0.75 --set
-    flow.substeps=15; --state and --drive go with it, and the drive begins when control is wanted.
+    The pressures are recorded, with the jets shut if there is such an episode, and do not respond to the jets: the run
+    shows whether bus and ECU meet their deadlines, but no drag reduction. With --plant wake they come from a wake
+    computed at the same time, on a grid that is coarse enough for this computer, for example --set flow.refinement=0.75
+    --set flow.substeps=15; --state and --drive are for this plant, and the drive begins when control is requested.
 
     At a quarter of the speed, --set operating_point.speed=6.25, wake and control period are four times as slow. Its ECU
     needs a bundle of that operating point (`bundle renew --set operating_point.speed=...`).
 
     --freshness goes with bus.key: the file counts this node's power cycles.
 
-    Ctrl-C, SIGTERM and --periods end it well: the request for control is withdrawn on the bus. Exit status 3: no usable
-    command came. A lost bus ends it with one line and exit status 1: it is not opened again.
+    Ctrl-C, SIGTERM and --periods end it in order: the request for control is withdrawn on the bus. Exit status 3: no
+    usable command was received. A lost bus ends it with one line and exit status 1: it is not opened again.
     """
     check_json(json_file)
     if stage_times is not None:
@@ -114,7 +114,7 @@ def vehicle(
 
 
 def _check_plant(*, live: bool, **given: object) -> None:
-    """Refuse options of the other plant."""
+    """Refuse options that belong to the other plant."""
     for name in ("dataset", "episode") if live else ("state", "drive"):
         if given[name] is not None:
             why = "does not go with --plant wake" if live else "needs --plant wake: a recording has its own"
@@ -124,7 +124,8 @@ def _check_plant(*, live: bool, **given: object) -> None:
 def _run(
     release: Bundle, config: Config, course: "Course", made: "Callable[[ExitStack], Pressures]"
 ) -> "tuple[VehicleFigures, str, bool]":
-    """Be the vehicle until the course or a stop ends it: figures, the pressures in words, whether it was stopped."""
+    """Simulate the vehicle until the course ends or a stop; return figures, pressures in words, and whether it was
+    stopped."""
     from can_bridge.bus.backends.python_can import PythonCanBus
     from ecu.fit import check_sensors
     from firmware_sim.bench.real_time.running import run_vehicle
@@ -156,7 +157,7 @@ def _run(
 
 
 def note_of(figures: "VehicleFigures") -> str:
-    """How it goes, for the progress line."""
+    """Describe the run's state for the progress line."""
     if figures.commands == 0:
         return "no usable command yet"
     mode = figures.latest_mode

@@ -1,1 +1,1 @@
-"""What every command shares with the terminal: options, progress, output, endings."""
+"""The parts of the command line that all commands share: options, progress, output, endings."""

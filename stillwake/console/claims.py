@@ -1,8 +1,8 @@
-"""One command at a time writes to a place: the others are refused before they work, and nothing is lost.
+"""Locks, so that one command at a time writes to a place; others are refused before they work, and nothing is lost.
 
-A lock of the system's on a hidden file beside the place, `.NAME.lock`. It ends with the process, however that ends; a
-file that a killed one left counts for nothing. Linux passes it on to an NFS server, so that it holds among machines
-too. Where there are no such locks, as on some file systems and on Windows, nothing is refused.
+A lock is the system's lock on a hidden file beside the place, `.NAME.lock`. It ends with the process in every case; a
+file that a killed process left has no effect. Linux passes the lock on to an NFS server, so that it also works between
+machines. On systems without such locks, as on some file systems and on Windows, nothing is refused.
 """
 
 import atexit
@@ -21,8 +21,8 @@ _PLACES: Final = set[Path]()
 
 
 def claim(path: Path, *, folder: bool = False) -> None:
-    """Have a place to write to until the command ends. Raises StillwakeError if nothing can be written there, as
-    `contract.atomic.check_writable`; OutputError if another command is writing there."""
+    """Reserve a place to write to until the command ends. Raises StillwakeError if nothing can be written there, as
+    `contract.atomic.check_writable` does; OutputError if another command is writing there."""
     check_writable(path, folder=folder)
     place = leads_to(path)
     if place in _PLACES:
@@ -31,7 +31,7 @@ def claim(path: Path, *, folder: bool = False) -> None:
     try:
         place.parent.mkdir(parents=True, exist_ok=True)
         for parent in reversed(missing):
-            # Each stays unless it is empty.
+            # A folder that is not empty remains.
             _HELD.callback(_quietly, parent.rmdir)
         _lock(path, place.with_name(f".{place.name}.lock"))
     except OSError as error:
@@ -42,7 +42,7 @@ def claim(path: Path, *, folder: bool = False) -> None:
 
 @atexit.register
 def release() -> None:
-    """Give back what this command has claimed."""
+    """Release all places that this command has claimed."""
     _HELD.close()
 
 
@@ -63,14 +63,14 @@ def _lock(path: Path, file: Path) -> None:
                 "or name another place"
             ) from None
         except OSError:
-            # No locks on this file system.
+            # This file system has no locks.
             os.close(held)
             _quietly(file.unlink)
             return
         with suppress(FileNotFoundError):
             if os.path.samestat(os.fstat(held), file.stat()):
                 break
-        # The one before has taken it away meanwhile.
+        # The previous owner has removed the file meanwhile.
         os.close(held)
     with suppress(OSError):
         os.ftruncate(held, 0)

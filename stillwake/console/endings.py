@@ -1,4 +1,4 @@
-"""What a command ends with: exit status, and one line to stderr for whatever a user can cause."""
+"""The ending of a command: its exit status, and one line to stderr for every failure that a user can cause."""
 
 import errno
 import os
@@ -30,18 +30,18 @@ EXTRAS: Final[Mapping[str, tuple[str, ...]]] = {
     "fmu": ("pythonfmu3",),
     "mdf": ("asammdf",),
 }
-"""Packages, by the names they are imported by, that an extra of `pyproject.toml` brings."""
+"""Packages of each extra of `pyproject.toml`, by their import names."""
 _FIRST: Final = {"train": "train", "export": "c", "mcu": "c"}
-"""The extra that a command needs where a package comes with others as well."""
+"""The extra to name for a command if several extras bring the missing package."""
 REPORT: Final = "stillwake is not prepared for this, which is a fault of its own: please report it with the lines above"
 
 errors = make_console(stderr=True)
 
 
 def status_of(command: Callable[[], object]) -> int:
-    """Run a command to its end; return its exit status, after one line to stderr where it failed.
+    """Run a command to its end; return its exit status, after one line to stderr if it failed.
 
-    An exception that no user should be able to cause keeps its traceback, and a line asks to report it.
+    An exception that no user should be able to cause keeps its traceback, followed by a line that asks to report it.
     """
     try:
         try:
@@ -86,7 +86,7 @@ def _status_of(command: Callable[[], object]) -> int:
 
 
 def missing(module: str, command: str = "") -> str:
-    """What to do about a module that this command could not import."""
+    """State the remedy for a module that this command could not import."""
     top = module.partition(".")[0]
     loaded = sys.modules.get(top)
     place = None if loaded is None else getattr(loaded, "__file__", None)
@@ -128,6 +128,6 @@ def _code(stop: SystemExit) -> int:
 
 
 def _forget_stdout() -> None:
-    # What is left in its buffer would fail again when Python ends.
+    # The rest of its buffer would fail again when Python ends.
     with suppress(OSError, ValueError):
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

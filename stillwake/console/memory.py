@@ -1,8 +1,7 @@
-"""What a command needs of memory is looked up before it loads libraries that would not come back; `__main__` imports
-this before numpy.
+"""A check of the available memory, before libraries are loaded that fail without an error. `__main__` imports it first.
 
-Where there is no address space for its buffers, OpenBLAS asks for them for ever, and LLVM ends the process without a
-word. Both do so under `ulimit -v` or `-d` alone: where the machine itself has too little, the kernel ends a process.
+If the address space is too small for its buffers, OpenBLAS requests them without end, and LLVM ends the process without
+a message. Both happen with `ulimit -v` or `-d` only; if the machine has too little, the kernel ends a process.
 """
 
 import os
@@ -12,24 +11,24 @@ from contextlib import suppress
 from typing import Final
 
 LEAST_MB: Final = 150
-"""The least address space, by hand, with which Python, numpy and the command line load."""
+"""Smallest address space in MB, found by hand, with which Python, numpy and the command line load."""
 NEEDS_MB: Final = {
     **dict.fromkeys(("run", "campaign", "vehicle", "live", "latency", "export"), 850),
     **dict.fromkeys(("train", "refine", "mcu"), 750),
     **dict.fromkeys(("record", "picture"), 550),
     **dict.fromkeys(("develop", "plant-fmu"), 450),
 }
-"""The same of commands that simulate, learn or draw, with one thread of BLAS: with less a short call fails."""
+"""Smallest address space in MB of commands that simulate, learn or draw, with one thread of BLAS."""
 _A_THREAD_MB: Final = 80
-"""The address space of each further thread of BLAS, of which numpy and scipy have one each."""
+"""Address space in MB of each further thread of BLAS; numpy and scipy have one BLAS each."""
 _DATA: Final = 0.5
-"""Share of it that is data of its own, which `ulimit -d` bounds."""
+"""Share of the address space that is private data, which `ulimit -d` limits."""
 _SIGNS: Final = ("failed to map segment", "annot allocate memory", "can't start new thread", "bad_alloc", "to allocate")
-"""The signs in the words of the loader, the system, Python, C++ and numpy."""
+"""Parts of messages on too little memory, from the loader, the system, Python, C++ and numpy."""
 
 
 def shortage(command: str) -> str | None:
-    """What is missing, in one line; None where nothing is bounded, or all is there."""
+    """Describe the missing memory in one line; None if there is no limit, or the limit is high enough."""
     threads = os.environ.get("OPENBLAS_NUM_THREADS", os.environ.get("OMP_NUM_THREADS", ""))
     more = min(int(threads), os.cpu_count() or 1) - 1 if threads.isdigit() else 0
     needs = NEEDS_MB.get(command, LEAST_MB) + _A_THREAD_MB * max(0, more)
@@ -47,13 +46,13 @@ def shortage(command: str) -> str | None:
 
 
 def check_memory(words: Sequence[str]) -> None:
-    """Raise MemoryError if the command in these words needs more than there is; help needs no more than the least."""
+    """Raise MemoryError if the command in `words` needs more memory than the limits allow; help needs the least."""
     if words and not {"--help", "-h"} & set(words) and (missing := shortage(words[0])) is not None:
         raise MemoryError(missing)
 
 
 def lacks_memory(error: BaseException | None) -> bool:
-    """Whether an error came of too little memory, in whatever words."""
+    """Return whether too little memory caused an error, from its type or message."""
     while error is not None:
         if isinstance(error, MemoryError) or (
             isinstance(error, ImportError | OSError | RuntimeError) and any(sign in str(error) for sign in _SIGNS)
@@ -63,7 +62,7 @@ def lacks_memory(error: BaseException | None) -> bool:
     return False
 
 
-# Nothing of ours is the faster for a second one.
+# No part of the project is faster with a second thread of BLAS.
 if "OMP_NUM_THREADS" not in os.environ:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 if (here := shortage("")) is not None:

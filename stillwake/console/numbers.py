@@ -1,4 +1,4 @@
-"""Numbers as options take them: what no later step could use is refused by the option's name. And counts in words."""
+"""Checks of numbers in options, whose errors state the option's name, and counts in words."""
 
 import os
 from collections.abc import Mapping
@@ -8,16 +8,16 @@ from typing import Any, Final
 from contract.errors import ConfigError
 
 _LONGEST: Final = 1e5
-"""t_c: days of computing on any machine, and still an array that fits into its memory."""
+"""Longest time in t_c: days of computing on any machine, and still an array that fits into its memory."""
 
 
 def steps_of(option: str, duration: float, period: float, *, least: int = 1) -> int:
-    """Control periods in a duration. Raises ConfigError if the duration is not finite, shorter than needed, or longer
-    than `_LONGEST`.
+    """Return the number of control periods in a duration. Raises ConfigError if it is not finite, too short, or above
+    `_LONGEST`.
 
     Args:
         duration, period: in t_c.
-        least: control periods that are needed.
+        least: smallest number of control periods.
     """
     if not (isfinite(duration) and duration <= _LONGEST):
         raise ConfigError(f"{option} {duration:g}: must be a number of t_c up to {_LONGEST:g}")
@@ -29,13 +29,13 @@ def steps_of(option: str, duration: float, period: float, *, least: int = 1) -> 
 
 
 def listed(counts: Mapping[str, int]) -> str:
-    """Counts in one line, the largest first; those of 0 are left out."""
+    """List counts in one line, the largest first; counts of 0 are left out."""
     return ", ".join(f"{name} {count}" for name, count in sorted(counts.items(), key=lambda one: -one[1]) if count)
 
 
 def workers_of(text: str | None) -> dict[str, Any]:
-    """`workers` and `scheduler` of `--workers`: so many processes, one a core by default, or those of a scheduler.
-    Raises ConfigError for another text."""
+    """Return `workers` and `scheduler` of `--workers`: a number of processes, by default one per core, or a scheduler's
+    address. Raises ConfigError for another text."""
     if text is None:
         return {"workers": cores(), "scheduler": None}
     if ":" in text:
@@ -46,5 +46,5 @@ def workers_of(text: str | None) -> dict[str, Any]:
 
 
 def cores() -> int:
-    """How many processors this process may use."""
+    """Return the number of processors that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

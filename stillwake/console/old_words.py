@@ -1,4 +1,4 @@
-"""Words of version 1.0.0 that are others now: a call with one ends with a line that names the new one."""
+"""Words of version 1.0.0 that have changed: a call with an old word ends with a line that states the new word."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Final
@@ -60,23 +60,23 @@ OLD: Final[Mapping[str, Mapping[str, str]]] = {
         **{"--seed": "--forcing training:seed=NUMBER", "--run": "--forcing FOLDER", "--skip": "--settle"},
     },
 }
-"""What is another word now, by the command that had it: the command itself where there is no option."""
+"""The new word for each old word, by command; the old word is empty if the command itself has a new name."""
 
 
 class OldWordError(StillwakeError):
-    """A call in the words of an earlier version."""
+    """A call with a word of an earlier version."""
 
     status = 2
 
 
 def rows() -> Iterator[tuple[str, str]]:
-    """Every old word with its command, and the new one."""
+    """Yield every old word with its command, and the new word."""
     for command, words in OLD.items():
         yield from (((f"{command} {old}").strip(), new) for old, new in words.items())
 
 
 def refuse_old(words: Sequence[str]) -> None:
-    """Raises OldWordError for a call, given by its words behind `stillwake`, that has one of `OLD`."""
+    """Raise OldWordError for a call, given by its words after `stillwake`, that contains a word of `OLD`."""
     given = [part for word in words for part in (word.split("=", 1) if word.startswith("--") else [word])]
     given = given[: given.index("--")] if "--" in given else given
     for old, new in rows():

@@ -1,4 +1,4 @@
-"""Options that several commands share: one word and one meaning each."""
+"""Options that several commands share, each with one word and one meaning."""
 
 from pathlib import Path
 from typing import Annotated, Final
@@ -63,16 +63,16 @@ Bus = Annotated[
 ]
 
 WAKE: Final = "wake"
-"""The own solver's, among what pressures may come from."""
+"""The own solver, among the sources of pressures."""
 
 
 def names_in(text: str) -> tuple[str, ...] | None:
-    """The names of a comma-separated list; None for an empty text."""
+    """Return the names of a comma-separated list; None for an empty text."""
     return tuple(name.strip() for name in text.split(",")) if text else None
 
 
 def pairs(texts: list[str], example: str, names: tuple[str, ...] = ()) -> list[tuple[str, str]]:
-    """NAME and VALUE of every NAME=VALUE. Raises ConfigError for another text, or a name that is not among `names`."""
+    """Split every NAME=VALUE. Raises ConfigError for another text, or a name that is not in `names`."""
     found = []
     for text in texts:
         name, separator, value = (part.strip() for part in text.partition("="))

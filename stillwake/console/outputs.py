@@ -1,4 +1,4 @@
-"""Where a command writes: checked before it works, its own until it ends, and never replaced unless the user asks."""
+"""The outputs of a command, which it checks and claims before its work, and replaces only on request."""
 
 from collections.abc import Mapping
 from datetime import date
@@ -10,11 +10,11 @@ from contract.results import write_result
 from stillwake.console.claims import claim
 
 DATASET_SUFFIXES: Final = (".h5", ".hdf5")
-"""How a data set's name ends."""
+"""Endings of a data set's name."""
 
 
 def check_dataset_name(path: Path) -> None:
-    """Refuse a data set that would not be known as one by its name; raises OutputError."""
+    """Refuse a data set whose name does not end like a data set's; raises OutputError."""
     if path.suffix.lower() not in DATASET_SUFFIXES:
         endings = " or ".join(DATASET_SUFFIXES)
         raise OutputError(f"{path}: a data set is an HDF5 file; its name must end in {endings}")
@@ -23,14 +23,14 @@ def check_dataset_name(path: Path) -> None:
 def check_output(
     path: Path, *, overwrite: bool | None, folder: bool = False, occupant: str = "", mark: str = ""
 ) -> None:
-    """Refuse a place that cannot be written, or that holds something and is not to be replaced. Raises OutputError if
-    something is there, or another command writes there; StillwakeError if nothing can be written there.
+    """Refuse a place that cannot be written, or that is occupied and must not be replaced. Raises OutputError if the
+    place is occupied, or another command writes there; StillwakeError if nothing can be written there.
 
     Args:
-        overwrite: whether the user asked to replace what is there; None where nothing ever is.
-        folder: whether the result is a folder; an empty one counts as free.
-        occupant: what is there, in words, for the message.
-        mark: a file that a folder of this kind has; one without it is never replaced.
+        overwrite: whether the user asked to replace an existing output; None for outputs that are never replaced.
+        folder: whether the result is a folder; an empty folder counts as free.
+        occupant: description of the existing output, for the message.
+        mark: a file that every folder of this kind has; a folder without it is never replaced.
     """
     claim(path, folder=folder)
     if mark and folder and path.is_dir() and any(path.iterdir()) and not (path / mark).exists():
@@ -43,12 +43,12 @@ def check_output(
 
 
 def check_json(path: Path | None) -> None:
-    """Refuse a place for figures that cannot be written; figures are replaced by newer ones."""
+    """Refuse a place for figures that cannot be written; newer figures replace older figures."""
     if path is not None:
         claim(path)
 
 
 def save_json(path: Path | None, *, figures: Any, facts: Mapping[str, Any]) -> None:
-    """Write what was measured today with the facts behind it, if a file was asked for."""
+    """Write today's measurements with the facts behind them, if a file was given."""
     if path is not None:
         write_result(path, figures=figures, facts=facts, on=date.today())

@@ -1,7 +1,7 @@
-"""Refuses to start where a file of the user's has the name of one of our packages; `__main__` imports this first.
+"""A check that no file of the user has the name of one of the project's packages; `__main__` imports this first.
 
-The packages have everyday names, and `python -m stillwake` searches the working folder before it searches the installed
-packages: a `train.py` there would run in place of ours.
+The packages have everyday names, and `python -m stillwake` searches the working folder before the installed packages.
+So a `train.py` there would run in place of the package.
 """
 
 import sys
@@ -12,11 +12,11 @@ from typing import Final
 
 ROOMS: Final = ("contract", "wake", "train", "export", "can_bridge", "ecu", "firmware_sim", "stillwake")
 HOME: Final = Path(__file__).resolve().parents[2]
-"""The folder that all of them lie in."""
+"""The folder that contains all packages."""
 
 
 def hidden(rooms: Sequence[str] = ROOMS, home: Path = HOME) -> tuple[str, Path] | None:
-    """The first of the packages that Python finds elsewhere, and where; None if there is no such."""
+    """Return the first of the packages that Python finds elsewhere, and its path; None if there is no such package."""
     for room in rooms:
         spec = find_spec(room)
         if spec is None:
@@ -29,7 +29,7 @@ def hidden(rooms: Sequence[str] = ROOMS, home: Path = HOME) -> tuple[str, Path] 
 
 
 def explain(room: str, file: Path) -> str:
-    """One line on what to do about it."""
+    """Return one line that states the remedy."""
     return f"{file} hides the package {room!r} of stillwake: rename it, or call `stillwake` from another folder"
 
 

@@ -1,6 +1,6 @@
-"""How far work is: a bar on a terminal, lines of text in a log. Every command reports by `progress`.
+"""The progress of work: a bar on a terminal, lines of text in a log. Every command reports through `progress`.
 
-Both are rich's `Progress`, which counts and estimates.
+Bar and lines are rich's `Progress`, which counts and estimates.
 """
 
 import time
@@ -20,13 +20,13 @@ from stillwake.console.stopping import still_wanted
 from stillwake.console.terminal import console as usual_console
 
 SELDOM: Final = 0.1
-"""Seconds from one shown report of a task to the next, and until the first: drawing may cost more than the work."""
+"""Seconds between two shown reports of a task, and before the first, because drawing may cost more than the work."""
 INTERVAL: Final = 30.0
-"""Seconds between two lines at most, before whoever waits takes the silence for a failure."""
+"""Longest time in s between two lines, so that silence is not taken for a failure."""
 
 
 class ProgressBar(Progress):
-    """Bars on a terminal, from the first update on."""
+    """A display of bars on a terminal, from the first update on."""
 
     def __init__(self, unit: str, *, console: Console, estimate_over: float, clock: Callable[[], float]) -> None:
         super().__init__(
@@ -42,10 +42,10 @@ class ProgressBar(Progress):
         )
 
     def start(self) -> None:
-        """Wait for the first update: an error before it stands alone."""
+        """Wait for the first update, so that an error before it is shown without a bar."""
 
     def update(self, task_id: TaskID, **changes: Any) -> None:
-        """Do as rich's does; the first one shows the bars. Raises KeyboardInterrupt if a stop was lost."""
+        """Update as rich does; the first update shows the bars. Raises KeyboardInterrupt if a stop was lost."""
         still_wanted()
         super().update(task_id, **changes)
         if not self.live.is_started:
@@ -53,11 +53,11 @@ class ProgressBar(Progress):
 
 
 class ProgressLines(Progress):
-    """Lines of text: one at the first update, at least one every `interval` seconds, and one at the end of each task.
+    """A display of lines of text: at the first update, at least every `interval` seconds, and at the end of each task.
 
-    A task has a line only where it has moved since its last one. If none has moved for an interval, the latest task
-    has another line, which shows that the work goes on. So does one whose work begins with a long step, before its
-    first update.
+    A task has a new line only if it has advanced since its last line. If no task has advanced for an interval, the
+    latest task has another line, which shows that the work continues. The same holds for a task whose work begins with
+    a long step, before its first update.
     """
 
     def __init__(
@@ -77,11 +77,11 @@ class ProgressLines(Progress):
         self._heart = Thread(target=self._beat, name="progress", daemon=True)
 
     def start(self) -> None:
-        """Let time alone bring a line too: one step of the work may take longer than the interval."""
+        """Start a thread that prints lines too, because one step of the work may take longer than the interval."""
         self._heart.start()
 
     def stop(self) -> None:
-        """Print where each task stands, unless its last line shows it."""
+        """Print the state of each task whose last line does not show it."""
         self._ended.set()
         self._heart.join()
         with self._lock:
@@ -90,14 +90,14 @@ class ProgressLines(Progress):
                     self._print(task)
 
     def update(self, task_id: TaskID, **changes: Any) -> None:
-        """Do as rich's does, and print a line if one is due or the task is done. Raises KeyboardInterrupt if a stop
-        was lost."""
+        """Update as rich does, and print a line if due or the task is done. Raises KeyboardInterrupt if a stop was
+        lost."""
         still_wanted()
         super().update(task_id, **changes)
         with self._lock:
             task, last = self._tasks[task_id], self._lines.get(task_id)
             if last is None:
-                # Of tasks that start together the first one speaks for all.
+                # If several tasks start together, only the first has a line.
                 if task.completed > 0 or not self._lines:
                     self._print(task)
             elif task.completed != last.completed:
@@ -123,9 +123,9 @@ class ProgressLines(Progress):
 
 
 class Report:
-    """Takes what a command reports of its tasks; each begins with its first report, which counts for no speed.
+    """A receiver of reports on tasks; each task begins with its first report, which does not count for the speed.
 
-    Beginning and end of a task are shown at once. One that is over before it was shown is not shown at all.
+    The first and the last report of a task are shown at once. A task that ends before it was shown is not shown at all.
     """
 
     def __init__(self, bar: Progress, clock: Callable[[], float]) -> None:
@@ -136,16 +136,16 @@ class Report:
         self._visible = set[str]()
 
     def __call__(self, task: str, done: float, total: float | None = None, note: str = "", *, unit: str = "") -> None:
-        """Show how much of a task is done, and raise KeyboardInterrupt if a stop was lost on its way here.
+        """Show how much of a task is done, and raise KeyboardInterrupt if a stop was lost before.
 
         Args:
-            total: None while it is not known.
-            unit: of this task's counts, if it is another than the others'.
+            total: None if it is not known yet.
+            unit: of this task's counts, if it differs from the other tasks' unit.
         """
         still_wanted()
         now, changes = self._clock(), {"completed": done, "total": total, "note": note}
         if task not in self._tasks:
-            # What an earlier call has done counts for no speed; rich takes parts of a step as well.
+            # The work of an earlier call does not count for the speed; rich accepts fractions of a step.
             self._tasks[task] = self._bar.add_task(task, total=total, completed=done, note=note, unit=unit)  # type: ignore[arg-type]
             self._begin(task)
             self._latest[task] = now
@@ -156,7 +156,7 @@ class Report:
             self._waiting[task] = changes
 
     def show_what_is_left(self) -> None:
-        """Show the latest report of every task that is visible."""
+        """Show the latest report of every visible task."""
         for task in self._visible & self._waiting.keys():
             self._show(task, self._waiting[task], self._clock())
 
@@ -167,7 +167,7 @@ class Report:
         self._bar.update(self._tasks[task], **changes)
 
     def _begin(self, task: str) -> None:
-        # Rich counts from the end of a first step: steps that several workers end together would be many at once.
+        # Rich measures from a first step's end, so steps that end together would give a wrong speed.
         for part in (_HARDLY, -_HARDLY):
             Progress.update(self._bar, self._tasks[task], advance=part)
 
@@ -180,14 +180,14 @@ def progress(
     console: Console = usual_console,
     clock: Callable[[], float] = time.monotonic,
 ) -> Iterator[Report]:
-    """Tasks with a bar, a count in `unit`, the time left and a note; where no terminal is, lines of text.
+    """Yield a report that shows a bar, a count in `unit`, the time left and a note; without a terminal, lines of text.
 
-    Nothing is shown before the first report, so that an error at the start stands alone.
+    Nothing is shown before the first report, so that an error at the start is shown without a bar.
 
     Args:
         unit: of the counts, in the plural.
-        estimate_over: seconds, the latest ones, whose speed gives the time left.
-        console, clock: where it is shown, and seconds.
+        estimate_over: time in s over which the latest speed is averaged for the time left.
+        console, clock: the output, and a clock in s.
     """
     kind = ProgressBar if console.is_interactive else ProgressLines
     with kind(unit, console=console, estimate_over=estimate_over, clock=clock) as bar:
@@ -200,7 +200,7 @@ def progress(
 
 @contextmanager
 def phases(name: str, names: Sequence[str]) -> Iterator[tuple[Report, Callable[[str], None]]]:
-    """Report on phases with names: yields the report, and what is to be called as each of them begins."""
+    """Report on named phases: yields the report, and a function to call at the beginning of each phase."""
     with progress("phases") as report:
         yield report, lambda begun: report(name, names.index(begun), len(names), begun)
         report(name, len(names), len(names))
@@ -211,7 +211,7 @@ def _unit_of(task: Task, otherwise: str) -> str:
 
 
 def line_of(task: Task, unit: str) -> str:
-    """One line on a task: how much of it is done, how fast it goes, how long it will take, and its note."""
+    """Return one line on a task: the part that is done, the speed, the time left, and the note."""
     total = "" if task.total is None else f"/{_count(task.total)}"
     done = f"{task.description}: {_count(task.completed)}{total} {unit}"
     parts = [done if task.total is None else f"{done} ({task.percentage:.0f} %)"]
@@ -228,7 +228,7 @@ def line_of(task: Task, unit: str) -> str:
 
 
 def span(seconds: float) -> str:
-    """A time for people: 45 s, 3 min 20 s, 2 h 5 min, 12 days."""
+    """Return a time as text: 45 s, 3 min 20 s, 2 h 5 min, 12 days."""
     if seconds >= _DAYS:
         return f"{seconds / 86400.0:.3g} days"
     whole = round(seconds)
@@ -240,10 +240,10 @@ def span(seconds: float) -> str:
 
 
 _HARDLY: Final = 1e-9
-"""A part of a step that no one sees."""
+"""A fraction of a step too small to be shown."""
 
 _DAYS: Final = 100.0 * 3600.0
-"""Seconds from which on days are shown instead of hours."""
+"""Seconds from which days are shown in place of hours."""
 
 
 def _count(number: float) -> str:
@@ -252,14 +252,14 @@ def _count(number: float) -> str:
 
 @dataclass(frozen=True)
 class _Line:
-    """When a task's last line was printed, and what was done then."""
+    """The time at which a task's last line was printed, and the count at that time."""
 
     at: float
     completed: float
 
 
 class _Words(ProgressColumn):
-    """Text as it is, never broken."""
+    """A column of unchanged text that is never broken."""
 
     def __init__(self, text: Callable[[Task], str], style: str = "") -> None:
         super().__init__(Column(no_wrap=True))
@@ -270,7 +270,7 @@ class _Words(ProgressColumn):
 
 
 class _Note(ProgressColumn):
-    """The note: the column that gives way where the terminal is narrow, cut at its end."""
+    """A column with the note, which is cut at its end if the terminal is narrow."""
 
     def render(self, task: Task) -> Text:
         return Text(str(task.fields.get("note", "")), no_wrap=True, overflow="ellipsis")

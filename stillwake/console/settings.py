@@ -1,4 +1,5 @@
-"""Settings as a command takes them: the release's, what `--set` gives on top, and nothing that it would ignore."""
+"""The settings of a command: the release's settings with the changes of `--set`; settings without effect are
+refused."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -12,17 +13,17 @@ from stillwake.console.terminal import console
 _FRAMES: Final = ("bus.interface", "bus.channel", "bus.nominal_bitrate", "bus.data_bitrate", "bus.frames")
 DIAGNOSIS: Final = "bus.diagnosis"
 TESTERS_BUS: Final = (*_FRAMES, DIAGNOSIS)
-"""What a tester on a real bus reads of it."""
+"""Settings of the bus that a tester on a real bus reads."""
 REAL_BUS: Final = (*_FRAMES, "bus.e2e")
-"""What a node on a real bus reads of it, without the key."""
+"""Settings of the bus, without the key, that a node on a real bus reads."""
 COST_WEIGHTS: Final = "mpc.weights"
-"""The section that a released controller takes as an input."""
+"""The section of settings that a released controller takes as an input."""
 _BUS: Final = ("bus.interface", "bus.channel")
-"""What `--bus` names."""
+"""Settings that `--bus` names."""
 
 
 def read_settings(given: Sequence[str], *, base: Config | None = None) -> Loaded:
-    """The settings with those of `--set`, of which one may be a file; raises ConfigError as `load` does."""
+    """Read the settings with the changes of `--set`, one of which may be a file; raises ConfigError as `load` does."""
     files = [text for text in given if "=" not in text and text.endswith(".toml")]
     if len(files) > 1:
         raise ConfigError(f"--set {files[1]}: is the second file; give one file, and what differs as section.key=value")
@@ -31,15 +32,15 @@ def read_settings(given: Sequence[str], *, base: Config | None = None) -> Loaded
 
 
 def settings(verb: str, given: Sequence[str], *, uses: Sequence[str], base: Config | None = None) -> Loaded:
-    """The settings of one call of a command.
+    """Return the settings of one call of a command.
 
-    A single setting that the command does not use is refused. A file may serve several commands: what this one does not
-    use of it is named in one line. Raises ConfigError as `load` does, or for a setting that would have no effect.
+    A single setting that the command does not use is refused. A file may serve several commands: its settings without
+    use here are named in one line. Raises ConfigError as `load` does, or for a setting that would have no effect.
 
     Args:
         given: the texts of `--set`.
         uses: sections or single settings that the command reads, such as "flow" or "mpc.weights".
-        base: what they go on top of; the release's settings if None.
+        base: the settings that `--set` changes; the release's settings if None.
     """
     loaded = read_settings(given, base=base)
     unused = sorted(name for name in loaded.in_overrides if not _is_used(name, uses))
@@ -53,7 +54,7 @@ def settings(verb: str, given: Sequence[str], *, uses: Sequence[str], base: Conf
 
 
 def with_bus(bus: str | None, given: Sequence[str]) -> list[str]:
-    """The texts of `--set` with the bus that `--bus` names; raises ConfigError for another form, or one in both."""
+    """Return the texts of `--set` with the bus of `--bus`; raises ConfigError for another form, or a bus in both."""
     if bus is None:
         return list(given)
     interface, colon, channel = bus.partition(":")

@@ -1,4 +1,4 @@
-"""How a command ends on Ctrl-C or SIGTERM: alike, with what is needed to go on in one line."""
+"""The ending of a command by Ctrl-C or SIGTERM, which is the same for both, with one line on how to continue."""
 
 import signal
 import sys
@@ -8,25 +8,26 @@ from threading import current_thread, main_thread
 from typing import Any, Final
 
 INTERRUPTED: Final = 130
-"""Exit status after Ctrl-C, as shells have it."""
+"""Exit status after Ctrl-C, as in shells."""
 TERMINATED: Final = 143
-"""Exit status after SIGTERM, as shells have it."""
+"""Exit status after SIGTERM, as in shells."""
 
 _asked: list[str] = []
-"""Signals that came, by name."""
+"""Names of the signals that were received."""
 _advice: list[str] = []
 _is_left_to_work = False
-"""Within `until_stopped`, which nothing interrupts."""
+"""Whether work within `until_stopped` runs, which nothing interrupts."""
 _hook_before: Callable[["sys.UnraisableHookArgs"], object] = sys.unraisablehook
-"""The hook that took a callback's exception before ours."""
+"""The hook that handled exceptions in callbacks before this module's hook."""
 
 
 def ends_like_ctrl_c() -> None:
-    """Let SIGTERM raise what Ctrl-C raises, so that everything half-written is cleared away; a second one kills.
+    """Let SIGTERM raise Ctrl-C's exception, so that incomplete files are removed; a second SIGTERM kills the process.
 
-    Python sees a signal between two of its own steps: compiled code and an import end first. Some of that takes the
-    exception for an error of its own and goes on; `until_stopped` and `still_wanted` then know. A callback, which can
-    raise nothing, would print it. Outside the main thread, which alone may take signals, nothing is changed.
+    Python handles a signal between two of its own steps: compiled code and an import end first. Some compiled code
+    takes the exception for its own error and continues; `until_stopped` and `still_wanted` then raise it again. A
+    callback cannot raise, and would print the exception. Outside the main thread, the only thread that may handle
+    signals, nothing is changed.
     """
     if current_thread() is not main_thread():
         return
@@ -51,10 +52,11 @@ def _report_lost(lost: "sys.UnraisableHookArgs") -> None:
 
 @contextmanager
 def until_stopped() -> Iterator[Callable[[], bool]]:
-    """Work that a stop ends well: yields whether Ctrl-C or SIGTERM came, as a function. A second one stops at once.
+    """Run work that ends in order when stopped: yields a function that returns whether Ctrl-C or SIGTERM was received.
+    A second signal stops at once.
 
-    Nothing is interrupted, so that whatever is being written is written to its end. Outside the main thread, which
-    alone may take signals, nothing ever stops it. Raises KeyboardInterrupt if a stop came before, and was lost.
+    Nothing is interrupted, so that files are written to their end. Outside the main thread, the only thread that may
+    handle signals, nothing stops the work. Raises KeyboardInterrupt if an earlier stop was lost.
     """
     if current_thread() is not main_thread():
         yield lambda: False
@@ -65,7 +67,7 @@ def until_stopped() -> Iterator[Callable[[], bool]]:
 
     def stop(number: int, _frame: Any) -> None:
         came.append(number)
-        # For the exit status, if the work was not done and its command raises KeyboardInterrupt.
+        # The name is for the exit status, if the work was not done and its command raises KeyboardInterrupt.
         _asked.append(signal.Signals(number).name)
         signal.signal(number, before[signal.Signals(number)])
 
@@ -82,14 +84,14 @@ def until_stopped() -> Iterator[Callable[[], bool]]:
 
 
 def still_wanted() -> None:
-    """Raises KeyboardInterrupt in the main thread if SIGTERM came and what it raised was lost on its way."""
+    """Raise KeyboardInterrupt in the main thread if SIGTERM was received and its exception was lost."""
     if _asked and not _is_left_to_work and current_thread() is main_thread():
         raise KeyboardInterrupt
 
 
 @contextmanager
 def go_on_with(line: str) -> Iterator[None]:
-    """Work that can be continued: when it is stopped, `line` describes how."""
+    """Run work that can be continued: if it is stopped, `line` describes how to continue."""
     try:
         yield
     except KeyboardInterrupt:
@@ -98,7 +100,7 @@ def go_on_with(line: str) -> Iterator[None]:
 
 
 def outcome() -> tuple[int, str]:
-    """Exit status and line of a command that was stopped."""
+    """Return the exit status and the line of a command that was stopped."""
     status = TERMINATED if "SIGTERM" in _asked else INTERRUPTED
     line = "; ".join(["stopped", *_advice])
     _asked.clear()

@@ -1,4 +1,4 @@
-"""The console: text as it is, and tables."""
+"""The console: unchanged text, and tables."""
 
 import os
 import sys
@@ -10,11 +10,12 @@ from rich.table import Column, Table
 from rich.text import Text
 
 _WIDE: Final = 10_000
-"""Columns where there is no terminal: a file, a pipe or a log has no right edge, and paths and hashes stay whole."""
+"""Number of columns without a terminal: a file, a pipe or a log has no right edge, and paths and hashes are not
+broken."""
 
 
 def make_console(*, stderr: bool = False) -> Console:
-    """A console that prints text as it is: brackets in a path are no markup, a control character is no command."""
+    """Return a console that prints text unchanged, without markup from brackets or commands from control characters."""
     stream = sys.stderr if stderr else sys.stdout
     has_edge = (stream is not None and stream.isatty()) or "COLUMNS" in os.environ
     width = None if has_edge else _WIDE
@@ -22,10 +23,10 @@ def make_console(*, stderr: bool = False) -> Console:
 
 
 class PlainConsole(Console):
-    """Shows control characters in text as Python writes them; whoever wants colour gives `style` or a `Text`."""
+    """A console that shows control characters in text as Python writes them; colour needs `style` or a `Text`."""
 
     def print(self, *objects: Any, **options: Any) -> None:
-        """Print as rich does, but lines of text are not broken: paths and commands stay whole."""
+        """Print as rich does, but without breaking lines of text, so that paths and commands are not broken."""
         super().print(*objects, **{"soft_wrap": all(isinstance(one, str | Text) for one in objects), **options})
 
     def render_str(self, text: str, **options: Any) -> Text:
@@ -34,7 +35,7 @@ class PlainConsole(Console):
 
 
 def visible(text: str) -> str:
-    """The text with its control characters and halves of surrogate pairs written out, but for line ends and tabs."""
+    """Return the text with its control characters and lone surrogates escaped, except line ends and tabs."""
     if text.isprintable():
         return text
     return "".join(c if c.isprintable() or c in "\n\t" else c.encode("unicode_escape").decode() for c in text)
@@ -44,7 +45,7 @@ console = make_console()
 
 
 def print_table(*heads: str | Column, rows: Iterable[Iterable[str | Text]], **options: Any) -> None:
-    """Print rows of text under their heads; the options are those of rich's `Table`."""
+    """Print rows of text below their headings; the options are those of rich's `Table`."""
     table = Table(*heads, **options)
     for row in rows:
         table.add_row(*row)

@@ -1,1 +1,1 @@
-"""What several commands put together from the packages."""
+"""Parts of several commands that combine the packages."""

@@ -1,4 +1,4 @@
-"""The ECU in C for the folder of a C library, that folder for the shipped bundle, and an FMU and an image of either."""
+"""The ECU in C for the folder of a C library, the folder for the shipped bundle, and an FMU and an image of either."""
 
 import tempfile
 from collections.abc import Callable, Iterator
@@ -27,11 +27,11 @@ if TYPE_CHECKING:
 
 
 def ecu_files(release: Bundle, rows: Array, *, config: Config, notice: Callable[[str], None]) -> dict[str, bytes]:
-    """Give the ECU for a release with its examples and its descriptions, or nothing where C cannot have it.
+    """Return the ECU for a release with its examples and its descriptions, or nothing if it is not possible in C.
 
     Args:
-        rows: recorded, of which an example plays the pressures, (n, S+1).
-        notice: called with a line for what the ECU does without, or for why there is none.
+        rows: recorded, (n, S+1); an example plays their pressures.
+        notice: called with a line for each part that the ECU lacks, or with the reason why there is no ECU.
     """
     from ecu.c.sources import example_sources, firmware_sources
     from ecu.in_c import uds_settings
@@ -59,11 +59,11 @@ def write_shipped_library(
     notice: Callable[[str], None] = lambda line: None,
     phase: Callable[[str], None] = lambda name: None,
 ) -> "Gated":
-    """The C library and ECU of the shipped bundle, made from the shipped model and checked to be the same program.
-    Raises ExportError if model and bundle do not belong together; StillwakeError if the data are not installed, or the
-    folder cannot be written; BundleError or ConfigError, before the work, if C cannot have its ECU with these settings.
-    `notice` and `phase` are as `ecu_files` and `export.release.pipeline` have them; with `billed` the folder has a bill
-    of materials."""
+    """Write the C library and ECU of the shipped bundle, from the shipped model, and check that the program is the
+    same. Raises ExportError if model and bundle do not belong together; StillwakeError if the data are not installed,
+    or the folder cannot be written. Before the work, raises BundleError or ConfigError if its ECU is not possible in C
+    with these settings. `notice` and `phase` are as in `ecu_files` and `export.release.pipeline`; with `billed` the
+    folder has a bill of materials."""
     from ecu.in_c.c_settings import ecu_settings
     from ecu.in_c.host_library import CController
     from export.release.pipeline import CLibrary, export_library
@@ -81,11 +81,11 @@ def write_shipped_library(
 
 
 def write_fmu(path: Path, library: Path, release: Bundle, config: Config) -> None:
-    """The ECU of a C library as an FMU for co-simulation.
+    """Write the ECU of a C library as an FMU for co-simulation.
 
     Args:
         library: folder of the same export.
-        release: that the library is of.
+        release: the library's release.
         config: of the vehicle that the library is compiled for.
 
     Raises:
@@ -106,7 +106,8 @@ def write_fmu(path: Path, library: Path, release: Bundle, config: Config) -> Non
 def write_image(
     path: Path, library: Path, release: Bundle, config: Config, key: Ed25519PrivateKey | None = None
 ) -> None:
-    """The release of a C library as an image, signed if there is a key; arguments and errors as `write_fmu`."""
+    """Write the release of a C library as an image, signed if there is a key; arguments and errors as for
+    `write_fmu`."""
     from ecu.in_c.c_image import controller_image, read_packed
 
     made = controller_image(read_sources(library) | read_packed(library), release, config, key)
@@ -116,7 +117,7 @@ def write_image(
 
 @contextmanager
 def library_folder(given: Path | None) -> Iterator[Path]:
-    """The folder that was given, or one with the shipped bundle's library that lasts as long as the block."""
+    """Yield the given folder, or a folder with the shipped bundle's library that lasts as long as the block."""
     if given is not None:
         yield given
         return
@@ -127,7 +128,8 @@ def library_folder(given: Path | None) -> Iterator[Path]:
 
 
 def _without_check(release: Bundle, config: Config, notice: Callable[[str], None]) -> Config:
-    """The settings, without the check of the sensors where C cannot have it; without an estimator nor has Python."""
+    """Return the settings, without the check of the sensors if it is not possible in C; without an estimator Python has
+    no check either."""
     check, manifest = config.ecu.sensor_check, release.manifest
     if not check.enabled:
         return config

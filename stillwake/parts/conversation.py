@@ -1,4 +1,4 @@
-"""What a tester has with the ECU on a bus."""
+"""The conversation of a tester with the ECU on a bus."""
 
 import time
 from collections.abc import Iterator
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 @contextmanager
 def asking(bus: BusConfig, access: Path | None = None) -> Iterator["Asking"]:
-    """A conversation with the ECU on the bus, by the access key in a file; reading needs none.
+    """Open a conversation with the ECU on the bus, with the access key in a file; reading needs no key.
 
     Raises:
         BusError: the bus cannot be opened.

@@ -1,4 +1,4 @@
-"""A picture of a data set: where its sensors lie, and how its first series begin."""
+"""A picture of a data set: the positions of its sensors, and the beginning of its first series."""
 
 from pathlib import Path
 from typing import Final
@@ -11,11 +11,11 @@ from contract.errors import ConfigError
 from contract.recording.dataset import Dataset
 
 _STEPS: Final = 200
-"""Control steps that are drawn: eight cycles of the truck."""
+"""Number of control steps that are drawn: eight cycles of the truck."""
 
 
 def draw(dataset: Dataset, path: Path) -> None:
-    """Write a PNG, whole or not at all; raises StillwakeError for another ending, or if it cannot be written."""
+    """Write a PNG, completely or not at all; raises StillwakeError for another ending, or if it cannot be written."""
     if path.suffix.lower() != ".png":
         raise ConfigError(f"{path}: a picture must end in .png")
     layout, first = dataset.layout, dataset.episodes[0]

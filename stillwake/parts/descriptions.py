@@ -1,4 +1,4 @@
-"""What other tools read about the ECU of a release in a vehicle: its messages, its calibration and its diagnosis."""
+"""Descriptions of a release's ECU for other tools: its messages, its calibration and its diagnosis."""
 
 from typing import Final
 
@@ -9,7 +9,8 @@ A2L: Final = "stillwake.a2l"
 
 
 def a2l_of(release: Bundle, config: Config) -> bytes:
-    """The A2L file of its calibration. Raises BundleError if the release was made for another vehicle."""
+    """Return the A2L file of the release's calibration. Raises BundleError if the release was made for another
+    vehicle."""
     from can_bridge.calibration.a2l import a2l_text
     from can_bridge.calibration.segment import Segment
     from ecu.calibrating import limits_of, release_calibration
@@ -20,11 +21,12 @@ def a2l_of(release: Bundle, config: Config) -> bytes:
         Segment(release_calibration(release, config), limits_of(release, config)),
         release=release.manifest.name,
         bus=config.bus,
+        period_ns=config.period_ns,
     ).encode()
 
 
 def pdx_of(config: Config) -> bytes:
-    """The PDX file of its diagnosis."""
+    """Return the PDX file of the ECU's diagnosis."""
     from can_bridge.odx.pdx import pdx
     from firmware_sim.runs.reasons import BECAUSE
 
@@ -32,7 +34,7 @@ def pdx_of(config: Config) -> bytes:
 
 
 def descriptions(release: Bundle, config: Config) -> dict[str, bytes]:
-    """All of them, by the names of their files."""
+    """Return all descriptions, by the names of their files."""
     return {
         "stillwake.dbc": dbc_bytes(),
         A2L: a2l_of(release, config),

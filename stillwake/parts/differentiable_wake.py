@@ -1,4 +1,4 @@
-"""The differentiable wake of a refinement, by its settings."""
+"""The differentiable wake of a refinement, from its settings."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -21,12 +21,11 @@ from wake.truck.truck_wake import TruckWake
 def differentiable_wake(
     config: Config, sensors: Sequence[str], start: Path | None, progress: Callable[[float, float], None]
 ) -> tuple[DifferentiableWake, list[FlowState]]:
-    """The plant of a refinement on its mesh, and developed wakes in as many phases as it has streams. Raises PlantError
-    if the start is of another body, Reynolds number or mesh, or the flow diverges.
+    """Return the plant of a refinement on its mesh, and a developed wake in a different phase for each of its streams.
+    Raises PlantError if the start is of another body, Reynolds number or mesh, or the flow diverges.
 
     Args:
-        start: a developed wake on the default mesh; None takes the truck's shipped one, and around another body lets
-            one develop from rest.
+        start: a developed wake on the default mesh; if None, the truck's shipped wake, or another body's from rest.
         progress: called with (time, duration) while the wake settles on the mesh.
     """
     wake = wake_of(config, sensors)
@@ -43,7 +42,6 @@ def differentiable_wake(
 
 
 def _develop(plant: TruckWake, start: Path | None, progress: Callable[[float, float], None]) -> None:
-    """Leave the plant in a developed wake."""
     if start is None and plant.body != TRUCK_BODY:
         develop(plant, progress=progress)
         return
@@ -56,13 +54,13 @@ def _develop(plant: TruckWake, start: Path | None, progress: Callable[[float, fl
 
 
 def wake_of(config: Config, sensors: Sequence[str]) -> DifferentiableWake:
-    """The plant of a refinement on its mesh, at rest."""
+    """Return the plant of a refinement on its mesh, with the fluid at rest."""
     precision = np.float32 if config.refine.single_precision else np.float64
     plant = TruckWake(mesh_of(config).flow, body=config.body, precision=precision)
     return DifferentiableWake(plant, layout_of(config.body).indices(sensors))
 
 
 def mesh_of(config: Config) -> Config:
-    """The settings with the mesh of the refinement."""
+    """Return the settings with the mesh of the refinement."""
     flow = replace(config.flow, refinement=config.refine.refinement, substeps=config.refine.substeps)
     return replace(config, flow=flow)

@@ -1,4 +1,4 @@
-"""Settings for a drive at speeds that vary."""
+"""The settings for a drive at varying speeds."""
 
 from dataclasses import replace
 from typing import TYPE_CHECKING
@@ -10,8 +10,8 @@ if TYPE_CHECKING:
 
 
 def driven_at(name: str | None, config: Config, *, after_s: float = 0.0) -> "tuple[Drive | None, Config]":
-    """The drive of that name or file, from `after_s` on, and the settings with the time steps that it needs; without a
-    name no drive. Raises PlantError if there is no such drive."""
+    """Return the drive with that name or file, from `after_s` on, and the settings with its number of time steps; no
+    drive without a name. Raises PlantError if there is no such drive."""
     if name is None:
         return None, config
     from wake.plant.drive import find_drive

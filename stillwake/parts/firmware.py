@@ -11,23 +11,23 @@ from stillwake.parts.releases import open_release
 
 _USES: Final = ("operating_point", *REAL_BUS, DIAGNOSIS, "ecu")
 _SERIAL: Final = "1"
-"""Number of every emulated one."""
+"""Serial number of every emulated microcontroller."""
 
 
 def run_firmware(
     given: list[str], bundle: Path | None, flash: Path, hardware: str, *, library: Path, root: Path, access: Path
 ) -> None:
-    """Run it until stopped. Raises StillwakeError if library, bundle and settings do not fit each other, it does not
-    compile, or the bus cannot be opened.
+    """Run the firmware until stopped. Raises StillwakeError if library, bundle and settings do not belong together, the
+    library does not compile, or the bus cannot be opened.
 
     Args:
         given: the texts of `--set`.
-        bundle: the library's; the shipped one if None.
-        flash: file that keeps what the flash holds; made if it is not there.
+        bundle: the library's; the shipped bundle if None.
+        flash: file with the contents of the flash memory; created if it does not exist.
         hardware: name of the hardware.
-        library: C library that the firmware is built of.
+        library: C library from which the firmware is built.
         root: public root key that signs key lists.
-        access: file of its access key.
+        access: file of the ECU's access key.
     """
     from can_bridge.bus.backends.python_can import PythonCanBus
     from can_bridge.secoc.key import read_secret
@@ -47,7 +47,7 @@ def run_firmware(
     header = equipment_header(signing.read_public_key(root), read_secret(access), vehicle, hardware, _SERIAL)
     console.print("building the firmware")
     ecu = BoardEcu(sources, own={EQUIPMENT: header}, bank=bank)
-    # The controller's own filters let fewer through.
+    # The filters of the CAN controller itself accept fewer frames.
     accept = [spec.frame_id for spec in message_set(config.bus).specs] + list(config.bus.diagnosis.heard)
     with PythonCanBus.open(config.bus, accept=accept) as port, until_stopped() as is_stopped:
         console.print(f"{hardware}: running, flash in {flash}; stop with Ctrl-C")

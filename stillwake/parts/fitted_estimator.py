@@ -1,4 +1,4 @@
-"""A sensor estimator for a bundle, fitted to a data set while people watch."""
+"""A sensor estimator for a bundle, fitted to a data set with a display of its progress."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -10,11 +10,11 @@ from stillwake.console.progress import Report
 from stillwake.console.terminal import console
 
 _THREADS: Final = 1
-"""The threads of torch: more are slower, and give other sums."""
+"""Number of torch's threads: more threads are slower, and give other sums."""
 
 
 def fitted_estimator(dataset: Path, sensors: Sequence[str], window: int, report: Report) -> MadeEstimator:
-    """A sensor estimator for a controller of these sensors and this window, fitted to a data set."""
+    """Fit a sensor estimator for a controller with these sensors and this window to a data set."""
     from contract.recording.dataset import read
     from export.release.estimator import lowered_estimator
     from train.sensor_estimator import fit_estimator

@@ -1,4 +1,4 @@
-"""What a live loop is made of, by name: its plants and its ECUs, those that take seconds only when they are chosen."""
+"""The parts of a live loop by name: its plants and its ECUs. Parts that take seconds are made when they are chosen."""
 
 import importlib.util
 from collections.abc import Callable
@@ -30,17 +30,17 @@ COMPILING: Final = {
 _MAKES_LIBRARY: Final = ("safetensors", "onnx")
 _EMULATES: Final = ("ziglang", "unicorn", "capstone", "elftools")
 _TOLD_EVERY: Final = 10.0
-"""t_c of a start that settles on another grid."""
+"""Time in t_c between two messages while a start settles on another grid."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class LiveParts:
-    """The parts of one live loop; what its process is started with.
+    """The parts of one live loop, with which its process is started.
 
     Attributes:
-        bundle: release bundle; the shipped one if None.
-        library: C library of the bundle's; without one, that of the shipped bundle is made when it is wanted.
-        state: of the flow, to begin from; the shipped one if None.
+        bundle: release bundle; the shipped bundle if None.
+        library: C library of the bundle; if None, the library of the shipped bundle is made when it is needed.
+        state: of the flow, to begin from; the shipped state if None.
         lead_in: t_c until control is requested.
     """
 
@@ -52,8 +52,8 @@ class LiveParts:
     lead_in: float
 
     def __call__(self, tell: Callable[[str], None]) -> "LiveSession":
-        """The loop; `tell` is called with what is waited for. Raises StillwakeError if plant or ECU cannot be had, or
-        do not fit each other."""
+        """Build the loop; `tell` is called with the work that is waited for. Raises StillwakeError if plant or ECU is
+        not available, or if they do not fit each other."""
         from firmware_sim.live.session import LiveSession
 
         release = open_release(self.bundle)
@@ -77,7 +77,7 @@ class LiveParts:
             from wake.recorded_wake import RecordedWake
 
             dataset = read(recording())
-            # The wake by itself, as what does not answer should look.
+            # An episode without actions is preferred, because the recorded wake does not respond to the jets.
             calm = (episode for episode in dataset.episodes if not episode.series["action"].any())
             return RecordedWake(next(calm, dataset.episodes[0]), dataset.layout, self.config.flow)
         from wake.plants import own_wake
@@ -90,15 +90,15 @@ class LiveParts:
 
 
 class Ecus:
-    """ECUs of one release in one vehicle, by the names of their controllers. One in C is made once."""
+    """The ECUs of one release in one vehicle, by the names of their controllers. An ECU in C is made once."""
 
     def __init__(self, release: Bundle, config: Config, library: Path | None, tell: Callable[[str], None]) -> None:
         self._release, self._config, self._library, self._tell = release, config, library, tell
         self._in_c: dict[str, LoopEcu] = {}
 
     def __call__(self, name: str) -> "LoopEcu":
-        """Just powered on; of an ECU in C there is one, which the session keeps, too. Raises StillwakeError if it
-        cannot be had."""
+        """Return an ECU that was just powered on; an ECU in C is always the same object, which the session keeps too.
+        Raises StillwakeError if the ECU is not available."""
         from ecu.ecu import Ecu
         from ecu.stepped import LoopEcu
 
@@ -109,11 +109,12 @@ class Ecus:
         return LoopEcu(ecu=ecu, kind="python", computed_by=self._graph.description)
 
     def ahead(self, name: str) -> Callable[[], None] | None:
-        """What makes an ECU in C, which the loop does not wait for; None where there is nothing to be made."""
+        """Return a function that makes an ECU in C, for which the loop does not wait; None if there is nothing to
+        make."""
         return partial(self.prepare, name) if name in COMPILING and name not in self._in_c else None
 
     def prepare(self, name: str) -> None:
-        """Make an ECU in C, which takes seconds, unless it is there. Raises StillwakeError if it cannot be had."""
+        """Make an ECU in C, which takes seconds, unless it exists. Raises StillwakeError if it is not available."""
         from firmware_sim.bench.ecus import loop_ecu
 
         if name not in self._in_c:
@@ -140,7 +141,8 @@ class Ecus:
 
 
 def controllers(release: Bundle, library: Path | None) -> "list[Choice]":
-    """The controllers of the live loop with this release, in the order of `firmware_sim.live.settings.CONTROLLERS`."""
+    """Return the controllers of the live loop with this release, in the order of
+    `firmware_sim.live.settings.CONTROLLERS`."""
     from ecu.in_c.compiler import host_compiler
 
     precision = release.manifest.precision
@@ -157,7 +159,7 @@ def controllers(release: Bundle, library: Path | None) -> "list[Choice]":
 
 
 def plants() -> "list[Choice]":
-    """The plants of the live loop, in the order of `firmware_sim.live.settings.PLANTS`."""
+    """Return the plants of the live loop, in the order of `firmware_sim.live.settings.PLANTS`."""
     from contract import shipped
 
     return [
@@ -175,7 +177,7 @@ def _no_library(release: Bundle, library: Path | None) -> str | None:
 
 
 def _error_of(get: Callable[[], object]) -> str | None:
-    """Why it cannot be had; None if it can."""
+    """Return the reason why `get` fails; None if it succeeds."""
     try:
         get()
     except StillwakeError as error:

@@ -1,4 +1,5 @@
-"""How a command opens a release bundle: which one, whose signature it must bear, how it is described and calibrated."""
+"""The opening of a release bundle by a command: its path, its required signature, its description and its
+calibration."""
 
 from dataclasses import asdict
 from pathlib import Path
@@ -17,17 +18,17 @@ from contract.shipped import BUNDLE
 from stillwake.console.settings import COST_WEIGHTS
 
 PROJECT: Final = "project"
-"""Stands for the key that the shipped bundle is signed with, where a key file may be named."""
+"""Word for the key of the shipped bundle, in place of a key file."""
 
 
 def open_release(path: Path | None, trust: str | None = None) -> Bundle:
-    """Load a bundle, or the shipped one, which must be the project's unless another key is to be trusted. Raises
-    BundleError if it does not verify, or is not signed as demanded; KeyFileError if the key to trust cannot be read."""
+    """Load a bundle, or the shipped bundle, which must have the project's signature unless `trust` is given. Raises
+    BundleError if it does not verify, or lacks the signature; KeyFileError if the key to trust cannot be read."""
     return bundles.load(*locate(path, trust))
 
 
 def describe(release: Bundle) -> list[Text]:
-    """Lines for people when a bundle is opened: its name and sensors, and what its signature is worth."""
+    """Return lines on an opened bundle: its name, sensors and signer, with a warning if the signer is not trusted."""
     manifest = release.manifest
     vouched_for = release.is_trusted or release.signer == signing.project_key()
     return [
@@ -37,7 +38,7 @@ def describe(release: Bundle) -> list[Text]:
 
 
 def signature(release: Bundle) -> str:
-    """Who signed it, in words."""
+    """Return the signer in words."""
     if release.signer is None:
         return UNSIGNED
     if release.signer == signing.project_key():
@@ -48,7 +49,7 @@ def signature(release: Bundle) -> str:
 
 
 def locate(path: Path | None, trust: str | None) -> tuple[Path, PublicKey | None]:
-    """The bundle to open, the shipped one by default, and the key that must have signed it; None where any may have."""
+    """Return the bundle to open, by default the shipped one, and the key that must have signed it; None for any key."""
     if trust == PROJECT or (trust is None and path is None):
         trusted: PublicKey | None = signing.project_key()
     else:
@@ -57,8 +58,8 @@ def locate(path: Path | None, trust: str | None) -> tuple[Path, PublicKey | None
 
 
 def asked_calibration(loaded: Loaded, release: Bundle) -> Calibration:
-    """The release's own calibration in this vehicle, with the weights that the user gave. Raises ConfigError for a
-    weight out of the limits, or another setting of the optimiser: it is fixed in the bundle."""
+    """Return the release's calibration in this vehicle, with the weights that the user gave. Raises ConfigError for a
+    weight out of its limits, or for another setting of the optimiser, because those are fixed in the bundle."""
     from ecu.calibrating import limits_of, release_calibration
 
     built, given = asdict(release.manifest.mpc), asdict(loaded.config.mpc)

@@ -1,4 +1,4 @@
-"""What trainings share: where they write, what they show meanwhile, how to go on when they are stopped."""
+"""The common part of trainings: the output's place, the progress, and how to continue after a stop."""
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -15,21 +15,21 @@ from train.fitting.progress import Phase, Stopwatch
 
 
 class TrainingProgress:
-    """A `train.fitting.progress.Progress` that reports each phase. `watch` is what every phase took."""
+    """A `train.fitting.progress.Progress` that reports each phase. `watch` records the time of every phase."""
 
     def __init__(self, report: Report) -> None:
         self.watch = Stopwatch()
         self._report = report
 
     def __call__(self, phase: Phase, step: int, total: int, terms: Mapping[str, float]) -> None:
-        """Show how far the phase is."""
+        """Show the progress of a phase."""
         self.watch(phase, step, total, terms)
         self._report(phase.label, step, total, "  ".join(f"{name} {value:.4f}" for name, value in terms.items()))
 
 
 def check_model_output(output: Path, *, overwrite: bool) -> Path:
-    """Claim the place of a model and of its checkpoints, which is returned. Raises StillwakeError if something is there
-    that is not to be replaced, or nothing can be written."""
+    """Claim the place of a model and of its checkpoints, and return the latter. Raises StillwakeError if the place is
+    occupied and must not be replaced, or if nothing can be written."""
     claim(output, folder=True)
     check_free(output)
     check_output(output, overwrite=overwrite, folder=True, occupant="there is a model already")
@@ -40,7 +40,7 @@ def check_model_output(output: Path, *, overwrite: bool) -> Path:
 
 @contextmanager
 def continued(checkpoints: Path) -> Iterator[None]:
-    """When the training is stopped, report how to go on."""
+    """Print how to continue when the training is stopped."""
     try:
         yield
     except KeyboardInterrupt:

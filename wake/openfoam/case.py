@@ -1,4 +1,4 @@
-"""An icoFoam case of the truck: schemes, solvers, boundary conditions and what is measured at every step."""
+"""An icoFoam case of the truck: schemes, solvers, boundary conditions and the measurements of every step."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,32 +14,32 @@ from wake.openfoam.mesh import PATCHES, Mesh
 from wake.openfoam.wall import JETS, pressure_points
 
 FORCE_OBJECTS: Final = {"truck": "forcesTruck", "jetUpper": "forcesJetUpper", "jetLower": "forcesJetLower"}
-"""Function object that measures each patch's force."""
+"""Name of the function object that measures the force on each patch."""
 PRESSURES: Final = "wallPressures"
 PROBE_OBJECT: Final = "wakeProbe"
 
 
 @dataclass(frozen=True, kw_only=True)
 class CaseClock:
-    """How far icoFoam goes from the case's latest state, in t_c, and how often it writes."""
+    """The end of an icoFoam run, in t_c, and its intervals between writes and between measurements."""
 
     end: float
     dt: float
     steps_per_write: int
-    """Time steps between states written."""
+    """Number of time steps between two written states."""
     steps_per_sample: int
-    """Time steps between measurements."""
+    """Number of time steps between two measurements."""
 
 
 def write_mesh(folder: Path, mesh: Mesh) -> None:
-    """Make the case's folders and write its mesh."""
+    """Create the case's folders and write its mesh."""
     for name in ("system", "constant/polyMesh"):
         (folder / name).mkdir(parents=True, exist_ok=True)
     foam_files.write_poly_mesh(mesh, folder / "constant" / "polyMesh")
 
 
 def write_start(folder: Path, velocity: Array, pressure: Array) -> None:
-    """Write the fields at t = 0, one row a cell: velocity (m, 2) and kinematic pressure (m,)."""
+    """Write the fields at t = 0, one row per cell: velocity (m, 2) and kinematic pressure (m,)."""
     (folder / "0").mkdir(exist_ok=True)
     speeds: dict[str, dict[str, Any]] = {
         "inlet": {"type": "fixedValue", "value": "uniform (1 0 0)"},
@@ -56,7 +56,7 @@ def write_start(folder: Path, velocity: Array, pressure: Array) -> None:
 
 
 def write_settings(folder: Path, mesh: Mesh, config: FlowConfig, clock: CaseClock) -> None:
-    """Write everything but mesh and fields."""
+    """Write all files of the case except mesh and fields."""
     viscosity = f"[0 2 -1 0 0 0 0] {1.0 / config.reynolds:.12g}"
     files: dict[str, dict[str, Any]] = {
         "constant/transportProperties": {"nu": viscosity},
@@ -68,8 +68,8 @@ def write_settings(folder: Path, mesh: Mesh, config: FlowConfig, clock: CaseCloc
         (folder / name).write_text(foam_files.dictionary(Path(name).name, entries), encoding="ascii")
 
 
-# Second order in space and time. A stabilised bi-conjugate gradient for U: Gauss-Seidel diverges with central
-# differences once the CFL number exceeds about 2.
+# The schemes are of second order in space and time. U is solved by a stabilised bi-conjugate gradient method, because
+# Gauss-Seidel diverges with central differences once the CFL number exceeds about 2.
 _SCHEMES: Final[dict[str, Any]] = {
     "ddtSchemes": {"default": "backward"},
     "gradSchemes": {"default": "Gauss linear"},
@@ -78,7 +78,7 @@ _SCHEMES: Final[dict[str, Any]] = {
     "interpolationSchemes": {"default": "linear"},
     "snGradSchemes": {"default": "corrected"},
 }
-# Multigrid as preconditioner takes two thirds of the time of multigrid alone, and less as the mesh gets finer.
+# Multigrid as a preconditioner takes two thirds of the time of multigrid alone, and less on finer meshes.
 _MULTIGRID: Final = {"preconditioner": "GAMG", "smoother": "DICGaussSeidel", "tolerance": 1e-6, "relTol": 0}
 _PRESSURE: Final = {"solver": "PCG", "preconditioner": _MULTIGRID, "tolerance": 1e-6, "relTol": 0.05}
 _SOLVERS: Final[dict[str, Any]] = {
@@ -92,7 +92,7 @@ _SOLVERS: Final[dict[str, Any]] = {
 
 
 def _control(mesh: Mesh, clock: CaseClock) -> dict[str, Any]:
-    # Forces obey the first pair, probes the second.
+    # The function objects for forces read the entries "execute", those for probes the entries "write".
     every_sample = {
         f"{what}{setting}": value
         for what in ("execute", "write")

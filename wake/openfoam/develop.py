@@ -1,4 +1,4 @@
-"""The wake without jets, run by icoFoam on its own and kept for coupled runs."""
+"""The wake without jets, which icoFoam computes once and which is stored as the start of coupled runs."""
 
 import re
 import shutil
@@ -23,10 +23,10 @@ from wake.truck.state import State, developed_state
 
 
 def from_own_solver(state: State, mesh: Mesh) -> tuple[Array, Array]:
-    """Velocity (m, 2) and kinematic pressure (m,) in the mesh's cells, from a state on the grid of refinement 1.
+    """Interpolate a state on the grid of refinement 1 to velocity (m, 2) and kinematic pressure (m,) in the cells.
 
-    Linear. Cells between the outermost points and the boundary are extrapolated; the first time step removes what
-    divergence interpolation has left.
+    The interpolation is linear. Cells between the outermost points and the boundary are extrapolated. The first time
+    step removes the divergence that the interpolation leaves.
     """
     grid = truck_grid()
     flow = Flow.of(state.flat, grid.shape)
@@ -49,7 +49,7 @@ _LOOK_S: Final = 0.5
 
 
 def require_truck(body: BodyConfig) -> None:
-    """Raises PlantError for another body: this plant's mesh is the truck's."""
+    """Raise PlantError for a body other than the truck, because this plant's mesh is the truck's."""
     for name in ("length", "leading_edge_radius", "sensors_per_side", "sensors_on_base"):
         value, truck = getattr(body, name), getattr(TRUCK_BODY, name)
         if value != truck:
@@ -66,14 +66,14 @@ def settle(
     until: float,
     progress: _Progress = lambda t, total: None,
 ) -> None:
-    """Run the case in `folder` without jets until a time; continue it from its last checkpoint if there is one. Raises
+    """Run the case in `folder` without jets until a time; continue from its last checkpoint if there is one. Raises
     PlantError if icoFoam is missing or fails.
 
     Args:
-        folder: the case; made if it does not exist.
-        start: makes velocity and kinematic pressure at t = 0; called for a new case only.
-        config: Reynolds number and control period; one measurement a period.
-        substeps: time steps a control period.
+        folder: the case; created if it does not exist.
+        start: returns velocity and kinematic pressure at t = 0; called for a new case only.
+        config: Reynolds number and control period; one measurement per control period.
+        substeps: time steps per control period.
         until: time, t_c, in whole control periods.
         progress: called with (time, until).
     """
@@ -87,7 +87,7 @@ def settle(
         progress(until, until)
         return
     periods = round(until / config.control_period)
-    # A whole number of checkpoints, so that the last one is the end.
+    # The run has a whole number of checkpoint intervals, so that the last checkpoint is its end.
     every = max(n for n in range(1, round(_CHECKPOINT / config.control_period) + 1) if periods % n == 0)
     clock = case.CaseClock(
         end=until,
@@ -107,10 +107,11 @@ def settle(
 def developed(
     folder: Path, config: FlowConfig, foam: OpenFoamConfig, progress: _Progress = lambda t, total: None
 ) -> FoamState:
-    """The settled wake: `folder/developed.npz` if that was made with these settings, else made and kept there.
+    """Return the developed wake: `folder/developed.npz` if it was computed with these settings, else a newly computed
+    wake, stored there.
 
-    Starts from the own solver's developed wake. Takes minutes; a later call continues where this one was interrupted.
-    Raises PlantError if icoFoam is missing or fails, or the kept file is damaged.
+    The computation starts from the own solver's developed wake and takes minutes; a later call continues an interrupted
+    one. Raises PlantError if icoFoam is missing or fails, or the stored file is damaged.
     """
     require_installed()
     mesh, path = truck_mesh(foam.refinement), folder / "developed.npz"
@@ -119,7 +120,7 @@ def developed(
         kept, made_with = load(path)
         if made_with == facts:
             return kept
-    # Named after its settings: a case must not be continued with others.
+    # The case is named after its settings, because it must not be continued with other settings.
     work = folder / re.sub(r"[^\w.]+", "-", f"developing {facts}")
     settle(
         work,
@@ -137,7 +138,7 @@ def developed(
 
 
 def _last_time(probe: Path) -> float:
-    """Time of the last line of a probe's file; 0 while there is none."""
+    """Return the time of the last line of a probe's file; 0 if there is no line."""
     try:
         with probe.open("rb") as file:
             file.seek(-min(400, probe.stat().st_size), 2)

@@ -13,33 +13,33 @@ from wake.openfoam.mesh import PATCHES, Mesh
 
 
 def document(kind: str, name: str, body: str) -> str:
-    """A file of OpenFOAM class `kind`."""
+    """Return the text of a file of OpenFOAM class `kind`."""
     header = block("FoamFile", {"version": "2.0", "format": "ascii", "class": kind, "object": name})
     return f"{header}\n{body}\n"
 
 
 def dictionary(name: str, entries: Mapping[str, Any]) -> str:
-    """A dictionary file."""
+    """Return the text of a dictionary file."""
     return document("dictionary", name, _entries(entries, ""))
 
 
 def block(name: str, entries: Mapping[str, Any], indent: str = "") -> str:
-    """A named sub-dictionary."""
+    """Return the text of a named sub-dictionary."""
     return f"{indent}{name}\n{indent}{{\n{_entries(entries, indent + '    ')}{indent}}}\n"
 
 
 def vectors(xy: Array) -> str:
-    """A list of vectors in the plane z = 0, from (n, 2)."""
+    """Return the text of a list of vectors in the plane z = 0, from (n, 2)."""
     return numbers([f"({x:.17g} {y:.17g} 0)" for x, y in xy])
 
 
 def scalars(values: Array) -> str:
-    """A list of numbers, from (n,)."""
+    """Return the text of a list of numbers, from (n,)."""
     return numbers([f"{value:.17g}" for value in values])
 
 
 def numbers(items: Sequence[str]) -> str:
-    """A list with its length in front."""
+    """Return the text of a list, with its length in front."""
     return "\n".join([str(len(items)), "(", *items, ")"])
 
 
@@ -73,7 +73,7 @@ def write_poly_mesh(mesh: Mesh, folder: Path) -> None:
     points = [f"({x:.17g} {y:.17g} {z})" for z in (0, 1) for x, y in mesh.points]
     sizes = [len(mesh.patches[name]) for name in PATCHES]
     upright = np.vstack([mesh.edges, *(mesh.patches[name] for name in PATCHES)])
-    # An edge with its cell on the left becomes a face that looks away from that cell.
+    # An edge with its cell on the left becomes a face whose normal points away from that cell.
     faces = np.vstack(
         [np.column_stack([upright, upright[:, ::-1] + n]), mesh.cells[:, ::-1], mesh.cells + n],
     )
@@ -101,8 +101,8 @@ _TIME: Final = re.compile(r"\d+(\.\d+)?(e[+-]\d+)?")
 
 
 def parse_cells(content: bytes, name: str) -> Array:
-    """A field's values in the cells, (m,) or (m, 3), from a file written in binary with 64-bit numbers. Raises
-    PlantError if it is of another kind or cut short; the message has `name`."""
+    """Read a field's values in the cells, (m,) or (m, 3), from a file written in binary with 64-bit numbers. Raises
+    PlantError if the file is of another kind or truncated; the message contains `name`."""
     listing = _LIST.search(content)
     if listing is None or b"scalar=64" not in content[: listing.start()]:
         raise PlantError(f"{name}: must hold a binary list of 64-bit numbers, one a cell")
@@ -116,7 +116,7 @@ def parse_cells(content: bytes, name: str) -> Array:
 
 
 def latest(folder: Path) -> Path | None:
-    """The folder of the latest time after 0 whose fields are there, or None."""
+    """Return the folder of the latest time after 0 that has all fields, or None."""
     times = [
         (float(item.name), item) for item in folder.iterdir() if _TIME.fullmatch(item.name) and (item / "p").is_file()
     ]

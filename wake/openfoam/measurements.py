@@ -1,6 +1,6 @@
-"""What icoFoam's function objects write, as samples of the plant.
+"""Samples of the plant from the files that icoFoam's function objects write.
 
-Forces per unit of rho U_inf^2 W / 2 are twice the kinematic ones, for a domain of depth 1.
+Forces in units of rho U_inf^2 W / 2 are twice the kinematic forces, for a domain of depth 1.
 """
 
 import re
@@ -27,7 +27,7 @@ _SAME: Final = 1e-6  # t_c by which rounded times of one instant may differ
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Readings:
-    """One line of every function object.
+    """One line of every function object's file.
 
     Attributes:
         forces: total, pressure and viscous force on the truck and the two slots, (3, 3, 3), kinematic.
@@ -40,21 +40,20 @@ class Readings:
     wake: Array
 
     def require_finite(self, t: float) -> None:
-        """Refuse what a diverged flow leaves; t is when this was measured. Raises PlantError if a number is not
-        finite."""
+        """Raise PlantError if a number is not finite, as in a diverged flow; t is the time of the measurement."""
         if not all(np.isfinite(values).all() for values in (self.forces, self.pressures, self.wake)):
             raise PlantError(f"the flow diverged at t = {t:.2f}: take more time steps a control period")
 
 
 class Instruments:
-    """Turns readings of one mesh into samples."""
+    """A converter of readings on one mesh to samples."""
 
     def __init__(self, mesh: Mesh) -> None:
         self._weights = sensor_weights(mesh)
 
     def sample(self, readings: Readings, *, t: float, action: float) -> Sample:
-        """A sample at time t with this jet flow rate in force. Raises PlantError if a reading is not finite, or there
-        are not as many as the mesh has probes."""
+        """Return the sample at time t with the jet flow rate `action` in force. Raises PlantError if a reading is not
+        finite, or if the number of readings is not the mesh's number of probes."""
         if readings.pressures.shape != (self._weights.shape[1],):
             raise PlantError(f"{readings.pressures.size} pressures read, this mesh has {self._weights.shape[1]} probes")
         readings.require_finite(t)
@@ -76,14 +75,14 @@ class Instruments:
 
 
 class Follower:
-    """The newest readings of a case while icoFoam writes them."""
+    """A reader of a case's newest readings while icoFoam writes them."""
 
     def __init__(self, folder: Path) -> None:
         self._paths = {name: folder / "postProcessing" / name / "0" / file for name, file in _FILES.items()}
         self._offsets = dict.fromkeys(_FILES, 0)
 
     def read(self) -> Readings:
-        """The last line of every file. Raises PlantError if a file has no line that was not read before."""
+        """Read the last line of every file. Raises PlantError if a file has no new line since the last call."""
         return _readings({name: self._last(name) for name in _FILES})
 
     def _last(self, name: str) -> Array:
@@ -103,8 +102,8 @@ class Follower:
 
 
 def read_all(folder: Path) -> tuple[Array, list[Readings]]:
-    """Times and readings of a whole case, also of one that was continued: each start's lines replace the older ones
-    from there on. Raises PlantError if the case holds no measurements."""
+    """Read times and readings of a whole case. If the case was continued, the lines of each start replace older lines
+    from its time on. Raises PlantError if the case holds no measurements."""
     tables = {name: _series(folder / "postProcessing" / name, file) for name, file in _FILES.items()}
     times = min((table[:, 0] for table in tables.values()), key=len)
     tables = {name: table[np.searchsorted(table[:, 0], times - _SAME)] for name, table in tables.items()}

@@ -1,8 +1,8 @@
-"""A body-fitted mesh of the truck, one cell thick: the grid lines follow the rounded leading edges exactly.
+"""A body-fitted mesh of the truck, one cell thick, whose grid lines follow the rounded leading edges exactly.
 
-Two structured blocks share their edges. A C-shaped one runs from the outlet along the lower side, around the front and
-back along the upper side; its lines leave the wall along the normal, and fan out from the rounded edges to the
-domain's corners. A tensor one fills the wake between its ends. Both are symmetric in y.
+Two structured blocks share their edges. A C-shaped block runs from the outlet along the lower side, around the front
+and back along the upper side. Its lines leave the wall along the normal, and fan out from the rounded edges to the
+domain's corners. A tensor-product block fills the wake between the ends of the C. Both blocks are symmetric in y.
 """
 
 from dataclasses import dataclass
@@ -19,10 +19,10 @@ from contract.geometry import DOMAIN_X, DOMAIN_Y, HALF_WIDTH, JET_WIDTH, LEADING
 from wake.solver.grid import graded_faces
 
 PATCHES: Final = ("inlet", "outlet", "sides", "truck", "jetUpper", "jetLower")
-"""Patches of the plane mesh; OpenFOAM's two empty planes come on top."""
+"""Patches of the plane mesh; the case has OpenFOAM's two empty planes in addition."""
 
-# Spacings to aim at (station, size), linear between them. Along the front (y), the sides (x) and the wake (x); away
-# from the wall; across the wake (y).
+# Target spacings (station, size), linear between stations: along the front (y), the sides (x) and the wake (x), away
+# from the wall, and across the wake (y).
 _FRONT: Final = ((0.0, 0.03), (0.25, 0.02), (0.382, 0.0155))
 _ARC: Final = 0.0155
 _SIDE: Final = (
@@ -32,7 +32,7 @@ _WAKE: Final = ((7.647, 0.016), (7.75, 0.018), (8.3, 0.045), (9.5, 0.08), (12.0,
 _NORMAL: Final = ((0.0, 0.0125), (0.04, 0.0125), (0.5, 0.04), (1.0, 0.08), (2.5, 0.3), (7.0, 0.9))
 _ACROSS: Final = ((0.0, 0.036), (0.25, 0.032), (0.43, 0.0125), (0.5, 0.0125))
 
-# Distance from the wall up to which the lines leave it along circles around the rounded edge.
+# Distance from the wall up to which the grid lines along a rounded edge are arcs around its centre.
 _ROUND_UP_TO: Final = 1.0
 
 
@@ -45,8 +45,8 @@ class Mesh:
         cells: vertex indices of each cell counter-clockwise, (m, 4).
         edges: internal edges as vertex pairs (k, 2), sorted by `owner` and then `neighbour`.
         owner, neighbour: cells to the left and right of each internal edge, (k,); owner < neighbour.
-        patches: edges of each patch, (k, 2), with the flow on their left, ordered by the cell they belong to.
-        patch_cells: those cells, (k,).
+        patches: edges of each patch, (k, 2), with the flow on their left, ordered by their cells.
+        patch_cells: the cell of each edge of a patch, (k,).
     """
 
     points: Array
@@ -79,8 +79,8 @@ class Mesh:
 
 
 def truck_mesh(refinement: float = 1.0) -> Mesh:
-    """The mesh; every spacing is divided by `refinement`. Raises ConfigError if the mesh would be too coarse to give
-    each slot two cells."""
+    """Build the mesh; every spacing is divided by `refinement`. Raises ConfigError if a slot has fewer than two
+    cells."""
     slot_cells = len(graded_faces(_ACROSS, HALF_WIDTH - JET_WIDTH, HALF_WIDTH, refinement)) - 1
     if slot_cells < 2:
         raise ConfigError(f"refinement = {refinement}: gives {slot_cells} cells a slot, must give at least 2")
@@ -88,14 +88,14 @@ def truck_mesh(refinement: float = 1.0) -> Mesh:
     around, body = _around(refinement, wake_x)
     across = _across(refinement)
 
-    # The block around the body first, then the points of the wake's block that it does not have: all but its edges.
+    # The points of the block around the body come first, then those of the wake's block without the shared edges.
     columns, rows = around.shape[:2]
     ring = np.arange(columns * rows).reshape(columns, rows)
     inner = np.arange(len(wake_x) * (len(across) - 2)).reshape(len(wake_x), -1) + ring.size
     tail = np.column_stack([ring[: len(wake_x), 0][::-1], inner, ring[-len(wake_x) :, 0]])
     core = np.stack(np.meshgrid(wake_x, across[1:-1], indexing="ij"), axis=-1)
     points = np.vstack([around.reshape(-1, 2), core.reshape(-1, 2)])
-    # Seen along the outline from the lower outlet to the upper one, the flow lies to the left.
+    # Along the outline from the lower outlet to the upper outlet, the flow lies to the left.
     cells = np.vstack([_quads(ring), _quads(tail)])
     cells = cells[_renumbering(cells, len(points))]
 
@@ -116,17 +116,17 @@ def truck_mesh(refinement: float = 1.0) -> Mesh:
 
 
 def _around(refinement: float, wake_x: Array) -> tuple[Array, slice]:
-    """Points of the block around the body, (along, away, 2), and the columns that stand on its front and sides."""
+    """Return the points of the block around the body, (along, away, 2), and the columns at its front and sides."""
     flat, r = HALF_WIDTH - LEADING_EDGE_RADIUS, LEADING_EDGE_RADIUS
     front = graded_faces(_FRONT, 0.0, flat, refinement)
-    # An even number of cells: the middle line ends in the domain's corner.
+    # The number of cells is even, so that the middle line ends in the domain's corner.
     arc = np.linspace(np.pi, 0.5 * np.pi, 2 * max(2, round(0.25 * np.pi * r * refinement / _ARC)) + 1)
     side = graded_faces(_SIDE, r, LENGTH, refinement)
     away = graded_faces(_NORMAL, 0.0, DOMAIN_Y[1] - HALF_WIDTH, refinement)
     far = away[-1] + r
 
-    # On the fan a line is longer than the distance between wall and boundary by this much; the square, from the wall's
-    # neighbourhood on, hands it out smoothly.
+    # A line of the fan is longer than the distance between wall and boundary by `extra`. A quadratic share spreads this
+    # length smoothly over the points beyond `_ROUND_UP_TO`.
     extra = far * (1.0 / np.maximum(-np.cos(arc), np.sin(arc)) - 1.0)
     share = (np.maximum(away - _ROUND_UP_TO, 0.0) / (away[-1] - _ROUND_UP_TO)) ** 2
     radius = r + away[None, :] + extra[:, None] * share[None, :]
@@ -137,7 +137,7 @@ def _around(refinement: float, wake_x: Array) -> tuple[Array, slice]:
         _grid(wake_x[:, None], HALF_WIDTH + away[None, :])[1:],
     ]
     half = np.concatenate(upper)
-    # The ends of the fan lie on the straight lines to the last bit.
+    # The ends of the fan lie on the straight lines bit for bit.
     half[len(front) - 1] = _grid(-away, flat)
     half[len(front) + len(arc) - 2] = _grid(r, HALF_WIDTH + away)
     whole = np.concatenate([half[:0:-1] * (1.0, -1.0), half])
@@ -145,7 +145,7 @@ def _around(refinement: float, wake_x: Array) -> tuple[Array, slice]:
 
 
 def _across(refinement: float) -> Array:
-    """Faces across the wake from the lower edge of the base to the upper one."""
+    """Return the face positions across the wake from the lower edge of the base to its upper edge."""
     slot = HALF_WIDTH - JET_WIDTH
     middle, edge = (graded_faces(_ACROSS, *span, refinement=refinement) for span in ((0.0, slot), (slot, HALF_WIDTH)))
     half = np.concatenate([middle, edge[1:]])
@@ -157,19 +157,19 @@ def _grid(x: npt.ArrayLike, y: npt.ArrayLike) -> Array:
 
 
 def _quads(block: Index) -> Index:
-    """Cells of a structured block of vertices (i, j), counter-clockwise if j runs to the left of i."""
+    """Return the cells of a structured block of vertices (i, j), counter-clockwise if j runs to the left of i."""
     corners = (block[:-1, :-1], block[1:, :-1], block[1:, 1:], block[:-1, 1:])
     return np.stack([corner.ravel() for corner in corners], axis=1)
 
 
 def _sides(cells: Index) -> tuple[Index, Index]:
-    """Every cell's four edges as vertex pairs with the cell on their left, (4 m, 2), and the cell, (4 m,)."""
+    """Return the cells' four edges as vertex pairs with the cell on their left, (4 m, 2), and their cells, (4 m,)."""
     pairs = np.stack([cells, np.roll(cells, -1, axis=1)], axis=2).reshape(-1, 2)
     return pairs, np.repeat(np.arange(len(cells)), 4)
 
 
 def _match(cells: Index, n: int) -> tuple[Index, Index, Index, Index]:
-    """Edges, their cells, and for each the position of the same edge seen from the other side (-1 if there is none)."""
+    """Return the edges, their cells, and the index of each edge as seen from its other cell (-1 if there is none)."""
     pairs, cell = _sides(cells)
     code, reverse = pairs @ np.array([n, 1]), pairs @ np.array([1, n])
     order = np.argsort(code)
@@ -179,7 +179,7 @@ def _match(cells: Index, n: int) -> tuple[Index, Index, Index, Index]:
 
 
 def _renumbering(cells: Index, n: int) -> Index:
-    """An order in which neighbours stand close together, for OpenFOAM's smoothers and caches."""
+    """Order the cells so that neighbours have close numbers, for OpenFOAM's smoothers and the processor's caches."""
     _, cell, other, _ = _match(cells, n)
     inside = other >= 0
     a, b = cell[inside], cell[other[inside]]
@@ -188,7 +188,7 @@ def _renumbering(cells: Index, n: int) -> Index:
 
 
 def _connect(points: Array, cells: Index, lines: dict[str, list[Index]]) -> Mesh:
-    """Find the internal edges and give every boundary edge to the patch whose vertex line holds it."""
+    """Find the internal edges, and assign every boundary edge to the patch whose vertex line contains the edge."""
     n = len(points)
     pairs, cell, other, code = _match(cells, n)
     mine = np.flatnonzero((other >= 0) & (cell < cell[other]))
@@ -197,7 +197,7 @@ def _connect(points: Array, cells: Index, lines: dict[str, list[Index]]) -> Mesh
     outside = np.flatnonzero(other < 0)
     patches, patch_cells, taken = {}, {}, 0
     for name in PATCHES:
-        # A vertex line may run either way.
+        # A vertex line may run in either direction.
         ends = np.vstack([np.column_stack([line[:-1], line[1:]]) for line in lines[name]])
         codes = np.concatenate([ends @ np.array([n, 1]), ends @ np.array([1, n])])
         faces = outside[np.isin(code[outside], codes)]

@@ -1,8 +1,8 @@
 """The second plant: the same truck, jets and clock, solved by OpenFOAM's icoFoam on a body-fitted mesh.
 
-It is used like `wake.truck.truck_wake.TruckWake`, with two differences. A run has a longest duration, because icoFoam
-needs its instants in advance; and a state can only be taken at the end of a control period, where icoFoam
-writes its fields.
+It has the interface of `wake.truck.truck_wake.TruckWake`, with two differences. A run has a longest duration, because
+icoFoam needs all times in advance. A state can be taken only at a control period's end, where icoFoam writes its
+fields.
 """
 
 import shutil
@@ -30,15 +30,15 @@ from wake.solver.grid import Grid, truck_grid
 
 
 class CellInterpolation:
-    """Linear between the centres of the cells, on their Delaunay triangles; beyond the outermost the nearest cell's.
-    `points` states where they are wanted, (n, 2)."""
+    """Interpolation between the centres of the cells, linear on their Delaunay triangles; outside the triangles the
+    value is the nearest cell's. `points` are the target points, (n, 2)."""
 
     def __init__(self, mesh: Mesh, points: Array) -> None:
         triangles = Delaunay(mesh.centres)
         triangle = triangles.find_simplex(points)
         outside = np.flatnonzero(triangle < 0)
         inside = np.flatnonzero(triangle >= 0)
-        # Barycentric coordinates: scipy keeps of each triangle the inverse map to the first two, and its last corner.
+        # For each triangle, scipy stores the affine map to two barycentric coordinates, and the last corner.
         to_share, corner = triangles.transform[triangle[inside], :2], triangles.transform[triangle[inside], 2]
         two = np.einsum("nij,nj->ni", to_share, points[inside] - corner)
         shares = np.column_stack([two, 1.0 - two.sum(axis=1)])
@@ -54,13 +54,13 @@ class CellInterpolation:
 
 
 class OpenFoamWake(NeverCopied):
-    """The flow around the truck. Use it in a `with`, or `close` it: icoFoam is a child process. Raises PlantError if
-    icoFoam is not installed, does not take the state, or fails.
+    """The flow around the truck. Use it in a `with` statement, or call `close`, because icoFoam is a child process.
+    Raises PlantError if icoFoam is not installed, does not accept the state, or fails.
 
     Args:
-        folder: the case to make; an old one there is removed.
-        config: Reynolds number, control period, time steps a period and action bound.
-        refinement: divides every spacing of the mesh; the state's.
+        folder: the case to create; an existing case there is removed.
+        config: Reynolds number, control period, time steps per period and action bound.
+        refinement: divides every spacing of the mesh; equal to the state's refinement.
         duration: longest time that can be run after a `reset`, t_c.
         patience_s: longest wait for one time step.
     """
@@ -82,7 +82,7 @@ class OpenFoamWake(NeverCopied):
         self.body, self.layout = TRUCK_BODY, sensors.TRUCK
         self.mesh = truck_mesh(refinement)
         self.grid: Grid = truck_grid()
-        """Where `vorticity` is given: the own solver's grid, so that pictures compare."""
+        """Grid of `vorticity`: the own solver's grid, so that pictures can be compared."""
         self._case = folder
         self._steps = round(duration / self.config.control_period) * self.config.substeps
         self._patience_s = patience_s
@@ -97,12 +97,12 @@ class OpenFoamWake(NeverCopied):
     def __exit__(self, kind: object, *_: object) -> None:
         self.close()
         if kind is None:
-            # What failed stays, to be looked at.
+            # The case of a failed run is left for inspection.
             shutil.rmtree(self._case, ignore_errors=True)
 
     @property
     def description(self) -> str:
-        """Solver, mesh and time step in a few words."""
+        """Description of solver, mesh and time step."""
         return f"OpenFOAM icoFoam, {len(self.mesh.cells)} cells, dt 1/{1.0 / self.dt:g}"
 
     @property
@@ -120,8 +120,8 @@ class OpenFoamWake(NeverCopied):
         return self._substep % self.config.substeps
 
     def reset(self, state: FoamState) -> Sample:
-        """Restart icoFoam from a state. Its restart is close, not exact: a control period later forces are within a
-        fraction of a percent of a run that was not interrupted. Raises PlantError if it belongs to another mesh, is not
+        """Restart icoFoam from a state. The restart is not exact: one control period later, forces are within a
+        fraction of a percent of a run without interruption. Raises PlantError if the state is of another mesh or not
         finite, or icoFoam does not start."""
         velocity = state.velocity
         if len(velocity) != len(self.mesh.cells):
@@ -133,7 +133,7 @@ class OpenFoamWake(NeverCopied):
         case.write_mesh(self._case, self.mesh)
         put(state, self._case)
         every = self.config.substeps
-        # One step more than is ever taken, so that icoFoam waits for it when the last one has been measured.
+        # The case has one more step than the longest run, so that icoFoam still waits after the last step was measured.
         clock = case.CaseClock(end=(self._steps + 1) * self.dt, dt=self.dt, steps_per_write=every, steps_per_sample=1)
         case.write_settings(self._case, self.mesh, self.config, clock)
         wall.write_pipes(self._case, self.mesh, dt=self.dt, steps=self._steps + 1, action=state.action)
@@ -147,7 +147,7 @@ class OpenFoamWake(NeverCopied):
         return self.sample()
 
     def state(self) -> FoamState:
-        """What to `reset` to later. Raises PlantError in the middle of a control period."""
+        """Return a state for a later `reset`. Raises PlantError in the middle of a control period."""
         if self._substep == self._first:
             return self._state
         return FoamState(
@@ -160,16 +160,15 @@ class OpenFoamWake(NeverCopied):
 
     def advance(self, action: float) -> Sample:
         """Ramp to `action` over the rest of the control period and return the next sample. Raises PlantError for an
-        action that is not finite or exceeds the bound, if the flow diverges or icoFoam fails, or at the end of the
-        longest duration."""
+        action that is not finite or exceeds the bound, if the flow diverges or icoFoam fails, or after `duration`."""
         self.advance_to(self.config.substeps, action)
         return self.sample()
 
     def advance_to(self, substep: int, action: float | None = None) -> None:
-        """Advance within the current period until `substep` (1 .. substeps).
+        """Advance within the present period to `substep` (1 .. substeps).
 
-        With an action the jet ramps so as to reach it at the period's end; without one it stays as it is. Raises
-        PlantError as `advance`, or for a substep that is not ahead in this period.
+        With an action, the jet ramps so that it reaches the action at the period's end; without an action, the jet's
+        flow rate does not change. Raises PlantError as `advance` does, or for a substep not ahead in this period.
         """
         into, last = self.substeps_into_period, self.config.substeps
         if not into < substep <= last:
@@ -185,15 +184,16 @@ class OpenFoamWake(NeverCopied):
         self._readings = self._follower.read()
         self._substep += substep - into
         self._action = target if substep == last else start + (target - start) * (substep - into) / (last - into)
-        # Not only in `sample`: a run need not call that after its last step.
+        # Check here as well as in `sample`: a run need not call `sample` after its last step.
         self._readings.require_finite(self.t)
 
     def sample(self) -> Sample:
-        """Measure now."""
+        """Return the present measurements."""
         return self._instruments.sample(self._readings, t=self.t, action=self._action)
 
     def vorticity(self) -> Array:
-        """dv/dx - du/dy in the corners of `grid`, as `TruckWake.vorticity`; at the end of a control period only."""
+        """Return dv/dx - du/dy in the corners of `grid`, as `TruckWake.vorticity` does; at a control period's end
+        only."""
         grid = self.grid
         u, v = np.moveaxis(self._to_grid(self.state().velocity).reshape(*grid.shape, 2), 2, 0)
         inside = np.zeros(grid.shape, dtype=bool)
@@ -205,13 +205,12 @@ class OpenFoamWake(NeverCopied):
 
     @cached_property
     def _to_grid(self) -> CellInterpolation:
-        """Interpolation to the centres of `grid`'s cells: a run's every still needs it, and the triangles take
-        seconds."""
+        """Interpolation to the centres of `grid`'s cells, stored because the triangulation takes seconds."""
         x, y = np.meshgrid(self.grid.xc, self.grid.yc, indexing="ij")
         return CellInterpolation(self.mesh, np.column_stack([x.ravel(), y.ravel()]))
 
     def pressure(self) -> None:
-        """Not given in the flow, only at the sensors."""
+        """Return None: the pressure is available at the sensors only."""
 
     def close(self) -> None:
         """End icoFoam."""

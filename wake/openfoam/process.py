@@ -1,10 +1,10 @@
 """icoFoam as a child process, and the pipes through which its jets are driven step by step.
 
-It is started with what it needs, watched, and never left behind. The jets' boundary condition (`wake.openfoam.wall`)
-opens the file of its next instant in the first time step after the last one. Here every time step's end is such an
-instant, and its file is a named pipe, one a jet. So icoFoam stops at the start of each time step, when everything about
-the last one has been measured and written, until the jets' velocity at the step's end arrives. A ramp can then start at
-any time step of a control period, as on the own plant. Nothing is compiled.
+icoFoam always ends before its parent does. The jets' boundary condition (`wake.openfoam.wall`) opens the file of its
+next instant in the first time step after the last instant. Here the end of every time step is an instant, and its file
+is a named pipe for each jet. So icoFoam stops at the start of each time step, after it has measured and written
+everything about the last step, until the jets' velocity at the step's end arrives. A ramp can then start at any time
+step of a control period, as in the own plant. Nothing is compiled.
 """
 
 import ctypes
@@ -40,8 +40,8 @@ def require_installed(program: str = PROGRAM) -> None:
 
 
 class IcoFoam(NeverCopied):
-    """One run of icoFoam on a case; its output goes to the case's `log.icoFoam`. Raises PlantError if icoFoam is not
-    installed. `command` is what to run in it; icoFoam, or another program in tests."""
+    """A run of icoFoam on a case; its output goes to the case's `log.icoFoam`. Raises PlantError if icoFoam is not
+    installed. `command` is the program that runs in the case: icoFoam, or another program in tests."""
 
     INSTEAD: ClassVar = "it is a process; start another one"
 
@@ -50,7 +50,7 @@ class IcoFoam(NeverCopied):
         self.folder = folder
         environment = {"WM_PROJECT_DIR": _SHARE, **os.environ}
         with (folder / LOG).open("ab") as log:
-            # A group of its own, so that Ctrl-C reaches only this process, which then ends icoFoam in order.
+            # The child has its own process group, so that Ctrl-C reaches only this process, which then ends icoFoam.
             self._child = subprocess.Popen(
                 command, cwd=folder, env=environment, stdin=subprocess.DEVNULL, stdout=log, stderr=log,
                 start_new_session=True, preexec_fn=_die_with_parent if sys.platform == "linux" else None,
@@ -73,14 +73,14 @@ class IcoFoam(NeverCopied):
             raise self.failure(_ended(status))
 
     def failure(self, what: str) -> PlantError:
-        """An error of one line with what happened and the log's end."""
+        """Return an error of one line with `what` and the log's end."""
         path = self.folder / LOG
         lines = [line.strip() for line in path.read_text(encoding="utf-8", errors="replace").splitlines()]
         tail = " | ".join([line for line in lines if line][-_TAIL:]) or "(nothing)"
         return PlantError(f"icoFoam {what}; {path} ends: {tail}")
 
     def stop(self) -> None:
-        """End icoFoam, by force if it does not listen."""
+        """End icoFoam; kill it if it does not react."""
         for end in (self._child.terminate, self._child.kill):
             if not self.running:
                 return
@@ -91,7 +91,7 @@ class IcoFoam(NeverCopied):
                 continue
 
     def wait(self, seconds: float) -> bool:
-        """Wait for icoFoam's end at most this long; whether it has ended. Raises PlantError if it failed."""
+        """Wait up to `seconds` for icoFoam's end; return whether it has ended. Raises PlantError if it failed."""
         try:
             self._child.wait(seconds)
         except subprocess.TimeoutExpired:
@@ -107,12 +107,12 @@ def _ended(status: int) -> str:
 
 
 def _die_with_parent() -> None:
-    """Have the kernel end the child when the thread that started it does, however that happens."""
+    """Let the kernel end the child when the thread that started it ends for any reason."""
     ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
 
 
 PATIENCE_S: Final = 120.0
-"""Longest wait for one time step; one takes well under a second on a free core."""
+"""Longest wait for one time step, in s; a step takes well under a second on a free core."""
 
 _POLL_S: Final = (2e-4, 5e-3)
 
@@ -121,7 +121,7 @@ class JetPipes(NeverCopied):
     """The controller's ends of the pipes.
 
     Args:
-        folder: the case, as `wall.write_pipes` has laid it out.
+        folder: the case, written by `wall.write_pipes`.
         patience_s: longest wait for one time step.
     """
 
@@ -141,19 +141,20 @@ class JetPipes(NeverCopied):
         self.close()
 
     def wait(self) -> None:
-        """Return when icoFoam has finished its time step and asks for the next. Raises PlantError if it ends or takes
-        too long."""
+        """Wait until icoFoam has finished its time step and opens the pipes for the next step. Raises PlantError if
+        icoFoam ends or takes too long."""
         if self._waiting is None:
             self._waiting = self._open(JETS[0])
 
     def send(self, action: float) -> None:
-        """Let icoFoam take one time step, at whose end the jets have this flow rate. Raises PlantError as `wait`."""
+        """Let icoFoam take a time step that ends with the jets' flow rate `action`. Raises PlantError as `wait`
+        does."""
         self.wait()
         for jet in JETS:
             reader = self._open(jet) if self._waiting is None else self._waiting
             self._waiting = None
             try:
-                # A few hundred bytes: a pipe takes them whole and at once.
+                # The text has a few hundred bytes, and a pipe takes so few bytes in one write.
                 os.write(reader, wall.velocities(self._mesh, jet, action).encode("ascii"))
             except BrokenPipeError:
                 self._child.wait(1.0)
@@ -162,7 +163,7 @@ class JetPipes(NeverCopied):
                 os.close(reader)
 
     def close(self) -> None:
-        """Close what is open; icoFoam, if it waits there, then fails."""
+        """Close the open pipes; icoFoam fails if it waits at one of them."""
         if self._waiting is not None:
             os.close(self._waiting)
             self._waiting = None

@@ -1,4 +1,4 @@
-"""Where an icoFoam run can continue: its own field files, what was measured then, and the jets."""
+"""A state from which an icoFoam run can continue: its field files, the measurements at that time, and the jets."""
 
 import json
 from collections.abc import Mapping
@@ -17,18 +17,18 @@ from wake.openfoam.measurements import Readings, read_all
 
 STATE_SCHEMA: Final = "stillwake-openfoam/1"
 
-# Velocity and pressure, the flux through every face, and the older level that the time scheme needs.
+# Velocity and pressure, the flux through every face, and the older time level of the time scheme.
 _FIELDS: Final = ("U", "p", "phi", "U_0", "phi_0")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FoamState:
-    """Everything that decides the future of a case.
+    """All data that determine the further run of a case.
 
     Attributes:
-        files: contents of its field files by name.
-        dt: time step that led to it; the time scheme weighs the older level with it.
-        readings: what was measured at that instant.
+        files: contents of the case's field files by name.
+        dt: time step before the state; the time scheme weights the older level with it.
+        readings: measurements at the state's time.
         action: jet flow rate in force.
         substep: time steps since t = 0.
     """
@@ -46,12 +46,12 @@ class FoamState:
 
     @property
     def pressure(self) -> Array:
-        """Kinematic, in the mesh's cells, (m,)."""
+        """The kinematic pressure in the mesh's cells, (m,)."""
         return foam_files.parse_cells(self.files["p"], "p of a state")
 
 
 def read_fields(folder: Path) -> dict[str, bytes]:
-    """The field files of one time of a case. Raises PlantError if one is missing."""
+    """Read the field files of one time of a case. Raises PlantError if one is missing."""
     try:
         return {name: (folder / name).read_bytes() for name in _FIELDS}
     except OSError as error:
@@ -59,7 +59,7 @@ def read_fields(folder: Path) -> dict[str, bytes]:
 
 
 def put(state: FoamState, case: Path) -> None:
-    """Make a state the start of a case, t = 0."""
+    """Write a state as the start of a case, t = 0."""
     start = case / "0"
     (start / "uniform").mkdir(parents=True, exist_ok=True)
     for name, content in state.files.items():
@@ -68,8 +68,8 @@ def put(state: FoamState, case: Path) -> None:
 
 
 def written(folder: Path, dt: float) -> FoamState:
-    """The last state of a case without jets; its clock is set back to zero. Raises PlantError if the case holds no
-    state of a later time than 0."""
+    """Read the last state of a case without jets, and set its clock to zero. Raises PlantError if there is none after
+    0."""
     latest = foam_files.latest(folder)
     if latest is None:
         raise PlantError(f"{folder}: icoFoam has written no state")
@@ -79,7 +79,7 @@ def written(folder: Path, dt: float) -> FoamState:
 
 
 def save(path: Path, state: FoamState, facts: str) -> None:
-    """Write a state and a line on how it was made, whole or not at all."""
+    """Write a state and a line on its settings, completely or not at all."""
     about = {"schema": STATE_SCHEMA, "facts": facts, "dt": state.dt, "action": state.action, "substep": state.substep}
     readings = state.readings
     arrays: dict[str, Any] = {name: np.frombuffer(content, np.uint8) for name, content in state.files.items()}
@@ -89,7 +89,7 @@ def save(path: Path, state: FoamState, facts: str) -> None:
 
 
 def load(path: Path) -> tuple[FoamState, str]:
-    """A saved state and how it was made. Raises PlantError if the file is missing, damaged or of another schema."""
+    """Read a state and the line on its settings. Raises PlantError if it is missing, damaged or of another schema."""
     try:
         data = read_npz(path)
         about = json.loads(data.text("about"))

@@ -1,12 +1,12 @@
-"""The wall as icoFoam has it: the slots' boundary condition, the probes of the pressure, the sensors as sums of these.
+"""The wall in icoFoam: the slots' boundary condition, the probes of the pressure, and the sensors as sums of probes.
 
-The jets are a parabola in each slot, in opposition, between values at listed instants. `timeVaryingMappedFixedValue`
-ramps linearly between instants and reads the velocity at each from a file. A case without control lists the beginning
-and a time it will never reach, with jets at rest; a coupled one lists every time step's end, and its files are named
-pipes.
+The jets are a parabola in each slot, with opposite signs, linear in time between values at listed instants.
+`timeVaryingMappedFixedValue` ramps linearly between instants and reads the velocity at each instant from a file. A case
+without control lists the beginning and a time it will never reach, with zero jet velocity. A coupled case lists the end
+of every time step, and its files are named pipes.
 
-The pressure on a wall face is that of its cell (zero normal gradient there), so a sensor is interpolated linearly along
-the wall between the two nearest faces. The mean over a slot weighs its faces with the jet's velocity.
+The pressure on a wall face is that of its cell (zero normal gradient at the wall), so a sensor is interpolated linearly
+along the wall between the two nearest faces. The mean over a slot weights its faces with the jet's velocity.
 """
 
 import os
@@ -34,13 +34,13 @@ BOUNDARY: Final[dict[str, Any]] = {
 }
 
 _NEVER: Final = "1000000"
-# An instant is named this much of a time step after the step's end, so that rounding cannot put it before.
+# An instant is later than the step's end by this share of a time step, so that rounding cannot place it before the end.
 _LATE: Final = 1e-6
 
 
 def slot_velocity(mesh: Mesh, jet: str, action: float) -> Array:
-    """Velocity on a slot's faces in the mesh's order, (k, 2), for a jet flow rate, averaged exactly over each face; the
-    lower slot blows when the upper one sucks (paper, section 2.1)."""
+    """Return the velocity on a slot's faces in the mesh's order, (k, 2), for a jet flow rate, averaged exactly over
+    each face; the lower slot blows when the upper slot sucks (paper, section 2.1)."""
     y = mesh.patch_centres(jet)[:, 1]
     shares = slot_shares(len(y))[np.argsort(np.argsort(y))]
     sign = 1.0 if jet == "jetUpper" else -1.0
@@ -49,17 +49,17 @@ def slot_velocity(mesh: Mesh, jet: str, action: float) -> Array:
 
 
 def velocities(mesh: Mesh, jet: str, action: float) -> str:
-    """The same as the text of an instant's file."""
+    """Return the text of an instant's file with the values of `slot_velocity`."""
     return foam_files.vectors(slot_velocity(mesh, jet, action)) + "\n"
 
 
 def pipe(folder: Path, jet: str) -> Path:
-    """The named pipe of a jet in a coupled case."""
+    """Return the path of a jet's named pipe in a coupled case."""
     return folder / "pipes" / jet / "U"
 
 
 def write_rest(folder: Path, mesh: Mesh) -> None:
-    """Instants of a case whose jets never blow."""
+    """Write the instants of a case whose jets never blow."""
     for jet in JETS:
         data = _begin(folder, mesh, jet, 0.0)
         (data / _NEVER).mkdir(exist_ok=True)
@@ -67,9 +67,9 @@ def write_rest(folder: Path, mesh: Mesh) -> None:
 
 
 def write_pipes(folder: Path, mesh: Mesh, *, dt: float, steps: int, action: float) -> None:
-    """Instants of a coupled case: jets that start from `action`, and the end of every time step.
+    """Write the instants of a coupled case: jets that start from `action`, and the end of every time step.
 
-    The instants are links to one folder a jet, which holds its pipe.
+    The instants are links to one folder per jet, which holds the jet's pipe.
     """
     for jet in JETS:
         data, end = _begin(folder, mesh, jet, action), pipe(folder, jet)
@@ -93,13 +93,13 @@ _PROBED: Final = ("truck", "jetUpper", "jetLower")
 
 
 def pressure_points(mesh: Mesh) -> Array:
-    """Centres of the cells on the straight walls and the slots, (n, 2)."""
+    """Return the centres of the cells on the straight walls and the slots, (n, 2)."""
     return np.vstack([mesh.centres[mesh.patch_cells[name]][_straight(mesh, name)] for name in _PROBED])
 
 
 def sensor_weights(mesh: Mesh) -> Array:
-    """Weights that turn kinematic pressures at `pressure_points` into Cp at the sensors and the profile-weighted mean
-    Cp over the upper and the lower slot, (92, n)."""
+    """Return the weights that turn kinematic pressures at `pressure_points` into Cp at the sensors and into the
+    profile-weighted mean Cp over the upper and the lower slot, (92, n)."""
     at = np.vstack([mesh.patch_centres(name)[_straight(mesh, name)] for name in _PROBED])
     on_base = np.abs(at[:, 0] - LENGTH) < 1e-9
     rows = []
@@ -117,7 +117,7 @@ def sensor_weights(mesh: Mesh) -> Array:
 
 
 def slot_shares(cells: int) -> Array:
-    """Share of a slot's flow through each of its equal faces, (cells,): the exact integral of the parabola."""
+    """Return the share of a slot's flow through each of its equal faces, (cells,): the parabola's exact integral."""
     s = np.linspace(0.0, 1.0, cells + 1)
     return np.diff(s**2 * (3.0 - 2.0 * s))
 
@@ -129,7 +129,7 @@ def _straight(mesh: Mesh, name: str) -> npt.NDArray[np.bool_]:
 
 
 def _between(along: Array, wall: npt.NDArray[np.bool_], place: float) -> Array:
-    """Linear interpolation between the faces of `wall` either side of `place`."""
+    """Return the weights of linear interpolation between the two faces of `wall` next to `place`."""
     index = np.flatnonzero(wall)
     index = index[np.argsort(along[index])]
     i = int(np.clip(np.searchsorted(along[index], place) - 1, 0, len(index) - 2))

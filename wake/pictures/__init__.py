@@ -1,1 +1,1 @@
-"""Pictures of the flow, still and moving."""
+"""Pictures and animations of the flow."""

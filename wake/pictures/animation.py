@@ -1,4 +1,4 @@
-"""A run of the wake as a moving picture: GIF and WebP through Pillow."""
+"""A run of the wake as an animation: GIF and WebP through Pillow."""
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -18,25 +18,25 @@ Pixels = npt.NDArray[np.uint8]
 _Progress = Callable[[int, int], None]
 
 FASTEST: Final = 50
-"""Frames per second: many viewers play a GIF with frames shorter than 20 ms slowly."""
+"""Largest number of frames per second: many viewers play a GIF with frames shorter than 20 ms slowly."""
 _GIF_TICK: Final = 10  # ms; the format counts in hundredths of a second
 _SUFFIXES: Final = (".gif", ".webp")
 _WEBP: Final = {"quality": 80, "method": 4, "minimize_size": False, "kmax": 30}
 
 
 class MovingPicture(Protocol):
-    """One figure of fixed size that shows a plant as it is now, such as `WakePicture`."""
+    """A figure of fixed size that shows the present state of a plant, such as `WakePicture`."""
 
     figure: Figure
 
     def record(self) -> None:
-        """Called at every control period's end from the first frame on, also between frames."""
+        """Record the plant's present state; called at every control period's end from the first frame on."""
 
     def pixels(self) -> Pixels:
-        """The present state as (height, width, 3)."""
+        """Draw the present state as (height, width, 3)."""
 
     def palette(self) -> Array:
-        """Colours for a GIF, at most 256, (n, 3) from 0 to 1."""
+        """Return the colours for a GIF, at most 256, (n, 3) from 0 to 1."""
 
 
 def animate(
@@ -51,20 +51,20 @@ def animate(
     hold: float = 0.0,
     progress: _Progress = lambda done, total: None,
 ) -> int:
-    """Run the plant from its present state and write what it shows, whole or not at all. Raises ConfigError for another
-    file type, or a run without frames; PlantError for an action beyond the bound, or if the flow diverges. Returns the
-    number of frames.
+    """Run the plant from its present state and write the animation, completely or not at all. Raises ConfigError for
+    another file type, or a run without frames; PlantError for an action beyond the bound, or if the flow diverges.
+    Returns the number of frames.
 
     Args:
         path: ends in .gif or .webp.
-        picture: of the same plant.
+        picture: draws the plant `wake`.
         wake: the plant, moved to the end of the run.
-        actions: commanded in turn, one a control period, (n,); U_inf W.
-        skip: control periods that pass before the first frame.
+        actions: one command per control period, (n,); U_inf W.
+        skip: number of control periods before the first frame.
         every: control periods between frames.
         fps: frames per second; a GIF rounds the time of a frame to 10 ms.
-        hold: s for which the last frame stays, beyond its time.
-        progress: called with (control periods done, in all).
+        hold: additional time of the last frame, in s.
+        progress: called with (control periods done, total).
     """
     check_target(path)
     if not 1 <= fps <= FASTEST:
@@ -79,7 +79,7 @@ def animate(
 
 
 def check_target(path: Path) -> None:
-    """Raises ConfigError if a moving picture of that name cannot be made."""
+    """Raise ConfigError if the path's ending is not that of an animation."""
     if path.suffix.lower() not in _SUFFIXES or path.is_dir():
         raise ConfigError(f"{path}: must be a file ending in {' or '.join(_SUFFIXES)}")
 
@@ -98,7 +98,7 @@ def _frames(
 
 
 def _write_gif(path: Path, colours: Array, frames: Iterator[Pixels], fps: int, hold: float) -> int:
-    # One palette for all frames, so that colours neither flicker nor depend on the run.
+    # All frames have one palette, so that colours neither flicker nor depend on the run.
     palette = Image.new("P", (1, 1))
     palette.putpalette(np.rint(255.0 * colours).astype(np.uint8).tobytes())
     images = [Image.fromarray(frame).quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
@@ -117,5 +117,5 @@ def _write_webp(path: Path, frames: Iterator[Pixels], fps: int, hold: float) -> 
 
 
 def _durations(frames: int, each: int, hold: float) -> list[int]:
-    """How long each frame stays, in ms."""
+    """Return the duration of each frame in ms."""
     return [each] * (frames - 1) + [each + round(1e3 * hold)]

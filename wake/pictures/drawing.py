@@ -29,10 +29,10 @@ Kind = Literal["vorticity", "pressure"]
 
 VIEW: Final[View] = (-1.5, 20.0, -3.0, 3.0)
 _NEAR_WAKE: Final = (-0.847, 4.353, -1.2, 1.2)
-"""Seen from the base."""
+"""Limits in x and y, in W, with x measured from the base."""
 
 FIELD_COLOURS: Final = "RdBu_r"
-"""Diverging and symmetric about zero."""
+"""Colour map that is diverging and symmetric about zero."""
 SENSOR_COLOURS: Final = "viridis"
 BLOWING: Final = "#ff7f0e"
 SUCKING: Final = "#8e44ad"
@@ -45,18 +45,18 @@ _LABEL: Final[dict[Kind, str]] = {
     "pressure": "$C_p$, also at the sensors",
 }
 _FULL_JET: Final = 1.0
-"""Length in W of the arrow that stands for the action's bound."""
+"""Length in W of the arrow of a jet at the action's bound."""
 _SUFFIXES: Final = (".png", ".pdf", ".svg")
 
 
 class WakePicture:
-    """One figure of fixed size that shows a plant as it is now, drawn again and again.
+    """A figure of fixed size that shows the present state of a plant and can be updated.
 
-    A field in colour, the body, arrows where the jets blow or suck, and the sensors' Cp. The colour scales stay.
+    It shows a field in colour, the body, arrows for the jets, and the sensors' Cp. The colour scales are fixed.
 
     Args:
         kind: vorticity, or Cp in the flow.
-        sensor_names: the sensors coloured by their Cp; the others are small dots. None colours all.
+        sensor_names: the sensors that are coloured by their Cp; all other sensors are small dots. None colours all.
         width: of the picture in pixels.
     """
 
@@ -72,7 +72,7 @@ class WakePicture:
         grid, level = wake.grid, _LEVEL[kind]
         nodes = (grid.xf[1:-1], grid.yf[1:-1]) if kind == "vorticity" else (grid.xc, grid.yc)
         self._raster = Raster.of(*nodes, VIEW, width)
-        # In the pressure picture one scale serves the flow and its sensors.
+        # In the pressure picture, the flow and the sensors have one colour scale.
         colours, limits = (FIELD_COLOURS, (-level, level)) if kind == "pressure" else (SENSOR_COLOURS, SENSOR_RANGE)
         dots = 4.0 if len(self._chosen) > len(layout) // 2 else 6.0
         self.figure, axes = _figure(10.0, 3.1, width / 10.0, VIEW)
@@ -100,7 +100,7 @@ class WakePicture:
         self.figure.colorbar(self._image, label=_LABEL[kind], **bars)
 
     def update(self, title: str | None = None) -> Figure:
-        """Show the plant's present state, under a title or under its time, wall drag and action."""
+        """Show the plant's present state, with the given title or with time, wall drag and action as the title."""
         sample = self._wake.sample()
         field = self._wake.vorticity() if self._kind == "vorticity" else self._wake.pressure()
         self._image.set_data(self._raster(np.asarray(field)))
@@ -115,14 +115,14 @@ class WakePicture:
         return self.figure
 
     def record(self) -> None:
-        """Nothing is kept from frame to frame."""
+        """Do nothing: the picture stores nothing between frames."""
 
     @staticmethod
     def palette() -> Array:
-        """The picture's own colours for a GIF, (n, 3) from 0 to 1; n is at most 256."""
+        """Return the picture's colours for a GIF, (n, 3) from 0 to 1; n is at most 256."""
         scales = [(FIELD_COLOURS, 170), (SENSOR_COLOURS, 40), ("gray", 24)]
         colours = [mpl.colormaps[name](np.linspace(0.0, 1.0, count))[:, :3] for name, count in scales]
-        # Edges of the arrows and the slots blend into black and white.
+        # Edges of the arrows and the slots are blended with black and white.
         blends = [
             np.linspace(end, mpl.colors.to_rgb(c), 6)[1:] for c in (BLOWING, SUCKING) for end in ((0, 0, 0), (1, 1, 1))
         ]
@@ -132,30 +132,30 @@ class WakePicture:
         return jet_arrow(share, side, self._wake.body.length)
 
     def pixels(self) -> npt.NDArray[np.uint8]:
-        """The present state as (height, width, 3)."""
+        """Draw the present state as (height, width, 3)."""
         self.update()
         canvas: Any = self.figure.canvas
         canvas.draw()
-        # The layout is found once: it is slow, and must not shift from frame to frame.
+        # The layout is computed once: it is slow, and must not shift between frames.
         self.figure.set_layout_engine("none")
         return np.asarray(canvas.buffer_rgba())[..., :3].copy()
 
 
 def vorticity_figure(wake: Drawable, highlight: tuple[str, ...] = (), title: str = "") -> Figure:
-    """Vorticity around the body now, with these sensors or all of them coloured by Cp."""
+    """Draw the present vorticity around the body, with the sensors `highlight`, or all sensors, coloured by Cp."""
     return WakePicture(wake, "vorticity", highlight or None).update(title)
 
 
 def mean_figure(grid: Grid, body: BodyConfig, mean: Flow, duration: float) -> Figure:
-    """A mean flow behind the body: u in colour, streamlines, the edge of backward flow, and the bubble's length.
+    """Draw a mean flow downstream of the body: u in colour, streamlines, edge of backward flow, bubble length.
 
     Args:
-        grid, body: of the plant that the mean is of.
+        grid, body: of the plant of the mean.
         mean: from `wake.pictures.fields.TimeMean`.
-        duration: that it was taken over, t_c; for the title.
+        duration: of the mean, t_c; for the title.
     """
     left, right, low, high = _NEAR_WAKE
-    # Rounded, so that the truck's view is 6.8 to 12.
+    # Rounding makes the truck's view exactly 6.8 to 12.
     view = (round(body.length + left, 9), round(body.length + right, 9), low, high)
     figure, axes = _figure(10.0, 4.6, 110.0, view)
     raster = Raster.of(grid.xc, grid.yc, view, 900)
@@ -181,20 +181,20 @@ def mean_figure(grid: Grid, body: BodyConfig, mean: Flow, duration: float) -> Fi
 
 
 def check_suffix(path: Path) -> None:
-    """Raises ConfigError for a name that ends in no known format."""
+    """Raise ConfigError for a name whose ending is no known format."""
     if path.suffix.lower() not in _SUFFIXES or path.is_dir():
         raise ConfigError(f"{path}: must be a file ending in {', '.join(_SUFFIXES)}")
 
 
 def save_figure(path: Path, figure: Figure) -> None:
-    """Write in the format of the name's ending, whole or not at all; raises as `check_suffix`."""
+    """Write in the format of the name's ending, completely or not at all; raises as `check_suffix` does."""
     check_suffix(path)
     with replacing(path) as temporary:
         figure.savefig(temporary, format=path.suffix[1:].lower())
 
 
 def outline(body: BodyConfig) -> Array:
-    """Points of the body's outline, (n, 2)."""
+    """Return points of the body's outline, (n, 2)."""
     angle = np.linspace(np.pi, 0.5 * np.pi, 16)
     r = body.leading_edge_radius
     arc = np.column_stack([r + r * np.cos(angle), HALF_WIDTH - r + r * np.sin(angle)])
@@ -203,8 +203,8 @@ def outline(body: BodyConfig) -> Array:
 
 
 def jet_arrow(share: float, side: int, base: float) -> Array:
-    """Outline of the arrow at the upper (side 1) or lower (-1) slot of a base at x = `base`, (7, 2): away from it for
-    blowing (share > 0), towards it for sucking; its length is the share of the action's bound."""
+    """Return the outline of the arrow at the upper (side 1) or lower (-1) slot of a base at x = `base`, (7, 2). It
+    points away from the base for blowing (share > 0) and towards it for sucking; its length shows the share."""
     length, shaft, head = _FULL_JET * abs(share), JET_WIDTH, 2.4 * JET_WIDTH
     neck = max(length - 2.0 * head, 0.5 * length)
     x = np.array([0.0, neck, neck, length, neck, neck, 0.0])

@@ -1,4 +1,4 @@
-"""Fields of a flow for pictures: in the cell centres, averaged over time, interpolated to pixels."""
+"""Fields of a flow for pictures: values in the cell centres, averages over time, and interpolation to pixels."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -12,11 +12,11 @@ from wake.solver.flow import Flow
 from wake.truck.truck_wake import TruckWake
 
 View = tuple[float, float, float, float]
-"""Shown part of the domain: x and y limits in W."""
+"""The visible part of the domain: x and y limits in W."""
 
 
 def velocity(flow: Flow) -> tuple[Array, Array]:
-    """u and v in the cell centres, (nx, ny) each; units U_inf."""
+    """Return u and v in the cell centres, (nx, ny) each; units U_inf."""
     u, v = flow.faces_u, flow.faces_v
     return 0.5 * (u[1:] + u[:-1]), 0.5 * (v[:, 1:] + v[:, :-1])
 
@@ -24,8 +24,7 @@ def velocity(flow: Flow) -> tuple[Array, Array]:
 class TimeMean:
     """The mean of flows on one grid.
 
-    A flow's buffer holds u, v and p, and wall pressures and forces are linear in it, so the mean buffer yields their
-    means too.
+    A flow's buffer holds u, v and p. Wall pressures and forces are linear in it, so the mean buffer gives their means.
     """
 
     def __init__(self, shape: tuple[int, int]) -> None:
@@ -38,7 +37,7 @@ class TimeMean:
         self._count += 1
 
     def flow(self) -> Flow:
-        """The mean of what was added; raises PlantError if that was nothing."""
+        """Return the mean of the added flows; raises PlantError if there are none."""
         if self._count == 0:
             raise PlantError("mean over 0 instants: at least 1 is needed")
         return Flow.of(self._sum.flat / self._count, self._shape)
@@ -50,9 +49,8 @@ def mean_flow(
     skip: int = 0,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Flow:
-    """Run the plant from its present state under the actions, one a control period, and average its flow at the
-    control periods' ends, without the first `skip`. `progress` is called with (periods done, in all).
-    """
+    """Run the plant from its present state with the actions, one per control period, and average its flow at the
+    control periods' ends, without the first `skip`. `progress` is called with (periods done, total)."""
     mean = TimeMean(wake.grid.shape)
     for k, action in enumerate(actions):
         wake.advance(float(action))
@@ -78,14 +76,14 @@ class Raster:
 
     @classmethod
     def of(cls, nodes_x: Array, nodes_y: Array, view: View, width: int) -> "Raster":
-        """`width` pixels across `view`; beyond the outermost nodes their value holds."""
+        """Build the raster with `width` pixels across `view`; outside the outermost nodes the field is constant."""
         size = (view[1] - view[0]) / width
         x = np.asarray(view[0] + size * (np.arange(width) + 0.5), dtype=np.float64)
         y = np.asarray(view[2] + size * (np.arange(round((view[3] - view[2]) / size)) + 0.5), dtype=np.float64)
         return cls(x=x, y=y, across=_weights(nodes_x, x), up=_weights(nodes_y, y))
 
     def __call__(self, field: Array) -> Array:
-        """(len(nodes_x), len(nodes_y)) to (height, width), row 0 at the bottom."""
+        """Interpolate (len(nodes_x), len(nodes_y)) to (height, width), row 0 at the bottom."""
         return np.asarray(self.up @ (self.across @ field).T)
 
 

@@ -1,6 +1,6 @@
-"""The picture of a wake in levels: the same part of the flow on the live page, in a run folder and on its report.
+"""The picture of a wake in levels, for the live page, the run folder and its report.
 
-Vorticity as small whole numbers is for a page that colours it itself, and for a run folder that keeps it.
+Vorticity as small integers lets the page colour the picture itself, and takes little space in a run folder.
 """
 
 from typing import Final
@@ -15,20 +15,20 @@ from wake.pictures.fields import Raster, View
 from wake.plant.protocol import Drawable
 
 Levels = npt.NDArray[np.int8]
-"""(height, width), the first row at the top."""
+"""A picture (height, width), the first row at the top."""
 
 FIELD_LEVEL: Final = 5.0
 """|vorticity| at the ends of the colours, U_inf / W."""
 TOP: Final = 127
-"""The level of that vorticity."""
+"""The level of the vorticity `FIELD_LEVEL`."""
 
 
 def field_levels(vorticity: Array) -> Levels:
-    """(height, width), row 0 at the bottom, to sign(w) (|w| / FIELD_LEVEL)^(1/2) TOP, clipped, row 0 at the top.
+    """Convert (height, width), row 0 at the bottom, to sign(w) (|w| / FIELD_LEVEL)^(1/2) TOP, clipped, top row first.
 
-    The root shows the far vortices, which are weak.
+    The root makes weak vortices far downstream visible.
     """
-    # In place and in float32: a third of the time, most of which is for memory.
+    # Computing in place and in float32 takes a third of the time, most of which is memory access.
     squares = np.asarray(vorticity[::-1], dtype=np.float32) * np.float32(TOP**2 / FIELD_LEVEL)
     np.clip(squares, -float(TOP**2), float(TOP**2), out=squares)
     levels = np.abs(squares)
@@ -38,15 +38,15 @@ def field_levels(vorticity: Array) -> Levels:
 
 
 _WIDTH: Final = 480
-"""Pixels."""
+"""Width of the picture in pixels."""
 _BEFORE_BASE: Final = 3.0
 _BEHIND_BASE: Final = 9.0
 _HALF_HEIGHT: Final = 2.25
-"""Extents in W; the picture has 40 pixels a width and is 180 high."""
+"""Half the height of the picture in W; the picture has 40 pixels per W and is 180 pixels high."""
 
 
 def view_of(body: BodyConfig) -> View:
-    """The rear of the body and its wake: x and y limits in W."""
+    """Return the view of the body's rear and its wake: x and y limits in W."""
     return (
         round(body.length - _BEFORE_BASE, 9),
         round(body.length + _BEHIND_BASE, 9),
@@ -56,7 +56,7 @@ def view_of(body: BodyConfig) -> View:
 
 
 class LevelPicture:
-    """Draws a plant's vorticity as it is now; 0 inside the body.
+    """A picture of a plant's present vorticity; 0 inside the body.
 
     Attributes:
         view: x and y limits in W.
@@ -72,5 +72,5 @@ class LevelPicture:
         self.size = (_WIDTH, len(y))
 
     def levels(self) -> Levels:
-        """Levels of the present state, (height, width)."""
+        """Return the levels of the present state, (height, width)."""
         return field_levels(self._raster(np.asarray(self._wake.vorticity())) * self._flow)

@@ -1,1 +1,1 @@
-"""What every plant has in common: its protocol, its sample of a control period, the wind."""
+"""The common part of all plants: the protocol, the sample of a control period, the wind."""

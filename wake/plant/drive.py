@@ -1,11 +1,11 @@
-"""The stream in the course of time: the speed of a vehicle, by a shipped profile or a file of one's own, and gusts.
+"""The stream as a function of time: the speed of a vehicle, from a shipped profile or a user's file, and gusts.
 
-The plant computes in units of one speed U, the operating point's. At the speed v it is a free stream of v / U: Reynolds
-number and dynamic pressure follow, the viscosity, the size and the control period stay.
+The plant computes in units of one speed U, the operating point's. The speed v is a free stream of v / U: Reynolds
+number and dynamic pressure follow from it; viscosity, size and control period do not change.
 
-A gust is wind against the body that varies in time, the same everywhere far from it. It is the wind of a body whose
-speed through the air varies, in the body's own frame (`wake.solver.navier_stokes`), so that pressures stay relative to
-the free stream. Forces and pressures keep the unit of the mean U_inf.
+A gust is a wind against the body that varies in time and is uniform far from the body. It equals the wind of a body
+whose speed through the air varies, in the body's frame (`wake.solver.navier_stokes`), so that pressures remain relative
+to the free stream. Forces and pressures keep the unit of the mean U_inf.
 """
 
 import csv
@@ -22,17 +22,17 @@ from contract.config.plant import FlowConfig
 from contract.errors import ConfigError
 
 Wind = Callable[[float], float]
-"""Time in t_c to how much the wind exceeds U_inf, in U_inf."""
+"""A function of the time in t_c that returns the wind's excess over U_inf, in U_inf."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Gust:
-    """A sine about U_inf.
+    """A sinusoidal wind about U_inf.
 
     Attributes:
         amplitude: in U_inf.
         period, start: in t_c.
-        cycles: how many periods it lasts; a whole number, so that it ends at U_inf as it begins.
+        cycles: number of periods; a whole number, so that the gust begins and ends at U_inf.
     """
 
     amplitude: float
@@ -41,17 +41,17 @@ class Gust:
     cycles: float = inf
 
     def __call__(self, t: float) -> float:
-        """See `Wind`."""
+        """Return the excess, see `Wind`."""
         phase = (t - self.start) / self.period
         return self.amplitude * sin(2.0 * pi * phase) if 0.0 <= phase <= self.cycles else 0.0
 
 
 _HEADER: Final = ("t_s", "speed_m_per_s")
 MOST_RATIO: Final = 2.0
-"""Fastest of U: Re 1000. Beyond it the mesh no longer resolves the wake."""
+"""Largest ratio of a speed to U: Re 1000. At larger ratios the mesh does not resolve the wake."""
 _MOST_ROWS: Final = 100_000
 DESIGN_KM_PER_H: Final = 90.0
-"""Speed of the WLTC that is taken for U: at 25 m/s the profile is the cycle itself."""
+"""Speed of the WLTC that corresponds to U: with U = 25 m/s the profile is the cycle itself."""
 
 _WLTC: Final = """
 60.2 62.3 64.7 67.1 69.2 70.7 71.9 72.7 73.4 73.8 74.1 74.0 73.6 72.5 70.8 68.6 66.2 64.0 62.2 60.9 60.2 60.0 60.4 61.4
@@ -59,18 +59,18 @@ _WLTC: Final = """
 102.0 103.6 105.2 106.8 108.5 110.2 111.9 113.7 115.3 116.8 118.2 119.5 120.7 121.8 122.6 123.2 123.6 123.7 123.6 123.3
 123.0 122.5 122.1 121.5 120.8 120.0 119.1 118.1 117.1 116.2 115.5 114.9 114.5
 """
-"""km/h at 1 Hz: seconds 1512 to 1592 of the WLTC for class 3b, in its extra-high part (UN GTR No. 15, annex 1)."""
+"""Speeds in km/h at 1 Hz: seconds 1512 to 1592 of the WLTC, class 3b, extra-high part (UN GTR No. 15, annex 1)."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Drive:
-    """Speeds on straight lines between instants; before the first one and after the last one they stay.
+    """A speed that is linear between instants, and constant before the first and after the last instant.
 
     Attributes:
         name: of the profile or of its file.
         times: s, rising.
-        speeds: m/s, as many.
-        gust: of the air, which the vehicle's own speed does not show; in t_c of U from the drive's time 0.
+        speeds: m/s, one per instant.
+        gust: of the air, which is not part of the vehicle's speed; in t_c of U from the drive's time 0.
     """
 
     name: str
@@ -84,7 +84,7 @@ class Drive:
         return self.times[-1] - self.times[0]
 
     def speed(self, t_s: float) -> float:
-        """m/s at a time in s."""
+        """Return the speed in m/s at a time in s."""
         after = bisect_right(self.times, t_s)
         if after in (0, len(self.times)):
             return self.speeds[after and -1]
@@ -92,12 +92,12 @@ class Drive:
         return v0 + (v1 - v0) * (t_s - t0) / (t1 - t0)
 
     def after(self, seconds: float) -> "Drive":
-        """The same drive, so much later."""
+        """Return the drive delayed by `seconds`."""
         return replace(self, times=tuple(t + seconds for t in self.times))
 
     def wind(self, point: OperatingPoint, begin: float = 0.0) -> Wind:
-        """The excess of the stream over U, for a plant whose clock shows `begin` in t_c at the drive's time 0."""
-        # No closure, so that a plant with it can be pickled.
+        """Return the excess of the stream over U, for a plant whose clock shows `begin` (t_c) at the drive's start."""
+        # A partial is used in place of a closure, so that a plant with this wind can be pickled.
         return partial(self._exceeds, point, begin)
 
     def _exceeds(self, point: OperatingPoint, begin: float, t: float) -> float:
@@ -106,33 +106,33 @@ class Drive:
         return ahead if gust is None else ahead + gust(t - begin - self.times[0] / t_c)
 
     def substeps(self, flow: FlowConfig, point: OperatingPoint) -> FlowConfig:
-        """The flow's settings with as many more time steps as its fastest stream needs."""
+        """Return the flow's settings with enough time steps for the drive's fastest stream."""
         fastest = max(self.speeds) / point.speed + (0.0 if self.gust is None else self.gust.amplitude)
         return at_speed(flow, fastest)
 
 
 def at_speed(flow: FlowConfig, fastest: float) -> FlowConfig:
-    """The flow's settings with as many more time steps as a stream of so many times U needs."""
-    # 42 and not 43 for 30 times 1.4.
+    """Return the flow's settings with enough time steps for a stream of `fastest` times U."""
+    # The small number keeps rounding from turning 30 * 1.4 into 43 time steps; 42 are enough.
     return replace(flow, substeps=ceil(flow.substeps * max(1.0, fastest) - 1e-9))
 
 
 _PROFILES: Final[Mapping[str, Sequence[tuple[float, float]]]] = {
     **{f"steady-{percent}": ((0.0, percent / 100), (20.0, percent / 100)) for percent in range(60, 150, 10)},
-    # Held for 8 s each, 2 s from one to the next.
+    # Each speed is held for 8 s; the change to the next speed takes 2 s.
     "steps": [(10.0 * k + t, 0.6 + 0.2 * k) for k in range(5) for t in (0.0, 8.0)],
     "ramps": ((0.0, 0.6), (15.0, 1.4), (20.0, 1.4), (35.0, 0.6), (40.0, 0.6)),
     "wltc-high": [(float(t), float(v) / DESIGN_KM_PER_H) for t, v in enumerate(_WLTC.split())],
     "gusty-ramp": ((0.0, 0.8), (30.0, 1.2)),
 }
-"""Times in s and speeds in U by the name of a profile."""
+"""Pairs of time in s and speed in U, by the name of a profile."""
 PROFILES: Final = tuple(_PROFILES)
 _GUSTS: Final = {"gusty-ramp": Gust(amplitude=0.1, period=20.0)}
 
 
 def find_drive(text: str, point: OperatingPoint) -> Drive:
-    """The shipped profile of that name, or the file. Raises ConfigError if there is no such profile or file, or what is
-    in the file is no drive; names the line and the value."""
+    """Return the shipped profile with this name, or read the file. Raises ConfigError if there is no such profile or
+    file, or the file's content is not a drive; the message states the line and the value."""
     if text in _PROFILES:
         times, ratios = zip(*_PROFILES[text], strict=True)
         return Drive(name=text, times=times, speeds=tuple(r * point.speed for r in ratios), gust=_GUSTS.get(text))
@@ -142,7 +142,7 @@ def find_drive(text: str, point: OperatingPoint) -> Drive:
 
 
 def read_drive(path: Path, point: OperatingPoint) -> Drive:
-    """A drive from a CSV file with the columns of `_HEADER`; errors as of `find_drive`."""
+    """Read a drive from a CSV file with the columns of `_HEADER`; raises as `find_drive` does."""
     rows = list[tuple[float, float]]()
     try:
         with path.open(newline="", encoding="utf-8-sig") as file:

@@ -1,4 +1,4 @@
-"""What others need of a flow around a body; the own solver and OpenFOAM both give it."""
+"""Protocols of a flow around a body; the own solver and OpenFOAM both provide such a flow."""
 
 from typing import Any, Protocol, runtime_checkable
 
@@ -12,17 +12,17 @@ from wake.solver.grid import Grid
 
 
 class Plant(Protocol):
-    """What the loop needs of a flow."""
+    """The interface of a flow that the loop uses."""
 
     def sample(self) -> Sample:
-        """Measure now."""
+        """Return the present measurements."""
 
     def advance_to(self, substep: int, action: float | None = None) -> None:
-        """Advance within the control period; with an action, ramp so as to reach it at the period's end."""
+        """Advance within the control period; with an action, ramp so that the jets reach it at the period's end."""
 
 
 class LoopPlant(Plant, Protocol):
-    """What a run without pictures needs of a flow."""
+    """The interface of a flow that a run without pictures uses."""
 
     @property
     def layout(self) -> SensorLayout:
@@ -30,11 +30,11 @@ class LoopPlant(Plant, Protocol):
 
     @property
     def description(self) -> str:
-        """Solver, mesh and time step in a few words."""
+        """Description of solver, mesh and time step."""
 
 
 class Drawable(Protocol):
-    """What a picture needs of a flow."""
+    """The interface of a flow that a picture uses."""
 
     @property
     def grid(self) -> Grid: ...
@@ -51,22 +51,22 @@ class Drawable(Protocol):
         """Time in t_c."""
 
     def sample(self) -> Sample:
-        """Measure now."""
+        """Return the present measurements."""
 
     def vorticity(self) -> Array:
-        """The vorticity in the grid's inner corners, (nx - 1, ny - 1); units U_inf / W."""
+        """Return the vorticity in the grid's inner corners, (nx - 1, ny - 1); units U_inf / W."""
 
     def pressure(self) -> Array | None:
-        """Cp in the grid's cells, (nx, ny); None if the plant gives it on the walls only."""
+        """Return Cp in the grid's cells, (nx, ny); None if the plant has the pressure on the walls only."""
 
 
 class LivePlant(LoopPlant, Drawable, Protocol):
-    """What a run needs of a flow."""
+    """The interface of a flow that a run with pictures uses."""
 
 
 @runtime_checkable
 class Disturbable(Plant, Protocol):
-    """A flow that can be made another one while it runs; of these here the own solver."""
+    """A flow whose viscosity and wind can change during a run; of the plants here only the own solver."""
 
     config: FlowConfig
     wind: Wind | None
@@ -76,18 +76,18 @@ class Disturbable(Plant, Protocol):
         """Time in t_c."""
 
     def set_reynolds(self, reynolds: float) -> None:
-        """Go on with another viscosity."""
+        """Continue with another viscosity."""
 
 
 @runtime_checkable
 class Drivable(Disturbable, Protocol):
-    """A flow whose stream can be given another speed; of these here the own solver."""
+    """A flow whose stream can change its speed; of the plants here only the own solver."""
 
     def scale(self, ratio: float) -> None:
-        """Make the flow that of a stream so many times as fast."""
+        """Scale the flow to a stream of `ratio` times the speed."""
 
     def state(self) -> Any:
-        """What `reset` takes."""
+        """Return a state for `reset`."""
 
     def reset(self, state: Any) -> Sample:
-        """Go on from there, to the bit."""
+        """Continue from a state, bit for bit."""

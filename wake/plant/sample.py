@@ -1,4 +1,4 @@
-"""What a plant shows at one instant; kept apart from the plant, whose kernels take seconds to load."""
+"""The measurements of a plant at one instant, apart from the plant, whose compiled kernels take seconds to load."""
 
 from dataclasses import dataclass
 
@@ -8,7 +8,7 @@ from contract.ledger import DragLedger
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Sample(DragLedger[float]):
-    """What the plant shows at one instant: the drag ledger and what else is measured.
+    """The measurements of a plant at one instant: the drag ledger and the fields below.
 
     Attributes:
         t: time in t_c.

@@ -1,1 +1,1 @@
-"""Recording data sets: what the jets do, episodes block by block, side by side, under a controller."""
+"""Recording data sets: jet signals, episodes in blocks, parallel recording, and recording under a controller."""

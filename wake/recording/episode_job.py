@@ -1,4 +1,4 @@
-"""One episode of a recording: all that a process needs to record it, block by block, a controller among it."""
+"""The job of recording one episode block by block: all data that a process needs for it, including a controller."""
 
 import hashlib
 import platform
@@ -24,30 +24,30 @@ from wake.truck.truck_wake import TruckWake
 
 
 class Policy(Protocol):
-    """A feedback controller without hidden state: its memory is an array that others store.
+    """A feedback controller without hidden state: its memory is an array that the caller stores.
 
     So a recording can be stopped at any step and continued in another process.
     """
 
     def start(self) -> Array:
-        """The memory before the first sample."""
+        """Return the memory before the first sample."""
 
     def step(self, memory: Array, Cp: Array, action: float) -> tuple[float, Array]:
-        """The command at t_k and the memory after it, a new array. Raises StillwakeError if there is no answer.
+        """Compute the command at t_k and the new memory, another array. Raises StillwakeError if there is no command.
 
         Args:
-            memory: as the step before left it.
+            memory: result of the previous step.
             Cp: wall pressures at t_k, (90,).
-            action: in force at t_k, a_{k-1} as it acted, in U_inf W.
+            action: in force at t_k, a_{k-1} after clipping, in U_inf W.
         """
 
 
 PolicyFactory = Callable[[], Policy]
-"""Makes a policy in the process that records; must be picklable."""
+"""A function that builds a policy in the recording process; it must be picklable."""
 
 
 class NoFeedback:
-    """Commands nothing."""
+    """A policy that commands no action."""
 
     def start(self) -> Array:
         return np.empty(0)
@@ -57,19 +57,19 @@ class NoFeedback:
 
 
 EpisodeProgress = Callable[[str, int, int], None]
-"""Called with (episode, steps done, steps in all)."""
+"""A function that is called with (episode, steps done, total steps)."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class EpisodeJob:
-    """What it takes to record one episode, in this process or in another that shares the folder.
+    """All data for recording one episode, in this process or in another process that shares the folder.
 
     Attributes:
-        owner: token of the call of `record` that this belongs to; work stops when another has taken the folder over.
+        owner: token of the job's call of `record`; work stops when another call has taken over the folder.
         block_steps: control steps between two writes to disk.
-        setting: what every sample depends on; see `setting_of`.
-        policy: makes the controller; without one, the plan's signal is all that drives the jets.
-        start: file of the flow state in which the lead begins, by its absolute path; None for the shipped one.
+        setting: all settings that the samples depend on; see `setting_of`.
+        policy: builds the controller; without a controller, only the plan's signal drives the jets.
+        start: absolute path of the flow state in which the lead begins; None for the shipped state.
     """
 
     parts: PartsFolder
@@ -88,9 +88,9 @@ class EpisodeJob:
         )
 
     def run(self, wake: TruckWake | None = None, progress: EpisodeProgress = lambda name, done, total: None) -> None:
-        """Record what is missing; `wake` is built if not given. Raises StillwakeError if this process does not find the
-        folder, a block cannot be written, this process has other versions or another start than the one that began the
-        recording, or another call took over; PlantError if the flow diverges."""
+        """Record the missing blocks; `wake` is built if not given. Raises StillwakeError if this process does not find
+        the folder, a block cannot be written, this process has other versions or another start than the process that
+        began the recording, or another call has taken over; PlantError if the flow diverges."""
         if not self.parts.is_owned_by(self.owner):
             raise StillwakeError(f"{platform.node()} does not find {self.parts.path}: it must lie on a shared folder")
         mine = setting_of(self.config, self.plan.packages, self.start)
@@ -120,7 +120,7 @@ class EpisodeJob:
             progress(plan.name, first, plan.steps)
 
     def episode(self) -> Episode:
-        """The finished episode."""
+        """Read the finished episode."""
         return Episode(
             name=self.plan.name,
             role=self.plan.role,
@@ -131,20 +131,20 @@ class EpisodeJob:
 
     @property
     def provenance(self) -> dict[str, Any]:
-        """What the data set keeps of how the episode was made, as plain JSON."""
+        """The provenance of the episode that the data set stores, as plain JSON."""
         return {**self.setting, **self.plan.provenance}
 
 
 def setting_of(config: Config, packages: tuple[str, ...] = (), start: Path | None = None) -> dict[str, Any]:
-    """Everything but the plan that decides the samples, as plain JSON; with the versions of `packages` as well. Raises
-    PlantError if the file of the start cannot be read."""
+    """Return everything but the plan that determines the samples, as plain JSON, including the versions of `packages`.
+    Raises PlantError if the file of the start cannot be read."""
     return {
         "body": asdict(config.body),
-        # The grid holds more than its refinement, and is in every recording that was made before there was one.
+        # The entry of the grid says more than its refinement, and older recordings have this entry but no refinement.
         "flow": {name: value for name, value in asdict(config.flow).items() if name != "refinement"},
         "forcing": asdict(config.forcing),
         "grid": list(box_grid(config.body.length, config.flow.refinement).shape),
-        # The path is of one machine: name and hash identify the state.
+        # The file's name and its hash identify the state; the path is valid on one machine only.
         "start": (developed() if start is None else start).name,
         "start_sha256": _sha256(developed() if start is None else start),
         "versions": {
@@ -155,7 +155,7 @@ def setting_of(config: Config, packages: tuple[str, ...] = (), start: Path | Non
 
 
 def check_start(config: Config, start: Path | None) -> None:
-    """Raise PlantError if a plant of this configuration cannot begin in that state; known before a plant is built."""
+    """Raise PlantError if a plant of this configuration cannot start in that state, before a plant is built."""
     origin = _state_in(start).origin
     if origin is not None:
         check_body(origin, config.body)
@@ -177,10 +177,9 @@ def _state_in(start: Path | None) -> State:
 def _advance(
     wake: TruckWake, sample: Sample, policy: Policy, memory: Array, signal: Array
 ) -> tuple[Series, Sample, Array]:
-    """Samples of a block that begins with `sample`, the one after it, and the policy's memory then.
+    """Return the samples of a block from `sample` on, the sample after the block, and the policy's memory then.
 
-    What acts is the policy's command plus the signal, cut to the action limit; the policy gets it as the action in
-    force one step later.
+    The action in force is the policy's command plus the signal, clipped; the policy receives it one step later.
     """
     rows: list[Sample] = []
     actions = np.empty(len(signal))
@@ -191,5 +190,5 @@ def _advance(
         actions[k] = np.clip(command + added, -limit, limit)
         sample = wake.advance(float(actions[k]))
     series = {name: np.array([getattr(row, name) for row in rows]) for name in UNITS}
-    # A sample holds the action in force when it was taken, a recording the one commanded then.
+    # A sample holds the action in force at its time; a recording holds the action commanded at that time.
     return series | {"action": actions}, sample, memory

@@ -1,4 +1,4 @@
-"""Plans of episodes: what every one holds, and which ones a forced recording consists of."""
+"""Plans of episodes: the common interface, and the episodes of a forced recording."""
 
 from dataclasses import Field, dataclass
 from typing import Any, ClassVar, Final, Protocol
@@ -12,12 +12,12 @@ from wake.recording.forcing import SIGNALS, ForcingName
 
 
 class Plan(Protocol):
-    """One episode to record; a dataclass whose fields no other one of the recording shares."""
+    """The plan of one episode: a dataclass whose field values are unique in the recording."""
 
     __dataclass_fields__: ClassVar[dict[str, Field[Any]]]
 
     packages: ClassVar[tuple[str, ...]]
-    """Packages that decide the samples as well as those of the flow solver."""
+    """Packages, besides those of the flow solver, whose versions the samples depend on."""
 
     @property
     def name(self) -> str:
@@ -25,11 +25,11 @@ class Plan(Protocol):
 
     @property
     def role(self) -> Role:
-        """What the episode is used for."""
+        """The use of the episode: training or a test."""
 
     @property
     def steps(self) -> int:
-        """Control steps."""
+        """Number of control steps."""
 
     @property
     def lead(self) -> int:
@@ -37,10 +37,10 @@ class Plan(Protocol):
 
     @property
     def provenance(self) -> dict[str, Any]:
-        """What the data set keeps of the plan, as plain JSON."""
+        """The facts of the plan that the data set stores, as plain JSON."""
 
     def signal(self, config: Config) -> npt.NDArray[np.float64]:
-        """What is added to the policy's command at every control step, (steps,), in U_inf W."""
+        """Return the signal that is added to the policy's command at every control step, (steps,), in U_inf W."""
 
 
 _ROLES: Final[dict[ForcingName, Role]] = {
@@ -56,11 +56,10 @@ SHEDDING_PERIOD: Final = 24
 
 @dataclass(frozen=True, kw_only=True)
 class EpisodePlan:
-    """One episode to record.
+    """The plan of one episode with open-loop forcing.
 
     Attributes:
-        lead: control steps without forcing from the developed start to the first sample, so that episodes begin in
-            different phases of the shedding cycle.
+        lead: control steps without forcing before the first sample, so that episodes begin in different phases.
     """
 
     forcing: ForcingName
@@ -68,11 +67,12 @@ class EpisodePlan:
     seed: int
     lead: int = 0
     packages: ClassVar[tuple[str, ...]] = ()
-    """Packages that decide the samples as well as those of the flow solver."""
+    """Packages, besides those of the flow solver, whose versions the samples depend on."""
 
     @property
     def role(self) -> Role:
-        """The paper tests on the chirp and trains on the rest; its appendix A adds the extended chirp."""
+        """The role in the paper, which tests on the chirp and trains on the rest; its appendix A adds the extended
+        chirp."""
         return _ROLES[self.forcing]
 
     @property
@@ -81,21 +81,21 @@ class EpisodePlan:
 
     @property
     def provenance(self) -> dict[str, Any]:
-        """What the data set keeps of the plan, as plain JSON."""
+        """The facts of the plan that the data set stores, as plain JSON."""
         return {"forcing_signal": self.forcing, "seed": self.seed, "lead_steps": self.lead}
 
     def signal(self, config: Config) -> npt.NDArray[np.float64]:
-        """Actions of every control step, (steps,), in U_inf W."""
+        """Return the action of every control step, (steps,), in U_inf W."""
         return SIGNALS[self.forcing](self.steps, config.forcing, config.flow, np.random.default_rng(self.seed))
 
 
 def paper_plans(seed: int = 1) -> tuple[EpisodePlan, ...]:
-    """The paper's data set (section 2.1, appendix A): 50,000 + 2,500 steps to train on, 10,000 of the chirp, 10,000 of
-    the extended chirp.
+    """Return the plans of the paper's data set (section 2.1, appendix A): 50,000 + 2,500 steps for training, 10,000 of
+    the chirp, 10,000 of the extended chirp.
 
     The training steps are split into independent episodes with seeds `seed`, `seed` + 1, ... that start at phases
-    spread evenly over a shedding cycle: they can be recorded side by side, and differ in more than their forcing.
-    A chirp cannot be split, because its duration decides how fast it sweeps.
+    spread evenly over a shedding cycle. So they can be recorded in parallel, and differ in more than their forcing. A
+    chirp cannot be split, because its sweep rate depends on its duration.
     """
     count = _PAPER_TRAINING_EPISODES
     training = (

@@ -1,5 +1,4 @@
-"""Open-loop forcing signals, sampled at the control period (paper, section 2.1), and the exploration noise under a
-controller.
+"""Open-loop forcing signals, sampled at the control period (paper, section 2.1), and exploration noise.
 
 Every forcing signal is a pure function of its settings, its length and a random generator, normalised to [-1, 1] and
 scaled to the action limit.
@@ -19,14 +18,14 @@ ForcingName = Literal["training", "chirp", "extended_chirp", "none"]
 
 
 def training(steps: int, forcing: ForcingConfig, flow: FlowConfig, rng: np.random.Generator) -> Array:
-    """The training waveform: a carrier near the shedding frequency whose frequency wanders with low-pass filtered
-    noise and whose amplitude follows a slow sinusoid; clipped. Shape (steps,), in U_inf W.
+    """Compute the training waveform, (steps,), in U_inf W. Its carrier is near the shedding frequency and wanders with
+    low-pass filtered noise; its amplitude follows a slow sinusoid; the result is clipped.
 
     The noise is filtered by a second-order Butterworth low-pass and normalised by its largest magnitude. The envelope
-    reaches 1 + depth, so that the signal clips at its strongest: that is where full amplitude is explored.
+    reaches 1 + depth, so that the strongest part of the signal is clipped and explores the full amplitude.
     """
     dt = flow.control_period
-    # The filter starts at rest: its transient, a few cut-off periods, is thrown away.
+    # The filter starts at zero; its transient of a few cut-off periods is discarded.
     settle = int(4.0 / (forcing.modulation_cutoff * dt))
     lowpass = butter(2, forcing.modulation_cutoff, fs=1.0 / dt, output="sos")
     eta = sosfilt(lowpass, rng.standard_normal(settle + steps))[settle:]
@@ -40,20 +39,20 @@ def training(steps: int, forcing: ForcingConfig, flow: FlowConfig, rng: np.rando
 
 
 def chirp(steps: int, forcing: ForcingConfig, flow: FlowConfig, rng: np.random.Generator) -> Array:
-    """A linear sweep at full amplitude from `chirp_start` to `chirp_end`; shape (steps,), in U_inf W."""
+    """Compute a linear sweep at full amplitude from `chirp_start` to `chirp_end`; shape (steps,), in U_inf W."""
     del rng
     return _sweep(steps, forcing.chirp_start, forcing.chirp_end, flow)
 
 
 def extended_chirp(steps: int, forcing: ForcingConfig, flow: FlowConfig, rng: np.random.Generator) -> Array:
-    """A linear sweep at full amplitude from `extended_chirp_start` to `extended_chirp_end`; shape (steps,)."""
+    """Compute a linear sweep at full amplitude from `extended_chirp_start` to `extended_chirp_end`; shape (steps,)."""
     del rng
     return _sweep(steps, forcing.extended_chirp_start, forcing.extended_chirp_end, flow)
 
 
 def sine(steps: int, flow: FlowConfig, *, amplitude: float, frequency: float) -> Array:
-    """A sine of one frequency in 1/t_c, from zero upwards; shape (steps,), in U_inf W. Raises ConfigError for an
-    amplitude beyond the bound, or a frequency that is not positive or that control steps cannot follow."""
+    """Compute a sine of one frequency in 1/t_c, from zero upwards; shape (steps,), in U_inf W. Raises ConfigError for
+    an amplitude above the bound, or a frequency that is not positive or above the control steps' Nyquist frequency."""
     if not 0.0 <= amplitude <= flow.action_limit:
         raise ConfigError(f"amplitude = {amplitude}: must be between 0 and {flow.action_limit}")
     highest = 0.5 / flow.control_period
@@ -64,11 +63,11 @@ def sine(steps: int, flow: FlowConfig, *, amplitude: float, frequency: float) ->
 
 
 def exploration(steps: int, forcing: ForcingConfig, flow: FlowConfig, rng: np.random.Generator, *, rms: float) -> Array:
-    """Coloured noise to add to a controller's commands; shape (steps,), in U_inf W.
+    """Compute coloured noise to add to a controller's commands; shape (steps,), in U_inf W.
 
-    An Ornstein-Uhlenbeck process sampled every control period: Gaussian, stationary from the first step on, with
-    autocorrelation exp(-lag / `exploration_time`). A longer signal begins with the shorter one of the same seed. It is
-    not clipped: the command that it is added to is. `rms` is a fraction of the action limit.
+    It is an Ornstein-Uhlenbeck process sampled every control period: Gaussian, stationary from the first step on, with
+    autocorrelation exp(-lag / `exploration_time`). For one seed, a longer signal begins with the shorter signal. The
+    noise is not clipped; the sum of command and noise is. `rms` is a fraction of the action limit.
     """
     kept = np.exp(-flow.control_period / forcing.exploration_time)
     white = rng.standard_normal(steps)
@@ -78,7 +77,7 @@ def exploration(steps: int, forcing: ForcingConfig, flow: FlowConfig, rng: np.ra
 
 
 def none(steps: int, forcing: ForcingConfig, flow: FlowConfig, rng: np.random.Generator) -> Array:
-    """No forcing; shape (steps,)."""
+    """Return zeros of shape (steps,): no forcing."""
     del forcing, flow, rng
     return np.zeros(steps)
 

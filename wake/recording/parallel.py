@@ -1,4 +1,4 @@
-"""Episodes side by side: workers record, this process watches the folder they share."""
+"""Parallel recording of episodes: workers record, and this process watches the folder that they share."""
 
 from collections.abc import Callable, Mapping, Sequence
 
@@ -15,11 +15,11 @@ def run_parallel(
     progress: EpisodeProgress,
     notice: Callable[[str], None],
 ) -> None:
-    """Record the jobs, the longest first, one to a worker at a time; an episode whose worker dies continues from its
-    last block. Arguments and errors as `contract.side_by_side.spread` has them.
+    """Record the jobs, the longest first, one per worker at a time; an episode whose worker dies continues from its
+    last block. Arguments and errors as for `contract.side_by_side.spread`.
 
     Args:
-        progress: called for every episode that has got further.
+        progress: called for every episode with new steps.
         notice: called with a line when a worker was lost or joined.
     """
     done = {job.plan.name: job.blocks.finished for job in jobs}

@@ -1,12 +1,11 @@
-"""A recording on disk that is not finished: which one it is, which call works on it, and its episodes block by block.
+"""An unfinished recording on disk: its settings, the call that works on it, and its episodes block by block.
 
-`task.json` in the folder holds the recording's settings, so that only a call with the same ones continues it. `owner`
-holds the call's token while one works; a worker that no longer finds its own there stops.
+`task.json` in the folder holds the recording's settings, so that only a call with equal settings continues it. `owner`
+holds the token of the call that works on it; a worker stops when it finds another token there.
 
 A block is one file of samples, and next to it the state at its end: the flow and the policy's memory. The state is
-written first, so that a block which is there can be continued; the state of an earlier block is then no longer needed.
-Every file is there and whole or not there at all, so a recording that was stopped at any instant continues without a
-seam.
+written before the samples, so that every complete block can be continued; then the state of an earlier block is no
+longer needed. A file is either complete or absent, so a stopped recording continues as if it had not been stopped.
 """
 
 import io
@@ -30,40 +29,40 @@ from wake.truck.state import State
 
 @dataclass(frozen=True)
 class PartsFolder:
-    """Unfinished work of one output file; a folder an episode lies in it."""
+    """The unfinished work for one output file; each episode has a folder in it."""
 
     path: Path
 
     @classmethod
     def for_output(cls, output: Path) -> "PartsFolder":
-        """The folder for the recording `output`. Its path is absolute: workers may run in another folder."""
+        """Return the folder for `output`. Its path is absolute, because workers may run in another folder."""
         output = output.absolute()
         return cls(output.with_name(output.name + ".parts"))
 
     def claim(self, task: Mapping[str, Any], owner: str) -> None:
-        """Make the folder this call's. Raises StillwakeError if it holds parts of another recording. `task` is the
-        recording's settings, as plain JSON."""
+        """Make this call the owner of the folder. Raises StillwakeError if it holds parts of another recording. `task`
+        is the recording's settings, as plain JSON."""
         shutil.rmtree(self._done, ignore_errors=True)
         if self.path.is_dir() and any(path.is_dir() for path in self.path.iterdir()):
             self._check(task)
         else:
-            # Nothing is recorded yet, whatever an earlier call was to record.
+            # Nothing is recorded yet, so the settings of an earlier call are replaced.
             with replacing(self._label) as temporary:
                 temporary.write_text(json.dumps(task, sort_keys=True))
         with replacing(self._owner) as temporary:
             temporary.write_text(owner)
 
     def is_owned_by(self, owner: str) -> bool:
-        """Whether the call with this token works on it; also False if the folder cannot be read from here."""
+        """Return whether the call with this token owns the folder; also False if the folder cannot be read here."""
         try:
             return self._owner.read_text() == owner
         except OSError:
             return False
 
     def disown(self, owner: str) -> None:
-        """End the work of the call with this token. A folder in which nothing is recorded goes with it.
+        """End the ownership of the call with this token, and remove the folder if nothing is recorded in it.
 
-        Where another call has taken over since, nothing changes.
+        If another call has taken over since, nothing changes.
         """
         if not self.is_owned_by(owner):
             return
@@ -73,11 +72,11 @@ class PartsFolder:
 
     @property
     def has_samples(self) -> bool:
-        """Whether a block of any episode is there, so that something can be continued."""
+        """Whether a block of any episode exists, so that something can be continued."""
         return any(not path.name.endswith(".state.npz") for path in self.path.glob("*/[0-9]*.npz"))
 
     def task(self) -> dict[str, Any] | None:
-        """The settings of its recording; None without a label that can be read."""
+        """Read the settings of the recording; None if they cannot be read."""
         try:
             task: dict[str, Any] = json.loads(self._label.read_text())
         except (OSError, ValueError):
@@ -85,7 +84,7 @@ class PartsFolder:
         return task
 
     def clear(self) -> None:
-        """Remove what is no longer needed; a call that is killed meanwhile leaves all of it or nothing."""
+        """Remove the folder; if the call is killed meanwhile, either all of it remains or nothing."""
         shutil.rmtree(self._done, ignore_errors=True)
         self.path.replace(self._done)
         shutil.rmtree(self._done)
@@ -114,14 +113,15 @@ class PartsFolder:
 
 
 def differing(a: Mapping[str, Any], b: Mapping[str, Any]) -> str:
-    """Names of the entries that are not equal, listed."""
+    """List the names of the entries that are not equal."""
     return ", ".join(sorted(key for key in a.keys() | b.keys() if a.get(key) != b.get(key)))
 
 
 Series = Mapping[str, npt.NDArray[np.float64]]
 
 _KEPT_STATES: Final = 2
-"""One would do; the second is for a recording that starts while an orphan of an earlier one ends its last block."""
+"""Number of stored states. One is enough for continuing; the second covers a recording that starts while an orphaned
+worker of an earlier recording finishes its last block."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -134,15 +134,15 @@ class EpisodeBlocks:
 
     @property
     def finished(self) -> int:
-        """Control steps in blocks that are there without a gap from the first on."""
+        """Number of control steps in the blocks that follow one another without a gap from the first block on."""
         done = 0
         while done < self.steps and self._samples(done).is_file():
             done = min(done + self.block_steps, self.steps)
         return done
 
     def add(self, series: Series, end: State, memory: npt.NDArray[np.float64]) -> None:
-        """Write the next block, with the flow's state and the policy's memory at its end. Raises StillwakeError if it
-        cannot be written; earlier blocks stay."""
+        """Write the next block, with the flow's state and the policy's memory at its end. Raises StillwakeError if the
+        block cannot be written; earlier blocks remain."""
         first = self.finished
         _save(self._state(first), flat=end.flat, substep=end.substep, action=end.action, memory=memory)
         _save(self._samples(first), **series)
@@ -150,14 +150,14 @@ class EpisodeBlocks:
             old.unlink(missing_ok=True)
 
     def end(self) -> tuple[State, npt.NDArray[np.float64]]:
-        """The flow and the policy's memory at the end of the last finished block; there must be one."""
+        """Read the flow and the policy's memory at the end of the last finished block, which must exist."""
         first = (self.finished - 1) // self.block_steps * self.block_steps
         data = _load(self._state(first), ("flat", "substep", "action", "memory"))
         state = State(flat=data["flat"], substep=int(data["substep"]), action=float(data["action"]))
         return state, data["memory"]
 
     def series(self) -> Series:
-        """Samples of all blocks; the episode must be finished."""
+        """Read the samples of all blocks; the episode must be finished."""
         blocks = [_load(self._samples(first), UNITS) for first in range(0, self.steps, self.block_steps)]
         return {name: np.concatenate([block[name] for block in blocks]) for name in UNITS}
 
@@ -169,7 +169,7 @@ class EpisodeBlocks:
 
 
 def _save(path: Path, **arrays: Any) -> None:
-    # Packed in memory: a zip file that meets a full disk fails again when it is closed.
+    # The file is built in memory: a zip file that meets a full disk fails a second time when it is closed.
     image = io.BytesIO()
     np.savez(image, **arrays)
     with replacing(path) as temporary, temporary.open("wb") as file:

@@ -1,7 +1,7 @@
-"""Recording a data set: episodes one after the other or side by side, then one HDF5 file.
+"""Recording a data set: episodes one after another or in parallel, then one HDF5 file.
 
-A round is added to a data set: episodes where a controller lives, or where it shall lead. A recording that is whole
-already is found, and one of another kind in its place refused.
+A round adds episodes to a data set: episodes under a controller, or episodes that begin near the steady wake. If the
+output is already a complete recording, it is left unchanged; if it is another recording, the call fails.
 """
 
 import json
@@ -26,14 +26,14 @@ from wake.recording.parts_folder import PartsFolder
 from wake.truck.truck_wake import TruckWake
 
 _NOT_COMPARED: Final = "versions"
-"""Versions of the software are not compared: a recording is the same whichever version made it."""
+"""The entry with the software's versions, which is not compared: a recording is valid whichever version wrote it."""
 
 
 def is_finished(output: Path, jobs: Sequence[EpisodeJob]) -> bool:
-    """Whether the file holds all episodes of these jobs, made with the same settings; False if there is no file.
+    """Return whether the file holds all episodes of the jobs, recorded with equal settings; False if there is no file.
 
-    Rounds that were added to it under a controller do not count. Raises OutputError if there is a file, but not of this
-    recording; the message names the first difference.
+    Rounds that were added to the file under a controller do not count. Raises OutputError if the file is another
+    recording; the message states the first difference.
     """
     if not output.exists():
         return False
@@ -51,7 +51,7 @@ _WAYS: Final = "give --overwrite to replace it, or another name"
 
 
 def _difference(there: Sequence[Episode], jobs: Sequence[EpisodeJob]) -> str | None:
-    """The first thing in which the episodes differ from what the jobs would record."""
+    """Describe the first difference between the episodes and the jobs; None if there is none."""
     by_name = {episode.name: episode for episode in there}
     for job in jobs:
         plan, episode = job.plan, by_name.pop(job.plan.name, None)
@@ -62,7 +62,7 @@ def _difference(there: Sequence[Episode], jobs: Sequence[EpisodeJob]) -> str | N
         made, wanted = dict(episode.provenance), json.loads(json.dumps(job.provenance))
         made.pop(_NOT_COMPARED, None)
         if made.get("start_sha256") == wanted.get("start_sha256"):
-            # The same state, whatever its file was called.
+            # The states are equal, so the names of their files do not matter.
             made.pop("start", None)
         difference = _first("", made, wanted)
         if difference:
@@ -72,7 +72,7 @@ def _difference(there: Sequence[Episode], jobs: Sequence[EpisodeJob]) -> str | N
 
 
 def _first(name: str, there: Any, here: Any) -> str | None:
-    """The first entry with two values; one that another version did not keep is passed over."""
+    """Describe the first entry with two different values; entries that only one side has are skipped."""
     if isinstance(there, Mapping) and isinstance(here, Mapping):
         common = sorted(there.keys() & here.keys())
         differences = (_first(f"{name}.{key}".lstrip("."), there[key], here[key]) for key in common)
@@ -98,31 +98,28 @@ def record(
 ) -> bool:
     """Record every plan from the start and write the data set.
 
-    Unfinished work is kept in `<output>.parts` and continued by the next call with the same plans and settings. A data
-    set that is there already, of the same plans and settings, is left as it is. Returns whether anything was written;
-    False if the data set was there already.
+    Unfinished work is stored in `<output>.parts`, and the next call with the same plans and settings continues it. An
+    existing data set of the same plans and settings is left unchanged. Returns whether a file was written.
 
     Args:
         plans: episodes, in the order they will have in the file.
-        workers: processes on this machine; with 1, episodes follow one another in this process.
-        scheduler: address of a dask scheduler whose workers record instead; they must have `output`'s folder under
-            the same path.
+        workers: processes on this machine; with 1, episodes are recorded one after another in this process.
+        scheduler: address of a dask scheduler whose workers record instead; they need `output`'s folder at its path.
         progress: called for every episode at the start, and then after its blocks.
         notice: called with a line when a worker was lost or joined.
         block_steps: control steps between two writes to disk.
-        start: file of the flow state in which episodes begin; the shipped one if None. Workers read it at its path.
-        overwrite: replace a file that is there, when the new one is whole.
+        start: file of the flow state in which episodes begin; the shipped state if None. Workers read it at this path.
+        overwrite: replace an existing file once the new file is complete.
 
     Raises:
-        OutputError: if there is a file of other plans or settings, and it is not to be replaced.
-        StillwakeError: if the output cannot be written, the parts there belong to other plans or settings, or workers
-            fail.
+        OutputError: if there is a file of other plans or settings, and `overwrite` is False.
+        StillwakeError: if the output cannot be written, stored parts have other plans or settings, or workers fail.
         PlantError: if the flow diverges.
     """
     wanted = jobs_for(output, plans, config, block_steps=block_steps, start=start)
     if not overwrite and is_finished(output, wanted):
         if wanted[0].parts.task() == task_of(wanted):
-            # Left by a call that was killed between writing the file and clearing up.
+            # An earlier call may have been killed after it wrote the file and before it removed its parts.
             wanted[0].parts.clear()
         return False
     with finished_jobs(
@@ -145,7 +142,7 @@ def jobs_for(
     policy: PolicyFactory = NoFeedback,
     start: Path | None = None,
 ) -> tuple[EpisodeJob, ...]:
-    """The work of one call; nothing is written yet. Raises PlantError if it cannot begin in the start."""
+    """Return the jobs of one call; nothing is written yet. Raises PlantError if a plant cannot begin in the start."""
     start = None if start is None else start.absolute()
     check_start(config, start)
     parts, owner, setting = (
@@ -169,7 +166,7 @@ def jobs_for(
 
 
 def task_of(jobs: Sequence[EpisodeJob]) -> dict[str, Any]:
-    """The settings by which a recording's parts differ from another's, as plain JSON."""
+    """Return the settings that distinguish the parts of one recording from another recording's, as plain JSON."""
     return {"plans": [asdict(job.plan) for job in jobs], "block_steps": jobs[0].block_steps, **jobs[0].setting}
 
 
@@ -182,7 +179,7 @@ def finished_jobs(
     progress: EpisodeProgress,
     notice: Callable[[str], None],
 ) -> Iterator[Sequence[EpisodeJob]]:
-    """Record what is missing of jobs from one call, yield them to be kept, and clear their parts away if they were.
+    """Record the missing blocks of a call's jobs, yield the jobs to be stored, and remove their parts on success.
 
     Arguments and errors are those of `record`.
     """
@@ -198,14 +195,14 @@ def finished_jobs(
             for job in unfinished:
                 job.run(wake, progress)
         else:
-            # Needed only here: one process records without dask.
+            # The import is here, because a recording in one process needs no dask.
             from wake.recording.parallel import run_parallel
 
             run_parallel(unfinished, workers=workers, scheduler=scheduler, progress=progress, notice=notice)
     finally:
         parts.disown(jobs[0].owner)
         for folder in missing:
-            # Stays unless it is empty.
+            # A folder that is not empty remains.
             with suppress(OSError):
                 folder.rmdir()
     yield jobs
@@ -217,10 +214,10 @@ _FACTS = ("flow", "grid")
 
 
 class Round(Protocol):
-    """Episodes that are added together, such as `ControlledRound` and `CalmRound`."""
+    """A group of episodes that is added to a data set at once, such as `ControlledRound` and `CalmRound`."""
 
     def plans(self, number: int) -> Sequence[Plan]:
-        """The episodes of round `number`; their provenance holds it as "round"."""
+        """Return the plans of round `number`; their provenance holds the number as "round"."""
 
 
 def record_round(
@@ -236,16 +233,16 @@ def record_round(
     block_steps: int = BLOCK_STEPS,
     start: Path | None = None,
 ) -> int:
-    """Record a round and add its episodes to a data set, which is made if there is none.
+    """Record a round and add its episodes to a data set, which is created if it does not exist.
 
-    The round's number is one more than the highest in the file, so that a second call adds new data and repeats none. A
-    call that was stopped is continued by the next one, at whatever instant that was: stopped between adding its round
-    and clearing its parts away, it only does the latter. Raises DatasetError if the file is no data set, or was
-    recorded with another schema or flow; before anything is recorded; StillwakeError, PlantError as
-    `wake.recording.recorder.record` does, or what the controller raises. Returns the round's number.
+    The round's number is one more than the highest number in the file, so that a second call adds new data. The next
+    call continues an interrupted call. If the interrupted call had already added its round, the next call only removes
+    the parts. Before anything is recorded, raises DatasetError if the file is no data set, or was recorded with another
+    schema or flow. Raises StillwakeError and PlantError as `wake.recording.recorder.record` does, or the controller's
+    error. Returns the round's number.
 
     Args:
-        policy: makes the controller in each recording process; without one, the plans' signals are all that acts.
+        policy: builds the controller in each recording process; without it, only the plans' signals act.
         workers, scheduler, progress, notice, block_steps, start: as for `wake.recording.recorder.record`.
     """
     jobs = partial(jobs_for, output, config=config, block_steps=block_steps, policy=policy, start=start)
@@ -269,11 +266,11 @@ def record_round(
 
 
 def _added(jobs: Sequence[EpisodeJob], there: Sequence[Episode]) -> bool:
-    """Whether parts of these jobs are left over although their episodes are in the data set."""
+    """Return whether parts of these jobs still exist although the data set holds their episodes."""
     if jobs[0].parts.task() != task_of(jobs) or any(job.blocks.finished < job.plan.steps for job in jobs):
         return False
     by_name = {episode.name: episode for episode in there}
-    # Actions are stored in full, and no two recordings have the same.
+    # Actions are stored in full precision, and no two recordings have equal actions.
     return all(
         job.plan.name in by_name
         and np.array_equal(by_name[job.plan.name].series["action"], job.blocks.series()["action"])

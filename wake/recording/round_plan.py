@@ -1,10 +1,10 @@
 """Rounds of episodes that are added to a data set: under a controller, or from the steady wake.
 
-A data set grows by what the controller of the round before runs into (DAgger: Ross, Gordon and Bagnell 2011).
+A data set grows by the states that the last round's controller reaches (DAgger: Ross, Gordon and Bagnell 2011).
 
-Forced or controlled episodes of the developed wake never come near the steady symmetric one: what a model learns from
-them does not hold for how small disturbances grow there. Calm episodes begin there, are disturbed by small random
-actions, each by another amplitude, and show the wake on its way up to shedding.
+Forced or controlled episodes of the developed wake never come near the steady symmetric wake, so a model trained on
+them is wrong about the growth of small disturbances there. Calm episodes begin at the steady wake, are disturbed by
+small random actions of a different amplitude each, and show the growth from the steady wake to shedding.
 """
 
 from collections.abc import Mapping
@@ -26,18 +26,18 @@ CalmRole = Literal["train", "calm"]
 
 @dataclass(frozen=True, kw_only=True)
 class RoundPlan:
-    """One episode to record.
+    """The plan of one episode of a round.
 
     Attributes:
-        kind: "controlled" from the developed wake, "calm" from the steady one; also the role of what is held out.
-        round: which addition to the data set it belongs to, from 1.
+        kind: "controlled" from the developed wake, "calm" from the steady wake; also the role of held-out episodes.
+        round: number of the addition to the data set, from 1.
         episode: its number in the round, from 0.
-        level: rms of the random action that is added to the controller's commands, if there is one: as a fraction of
-            the action limit, and of a calm episode in U_inf W.
+        level: rms of the random action that is added to the controller's commands, if there is a controller. It is a
+            fraction of the action limit; for a calm episode it is in U_inf W.
         role: "train", or the kind to hold it out.
-        seed: with round, episode and role it fixes the random action; so no two rounds repeat one another.
+        seed: with round, episode and role it determines the random action, so that rounds do not repeat one another.
         lead: control steps without forcing from the start to the first sample.
-        bundle, bundle_digest: whose controller it is; None without one.
+        bundle, bundle_digest: of the controller; None without a controller.
     """
 
     kind: Literal["controlled", "calm"]
@@ -51,7 +51,7 @@ class RoundPlan:
     bundle: str | None
     bundle_digest: str | None
     packages: ClassVar[tuple[str, ...]] = ("onnxruntime",)
-    """Packages that decide the samples as well as those of the flow solver."""
+    """Packages, besides those of the flow solver, whose versions the samples depend on."""
 
     @property
     def name(self) -> str:
@@ -59,7 +59,7 @@ class RoundPlan:
 
     @property
     def provenance(self) -> dict[str, Any]:
-        """What the data set keeps of the plan, as plain JSON."""
+        """The facts of the plan that the data set stores, as plain JSON."""
         return {
             "forcing_signal": self.kind,
             "round": self.round,
@@ -72,7 +72,7 @@ class RoundPlan:
         }
 
     def signal(self, config: Config) -> npt.NDArray[np.float64]:
-        """The random action at every control step, (steps,), in U_inf W."""
+        """Return the random action at every control step, (steps,), in U_inf W."""
         rng = np.random.default_rng([self.seed, self.round, int(self.role != "train"), self.episode])
         rms = self.level / config.flow.action_limit if self.kind == "calm" else self.level
         return exploration(self.steps, config.forcing, config.flow, rng, rms=rms)
@@ -80,8 +80,8 @@ class RoundPlan:
 
 @dataclass(frozen=True, kw_only=True)
 class ControlledRound:
-    """A call's `episodes` episodes of `steps` steps under a controller; the rest as in `RoundPlan`. Raises ConfigError
-    for a number out of its range or a role that does not fit."""
+    """A round of `episodes` episodes of `steps` steps under a controller; the other fields as in `RoundPlan`. Raises
+    ConfigError for a number out of its range or an invalid role."""
 
     episodes: int = 2
     steps: int = 1100
@@ -95,8 +95,8 @@ class ControlledRound:
         _check(self, get_args(ControlledRole), {"episodes": 1, "steps": 1, "seed": 0, "exploration": 0.0})
 
     def plans(self, number: int) -> tuple[RoundPlan, ...]:
-        """The episodes of round `number`. They begin in different phases of the shedding cycle, drawn by seed, round
-        and role; only the phases of more episodes than it has control steps repeat."""
+        """Return the plans of round `number`. They begin in different phases of the shedding cycle, drawn by seed,
+        round and role; phases repeat only if there are more episodes than control steps in the cycle."""
         rng = np.random.default_rng([self.seed, number, get_args(ControlledRole).index(self.role)])
         leads = rng.permutation(SHEDDING_PERIOD)
         places = ((self.exploration, int(leads[i % SHEDDING_PERIOD])) for i in range(self.episodes))
@@ -105,9 +105,9 @@ class ControlledRound:
 
 @dataclass(frozen=True, kw_only=True)
 class CalmRound:
-    """A call's `episodes` episodes of `steps` steps, whose amplitudes are spread evenly by their logarithm from
-    `smallest` to `largest`; a single episode has the smallest. The rest as in `RoundPlan`. Raises ConfigError for a
-    number out of its range or a role that does not fit."""
+    """A round of `episodes` episodes of `steps` steps, whose amplitudes are spaced evenly on a logarithmic scale from
+    `smallest` to `largest`; a single episode has the smallest. The other fields as in `RoundPlan`. Raises ConfigError
+    for a number out of its range or an invalid role."""
 
     episodes: int = 8
     steps: int = 350
@@ -121,14 +121,14 @@ class CalmRound:
     def __post_init__(self) -> None:
         _check(self, get_args(CalmRole), {"episodes": 1, "steps": 1, "seed": 0})
         for name, value in (("smallest", self.smallest), ("largest", self.largest)):
-            # Exactly nothing would leave the wake as it is: only rounding would disturb it.
+            # With an action of exactly zero, only rounding errors would disturb the wake.
             if not (isfinite(value) and value > 0.0):
                 raise ConfigError(f"{name} amplitude = {value}: must be finite and positive")
         if self.smallest > self.largest:
             raise ConfigError(f"smallest amplitude = {self.smallest}: must not exceed the largest, {self.largest}")
 
     def plans(self, number: int) -> tuple[RoundPlan, ...]:
-        """The episodes of round `number`."""
+        """Return the plans of round `number`."""
         amplitudes = np.geomspace(self.smallest, self.largest, self.episodes)
         return tuple(_plan(self, "calm", number, i, float(level), 0) for i, level in enumerate(amplitudes))
 

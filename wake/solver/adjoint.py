@@ -1,7 +1,7 @@
-"""The adjoint of the flow solver: what a scalar of later flows gains per unit of an earlier flow and of the actions.
+"""The adjoint of the flow solver: sensitivities of a scalar of later flows to an earlier flow and to the actions.
 
 It is the transpose of the discrete step, exact to rounding, not a discretised adjoint equation: the gradient is that of
-the numbers which the solver computes. The projection's operator is symmetric and serves both ways.
+the computed numbers. The projection's operator is symmetric, so one solver serves both directions.
 """
 
 from collections.abc import Callable
@@ -16,7 +16,7 @@ from wake.solver.navier_stokes import A, B, FlowSolver, gusting, stage_ends
 
 
 class FlowAdjoint(CopiedWhole):
-    """Carries sensitivities backwards over the runs of a `FlowSolver`, whose present viscosity it uses."""
+    """A backward integration of sensitivities over the runs of a `FlowSolver`, with the solver's present viscosity."""
 
     def __init__(self, solver: FlowSolver) -> None:
         self._solver = solver
@@ -36,13 +36,12 @@ class FlowAdjoint(CopiedWhole):
         action_to: float,
         wind: Callable[[float], float] | None = None,
     ) -> tuple[float, float]:
-        """Carry sensitivities from the end of a run to its beginning. Returns the sensitivities to `action_from` and to
-        `action_to`.
+        """Carry sensitivities from a run's end to its beginning. Returns those to `action_from` and `action_to`.
 
         Args:
-            bar: sensitivities to the flow at the end; made those to the flow at the beginning, in place.
-            starts: what `FlowSolver.run` kept of the run, (steps, size of the buffer).
-            dt, action_from, action_to, wind: as they were in the run.
+            bar: sensitivities to the flow at the end; overwritten with those to the flow at the beginning.
+            starts: the flows that `FlowSolver.run` stored, (steps, size of the buffer).
+            dt, action_from, action_to, wind: equal to those of the run.
         """
         solver, steps = self._solver, len(starts)
         slot_velocity = solver.slot_velocity(action_from, action_to, steps)

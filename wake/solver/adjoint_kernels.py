@@ -1,9 +1,9 @@
 """Compiled inner loops of the adjoint: the transposes of `wake.solver.kernels`, linearised about a flow.
 
-A bar marks a sensitivity: what a scalar of later flows gains per unit of a value. Each kernel takes the sensitivities
-of its forward kernel's outputs and adds to those of its inputs, in the same padded arrays and over the same runs. All
-but convection is linear; convection is quadratic, so a rate's transpose needs the velocity at the rate's instant and
-nothing else.
+A bar marks a sensitivity: the derivative of a scalar of later flows with respect to a value. Each kernel takes the
+sensitivities of its forward kernel's outputs and adds to the sensitivities of its inputs, in the same padded arrays and
+over the same runs. All kernels but convection are linear. Convection is quadratic, so a rate's transpose needs the
+velocity at the rate's instant and nothing else.
 """
 
 from typing import NamedTuple
@@ -17,14 +17,14 @@ from wake.solver.kernels import Domain, Fields, Rates, Runs, Spacing, Walls, adv
 
 
 class _Across(NamedTuple):
-    """Coefficients along y; what would stand outside the domain is zero.
+    """Coefficients along y; those of neighbours outside the domain are zero.
 
     Attributes:
         half: 1 / (2 dy), by padded column of u, (ny + 2,).
-        north, south: diffusion towards the neighbours of a u-face, the same.
-        self_u: minus both, the same.
+        north, south: diffusion towards the neighbours of a u-face, (ny + 2,).
+        self_u: minus the sum of north and south, (ny + 2,).
         below, above: shares of the columns of u on both sides of a v-face, (ny + 1,).
-        north_v, south_v, self_v: the same diffusion for v, (ny + 1,).
+        north_v, south_v, self_v: diffusion coefficients for v, like those for u, (ny + 1,).
         half_c, rdyc: 1 / (2 dyc) and 1 / dyc, (ny + 1,).
     """
 
@@ -60,8 +60,8 @@ def _across(dy: Array, dyc: Array, nu: float) -> _Across:
 def back_rates(bar: Fields, gained: Rates, u: Array, v: Array, nu: float, spacing: Spacing) -> None:
     """Carry the sensitivities `gained` of du/dt and dv/dt, zero on faces that are not open, to u, v and p.
 
-    Every entry collects what it gives to its neighbours' rates, row by row in x: to scatter from each rate instead
-    takes twice as long. A loop names at most eight arrays: beyond that the compiler does not vectorise.
+    Every entry gathers its contributions to its neighbours' rates, row by row in x; scattering from each rate takes
+    twice as long. A loop uses at most eight arrays, because the compiler does not vectorise loops with more.
     """
     gu, gv = gained.u, gained.v
     real, nx, ny = u.dtype.type, u.shape[0] - 2, u.shape[1] - 2
@@ -71,8 +71,8 @@ def back_rates(bar: Fields, gained: Rates, u: Array, v: Array, nu: float, spacin
     hy, north, south, below, above, cy = y.half, y.north, y.south, y.below, y.above, y.rdyc
     nv, sv, hc = y.north_v, y.south_v, y.half_c
     south_upper, self_u, self_v, below_upper, sv_upper = south[2:], y.self_u[1:-1], y.self_v[1:-1], below[1:], sv[2:]
-    # By x-face i: 1 / dxc, diffusion to both sides, the shares of both cells; by cell: 1 / (2 dx) and the same. A
-    # place more before the first and behind the last.
+    # Coefficients by x-face i: 1 / dxc, diffusion to both sides, shares of both cells. Coefficients by cell: 1 / (2
+    # dx), diffusion to both sides. The arrays have one more entry before the first and after the last index.
     rdxc, west, east = np.zeros(nx + 3, u.dtype), np.zeros(nx + 3, u.dtype), np.zeros(nx + 3, u.dtype)
     left, right = np.zeros(nx + 3, u.dtype), np.zeros(nx + 3, u.dtype)
     hrx, west_v, east_v = np.zeros(nx + 3, u.dtype), np.zeros(nx + 3, u.dtype), np.zeros(nx + 3, u.dtype)
@@ -86,7 +86,7 @@ def back_rates(bar: Fields, gained: Rates, u: Array, v: Array, nu: float, spacin
     through, crossing, part = np.zeros(ny + 1, u.dtype), np.zeros(ny + 1, u.dtype), np.zeros(ny + 1, u.dtype)
     inner = np.zeros(ny, u.dtype)
     for i in range(nx + 2):
-        # What the first and the last row would take from beyond has coefficients of zero; index -1 is the last place.
+        # The terms beyond the first and last row have coefficients of zero; index -1 is the last entry.
         back, ahead = max(i - 1, 0), min(i + 1, nx + 1)
         g, ui, va, vb, ga, gb = gu[i], u[i], v[i], v[ahead], gv[i], gv[ahead]
         w0, w1, s0, s1 = shares[(i + 1) % 2], shares[i % 2], shifts[(i + 1) % 2], shifts[i % 2]
@@ -148,14 +148,14 @@ def _back_ghosts(flat: Array, ghosts: GhostMap) -> None:
 
 @njit(cache=True)
 def back_walls(u: Array, v: Array, walls: Walls) -> None:
-    """Transpose of `fill_walls`."""
+    """Apply the transpose of `fill_walls`."""
     _back_ghosts(u.reshape(-1), walls.u)
     _back_ghosts(v.reshape(-1), walls.v)
 
 
 @njit(cache=True)
 def back_edges(u: Array, v: Array) -> None:
-    """Transpose of `fill_edges`."""
+    """Apply the transpose of `fill_edges`."""
     nx, ny = u.shape[0] - 2, u.shape[1] - 2
     for j in range(ny + 1):
         v[nx, j] += v[nx + 1, j]
@@ -172,7 +172,8 @@ def back_edges(u: Array, v: Array) -> None:
 
 @njit(cache=True, fastmath={"contract"})
 def _back_step(q: Array, bar: Array, step: float, a: float, runs: Index, pad_i: int, pad_j: int) -> None:
-    """q = a q + step bar on the open faces: what a stage's rates gain from its own step and from the next stage."""
+    """Compute q = a q + step bar on the open faces: the sensitivities of a stage's rates, from the stage's own step
+    (step bar) and from the next stage (a q)."""
     step, a = q.dtype.type(step), q.dtype.type(a)
     for r in range(runs.shape[0]):
         i, j0, j1 = runs[r, 0] + pad_i, runs[r, 1] + pad_j, runs[r, 2] + pad_j
@@ -185,7 +186,7 @@ def _back_step(q: Array, bar: Array, step: float, a: float, runs: Index, pad_i: 
 def _back_stage(
     bar: Fields, slot_bar: Array, rates: Rates, u: Array, v: Array, a_next: float, step: float, domain: Domain
 ) -> None:
-    """Transpose of a stage that began with the velocity u, v; the following one keeps `a_next` of its rates."""
+    """Apply the transpose of a stage that began with velocity u, v; the next stage multiplies its rates by `a_next`."""
     runs, slot_rows, column = domain.runs, domain.slot_rows, domain.slot_column
     back_walls(bar.u, bar.v, domain.walls)
     back_edges(bar.u, bar.v)
@@ -213,10 +214,10 @@ def back_stages(
     gained: Array,
     domain: Domain,
 ) -> None:
-    """Transpose of `wake.solver.kernels.stages` for its three stages, from the flow at the step's start.
+    """Apply the transpose of `wake.solver.kernels.stages` for its three stages, from the flow at the step's start.
 
     Args:
-        bar: sensitivities behind the stages, made those before them.
+        bar: sensitivities after the stages; overwritten with those before the stages.
         slot_bar: (3, m); receives the sensitivities of the slots' velocities at each stage's end.
         start: the flow at the step's start.
         work, rates, second: finite; overwritten.
@@ -226,7 +227,7 @@ def back_stages(
     advance_stage(work, rates, a[0], step[0], slot_velocity[0], wind[0], gained[0], domain)
     second.u[:], second.v[:] = work.u, work.v
     advance_stage(work, rates, a[1], step[1], slot_velocity[1], wind[1], gained[1], domain)
-    # From here on the rates hold their own sensitivities.
+    # From here on the arrays of the rates hold the rates' sensitivities.
     _back_stage(bar, slot_bar[2], rates, work.u, work.v, 0.0, step[2], domain)
     _back_stage(bar, slot_bar[1], rates, second.u, second.v, a[2], step[1], domain)
     _back_stage(bar, slot_bar[0], rates, start.u, start.v, a[1], step[0], domain)
@@ -234,7 +235,7 @@ def back_stages(
 
 @njit(cache=True)
 def back_divergence(bar_b: Array, u: Array, v: Array, dx: Array, dy: Array, runs: Index) -> None:
-    """Transpose of `divergence`."""
+    """Apply the transpose of `divergence`."""
     for r in range(runs.shape[0]):
         i, j0, j1 = runs[r, 0], runs[r, 1], runs[r, 2]
         width, height, b = dx[i], dy[j0:j1], bar_b[i, j0:j1]
@@ -250,7 +251,7 @@ def back_divergence(bar_b: Array, u: Array, v: Array, dx: Array, dy: Array, runs
 
 @njit(cache=True)
 def back_correct(bar: Fields, phi: Array, dt: float, dxc: Array, dyc: Array, runs: Runs) -> None:
-    """Transpose of `correct`: overwrites phi with its own sensitivity."""
+    """Apply the transpose of `correct`; phi is overwritten with its own sensitivity."""
     one = phi.dtype.type(1.0)
     u, v, p, u_runs, v_runs = bar.u, bar.v, bar.p, runs.u, runs.v
     nx, ny = phi.shape

@@ -1,12 +1,11 @@
-"""Which faces carry flow, and what velocity stands behind the walls: a second-order immersed boundary.
+"""A second-order immersed boundary: the faces that carry flow, and the velocities on faces behind the walls.
 
-A face between two fluid cells is open: its velocity is a solution of the momentum equation. Every other face that
-an open face's stencil touches is a ghost: it takes the value of a parabola along the wall's normal that vanishes on
-the exact wall and passes through two image points in the flow, where the velocity is interpolated bilinearly between
-open faces. On a straight wall this reduces to reflection in one point, which keeps the discrete wall shear equal to
-nu u_1 / distance.
+A face between two fluid cells is open: its velocity is a solution of the momentum equation. Every other face in the
+stencil of an open face is a ghost. Its value is that of a parabola along the wall's normal that vanishes on the exact
+wall and passes through two image points in the flow, where the velocity is interpolated bilinearly between open faces.
+On a straight wall this reduces to reflection in one point, with a discrete wall shear of nu u_1 / distance.
 
-In the mass balance a ghost carries no flow. The wall is a staircase there, which costs second order only: within a
+In the mass balance a ghost carries no flow. There the wall is a staircase. This keeps second order, because within a
 cell of a no-slip wall the volume flow is of the order of the distance squared.
 """
 
@@ -27,8 +26,8 @@ _ON_WALL = 1e-9
 
 
 class GhostMap(NamedTuple):
-    """Ghost k takes the sum of weight * value over entries start[k] .. start[k + 1]; flat indices of the component's
-    padded array (`wake.solver.flow`)."""
+    """A map in which ghost k takes the sum of weight * value over entries start[k] .. start[k + 1]; indices are flat
+    indices of the component's padded array (`wake.solver.flow`)."""
 
     target: Index
     start: Index
@@ -38,12 +37,12 @@ class GhostMap(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Boundary:
-    """Classification of a grid around a body.
+    """The classification of a grid around a body.
 
     Attributes:
         fluid: cells whose centre lies in the fluid, (nx, ny).
-        open_u, open_v: faces between two fluid cells, (nx + 1, ny) and (nx, ny + 1), and the outlet; the other outer
-            boundaries are not open.
+        open_u, open_v: faces between two fluid cells, and the faces of the outlet, (nx + 1, ny) and (nx, ny + 1); the
+            faces of the other outer boundaries are not open.
         u_runs, v_runs, cell_runs: rows (i, j0, j1) that cover the open faces and the fluid cells.
         u_ghosts, v_ghosts: maps on the padded arrays u and v.
     """
@@ -81,7 +80,7 @@ def build(grid: Grid, distance: SignedDistance) -> Boundary:
 
 
 def _stencil(open_u: Mask, open_v: Mask) -> tuple[Mask, Mask]:
-    """Faces read by the momentum balance of any open face."""
+    """Return the faces in the momentum stencil of any open face."""
 
     def spread(mask: Mask) -> Mask:
         out = mask.copy()
@@ -93,14 +92,14 @@ def _stencil(open_u: Mask, open_v: Mask) -> tuple[Mask, Mask]:
 
     touched_u, touched_v = spread(open_u), spread(open_v)
     for a, b in ((0, 0), (0, 1), (1, 0), (1, 1)):
-        # u-face (i, j) reads the v-faces at its four corners, and the other way round.
+        # u-face (i, j) reads the v-faces at its four corners, and a v-face reads u-faces in the same way.
         touched_v[:, a : a + open_v.shape[1] - 1] |= open_u[b : b + open_v.shape[0]]
         touched_u[a : a + open_u.shape[0] - 1] |= open_v[:, b : b + open_u.shape[1]]
     return touched_u, touched_v
 
 
 def _runs(mask: Mask) -> Index:
-    """Maximal runs of True along the second axis as rows (i, j0, j1)."""
+    """Return the maximal runs of True along the second axis as rows (i, j0, j1)."""
     edges = np.diff(mask.astype(np.int8), axis=1, prepend=0, append=0)
     i0, j0 = np.nonzero(edges == 1)
     _, j1 = np.nonzero(edges == -1)
@@ -131,7 +130,7 @@ def _ghosts(grid: Grid, component: Component, open_faces: Mask, touched: Mask, d
 def _parabola(
     x: Array, y: Array, i: int, j: int, open_faces: Mask, distance: SignedDistance
 ) -> list[tuple[tuple[int, int], float]]:
-    """Weights of open faces for the ghost (i, j)."""
+    """Return the weights of open faces for the ghost (i, j)."""
     here = float(distance(x[i], y[j]))
     normal = _normal(distance, x[i], y[j])
     if min(abs(normal[0]), abs(normal[1])) < 1e-6:
@@ -159,7 +158,7 @@ def _image(
     spacing: float,
     open_faces: Mask,
 ) -> tuple[float, list[tuple[tuple[int, int], float]]]:
-    """The nearest point on the normal, at least so far from the wall, that lies between four open faces."""
+    """Return the nearest point on the normal, at least `at_least` from the wall, that lies between four open faces."""
     for distance in np.arange(at_least, at_least + 6.0 * spacing, 0.125 * spacing):
         step = distance - here
         entries = bilinear(x, y, x[i] + step * normal[0], y[j] + step * normal[1])

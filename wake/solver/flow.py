@@ -1,8 +1,8 @@
-"""Velocity and pressure in one buffer, and where each value stands in it.
+"""Velocity and pressure in one buffer, and the position of each value in it.
 
-The buffer holds u, v and p one after the other, each row by row in y and padded for the stencils: u is
-(nx + 2, ny + 2) and v is (nx + 2, ny + 1), with one layer beyond the edges along which the component is tangential and
-one behind the outlet; p is (nx + 1, ny), its last column behind the outlet. Unpadded indices (i, j) are those of
+The buffer holds u, v and p one after another, each row by row in y and padded for the stencils. u is (nx + 2, ny + 2)
+and v is (nx + 2, ny + 1), with one layer beyond the edges that are parallel to the component and one layer behind the
+outlet. p is (nx + 1, ny), with its last column behind the outlet. Unpadded indices (i, j) are those of
 `wake.solver.grid`: u on x-faces (nx + 1, ny), v on y-faces (nx, ny + 1), p in cells (nx, ny).
 """
 
@@ -16,24 +16,24 @@ from wake.solver.grid import Component
 
 _ORDER: Final[tuple[Component, ...]] = ("u", "v", "p")
 _PADDED: Final[dict[Component, tuple[int, int]]] = {"u": (2, 2), "v": (2, 1), "p": (1, 0)}
-"""What the padded shape has more than (nx, ny)."""
+"""Difference between the padded shape and (nx, ny)."""
 _FIRST: Final[dict[Component, tuple[int, int]]] = {"u": (0, 1), "v": (1, 0), "p": (0, 0)}
-"""Where the unpadded entry (0, 0) stands in the padded array."""
+"""Position of the unpadded entry (0, 0) in the padded array."""
 
 
 @dataclass(frozen=True)
 class Layout:
-    """Where u, v and p of a grid of `shape` = (nx, ny) cells stand."""
+    """The positions of u, v and p for a grid of `shape` = (nx, ny) cells."""
 
     shape: tuple[int, int]
 
     def padded(self, component: Component) -> tuple[int, int]:
-        """Shape of the component's padded array."""
+        """Return the shape of the component's padded array."""
         (nx, ny), (more_x, more_y) = self.shape, _PADDED[component]
         return nx + more_x, ny + more_y
 
     def entries(self, component: Component) -> slice:
-        """The component's part of the buffer."""
+        """Return the component's part of the buffer."""
         start = sum(self._size(before) for before in _ORDER[: _ORDER.index(component)])
         return slice(start, start + self._size(component))
 
@@ -43,12 +43,12 @@ class Layout:
         return sum(self._size(component) for component in _ORDER)
 
     def offset(self, component: Component, i: int, j: int) -> int:
-        """Flat index of the unpadded entry (i, j) in the component's padded array."""
+        """Return the flat index of the unpadded entry (i, j) in the component's padded array."""
         first_i, first_j = _FIRST[component]
         return (i + first_i) * self.padded(component)[1] + j + first_j
 
     def index(self, component: Component, i: int, j: int) -> int:
-        """Index of the unpadded entry (i, j) in the buffer."""
+        """Return the index of the unpadded entry (i, j) in the buffer."""
         return int(self.entries(component).start) + self.offset(component, i, j)
 
     def _size(self, component: Component) -> int:
@@ -58,7 +58,7 @@ class Layout:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Flow:
-    """One buffer, `flat`, and its padded views u, v and p; of a copy they are views of the copy's."""
+    """A buffer, `flat`, with its padded views u, v and p; the views of a copy are views of the copy's buffer."""
 
     flat: Array
     u: Array
@@ -67,12 +67,12 @@ class Flow:
 
     @classmethod
     def zeros(cls, shape: tuple[int, int], precision: Precision = np.float64) -> "Flow":
-        """A flow at rest on a grid of `shape` = (nx, ny) cells."""
+        """Return a flow of zeros on a grid of `shape` = (nx, ny) cells."""
         return cls.of(np.zeros(Layout(shape).size, precision), shape)
 
     @classmethod
     def of(cls, flat: Array, shape: tuple[int, int]) -> "Flow":
-        """Views of an existing buffer."""
+        """Return views of an existing buffer."""
         layout = Layout(shape)
         u, v, p = (flat[layout.entries(name)].reshape(layout.padded(name)) for name in _ORDER)
         return cls(flat=flat, u=u, v=v, p=p)

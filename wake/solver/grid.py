@@ -17,10 +17,11 @@ from contract.geometry import DOMAIN_X, DOMAIN_Y, HALF_WIDTH, JET_WIDTH, LENGTH
 Component = Literal["u", "v", "p"]
 
 _Spacing = tuple[tuple[float, float], ...]
-"""The spacing to aim at, at a few stations; between them it varies linearly, beyond them it stays."""
+"""The target spacing (station, size), linear between the stations and constant outside them."""
 
-# The wall cell matches the body-fitted reference mesh (0.0125 W, 4 cells a slot); the sides and the wake are as fine as
-# its finest regions. Along x one table follows the nose, the other the base; on the body the finer of them holds.
+# The wall cell has the size of the body-fitted reference mesh (0.0125 W, 4 cells per slot); sides and wake are as fine
+# as its finest regions. Along x, one table is relative to the nose, one to the base; on the body the smaller spacing
+# applies.
 _FROM_NOSE: _Spacing = (
     (-7.0, 0.6), (-1.0, 0.1), (-0.05, 0.0125), (0.15, 0.0125), (1.0, 0.04), (2.0, 0.06), (4.5, 0.09),
 )  # fmt: skip
@@ -41,7 +42,7 @@ class Grid:
         xf, yf: faces, shapes (nx + 1,) and (ny + 1,).
         xc, yc: cell centres, shapes (nx,) and (ny,).
         dxc: distance between the centres either side of x-face i, shape (nx + 1,); half cells at the ends.
-        dyc: likewise in y, shape (ny + 1,).
+        dyc: distance between the centres either side of y-face j, shape (ny + 1,).
         front, rear: x-face indices of the body's front and base.
         lower, upper: y-face indices of the body's sides.
         slot_cells: rows in each slot.
@@ -66,22 +67,21 @@ class Grid:
         return len(self.xc), len(self.yc)
 
     def axes(self, component: Component) -> tuple[Array, Array]:
-        """Coordinates x and y of the component's values."""
+        """Return the coordinates x and y of the component's values."""
         return self.xf if component == "u" else self.xc, self.yf if component == "v" else self.yc
 
 
 def truck_grid(refinement: float = 1.0) -> Grid:
-    """The grid of the truck; as `box_grid`."""
+    """Return the grid of the truck; see `box_grid`."""
     return box_grid(LENGTH, refinement)
 
 
 def box_grid(length: float, refinement: float = 1.0) -> Grid:
-    """The grid around a box of width 1 from x = 0 to `length`; every spacing is divided by `refinement`.
+    """Return the grid around a box of width 1 from x = 0 to `length`; every spacing is divided by `refinement`.
 
-    Nose and base of every box are resolved alike, at the same distance from them. Raises ConfigError if the grid would
-    be too coarse to give each slot two cells.
+    Every box has the same resolution at nose and base. Raises ConfigError if a slot has fewer than two cells.
     """
-    # Rounded, so that the truck's stations are those of its table to the bit.
+    # Rounded so that the truck's stations equal the tabulated stations bit for bit.
     base = tuple((round(length + offset, 9), size) for offset, size in _FROM_BASE)
     x_parts = [
         graded_faces(_FROM_NOSE, DOMAIN_X[0], 0.0, refinement),
@@ -115,7 +115,7 @@ def box_grid(length: float, refinement: float = 1.0) -> Grid:
 
 
 def from_faces(xf: Array, yf: Array) -> Grid:
-    """A grid without a body, from its faces."""
+    """Build a grid without a body from its faces."""
     xc, yc = 0.5 * (xf[1:] + xf[:-1]), 0.5 * (yf[1:] + yf[:-1])
     return Grid(
         xf=xf,
@@ -135,8 +135,8 @@ def from_faces(xf: Array, yf: Array) -> Grid:
 
 
 def graded_faces(spacing: _Spacing, start: float, end: float, refinement: float, *others: _Spacing) -> Array:
-    """Faces from start to end whose local spacing follows the table, the finest of them if there are others, divided
-    by `refinement` and scaled to a whole number of cells."""
+    """Return faces from start to end. Their local spacing is that of the table, or the smallest spacing of all tables,
+    divided by `refinement` and scaled to a whole number of cells."""
     x = np.linspace(start, end, 4001)
     sizes = np.min([np.interp(x, *np.array(spacing).T) for spacing in (spacing, *others)], axis=0)
     density = refinement / sizes
@@ -148,8 +148,8 @@ def graded_faces(spacing: _Spacing, start: float, end: float, refinement: float,
 
 
 def bilinear(x: Array, y: Array, px: float, py: float) -> list[tuple[tuple[int, int], float]]:
-    """Nodes (i, j) of the tensor grid x, y around a point, with their weights; zero weights are left out."""
-    # Python's own bounds: this runs 15,000 times for one plant, and np.clip of a number takes longer than the rest.
+    """Return the nodes (i, j) of the tensor grid x, y around a point, with their weights; zero weights are left out."""
+    # Python's min and max are faster here than np.clip, and this runs 15,000 times for one plant.
     i = min(max(int(x.searchsorted(px)) - 1, 0), len(x) - 2)
     j = min(max(int(y.searchsorted(py)) - 1, 0), len(y) - 2)
     a = (px - x[i]) / (x[i + 1] - x[i])

@@ -1,12 +1,12 @@
 """Compiled inner loops: momentum balance, ghosts, divergence and pressure correction.
 
-Central differences on the staggered grid, second order on smoothly stretched grids; the convective term interpolates
-with equal weights, so that it neither makes nor destroys kinetic energy (Verstappen and Veldman, J. Comput. Phys.
-187, 2003). It is written in advective form, which equals the flux form on a divergence-free field; on the stages of a
-Runge-Kutta step, which are not projected, the flux form would count each divergence twice and halve the stable step.
+The scheme has central differences on the staggered grid, of second order on smoothly stretched grids. The convective
+term interpolates with equal weights, so that it conserves kinetic energy (Verstappen and Veldman, J. Comput. Phys. 187,
+2003). It is written in advective form, which equals the flux form on a divergence-free field. The stages of a
+Runge-Kutta step are not projected; on them the flux form would count each divergence twice and halve the stable step.
 
-Arrays are padded as in `wake.solver.flow`; the pressure behind the outlet is mirrored with the other sign. Runs
-(i, j0, j1) of unpadded indices name the faces to treat, so that the loops over j hold no branch.
+Arrays are padded as in `wake.solver.flow`; the pressure behind the outlet is mirrored with opposite sign. Runs (i, j0,
+j1) of unpadded indices list the faces to compute, so that the loops over j have no branch.
 """
 
 from typing import NamedTuple
@@ -19,8 +19,7 @@ from wake.solver.boundary import GhostMap
 
 
 class Spacing(NamedTuple):
-    """Spacings as in `wake.solver.grid.Grid`, but with mirrored cells before the inlet and behind the outlet: dx (nx +
-    1,)."""
+    """Spacings as in `Grid`, but with mirrored cells before the inlet and behind the outlet; dx is (nx + 1,)."""
 
     dx: Array
     dxc: Array
@@ -37,7 +36,7 @@ class Fields(NamedTuple):
 
 
 class Rates(NamedTuple):
-    """Accumulated rates of u and v, of the same padded shapes."""
+    """Accumulated rates of u and v, in the padded shapes of u and v."""
 
     u: Array
     v: Array
@@ -51,7 +50,7 @@ class Runs(NamedTuple):
 
 
 class Walls(NamedTuple):
-    """Ghosts of u and of v."""
+    """The ghosts of u and of v."""
 
     u: GhostMap
     v: GhostMap
@@ -65,7 +64,7 @@ class Inflow(NamedTuple):
 
 
 class Domain(NamedTuple):
-    """What stays from step to step.
+    """The data that do not change from step to step.
 
     Attributes:
         viscosity: 1 / Re.
@@ -84,10 +83,10 @@ class Domain(NamedTuple):
 
 @njit(cache=True, fastmath={"contract"})
 def u_rate(q: Array, a: float, u: Array, v: Array, p: Array, nu: float, spacing: Spacing, runs: Index) -> None:
-    """q = a q + du/dt on the open u-faces, the pressure p's gradient included.
+    """Compute q = a q + du/dt on the open u-faces, including the gradient of the pressure p.
 
-    Rows are sliced to start at the run, and the x- and y-terms take a loop each: with indices that could be negative,
-    or more arrays than it can prove distinct, the compiler does not vectorise.
+    Rows are sliced to start at the run, and the x- and y-terms have a loop each: the compiler does not vectorise with
+    indices that could be negative, or with more arrays than it can prove distinct.
     """
     real = u.dtype.type
     one, two, half, nu = real(1.0), real(2.0), real(0.5), real(nu)
@@ -124,12 +123,12 @@ def u_rate(q: Array, a: float, u: Array, v: Array, p: Array, nu: float, spacing:
 
 @njit(cache=True, fastmath={"contract"})
 def v_rate(q: Array, a: float, u: Array, v: Array, p: Array, nu: float, spacing: Spacing, runs: Index) -> None:
-    """q = a q + dv/dt on the open v-faces, the pressure p's gradient included; loops as in `u_rate`."""
+    """Compute q = a q + dv/dt on the open v-faces, including the gradient of the pressure p; loops as in `u_rate`."""
     real = u.dtype.type
     one, half, quarter, nu, a = real(1.0), real(0.5), real(0.25), real(nu), real(a)
     dx, dxc, dy, dyc = spacing.dx, spacing.dxc, spacing.dy, spacing.dyc
     rdy, rdyc = one / dy, one / dyc
-    # Shares of the rows below and above a v-face in the flow through its cell's sides.
+    # The shares weight the rows below and above a v-face in the flow through the sides of the v-face's cell.
     below, above = half * dy[:-1] * rdyc[1:-1], half * dy[1:] * rdyc[1:-1]
     along = np.empty_like(dyc)
     for r in range(runs.shape[0]):
@@ -156,7 +155,7 @@ def v_rate(q: Array, a: float, u: Array, v: Array, p: Array, nu: float, spacing:
 
 @njit(cache=True, fastmath={"contract"})
 def _add_scaled(field: Array, q: Array, scale: float, runs: Index, pad_i: int, pad_j: int) -> None:
-    """field += scale q on the open faces."""
+    """Compute field += scale q on the open faces."""
     scale = field.dtype.type(scale)
     for r in range(runs.shape[0]):
         i, j0, j1 = runs[r, 0] + pad_i, runs[r, 1] + pad_j, runs[r, 2] + pad_j
@@ -177,7 +176,7 @@ def _fill_ghosts(flat: Array, ghosts: GhostMap) -> None:
 
 @njit(cache=True)
 def fill_edges(u: Array, v: Array, inflow_v: Array) -> None:
-    """The padding: slip sides and outflow for u, inflow and outflow for v."""
+    """Fill the padding: slip sides and outflow for u, inflow and outflow for v."""
     two = u.dtype.type(2.0)
     nx, ny = u.shape[0] - 2, u.shape[1] - 2
     for j in range(ny):
@@ -192,14 +191,14 @@ def fill_edges(u: Array, v: Array, inflow_v: Array) -> None:
 
 @njit(cache=True)
 def fill_walls(u: Array, v: Array, walls: Walls) -> None:
-    """No slip on the body."""
+    """Fill the ghosts so that the body has no slip."""
     _fill_ghosts(u.reshape(-1), walls.u)
     _fill_ghosts(v.reshape(-1), walls.v)
 
 
 @njit(cache=True)
 def clear_walls(u: Array, v: Array, walls: Walls) -> None:
-    """Ghosts carry no flow in the mass balance."""
+    """Set the ghosts to zero, because they carry no flow in the mass balance."""
     u_flat, v_flat = u.reshape(-1), v.reshape(-1)
     for k in walls.u.target:
         u_flat[k] = 0.0
@@ -209,7 +208,7 @@ def clear_walls(u: Array, v: Array, walls: Walls) -> None:
 
 @njit(cache=True)
 def _shift(field: Array, by: float, runs: Index, pad_i: int, pad_j: int) -> None:
-    """field += by on the open faces."""
+    """Compute field += by on the open faces."""
     by = field.dtype.type(by)
     for r in range(runs.shape[0]):
         i, j0, j1 = runs[r, 0] + pad_i, runs[r, 1] + pad_j, runs[r, 2] + pad_j
@@ -228,9 +227,9 @@ def advance_stage(
     gained: float,
     domain: Domain,
 ) -> None:
-    """rates = a rates + d/dt, velocity += step rates, then every boundary condition at the stage's end.
+    """Compute rates = a rates + d/dt and velocity += step rates, then apply the boundary conditions at the stage's end.
 
-    `wind` comes on top of the inflow, and `gained` is by how much more than at the stage's beginning.
+    `wind` is added to the inflow; `gained` is the change of the wind since the stage's beginning.
     """
     u, v, p = flow.u, flow.v, flow.p
     runs, inflow, slot_rows = domain.runs, domain.inflow, domain.slot_rows
@@ -259,10 +258,10 @@ def stages(
     gained: Array,
     domain: Domain,
 ) -> None:
-    """The Runge-Kutta stages of a step: a (s,), step (s,), and slot_velocity (s, m), wind (s,) and gained (s,) of
+    """Run the Runge-Kutta stages of a step: a (s,), step (s,), and slot_velocity (s, m), wind (s,) and gained (s,) of
     `advance_stage` at each stage's end.
 
-    All in one call, because to hand over this many arrays takes a microsecond or two.
+    One call runs all stages, because passing this many arrays takes a microsecond or two.
     """
     for k in range(len(a)):
         advance_stage(flow, rates, a[k], step[k], slot_velocity[k], wind[k], gained[k], domain)
@@ -270,7 +269,7 @@ def stages(
 
 @njit(cache=True, fastmath={"contract"})
 def divergence(b: Array, u: Array, v: Array, dx: Array, dy: Array, runs: Index) -> None:
-    """b = net outflow of each fluid cell; solid cells keep their zero."""
+    """Set b to the net outflow of each fluid cell; solid cells remain zero."""
     for r in range(runs.shape[0]):
         i, j0, j1 = runs[r, 0], runs[r, 1], runs[r, 2]
         width, height = dx[i], dy[j0:j1]

@@ -1,15 +1,15 @@
-"""Incompressible Navier-Stokes in time: three-stage Runge-Kutta, one pressure projection a step.
+"""Incompressible Navier-Stokes in time: three-stage Runge-Kutta, one pressure projection per step.
 
-The stages carry the pressure gradient of the step's start, the projection adds its change (Williamson's low-storage
-coefficients; second order in time for the velocity, because the stages' divergence enters at second order). Boundary
+The stages use the pressure gradient of the step's start, and the projection adds its change (Williamson's low-storage
+coefficients). The velocity is of second order in time, because the stages' divergence enters at second order. Boundary
 conditions: uniform inflow, slip sides, p = 0 and zero normal gradient at the outlet, no slip on the body, prescribed
 flow through the slots. The outlet's velocity solves the momentum equation like any other, with a mirrored cell behind
-it; copying it from upstream instead would leave the last cells no transverse flow, and a vortex that leaves would shake
-the pressure everywhere. Pressure here is kinematic, p / (rho U_inf^2); Cp is twice that.
+the outlet. Copying it from upstream instead would allow the last cells no transverse flow, and a vortex leaving the
+domain would disturb the pressure everywhere. Pressure here is kinematic, p / (rho U_inf^2); Cp is twice that.
 
-A wind that varies is one of the body's own frame, as of a vehicle whose speed through the air varies: its change comes
-with the inflow, and as an equal acceleration of all the flow, which keeps the far pressure where it is. In the frame
-of the ground the same velocities come with a pressure gradient of -dU/dt along the stream, as in a wind tunnel.
+A varying wind is that in the frame of the body, as for a vehicle whose speed through the air varies. Its change enters
+with the inflow, and as a uniform acceleration of the whole flow, which leaves the far pressure unchanged. In the frame
+of the ground the same velocities have a pressure gradient of -dU/dt along the stream, as in a wind tunnel.
 """
 
 from collections.abc import Callable
@@ -24,7 +24,7 @@ from wake.solver.boundary import Boundary
 from wake.solver.flow import Flow
 from wake.solver.grid import Grid
 
-# Williamson's RK3: q = A q + dt rate, velocity += B q; STAGE_END are the instants the stages reach.
+# Williamson's RK3: q = A q + dt rate, velocity += B q; STAGE_END has the times of the stages' ends in steps.
 A = np.array([0.0, -5.0 / 9.0, -153.0 / 128.0])
 B = np.array([1.0 / 3.0, 15.0 / 16.0, 8.0 / 15.0])
 STAGE_END = (1.0 / 3.0, 3.0 / 4.0, 1.0)
@@ -32,14 +32,13 @@ _STEADY = np.zeros(len(STAGE_END))
 
 
 class FlowSolver(CopiedWhole):
-    """Advances a `Flow` on one grid around one body.
+    """A time integration of a `Flow` on one grid around one body.
 
     Args:
         viscosity: 1 / Re.
         slot_profile: velocity on the faces at `grid.rear` per unit action, (ny,); None for no jets.
         inflow_u, inflow_v: velocity at the inlet, (ny,) at the u-faces and (ny + 1,) at the v-faces.
-        precision: of the flows that it advances. The grid and the factors of the projection are made in double
-            precision first.
+        precision: of the flows. The grid and the factors of the projection are first computed in double precision.
     """
 
     def __init__(
@@ -88,7 +87,7 @@ class FlowSolver(CopiedWhole):
         self._phi = np.zeros(grid.shape, precision)
 
     def start(self) -> Flow:
-        """Uniform flow around the body, made divergence-free: a start to be followed by small steps."""
+        """Return a divergence-free uniform flow around the body; small time steps must follow it."""
         flow = Flow.zeros(self.grid.shape, self.precision)
         flow.faces_u[0] = self.domain.inflow.u
         flow.faces_u[1:][self.boundary.open_u[1:]] = 1.0
@@ -107,17 +106,17 @@ class FlowSolver(CopiedWhole):
         wind: Callable[[float], float] | None = None,
         starts: Array | None = None,
     ) -> None:
-        """Take `steps` time steps in place while the action ramps linearly between the two values. Raises PlantError if
-        the flow is no longer finite or faster than any physical one here; it is left as it was.
+        """Take `steps` time steps in place while the action ramps linearly between the two values. Raises PlantError,
+        and restores the flow, if it is no longer finite or faster than any physical flow here.
 
         Args:
             dt, steps: length and number of the time steps.
             action_from, action_to: at the beginning and at the end.
-            wind: by how much u of the stream differs from the inflow's, by the time since the beginning; continuous.
+            wind: difference between u of stream and inflow, a continuous function of the time since the beginning.
             starts: (steps, size of the buffer); receives the flow at the start of each step, for the adjoint.
         """
         self._before.flat[:] = flow.flat
-        # The first stage multiplies the old rate by zero, which would keep what a diverged run left there.
+        # The first stage multiplies the old rate by zero; a NaN of a diverged run would remain.
         self._rates.u[:] = 0.0
         self._rates.v[:] = 0.0
         slot_velocity = self.slot_velocity(action_from, action_to, steps)
@@ -140,7 +139,7 @@ class FlowSolver(CopiedWhole):
         )
 
     def slot_velocity(self, action_from: float, action_to: float, steps: int) -> Array:
-        """The jets' velocities at the end of each stage of a ramp's steps, (steps, 3, slots' rows)."""
+        """Return the jets' velocities at the end of each stage of a ramp's steps, (steps, 3, slots' rows)."""
         actions = action_from + (action_to - action_from) * stage_ends(steps) / steps
         return np.multiply.outer(actions, self.slot_profile[self.domain.slot_rows]).astype(self.precision)
 
@@ -161,7 +160,7 @@ class FlowSolver(CopiedWhole):
         kernels.fill_walls(flow.u, flow.v, walls)
 
     def divergence(self, flow: Flow) -> Array:
-        """Net outflow of every fluid cell per unit area, (nx, ny), ghosts carrying none; zero in solid cells."""
+        """Return the net outflow of cells per unit area, (nx, ny), without flow through ghosts; zero in solid cells."""
         u, v = flow.u.copy(), flow.v.copy()
         kernels.clear_walls(u, v, self.domain.walls)
         b = np.zeros(self.grid.shape)
@@ -170,12 +169,12 @@ class FlowSolver(CopiedWhole):
 
 
 def stage_ends(steps: int) -> Array:
-    """The end of each stage, in steps from the first one's beginning, (steps, 3)."""
+    """Return the end of each stage, in steps from the beginning of the first step, (steps, 3)."""
     return np.add.outer(np.arange(steps), STAGE_END)
 
 
 def gusting(wind: Callable[[float], float] | None, dt: float, step: int) -> tuple[Array, Array]:
-    """The wind at the end of each stage of a step, and by how much it grew in the stage."""
+    """Return the wind at the end of each stage of a step, and its change during the stage."""
     if wind is None:
         return _STEADY, _STEADY
     values = np.array([wind(dt * (step + end)) for end in (0.0, *STAGE_END)])

@@ -1,20 +1,20 @@
-"""Direct solver for the pressure increment on the stretched grid, links through the body cut.
+"""Direct solver for the pressure increment on the stretched grid, with the links through the body cut.
 
-The integrated five-point Laplacian A (Neumann on three sides, phi = 0 at the outlet) is separable: eigenvectors in y,
-a tridiagonal system in x per eigenvector. The body enters as a low-rank change: A' = A + D K D^T, where the columns
-of D are the links between a fluid and a solid cell and K their conductances, hence (Woodbury)
+The integrated five-point Laplacian A (Neumann on three sides, phi = 0 at the outlet) is separable: eigenvectors in y, a
+tridiagonal system in x per eigenvector. The body enters as a low-rank change: A' = A + D K D^T, where the columns of D
+are the links between a fluid and a solid cell and K their conductances, hence (Woodbury)
 
     phi = A^-1 (b - D (K^-1 + D^T A^-1 D)^-1 D^T A^-1 b).
 
-Grid and body are symmetric in y, so even and odd right-hand sides are solved apart on the lower half: half the
-arithmetic, and a symmetric flow stays symmetric to the bit.
+Grid and body are symmetric in y, so even and odd right-hand sides are solved separately on the lower half. This halves
+the arithmetic, and a symmetric flow remains symmetric bit for bit.
 
-No product is left to BLAS, which splits it among so many threads as the process has, and rounds by the split. What is
-here gives the same bits with any number of threads, in any thread, and takes no longer: `_product` keeps three rows of
-its result in registers' reach, the width is padded to whole vectors, and arrays begin where a vector does.
+No product uses BLAS, whose rounding depends on the number of threads. The functions here give the same bits with any
+number of threads, in any thread, and are as fast: `_product` computes three rows of its result at a time, the width is
+padded to whole vectors, and arrays are aligned to vectors.
 
-Work arrays are kept. Allocated in every step they can cost as much as everything else: in a worker's thread the C
-library may hand such blocks back to the system each time, and every page of them is faulted in again.
+Work arrays are stored. Allocating them in every step can cost as much as all other work: in a worker's thread the C
+library may return such blocks to the system each time, and every page is faulted in again.
 """
 
 from dataclasses import dataclass
@@ -33,16 +33,16 @@ Factors = tuple[Array, Array, Array, Array, Links, Array]
 Work = tuple[Array, Array, Array, Array, Array]
 
 _VECTOR: Final = 64
-"""Bytes of the widest registers."""
+"""Size of the widest vector registers in bytes."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class HalfSolver:
-    """One parity. With h = ny/2 rows, padded by zeros to whole vectors, and m cut links of the lower half.
+    """The solver of one parity, with h = ny/2 rows, zero-padded to whole vectors, and m cut links in the lower half.
 
     Attributes:
         q: eigenvectors of the y-operator in columns, (h, h), normalised with the cell heights.
-        qt: their transpose, contiguous.
+        qt: transpose of q, contiguous.
         pivot: reciprocal pivots of the tridiagonal systems, (nx, h).
         coupling: conductance per unit height between columns i - 1 and i, (nx,).
         links: cells (i1, j1, i2, j2) either side of each cut link, (m, 4).
@@ -60,7 +60,7 @@ class HalfSolver:
 
     @classmethod
     def of(cls, q: Array, pivot: Array, coupling: Array, links: Links, capacitance: Array) -> "HalfSolver":
-        """One with work arrays of its own; q and pivot may have been padded or not."""
+        """Build a solver with its own work arrays; q and pivot may be padded or not."""
         whole = _VECTOR // q.itemsize
         nx, h = len(pivot), -(-len(q) // whole) * whole
         pivot = _aligned(pivot, (nx, h))
@@ -77,7 +77,7 @@ class HalfSolver:
         )
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # So that a copy has work arrays of its own, and is aligned.
+        # A copy is built anew, so that it has its own work arrays and is aligned.
         return HalfSolver.of, (self.q, self.pivot, self.coupling, self.links, self.capacitance)
 
     def arrays(self) -> Factors:
@@ -86,20 +86,20 @@ class HalfSolver:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PoissonSolver:
-    """Both parities."""
+    """A solver for the even and the odd part."""
 
     even: HalfSolver
     odd: HalfSolver
 
     def solve(self, b: Array) -> Array:
-        """phi with A' phi = b; b (nx, ny) is integrated over cells and zero in solid cells."""
+        """Return phi with A' phi = b; b (nx, ny) is integrated over cells and zero in solid cells."""
         phi = np.empty_like(b)
         self.solve_into(b, phi)
         return phi
 
     def solve_into(self, b: Array, phi: Array) -> None:
-        """The same into an existing array."""
-        # Not in one compiled function: with both halves in it, the compiler finds a slower one.
+        """Solve as `solve` does, into an existing array."""
+        # The two halves are not in one compiled function, because the compiler then generates slower code.
         even, odd = self.even.work[0], self.odd.work[0]
         _split(b, even, odd)
         for half in (self.even, self.odd):
@@ -108,7 +108,7 @@ class PoissonSolver:
 
 
 def build(grid: Grid, fluid: npt.NDArray[np.bool_], precision: Precision = np.float64) -> PoissonSolver:
-    """Factorise, in double precision, for a grid and a fluid mask (nx, ny), both symmetric in y."""
+    """Factorise in double precision for a grid and a fluid mask (nx, ny), both symmetric in y."""
     if not np.array_equal(fluid, fluid[:, ::-1]) or fluid.shape[1] % 2:
         raise ValueError("the Poisson solver needs an even number of rows and a body symmetric in y")
     even, odd = (_build_half(grid, fluid, precision, even=even) for even in (True, False))
@@ -118,7 +118,7 @@ def build(grid: Grid, fluid: npt.NDArray[np.bool_], precision: Precision = np.fl
 def _build_half(grid: Grid, fluid: npt.NDArray[np.bool_], precision: Precision, *, even: bool) -> HalfSolver:
     nx, ny = grid.shape
     h = ny // 2
-    # On a scale on which the operator is symmetric with cells of unequal height.
+    # The unknowns are scaled so that the operator is symmetric although cells have unequal heights.
     scale = 1.0 / np.sqrt(grid.dy[:h])
     conductance = 1.0 / grid.dyc[1:h]
     sums = np.zeros(h)
@@ -127,7 +127,7 @@ def _build_half(grid: Grid, fluid: npt.NDArray[np.bool_], precision: Precision, 
     if not even:
         sums[-1] -= 2.0 / grid.dyc[h]  # phi changes sign across the axis
     beside = conductance * scale[:-1] * scale[1:]
-    # QL without blocks: it calls no product either.
+    # This driver uses QL without blocks, and so no BLAS product either.
     eigenvalues, q = eigh_tridiagonal(sums * scale * scale, beside, lapack_driver="stev")
     q = scale[:, None] * q
 
@@ -141,8 +141,8 @@ def _build_half(grid: Grid, fluid: npt.NDArray[np.bool_], precision: Precision, 
 
     links, stiffness = _cut_links(grid, fluid, h)
     if even and len(links):
-        # The body's inside must not float: with phi even it stays tied to the fluid through one link, which
-        # carries no flux because nothing in there is a source.
+        # With phi even, the system is singular if the body's inside is not connected. So one link to the fluid remains;
+        # it carries no flux because there is no source inside the body.
         links, stiffness = links[1:], stiffness[1:]
     coupling = coupling[:nx].copy()
     capacitance = _capacitance(q, pivot, coupling, links, stiffness)
@@ -151,7 +151,7 @@ def _build_half(grid: Grid, fluid: npt.NDArray[np.bool_], precision: Precision, 
 
 
 def _cut_links(grid: Grid, fluid: npt.NDArray[np.bool_], h: int) -> tuple[Links, Array]:
-    """Links between a fluid and a solid cell in the lower half, and their conductances."""
+    """Return the links between a fluid and a solid cell in the lower half, and their conductances."""
     half = fluid[:, :h]
     i, j = np.nonzero(half[1:] != half[:-1])
     across_x = np.column_stack([i, j, i + 1, j])
@@ -178,7 +178,7 @@ def _capacitance(q: Array, pivot: Array, coupling: Array, links: Links, stiffnes
 
 
 def _aligned(values: Array, shape: tuple[int, int]) -> Array:
-    """A copy that begins where a vector register's share of memory does, padded by zeros to a shape."""
+    """Return a copy that is aligned to vector registers and padded by zeros to a shape."""
     room = np.zeros(shape[0] * shape[1] + _VECTOR // values.itemsize, values.dtype)
     begin = -room.ctypes.data % _VECTOR // room.itemsize
     copy = room[begin : begin + shape[0] * shape[1]].reshape(shape)
@@ -187,7 +187,7 @@ def _aligned(values: Array, shape: tuple[int, int]) -> Array:
 
 
 def _inverse(matrix: Array) -> Array:
-    """The inverse of a positive definite matrix, which needs no pivoting, after Gauss and Jordan; in place."""
+    """Invert a positive definite matrix, which needs no pivoting, in place by Gauss-Jordan elimination."""
     for k in range(len(matrix)):
         row, column = matrix[k] / matrix[k, k], matrix[:, k].copy()
         matrix -= np.outer(column, row)
@@ -214,7 +214,7 @@ def _tridiagonal(b: Array, pivot: Array, coupling: Array) -> None:
 
 @njit(cache=True, fastmath={"contract", "reassoc"})
 def _gather(spectral: Array, links: Links, q: Array, out: Array) -> None:
-    """out = D^T phi for phi given in spectral space."""
+    """Compute out = D^T phi for phi in spectral space."""
     h = q.shape[0]
     for m in range(links.shape[0]):
         i1, j1, i2, j2 = links[m, 0], links[m, 1], links[m, 2], links[m, 3]
@@ -237,9 +237,9 @@ def _scatter(spectral: Array, links: Links, y: Array, q: Array) -> None:
 
 @njit(cache=True, fastmath={"contract"})
 def _product(a: Array, b: Array, out: Array) -> None:
-    """out = a b for b (h, h) with h a multiple of 4; three rows at a time, over four terms of their sums.
+    """Compute out = a b for b (h, h) with h a multiple of 4, for three rows and four terms of their sums at a time.
 
-    Each sum is taken in the order of its terms, so that it does not depend on which rows go together.
+    The terms of each sum are added in a fixed order, so that the result does not depend on the grouping of rows.
     """
     n, h = out.shape
     for i in range(0, n - 2, 3):
@@ -266,7 +266,7 @@ def _product(a: Array, b: Array, out: Array) -> None:
 
 @njit(cache=True, fastmath={"contract", "reassoc"})
 def _times(matrix: Array, vector: Array, out: Array) -> None:
-    """out = -matrix vector."""
+    """Compute out = -matrix vector."""
     for i in range(matrix.shape[0]):
         row, total = matrix[i], matrix.dtype.type(0.0)
         for k in range(row.shape[0]):
@@ -279,7 +279,7 @@ def _solve_half(
     q: Array, qt: Array, pivot: Array, coupling: Array, links: Links, cap: Array,
     field: Array, rhs: Array, first: Array, jump: Array, against: Array,
 ) -> None:  # fmt: skip
-    """Solve in place: `field` holds the right-hand side, then phi."""
+    """Solve in place: `field` holds the right-hand side before and phi after the call."""
     _product(field, q, rhs)
     if links.shape[0] > 0:
         first[:] = rhs
@@ -293,23 +293,23 @@ def _solve_half(
 
 @njit(cache=True, fastmath={"contract"})
 def _split(b: Array, even: Array, odd: Array) -> None:
-    """The even and the odd part of b, on the lower half."""
+    """Compute the even and the odd part of b, on the lower half."""
     half = b.dtype.type(0.5)
     nx, h, last = b.shape[0], b.shape[1] // 2, np.uintp(b.shape[1] // 2 - 1)
     for i in range(nx):
         lower, upper, even_i, odd_i = b[i, :h], b[i, h:], even[i], odd[i]
-        # An index without sign cannot count from the end, and leaves the compiler its vectors.
+        # An unsigned index cannot count from the end, so the compiler can vectorise.
         for j in range(np.uintp(h)):
             even_i[j] = half * (lower[j] + upper[last - j])
         for j in range(np.uintp(h)):
             odd_i[j] = half * (lower[j] - upper[last - j])
-        # Also of the padding: a flow that diverged leaves there what is not finite.
+        # The padding is cleared too, because a diverged flow leaves values there that are not finite.
         even_i[h:] = odd_i[h:] = half * 0
 
 
 @njit(cache=True, fastmath={"contract"})
 def _join(even: Array, odd: Array, phi: Array) -> None:
-    """The sum of both parts on both halves."""
+    """Compute the sum of both parts on both halves."""
     nx, h, last = phi.shape[0], phi.shape[1] // 2, np.uintp(phi.shape[1] // 2 - 1)
     for i in range(nx):
         lower, upper, even_i, odd_i = phi[i, :h], phi[i, h:], even[i], odd[i]

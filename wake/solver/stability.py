@@ -1,10 +1,10 @@
-"""How long a time step the explicit scheme carries.
+"""Limits of a stable time step of the explicit scheme.
 
-The convective number of a cell is dt (|u| / dx + |v| / dy), the viscous one 4 nu dt (1 / dx^2 + 1 / dy^2). The
-stability polynomial of a three-stage Runge-Kutta scheme of order 3 ends at 1.73 on the imaginary axis, at 2.0 to 2.4
-with the viscosity of this flow, and at 2.51 on the real axis. The uncontrolled truck bears this out: it keeps a number
-of 2.0 at its front corners and diverges at 2.3. Next to the jets, where few cells are fast and not for long, 4.0 holds
-over 100 control periods of full reversals and 4.3 does not.
+The convective number of a cell is dt (|u| / dx + |v| / dy), the viscous number is 4 nu dt (1 / dx^2 + 1 / dy^2). The
+stability region of a three-stage Runge-Kutta scheme of order 3 ends at 1.73 on the imaginary axis, at 2.0 to 2.4 with
+the viscosity of this flow, and at 2.51 on the real axis. Runs of the uncontrolled truck confirm this: they are stable
+with a number of 2.0 at the front corners and diverge at 2.3. Next to the jets, where few cells are fast and only for a
+short time, runs with full reversals over 100 control periods are stable at 4.0 and diverge at 4.3.
 """
 
 from math import ceil
@@ -22,11 +22,11 @@ JET_LIMIT: Final = 4.0
 VISCOUS_LIMIT: Final = 2.51
 
 _SAFE: Final = 1.7
-"""What to aim at in either number."""
+"""Target value of either number."""
 
 
 def convective_number(grid: Grid, flow: Flow, dt: float) -> float:
-    """Largest convective number of the cells."""
+    """Return the largest convective number of the cells."""
     u, v = np.abs(flow.faces_u), np.abs(flow.faces_v)
     along = np.maximum(u[:-1], u[1:]) / grid.dx[:, None]
     across = np.maximum(v[:, :-1], v[:, 1:]) / grid.dy
@@ -34,12 +34,12 @@ def convective_number(grid: Grid, flow: Flow, dt: float) -> float:
 
 
 def viscous_number(grid: Grid, viscosity: float, dt: float) -> float:
-    """Largest viscous number of the cells."""
+    """Return the largest viscous number of the cells."""
     return float(4.0 * viscosity * dt * (1.0 / grid.dx.min() ** 2 + 1.0 / grid.dy.min() ** 2))
 
 
 def advice(convective: float, viscous: float, dt: float) -> str:
-    """The numbers of a time step with which the flow diverged, and a step that holds."""
+    """State the numbers of a time step with which the flow diverged, and a stable time step."""
     held = dt / max(2.0, convective / _SAFE, viscous / _SAFE)
     return (
         f"convective number {convective:.2f} before, must be below {CONVECTIVE_LIMIT:g}; viscous number "
@@ -50,20 +50,20 @@ def advice(convective: float, viscous: float, dt: float) -> str:
 def check_step(
     grid: Grid, fluid: npt.NDArray[np.bool_], viscosity: float, jet_speed: float, period: float, substeps: int
 ) -> None:
-    """Refuse a time step that is bound to diverge on this grid, before any flow exists. Raises PlantError with the
-    number that is too large and the substeps that would do.
+    """Check, before any flow exists, that a time step is not too large for this grid. Raises PlantError with the number
+    that is too large and the sufficient number of substeps.
 
     Args:
-        fluid: its fluid cells, (nx, ny).
+        fluid: the grid's fluid cells, (nx, ny).
         viscosity: 1 / Re.
-        jet_speed: the fastest the jets can be asked to blow, in U_inf.
+        jet_speed: largest speed that can be commanded of the jets, in U_inf.
         period: control period in t_c.
     """
     dt = period / substeps
     per_x, per_y = 1.0 / grid.dx[:, None], 1.0 / grid.dy
     slot = slice(grid.upper - grid.slot_cells, grid.upper)
-    # The free stream passes the front corners at about its own speed in both directions; a jet that blows turns
-    # within a cell, and one that sucks draws as much along the base.
+    # The free stream passes the front corners at about its own speed in both directions. The flow of a blowing jet
+    # turns within a cell, and a sucking jet draws the same flow along the base.
     numbers = (
         ("convective number of the free stream", np.where(fluid, per_x + per_y, 0.0).max(), CONVECTIVE_LIMIT),
         ("convective number of the jets", jet_speed * (per_x[grid.rear, 0] + per_y[slot].max()), JET_LIMIT),

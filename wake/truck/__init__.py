@@ -1,1 +1,1 @@
-"""The truck in the flow: its outline, jets, sensors and forces, stepped one control period at a time."""
+"""The truck in the flow: its outline, jets, sensors and forces, advanced one control period at a time."""

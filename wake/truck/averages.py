@@ -1,21 +1,21 @@
-"""Time averages of a wake that sheds: one rule for every study.
+"""Time averages of a shedding wake: one rule for every study.
 
-An average over a part of a cycle depends on where the series was cut. So averages run from the first to the last
-instant at which the lift crosses zero upwards, each found on the straight line between two samples, and hold a whole
-number of cycles. In between, the series is integrated by the trapezoidal rule; of the two intervals in which the
-average begins and ends, the part inside counts, on the straight line between their samples. The standard deviation is
-the root of the same integral of (x - mean)^2. A signal of 24 samples a cycle, as this wake's lift, is averaged to 1e-6
-of its amplitude over a dozen cycles.
+An average over a part of a cycle depends on the ends of the series. So averages run from the first to the last instant
+at which the lift crosses zero upwards, each found by linear interpolation between two samples. They cover a whole
+number of cycles. In between, the series is integrated by the trapezoidal rule; of the two intervals that contain the
+ends, only the inner part counts, with linear interpolation between their samples. The standard deviation is the root of
+the same integral of (x - mean)^2. The average of a signal with 24 samples per cycle, like this wake's lift, has an
+error of 1e-6 of its amplitude over a dozen cycles.
 
-Two other rules are worse. Whole samples between the crossings put the cut up to a sample off: 1e-3 of the amplitude.
-A line drawn through the samples and then squared makes the lift's standard deviation 0.6 % too small, and that of the
+Two other rules are worse. With whole samples between the crossings, the ends are wrong by up to a sample: 1e-3 of the
+amplitude. Squaring a line through the samples makes the lift's standard deviation 0.6 % too small, and that of the
 drag, which has twice the frequency, 2 %.
 
-A wake under control may hardly shed. Its lift then crosses zero many times within a cycle, by what is left of the
-motion and by what the jets do, and the crossings mark no cycles. But the wake and the jets still act near the shedding
-frequency, so a controlled wake is averaged over whole cycles of the uncontrolled one: as many as fit, counted back from
-the last sample (`over_last_cycles`). Where control fails, the wake sheds as before and the rule is the first one again,
-with another phase. A wake that a sine drives is averaged over the sine's last cycles in the same way.
+A wake under control may shed very little. Its lift then crosses zero many times within a cycle, by the remaining motion
+and by the jets, and the crossings mark no cycles. But the wake and the jets still act near the shedding frequency. So a
+controlled wake is averaged over as many whole cycles of the uncontrolled wake as fit, counted back from the last sample
+(`over_last_cycles`). If control fails, the wake sheds as before, and this rule equals the first rule with another
+phase. A wake with sinusoidal forcing is averaged over the sine's last cycles in the same way.
 """
 
 from dataclasses import dataclass
@@ -29,23 +29,23 @@ from contract.errors import PlantError
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Average:
-    """Weights (n,) of the samples; their sum is 1."""
+    """The weights (n,) of the samples in an average; their sum is 1."""
 
     weights: Array
 
     def mean(self, values: npt.ArrayLike) -> Array:
-        """Weighted mean of (n, ...) over the samples, (...)."""
+        """Return the weighted mean of (n, ...) over the samples, (...)."""
         return np.asarray(np.tensordot(self.weights, np.asarray(values, dtype=np.float64), axes=1))
 
     def std(self, values: npt.ArrayLike) -> Array:
-        """Root of the mean squared deviation from the mean, (...)."""
+        """Return the root of the mean squared deviation from the mean, (...)."""
         deviation = np.asarray(values, dtype=np.float64) - self.mean(values)
         return np.sqrt(self.mean(deviation * deviation))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CycleAverage(Average):
-    """An average over whole cycles of the lift. `frequency` is in cycles per t_c: the Strouhal number of a wake without
+    """An average over whole cycles of the lift. `frequency`, in cycles per t_c, is the Strouhal number without
     forcing."""
 
     cycles: int
@@ -53,11 +53,11 @@ class CycleAverage(Average):
 
 
 def over_cycles(t: Array, lift: Array) -> CycleAverage:
-    """The average over the whole cycles of a series. Raises PlantError if the series holds no whole cycle.
+    """Return the average over the whole cycles of a series. Raises PlantError if the series holds no whole cycle.
 
     Args:
         t: instants of the samples, rising, (n,); t_c.
-        lift: Cl then, (n,).
+        lift: Cl at these instants, (n,).
     """
     up = np.flatnonzero((lift[:-1] < 0.0) & (lift[1:] >= 0.0))
     if len(up) < 2:
@@ -75,15 +75,14 @@ def over_cycles(t: Array, lift: Array) -> CycleAverage:
 
 
 def over_last_cycles(t: Array, frequency: float) -> CycleAverage:
-    """The average over the last whole cycles of a frequency that is known from elsewhere. Raises PlantError if the
-    series is shorter than a cycle.
+    """Return the average over the last whole cycles of a known frequency. Raises PlantError for less than a cycle.
 
     Args:
         t: instants of the samples, rising, (n,); t_c.
         frequency: cycles per t_c; of the same wake without control.
     """
     span = float(t[-1] - t[0]) if len(t) else 0.0
-    # Samples stand at multiples of a step: a span of whole cycles must not lose one to rounding.
+    # Samples are at multiples of a step; rounding must not remove a cycle from a span of whole cycles.
     cycles = int(span * frequency + 1e-9)
     if cycles < 1:
         raise PlantError(
@@ -96,9 +95,9 @@ def over_last_cycles(t: Array, frequency: float) -> CycleAverage:
 
 
 def _trapezoids(t: Array, first: float, last: float) -> Array:
-    """Weights whose sum with a series is the integral of the line through its samples from `first` to `last`, (n,)."""
+    """Return the weights (n,) that integrate a piecewise linear series from `first` to `last`."""
     width = np.diff(t)
-    # The part of every interval that counts, as shares from its left end.
+    # Each interval counts from `begin` to `end`, which are shares of its width from its left end.
     begin = np.clip((first - t[:-1]) / width, 0.0, 1.0)
     end = np.clip((last - t[:-1]) / width, 0.0, 1.0)
     right = 0.5 * (end * end - begin * begin) * width

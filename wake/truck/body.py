@@ -13,9 +13,9 @@ from wake.solver.grid import Grid
 
 
 def signed_distance(x: npt.ArrayLike, y: npt.ArrayLike, body: BodyConfig = TRUCK_BODY) -> Array:
-    """Distance to the outline in W, positive in the fluid; exact outside and inside near the outline."""
+    """Return the distance to the outline in W, positive in the fluid; exact outside, and inside near the outline."""
     x, y = np.asarray(x, dtype=np.float64), np.abs(np.asarray(y, dtype=np.float64))
-    # A box with all corners sharp, and one with all corners rounded; the front takes the second.
+    # The first box has sharp corners only, the second has rounded corners only; the front uses the second.
     sharp = _box_distance(x, y, body.length, 0.0)
     rounded = _box_distance(x, y, body.length, body.leading_edge_radius)
     return np.where(x < 0.5 * body.length, rounded, sharp)
@@ -34,8 +34,8 @@ MOMENTUM_FACTOR = 1.2 / JET_WIDTH
 
 
 def slot_profile(grid: Grid) -> Array:
-    """Velocity on the base's faces per unit action, shape (ny,): a parabola of flow rate +1 in the upper slot and -1
-    in the lower, averaged exactly over each face (paper, section 2.1)."""
+    """Return the velocity on the base's faces per unit action, shape (ny,): a parabola of flow rate +1 in the upper
+    slot and -1 in the lower slot, averaged exactly over each face (paper, section 2.1)."""
 
     def flow_below(y: Array) -> Array:
         s = (y - (HALF_WIDTH - JET_WIDTH)) / JET_WIDTH
@@ -45,6 +45,6 @@ def slot_profile(grid: Grid) -> Array:
     upper = slice(grid.upper - grid.slot_cells, grid.upper)
     edges = grid.yf[upper.start : upper.stop + 1]
     profile[upper] = np.diff(flow_below(edges)) / grid.dy[upper]
-    # Copied rather than evaluated, so that the two flows cancel to the last bit.
+    # The lower slot is a copy, so that the two flow rates cancel bit for bit.
     profile[grid.lower : grid.lower + grid.slot_cells] = -profile[upper][::-1]
     return profile

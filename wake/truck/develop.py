@@ -1,7 +1,7 @@
-"""An established wake: from fluid at rest, as the shipped start was made, or from a developed wake on another grid.
+"""A developed wake: from fluid at rest, like the shipped start, or from a developed wake on another grid.
 
-Developing a wake from rest takes 100 t_c, since the shedding has to grow first. An interpolated one sheds already, and
-is run until it has forgotten the other grid.
+Developing a wake from rest takes 100 t_c, because the shedding has to grow first. An interpolated wake already sheds,
+and is run until the other grid has no influence.
 """
 
 from collections.abc import Callable
@@ -17,14 +17,14 @@ from wake.solver.grid import Component, Grid
 from wake.truck.state import State
 from wake.truck.truck_wake import TruckWake
 
-# An impulsive start is stiff: (dt, steps) until the first transients have left the leading edge.
+# An impulsive start is stiff: it needs small steps (dt, number) until the first transients have left the leading edge.
 _RAMP: Final = ((1e-4, 200), (1e-3, 200), (2e-3, 1000), (4e-3, 500))
 _KICK_STEPS: Final = 50
 _KICK_AMPLITUDE: Final = 2.0 / 3.0
 
 
 def start_from_rest(wake: TruckWake) -> None:
-    """Put the plant into uniform flow and let the first transients leave the leading edge; its clock stands at zero."""
+    """Set the plant to uniform flow, run until the first transients have left the leading edge, and zero its clock."""
     wake.reset(State(flat=wake.solver.start().flat, substep=0, action=0.0))
     for dt, steps in _RAMP:
         wake.solver.run(wake.flow, dt=dt, steps=steps, action_from=0.0, action_to=0.0)
@@ -34,10 +34,10 @@ def develop(
     wake: TruckWake, duration: float = 200.0, progress: Callable[[float, float], None] = lambda t, total: None
 ) -> State:
     """Start the flow, break its symmetry with two periods of the jets, and let it settle without control. Returns the
-    state with its clock set back to zero and no action.
+    state with its clock set to zero and no action.
 
     Args:
-        wake: the plant; left in the returned state.
+        wake: the plant, which is in the returned state afterwards.
         duration: time after the ramp, in t_c. The wake of this truck needs 60 to 100 t_c to become periodic.
         progress: called with (time, duration) after every control period.
     """
@@ -53,16 +53,16 @@ def develop(
 
 
 SETTLE_TIME: Final = 60.0
-"""t_c without jets after which mean drag and lift's amplitude are within 0.3 % of a wake's that developed from rest on
-the same grid (refinement 0.4 and 0.5), and the mean lift, which dies away last, is within 0.01."""
+"""Time without jets, in t_c, after which mean drag and lift amplitude are within 0.3 % of those of a wake that
+developed from rest on the same grid (refinement 0.4 and 0.5). The mean lift, which decays last, is within 0.01."""
 
 _COMPONENTS: Final[tuple[Component, ...]] = ("u", "v", "p")
 
 
 def interpolated(state: State, source: Grid, target: Grid) -> Flow:
-    """The flow of a state on `source`, on `target`: bilinear, and beyond the outermost points extrapolated.
+    """Interpolate the flow of a state on `source` bilinearly to `target`; extrapolate it beyond the outermost points.
 
-    Layers beyond the edges are zero, and the velocities have a divergence: a time step's to put right.
+    Layers beyond the edges are zero, and the velocities have a divergence, which a time step removes.
     """
     found, result = Flow.of(state.flat, source.shape), Flow.zeros(target.shape)
     for name in _COMPONENTS:
@@ -79,18 +79,18 @@ def moved(
     duration: float,
     progress: Callable[[float, float], None] = lambda t, total: None,
 ) -> State:
-    """A state on the plant's grid, from one on another. Raises PlantError if the flow diverges. Returns the state with
+    """Run a state from another grid on the plant's grid. Raises PlantError if the flow diverges. Returns the state with
     its clock at zero and no action.
 
     Args:
         state: on `source`, of the plant's body and Reynolds number.
-        wake: the plant; left in the returned state.
+        wake: the plant, which is in the returned state afterwards.
         duration: time without jets after the interpolation, t_c.
         progress: called with (time, duration) after every control period.
     """
     flow = Flow.of(interpolated(state, source, wake.grid).flat.astype(wake.solver.precision), wake.grid.shape)
     pressure = flow.p.copy()
-    # A step of next to no time fills edges and walls and removes the divergence; its pressure is that impulse's.
+    # A very short step fills edges and walls and removes the divergence; its pressure is the pressure of that impulse.
     wake.solver.run(flow, dt=1e-6, steps=1, action_from=0.0, action_to=0.0)
     flow.p[:] = pressure
     wake.reset(State(flat=flow.flat, substep=0, action=0.0))
@@ -102,5 +102,5 @@ def moved(
 
 
 def _values(flow: Flow, name: Component) -> Array:
-    """The component's unpadded values, a view."""
+    """Return the component's unpadded values, a view."""
     return {"u": flow.faces_u, "v": flow.faces_v, "p": flow.cells_p}[name]

@@ -1,4 +1,4 @@
-"""The body's wake with its tape as a training through the flow takes it (`contract.differentiable`)."""
+"""The body's wake with its tape, in the form that training through the flow uses (`contract.differentiable`)."""
 
 from dataclasses import replace
 from functools import partial
@@ -15,15 +15,15 @@ from wake.truck.tape import Tape, no_weights
 from wake.truck.truck_wake import TruckWake
 
 MEMORY_MB: Final = 7000.0
-"""Bound of the tape, in 10^6 bytes: 125 control periods take 2000 on the mesh of the refinement, 6900 on the default
-one; beyond it the tape computes again."""
+"""Bound of the tape's memory, in 10^6 bytes. 125 control periods take 2000 on the mesh of the refinement, 6900 on the
+default mesh; beyond the bound, the tape computes steps again."""
 AT_REST: Final = 60.0
-"""Convective times in which the wake without jets settles at a speed, and as long an average: twelve cycles."""
+"""Time in t_c in which the wake without jets settles at a speed, and of the average after it: twelve cycles."""
 
 
 class DifferentiableWake(CopiedWhole):
     """A plant at the beginning of control periods, with the differences of some of its sensors. `columns` (2 p,) are
-    those of the sensors among the plant's, in pairs."""
+    the indices of these sensors in the plant's Cp, in pairs."""
 
     def __init__(self, plant: TruckWake, columns: Index) -> None:
         self.plant, self._columns = plant, columns
@@ -31,7 +31,8 @@ class DifferentiableWake(CopiedWhole):
         self._speeds = np.ones(1)
 
     def begin(self, state: FlowState, speeds: Array) -> Seen:
-        """Go on from there with an empty tape, at speeds (n + 1,) in design speeds; a faster one takes more steps."""
+        """Continue from a state with an empty tape, at speeds (n + 1,) in design speeds; higher speeds take more
+        steps."""
         plant, config = self.plant, self._config
         plant.config = at_speed(config, float(speeds.max()))
         times, faster = config.control_period * np.arange(len(speeds), dtype=np.float64), speeds - 1.0
@@ -42,12 +43,12 @@ class DifferentiableWake(CopiedWhole):
         return self._seen()
 
     def advance(self, action: float) -> Seen:
-        """Go on by a control period, kept for the way back; raises PlantError as `Tape.advance`."""
+        """Advance by a control period, which the tape stores; raises PlantError as `Tape.advance` does."""
         self._tape.advance(action)
         return self._seen()
 
     def back(self, weights: Seen) -> float:
-        """Go back by a period; the sensitivity to the action commanded in it."""
+        """Go back by a period; return the sensitivity to the action commanded in that period."""
         speed = self._speed
         whole = no_weights(len(self.plant.layout))
         whole.Cp[self._columns] = weights.Cp / speed**2
@@ -55,14 +56,14 @@ class DifferentiableWake(CopiedWhole):
         return self._tape.back(replace(whole, Cd=Cd, Cl=Cl, Uy_probe=weights.Uy / speed))
 
     def state(self) -> FlowState:
-        """The flow as it is."""
+        """Return the present flow."""
         return FlowState(flat=self.plant.flow.flat.copy(), action=self.plant.action)
 
     def at_rest(self, state: FlowState, speed: float, over: float = AT_REST) -> tuple[float, float] | None:
-        """Means of base pressure and of the differences' magnitude without jets; None without a sensor on the base.
+        """Return the means of base pressure and |differences| without jets; None without a sensor on the base.
 
         Args:
-            over: for which the wake settles, and then is averaged, in convective times of the speed.
+            over: duration of the settling, and of the average after it, in convective times of the speed.
         """
         on_base = np.isin(self._columns, self.plant.layout.base)
         if not on_base.any():
@@ -80,7 +81,7 @@ class DifferentiableWake(CopiedWhole):
 
     @property
     def _speed(self) -> float:
-        """The speed at the sample that the tape ends with."""
+        """The speed at the last sample of the tape."""
         return float(self._speeds[len(self._tape)])
 
     def _seen(self) -> Seen:

@@ -1,4 +1,4 @@
-"""How far the recirculation bubble behind the body reaches."""
+"""The length of the recirculation bubble behind the body."""
 
 import numpy as np
 
@@ -7,11 +7,12 @@ from wake.solver.grid import Grid
 
 
 def recirculation_length(grid: Grid, flow: Flow) -> float:
-    """Distance in W from the base to where u on the axis y = 0 turns positive for good, in a steady or mean flow.
+    """Return the distance in W, in a steady or mean flow, from the base to the last point on the axis y = 0 where u
+    turns positive.
 
-    Zero if nothing on the axis flows back; a bubble that reaches the outlet ends there.
+    The length is zero if there is no backward flow on the axis; a bubble that reaches the outlet ends there.
     """
-    # The axis is a row of faces; u stands half a cell below and above it.
+    # The axis is a row of faces; u is half a cell below and above it.
     above = grid.shape[1] // 2
     speed = flow.faces_u[grid.rear :, above - 1 : above + 1].mean(axis=1)
     x = grid.xf[grid.rear :] - grid.xf[grid.rear]

@@ -1,4 +1,4 @@
-"""Where the own solver's plant can continue from, in memory and on disk."""
+"""A state from which the own solver's plant can continue, in memory and on disk."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,9 +19,9 @@ _BODY: Final = ("body_length", "leading_edge_radius")
 
 @dataclass(frozen=True, kw_only=True)
 class Origin:
-    """The plant a state was made on; the clock is None if an old file lacks it.
+    """The plant on which a state was computed; the clock is None if an old file lacks it.
 
-    Of the body its shape counts: where its sensors are does not matter to the flow.
+    It holds the body's shape but not the positions of the sensors, which do not affect the flow.
     """
 
     shape: tuple[int, int]
@@ -36,15 +36,15 @@ class Origin:
         return self.is_of(TRUCK_BODY)
 
     def is_of(self, body: BodyConfig) -> bool:
-        """Whether the flow is around this body."""
+        """Return whether the flow is around this body."""
         return (self.body_length, self.leading_edge_radius) == (body.length, body.leading_edge_radius)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class State:
-    """Everything that decides the future: the flow, the substep count since t = 0 and the jet.
+    """All data that determine the further flow: velocities and pressures, the substep count since t = 0, and the jet.
 
-    A plant refuses a state of another origin; one without origin is taken as it is.
+    A plant refuses a state of another origin, and accepts a state without origin.
     """
 
     flat: Array
@@ -54,17 +54,18 @@ class State:
 
 
 def start_name(reynolds: float) -> str:
-    """What a message calls a start that is still to be made: not as the file at hand, which must not be replaced."""
+    """Return a file name, for messages, of a start yet to be computed. It differs from the existing file's name,
+    because that file must not be replaced."""
     return f"start_re{reynolds:g}.npz"
 
 
 def develops(reynolds: float) -> str:
-    """The command that makes a start."""
+    """Return the command that computes a start."""
     return f"stillwake develop {start_name(reynolds)} --set flow.reynolds={reynolds:g}"
 
 
 def check_reynolds(origin: Origin, reynolds: float) -> None:
-    """Raise PlantError if a state was made at another Reynolds number than the plant's."""
+    """Raise PlantError if a state was computed at another Reynolds number than the plant's."""
     if origin.reynolds != reynolds:
         raise PlantError(
             f"flow state is of reynolds = {origin.reynolds:g}, this plant has {reynolds:g}: "
@@ -73,7 +74,7 @@ def check_reynolds(origin: Origin, reynolds: float) -> None:
 
 
 def check_body(origin: Origin, body: BodyConfig) -> None:
-    """Raise PlantError if a state was made around another body than the plant's."""
+    """Raise PlantError if a state was computed around another body than the plant's."""
     if not origin.is_of(body):
         raise PlantError(
             f"flow state is of a body of length {origin.body_length:g} and leading-edge radius "
@@ -83,7 +84,7 @@ def check_body(origin: Origin, body: BodyConfig) -> None:
 
 
 def check_grid(origin: Origin, shape: tuple[int, int]) -> None:
-    """Raise PlantError if a state was made on another grid than the plant's, whose cells are `shape`."""
+    """Raise PlantError if a state was computed on a grid whose number of cells is not `shape`."""
     if origin.shape != shape:
         (nx, ny), (mine_x, mine_y) = origin.shape, shape
         raise PlantError(
@@ -93,14 +94,14 @@ def check_grid(origin: Origin, shape: tuple[int, int]) -> None:
 
 
 def save_state(path: Path, state: State) -> None:
-    """Write a state, whole or not at all. Raises PlantError if it has no origin."""
+    """Write a state, completely or not at all. Raises PlantError if it has no origin."""
     origin = state.origin
     if origin is None:
         raise PlantError(f"{path}: a state without its origin cannot be written: take it from `TruckWake.state`")
     clock: dict[str, Any] = (
         {} if origin.substeps is None else {"control_period": origin.control_period, "substeps": origin.substeps}
     )
-    # The truck's files hold nothing about the body, as they always did.
+    # The truck's files hold no entries of the body, as in earlier releases.
     shape: dict[str, Any] = {} if origin.is_truck else {name: getattr(origin, name) for name in _BODY}
     with replacing(path) as temporary, temporary.open("wb") as file:
         np.savez_compressed(
@@ -144,5 +145,5 @@ def load_state(path: Path) -> State:
 
 
 def developed_state() -> State:
-    """The truck's shipped start: shedding established, no action."""
+    """Return the truck's shipped start: shedding developed, no action."""
     return load_state(developed())

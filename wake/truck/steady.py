@@ -1,8 +1,8 @@
-"""The steady symmetric wake: the flow that would be left if shedding were suppressed by symmetry.
+"""The steady symmetric wake: the flow that results if symmetry suppresses shedding.
 
-A flow that starts symmetric stays so but for rounding, on which the shedding instability feeds. Taking the even part of
-the flow after every control period removes that, and what remains settles. The result solves the same discrete
-equations as the shedding wake, so its drag is the part of the drag that shedding does not cause.
+A symmetric flow remains symmetric except for rounding errors, which the shedding instability amplifies. Taking the even
+part of the flow after every control period removes these errors, and the flow settles. The result solves the same
+discrete equations as the shedding wake, so its drag is the part of the drag that shedding does not cause.
 """
 
 from collections.abc import Callable
@@ -20,14 +20,14 @@ from wake.truck.state import State
 from wake.truck.truck_wake import TruckWake
 
 TOLERANCE: Final = 1e-6
-"""The rate below which a wake is steady. In the last stage rates fall by a factor e in about 23 t_c: forces are then
-final to some 1e-5."""
+"""Largest rate at which a wake counts as steady. Rates finally fall by a factor e in 23 t_c, so forces are accurate to
+1e-5."""
 
 
 _UNEVEN: Final = 1e-9
-"""A difference in U_inf: a state that was settled is symmetric to the bit."""
+"""Largest difference in U_inf between a steady state and its mirror image; a settled state is symmetric bit for bit."""
 _RATE: Final = 1e-2
-"""A rate in U_inf / t_c: a state that was settled is far below, the developed wake has about 1."""
+"""Largest rate in U_inf / t_c of a steady state; a settled state is far below it, the developed wake has about 1."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -37,10 +37,10 @@ class SteadyWake:
     Attributes:
         state: the flow, its clock set to zero; the plant is left in it.
         base_Cp: mean over the sensors on the base.
-        recirculation_length: from the base to where the velocity on the axis turns downstream, in W.
+        recirculation_length: from the base to the point where the velocity on the axis turns downstream, in W.
         velocity_rate: max |du/dt| and |dv/dt| over the last control period, in U_inf / t_c.
-        drag_rate: |dCd/dt| over it, wall and slots, in 1 / t_c.
-        time: how long the flow took from rest, in t_c.
+        drag_rate: |dCd/dt| over the last control period, wall and slots, in 1 / t_c.
+        time: duration of the settling from rest, in t_c.
     """
 
     state: State
@@ -52,7 +52,7 @@ class SteadyWake:
     time: float
 
     def figures(self) -> dict[str, float]:
-        """The figures for a results file."""
+        """Return the figures for a results file."""
         sample = self.sample
         return {
             "Cd": sample.Cd,
@@ -71,12 +71,12 @@ def settle(
     longest: float = 600.0,
     progress: Callable[[float, float], None] = lambda t, rate: None,
 ) -> SteadyWake:
-    """Evolve the symmetric flow from rest, without action, until neither velocity nor drag changes. Raises PlantError
-    if the flow is not steady after `longest`.
+    """Run the symmetric flow from rest, without action, until velocity and drag are steady. Raises PlantError after
+    `longest`.
 
     Args:
-        tolerance: both rates must fall below this.
-        longest: give up after so many t_c.
+        tolerance: upper limit of both rates.
+        longest: largest duration in t_c.
         progress: called with the time and the larger rate after every control period.
     """
     start_from_rest(wake)
@@ -112,8 +112,8 @@ def settle(
 
 
 def check_steady(wake: TruckWake, state: State) -> None:
-    """Refuse a state that is not the steady symmetric wake; the plant is left a control period behind it. Raises
-    PlantError if the flow is not its own mirror image, blows, or changes; the message names by how much, and the
+    """Check that a state is the steady symmetric wake; the plant advances by one control period. Raises PlantError if
+    the flow is not its own mirror image or changes, or a jet blows; the message states the difference or rate, and the
     remedy."""
     wake.reset(state)
     flow = wake.flow
@@ -139,7 +139,7 @@ def _drag(sample: Sample) -> float:
 
 
 def keep_even_part(flow: Flow) -> None:
-    """Remove from the flow, in place, what is not its own mirror image in y."""
+    """Remove the odd part in y from the flow, in place."""
     flow.u[:] = 0.5 * (flow.u + flow.u[:, ::-1])
     flow.v[:] = 0.5 * (flow.v - flow.v[:, ::-1])
     flow.p[:] = 0.5 * (flow.p + flow.p[:, ::-1])

@@ -1,16 +1,16 @@
 """Sensors and forces as functionals of the flow.
 
-Each measured quantity but the slots' load is a fixed weighted sum of u, v and p, so one sparse product per control step
-yields all of them. Along the normal, wall pressure continues a parabola through two points in the flow whose slope on
-the wall is the one that the momentum balance of fluid at rest demands: at the rounded corners, where the boundary layer
-holds up a pressure that falls steeply outside it, a straight line would give 1 % too little drag. Wall shear follows
-from the velocity with no slip on the wall. Forces are per unit of rho U_inf^2 W / 2.
+Each measured quantity except the slots' load is a fixed weighted sum of u, v and p, so one sparse product per control
+step gives all of them. The wall pressure is the value on the wall of a parabola along the normal through two points in
+the flow; its slope on the wall follows from the momentum balance of fluid at rest. At the rounded corners, where the
+boundary layer supports a pressure that falls steeply outside it, a straight line would give 1 % too little drag. Wall
+shear follows from the velocity with no slip on the wall. Forces are per unit of rho U_inf^2 W / 2.
 
 The load on the two slot faces comes from the momentum balance of the half cell before each face. Near a slot the
-pressure falls by several dynamic pressures within a slot's width, and a straight line through two cells misses a fifth
-of it. Momentum does not: along x, p + u^2 - 2 nu du/dx is the same on the face and half a cell before it, but for what
-leaves through the half cell's sides and for its own acceleration, which are small and nearly cancel over a cycle. On
-the default grid this gives the force on slots resolved twice as finely within 2 %.
+pressure falls by several dynamic pressures within a slot's width, and a straight line through two cells has an error of
+a fifth. The momentum balance is exact: along x, p + u^2 - 2 nu du/dx on the face equals its value half a cell before
+the face, except for the flux through the half cell's sides and the half cell's acceleration, which are small and nearly
+cancel over a cycle. On the default grid the result is within 2 % of the force on slots resolved twice as finely.
 """
 
 from collections import defaultdict
@@ -31,7 +31,7 @@ from wake.solver.grid import Component, Grid, bilinear
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SlotLoad:
-    """Force on both slot faces per unit of rho U_inf^2 W / 2, and mean Cp over each, weighted with its profile."""
+    """The force on both slots per unit of rho U_inf^2 W / 2, and the mean Cp over each, weighted with the profile."""
 
     Cd_pressure: float
     Cd_viscous: float
@@ -40,7 +40,7 @@ class SlotLoad:
 
 
 class SlotFaces:
-    """The slots of one grid.
+    """The faces of the jets' slots on one grid.
 
     Args:
         viscosity: 1 / Re.
@@ -57,7 +57,6 @@ class SlotFaces:
         self._weight = np.abs(profile) * grid.dy
 
     def measure(self, flow: Flow) -> SlotLoad:
-        """The load at one instant."""
         face, ahead, between = self._faces(flow)
         Cp = 2.0 * (flow.cells_p[self._rear] + between * between - face * face)
         slots = (self._upper, self._lower)
@@ -69,7 +68,7 @@ class SlotFaces:
         )
 
     def weigh(self, bar: Flow, flow: Flow, weights: SlotLoad) -> None:
-        """Add to `bar` the sensitivities to the flow of the load's sum with these weights."""
+        """Add to `bar` the sensitivities of the weighted sum of the load to the flow."""
         face, _, between = self._faces(flow)
         Cp = np.zeros_like(face)
         for rows in (self._upper, self._lower):
@@ -84,7 +83,7 @@ class SlotFaces:
         bar.faces_u[self._rear + 1] += 2.0 * Cp * between + shear
 
     def _faces(self, flow: Flow) -> tuple[Array, Array, Array]:
-        """u on the base's faces, one cell behind, and between."""
+        """Return u on the base's faces, on the next faces downstream, and the mean of the two."""
         face, ahead = flow.faces_u[self._rear], flow.faces_u[self._rear + 1]
         return face, ahead, 0.5 * (face + ahead)
 
@@ -92,7 +91,7 @@ class SlotFaces:
 Terms = defaultdict[int, float]
 
 _ARC_POINTS: Final = 64
-"""Quadrature points on each rounded corner; a test holds that doubling them hardly moves the force."""
+"""Number of quadrature points on each rounded corner; a test checks that twice the number hardly changes the force."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -101,7 +100,7 @@ class Measured:
 
     Attributes:
         Cd, Cl: wall force, pressure and viscous, without the slot faces.
-        slots: what the flow does to the slot faces.
+        slots: force of the flow on the slot faces, and its pressure there.
         Uy_probe: transverse velocity at the wake probe.
     """
 
@@ -118,7 +117,7 @@ class Surface:
     Args:
         viscosity: 1 / Re.
         slot_profile: velocity on the faces of the base per unit action, (ny,).
-        layout: the sensors on it: sides and base, none on the front.
+        layout: the sensors, on the sides and the base; none on the front.
     """
 
     def __init__(
@@ -146,7 +145,7 @@ class Surface:
         self._matrix = _sparse(rows, self._layout.size)
 
     def measure(self, flow: Flow) -> Measured:
-        """Evaluate on a flow."""
+        """Evaluate the functionals on a flow."""
         values = self._matrix @ flow.flat
         cp, rest = values[: self._sensors], values[self._sensors :]
         return Measured(
@@ -158,20 +157,20 @@ class Surface:
         )
 
     def weigh(self, bar: Flow, flow: Flow, weights: Measured) -> None:
-        """Add to `bar` the sensitivities to the flow of what is measured, summed with these weights."""
+        """Add to `bar` the sensitivities of the weighted sum of the functionals to the flow."""
         values = np.concatenate([weights.Cp, [weights.Cd, weights.Cl, weights.Uy_probe]])
         bar.flat[:] += values @ self._matrix
         self._slots.weigh(bar, flow, weights.slots)
 
     def _sample(self, px: float, py: float, component: Component) -> Terms:
-        """A field at a point in the flow."""
+        """Return the terms of a field's value at a point in the flow."""
         terms: Terms = defaultdict(float)
         for (i, j), w in bilinear(*self._grid.axes(component), px, py):
             terms[self._layout.index(component, i, j)] += w
         return terms
 
     def _flow_points(self, x: float, y: float, nx: float, ny: float, component: Component) -> list[tuple[float, Terms]]:
-        """The two nearest usable points along the normal at (x, y): (distance, field there)."""
+        """Return the two nearest usable points along the normal at (x, y): (distance, terms of the field there)."""
         usable = {"u": self._boundary.open_u, "v": self._boundary.open_v, "p": self._boundary.fluid}[component]
         xs, ys = self._grid.axes(component)
         spacing = max(abs(nx) * _cell_size(self._grid.xf, x), abs(ny) * _cell_size(self._grid.yf, y))
@@ -190,14 +189,15 @@ class Surface:
         return found
 
     def _wall_pressure(self, x: float, y: float, nx: float, ny: float) -> Terms:
-        """Cp on the wall."""
+        """Return the terms of Cp on the wall."""
         (d1, first), (d2, second) = self._flow_points(x, y, nx, ny, "p")
         scale = 2.0 / (d2 * d2 - d1 * d1)
         slope = self._wall_pressure_slope(x, y, nx, ny)
         return _combine((d2 * d2 * scale, first), (-d1 * d1 * scale, second), (-scale * d1 * d2 * (d2 - d1), slope))
 
     def _wall_pressure_slope(self, x: float, y: float, nx: float, ny: float) -> Terms:
-        """Normal derivative of the kinematic pressure on a no-slip wall, nu d2(u.n)/dn2 (momentum at rest)."""
+        """Return the normal derivative of the kinematic pressure on a no-slip wall, nu d2(u.n)/dn2 (momentum at
+        rest)."""
         terms: Terms = defaultdict(float)
         components: tuple[tuple[float, Component], ...] = ((nx, "u"), (ny, "v"))
         for factor, component in components:
@@ -209,7 +209,7 @@ class Surface:
         return terms
 
     def _wall_shear(self, x: float, y: float, nx: float, ny: float, component: Component) -> Terms:
-        """Normal derivative of a velocity component on a no-slip wall, second order."""
+        """Return the normal derivative of a velocity component on a no-slip wall, of second order."""
         (d1, first), (d2, second) = self._flow_points(x, y, nx, ny, component)
         scale = 1.0 / (d1 * d2 * (d2 - d1))
         return _combine((d2 * d2 * scale, first), (-d1 * d1 * scale, second))
@@ -229,7 +229,7 @@ class Surface:
         return drag, lift
 
     def _wall_elements(self) -> list[tuple[float, float, float, float, float]]:
-        """(x, y, nx, ny, length) over the outline without the slots."""
+        """Return (x, y, nx, ny, length) of the elements of the outline without the slots."""
         grid, r, length = self._grid, self._body.leading_edge_radius, self._body.length
         flat = HALF_WIDTH - r
         elements = []
@@ -254,13 +254,13 @@ def _normals(layout: SensorLayout) -> list[tuple[float, float]]:
 
 
 def _cell_size(faces: Array, at: float) -> float:
-    """Size of the cell around a point; of the larger neighbour on a face, so that mirror images agree."""
+    """Return the size of the cell around a point; on a face, of the larger neighbour, so that mirror images agree."""
     first, last = np.searchsorted(faces, at, side="left") - 1, np.searchsorted(faces, at, side="right")
     return float(np.diff(faces[first : last + 1]).max())
 
 
 def _strips(faces: Array, start: float, end: float) -> list[tuple[float, float]]:
-    """Midpoints and lengths of the grid's intervals between start and end, the first and last cut to fit."""
+    """Return midpoints and lengths of the grid's intervals between start and end; the first and last are cut to fit."""
     inside = faces[(faces > start + 1e-9) & (faces < end - 1e-9)]
     edges = np.concatenate([[start], inside, [end]])
     return [(float(m), float(w)) for m, w in zip(0.5 * (edges[1:] + edges[:-1]), np.diff(edges), strict=True)]

@@ -1,7 +1,7 @@
-"""Sensitivities of a stretch of control periods: the plant recorded as it advances, then differentiated backwards.
+"""Sensitivities of a sequence of control periods: the plant is recorded as it advances, then differentiated backwards.
 
-One period at a time in either direction, so that a controller in the loop can be differentiated along with the plant:
-what it reads from a sample comes before what it commands next.
+Each call handles one period in either direction, so that a controller in the loop can be differentiated with the plant:
+the controller reads a sample before it commands the next action.
 """
 
 from dataclasses import dataclass
@@ -24,7 +24,7 @@ _MEGABYTE = 1e6
 
 @dataclass(kw_only=True, eq=False)
 class _Period:
-    """The flow at its start and, while memory allows, at the start of each step; its actions and its time."""
+    """The flow at a period's start and, if memory allows, at the start of each step; the period's actions and time."""
 
     start: Array
     steps: Array | None
@@ -34,20 +34,20 @@ class _Period:
 
 
 class Tape(CopiedWhole):
-    """Records control periods of a plant from its present state on, and carries sensitivities back over them.
+    """A record of a plant's control periods from its present state on, which carries sensitivities back over them.
 
-    The flow at the start of each time step is kept as long as memory allows; the oldest periods then keep that at their
-    start alone and run again on the way back, which costs one period more. Raises PlantError if the plant is within a
-    control period. A copy has a plant of its own.
+    The flow at the start of each time step is stored as long as memory allows. Beyond that, the oldest periods store
+    only the flow at their start and are computed again on the way back, which costs one more period each. Raises
+    PlantError if the plant is within a control period. A copy has its own plant.
 
     Args:
-        plant: at the beginning of a control period; its wind has to stay the same one.
-        memory_mb: bound of what is kept, in 10^6 bytes.
+        plant: at the beginning of a control period; its wind must not change.
+        memory_mb: limit of the stored data, in 10^6 bytes.
 
     Attributes:
-        bar: sensitivities to the flow where the way back has come to, in the end at the tape's start.
-        bar_action: the sensitivity to the action in force there.
-        memory_mb: kept for the periods since the tape's start, in 10^6 bytes.
+        bar: sensitivities to the flow at the present position of the way back, at its end the tape's start.
+        bar_action: the sensitivity to the action in force at that position.
+        memory_mb: size of the data stored since the tape's start, in 10^6 bytes.
     """
 
     def __init__(self, plant: TruckWake, memory_mb: float = 2000.0) -> None:
@@ -62,12 +62,12 @@ class Tape(CopiedWhole):
         self.restart()
 
     def __len__(self) -> int:
-        """How many periods the way back still has."""
+        """Return the number of periods that the way back still has."""
         return len(self._periods)
 
     def advance(self, action: float) -> Sample:
-        """Advance the plant by a period, as `TruckWake.advance`, and keep what the way back needs. Raises PlantError as
-        the plant does, or if the tape gets too long for its memory."""
+        """Advance the plant by a period, as `TruckWake.advance` does, and store the data for the way back. Raises
+        PlantError as the plant does, or if the tape becomes too long for its memory."""
         plant, substeps = self._plant, self._plant.config.substeps
         flow_mb = self._end.nbytes / _MEGABYTE
         self._make_room(flow_mb, substeps)
@@ -87,8 +87,8 @@ class Tape(CopiedWhole):
     def back(self, weights: Sample) -> float:
         """Go back by a period. Raises PlantError at the tape's start, or if the plant's wind or Reynolds number makes a
         repeated period diverge. Returns the sensitivity to the action commanded in this period, of this sample and of
-        all later ones. `weights` is what the scalar gains per unit of each value of the period's sample (`no_weights`
-        has zeros); its time is not read."""
+        all later samples. `weights` are the scalar's derivatives with respect to each value of the period's sample
+        (`no_weights` has zeros); its time is not read."""
         if not self._periods:
             raise PlantError("the way back is at the tape's start: no period is left")
         period, plant = self._periods.pop(), self._plant
@@ -109,7 +109,7 @@ class Tape(CopiedWhole):
         return to_command
 
     def restart(self) -> None:
-        """Begin a new tape where the plant stands, in the memory that this one has taken. Raises PlantError if the
+        """Begin a new tape at the plant's present state, and reuse the memory of this tape. Raises PlantError if the
         plant is within a control period."""
         into = self._plant.substeps_into_period
         if into:
@@ -140,7 +140,8 @@ class Tape(CopiedWhole):
             self.bar_action += weights.jet_power * (measured.Cp_upper - measured.Cp_lower)
 
     def _memory(self, steps: int) -> Array:
-        """Memory for the flow at each step's start; used again, because the system faults in every new page of it."""
+        """Return memory for the flow at each step's start; it is reused, because the system faults in every new
+        page."""
         while self._spare:
             if len(spare := self._spare.pop()) == steps:
                 return spare
@@ -163,6 +164,6 @@ class Tape(CopiedWhole):
 
 
 def no_weights(sensors: int) -> Sample:
-    """Weights of zero for a sample of so many sensors, to be replaced where something counts."""
+    """Return a sample with weights of zero for `sensors` sensors, in which the caller replaces those that count."""
     zeros = dict.fromkeys((*LEDGER_FIELDS, "t", "Uy_probe", "action"), 0.0)
     return Sample(Cp=np.zeros(sensors), **zeros)

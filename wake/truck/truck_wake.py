@@ -1,8 +1,8 @@
-"""The plant: the wake of the truck, or of another box, with its jets, stepped one control period at a time.
+"""The plant: the wake of the truck, or of another box, with its jets, advanced one control period at a time.
 
 Timing (the project's convention): sample k holds pressures and forces at t_k; the jet ramps linearly from the action in
-force to the newly commanded one until t_{k+1}. A command that arrives late starts its ramp late and still ends at
-t_{k+1}; with `advance_to` a co-simulation sets when it arrives.
+force to the newly commanded action until t_{k+1}. A command that arrives late starts its ramp late and still ends at
+t_{k+1}; with `advance_to` a co-simulation determines its arrival.
 """
 
 from dataclasses import replace
@@ -29,18 +29,18 @@ from wake.truck.surface import Surface
 
 class TruckWake(CopiedWhole):
     """The flow around the truck, or around another body. Raises ConfigError if the grid is too coarse for the slots;
-    PlantError if the time step is bound to diverge on this grid.
+    PlantError if the time step necessarily diverges on this grid.
 
-    A copy is a plant of its own, which goes on as this one does, to the bit; so is a pickle, if `wind` can be pickled.
+    A copy is an independent plant that continues bit for bit like the original; so is a pickle if `wind` allows it.
 
     Args:
         config: Reynolds number, control period, substeps, action bound and the grid's refinement.
         body: the truck by default.
-        precision: np.float32 for about twice the speed, where a flow is trained through; samples are float64.
+        precision: np.float32 for about twice the speed, for training through the flow; samples are float64.
 
     Attributes:
         layout: the sensors, in the order of a sample's Cp.
-        wind: by how much it exceeds U_inf in the course of time; None for a steady one. A state does not hold it.
+        wind: its excess over U_inf as a function of time; None for a steady wind. A state does not hold it.
     """
 
     def __init__(
@@ -63,7 +63,7 @@ class TruckWake(CopiedWhole):
 
     @property
     def description(self) -> str:
-        """Solver, grid and time step in a few words."""
+        """Description of solver, grid and time step."""
         nx, ny = self.grid.shape
         return f"stillwake, {nx} x {ny} cells, dt 1/{1.0 / self.dt:g}"
 
@@ -87,8 +87,8 @@ class TruckWake(CopiedWhole):
         return self._substep % self.config.substeps
 
     def reset(self, state: State) -> Sample:
-        """Continue from a state, bit for bit. Raises PlantError if it belongs to another body, grid, Reynolds number or
-        clock, or is not finite."""
+        """Continue from a state, bit for bit. Raises PlantError if its body, grid, Reynolds number or clock differs, or
+        it is not finite."""
         if state.origin is not None:
             self._check_origin(state.origin, state.substep)
         if state.flat.shape != self.flow.flat.shape:
@@ -102,8 +102,8 @@ class TruckWake(CopiedWhole):
         return self.sample()
 
     def set_reynolds(self, reynolds: float) -> None:
-        """Go on with another viscosity; states taken from now on are of this Reynolds number. Raises PlantError if the
-        time step is bound to diverge."""
+        """Continue with another viscosity; later states have this Reynolds number. Raises PlantError if dt is too
+        large."""
         config = replace(self.config, reynolds=reynolds)
         self._check_step(config)
         self.config = config
@@ -111,15 +111,15 @@ class TruckWake(CopiedWhole):
         self.surface = self._surface()
 
     def scale(self, ratio: float) -> None:
-        """Make the flow that of a stream so many times as fast: velocities grow by the ratio, pressures by its square.
+        """Scale the flow to a stream of `ratio` times the speed: velocities grow by the ratio, pressures by its square.
 
-        At the same viscosity it is the developed wake of another Reynolds number, and has to settle.
+        With unchanged viscosity the result is the developed wake of another Reynolds number, and has to settle.
         """
         self.flow.velocities[:] *= ratio
         self.flow.p[:] *= ratio * ratio
 
     def state(self) -> State:
-        """A copy to `reset` to later."""
+        """Return a copy of the state for a later `reset`."""
         return State(
             flat=self.flow.flat.copy(),
             substep=self._substep,
@@ -141,10 +141,10 @@ class TruckWake(CopiedWhole):
         return self.sample()
 
     def advance_to(self, substep: int, action: float | None = None, *, starts: Array | None = None) -> None:
-        """Advance within the current period until `substep` (1 .. substeps).
+        """Advance within the present period to `substep` (1 .. substeps).
 
-        With an action the jet ramps so as to reach it at the period's end; without one it stays as it is. `starts` is
-        that of `FlowSolver.run`.
+        With an action, the jet ramps so that it reaches the action at the period's end; without an action, the jet's
+        flow rate does not change. `starts` is that of `FlowSolver.run`.
         """
         into, last = self.substeps_into_period, self.config.substeps
         if not into < substep <= last:
@@ -165,10 +165,10 @@ class TruckWake(CopiedWhole):
         self._action = target if substep == last else reached
 
     def sample(self) -> Sample:
-        """Measure now."""
+        """Return the present measurements."""
         measured, a = self.surface.measure(self.flow), self._action
         slots = measured.slots
-        # Integral of u^3 over a slot vanishes in the sum of blowing and sucking; pressure work remains.
+        # The integrals of u^3 over a blowing and a sucking slot cancel; the work of the pressure remains.
         return Sample(
             t=self.t,
             Cp=measured.Cp,
@@ -183,13 +183,13 @@ class TruckWake(CopiedWhole):
         )
 
     def vorticity(self) -> Array:
-        """dv/dx - du/dy in cell corners inside the domain, (nx - 1, ny - 1); units U_inf / W."""
+        """Return dv/dx - du/dy in cell corners inside the domain, (nx - 1, ny - 1); units U_inf / W."""
         dvdx = np.diff(self.flow.faces_v[:, 1:-1], axis=0) / self.grid.dxc[1:-1, None]
         dudy = np.diff(self.flow.faces_u[1:-1], axis=1) / self.grid.dyc[None, 1:-1]
         return np.asarray(dvdx - dudy)
 
     def pressure(self) -> Array:
-        """Cp in the cells, (nx, ny)."""
+        """Return Cp in the cells, (nx, ny)."""
         return np.asarray(2.0 * self.flow.cells_p)
 
     def _check_step(self, config: FlowConfig) -> None:
@@ -207,7 +207,7 @@ class TruckWake(CopiedWhole):
         return Surface(self.grid, self.boundary, viscosity, self._profile, self.body, self.layout)
 
     def wind_from(self, t: float) -> Wind | None:
-        """The excess of the wind over U_inf, by the time since t; None if it is steady."""
+        """Return the excess of the wind over U_inf as a function of the time since t; None if the wind is steady."""
         wind = self.wind
         return None if wind is None else lambda after: wind(t + after)
 
@@ -216,7 +216,7 @@ class TruckWake(CopiedWhole):
         check_body(origin, self.body)
         check_grid(origin, self.grid.shape)
         check_reynolds(origin, config.reynolds)
-        # At t = 0 every clock agrees.
+        # At t = 0 a state fits every clock.
         clock = (origin.control_period, origin.substeps)
         if substep != 0 and clock not in ((None, None), (config.control_period, config.substeps)):
             raise PlantError(

@@ -65,7 +65,7 @@ static int64_t serve(const sw_frame *frames, int count, int64_t now_ns)
 {
     sw_frame answers[SW_ISOTP_BURST];
     for (int i = 0; i < count; i++) {
-        if (sw_isotp_is_request(&frames[i])) talks_until_ns = now_ns + TALKS_NS;
+        if (sw_node_is_request(&frames[i])) talks_until_ns = now_ns + TALKS_NS;
     }
     const int sent = sw_node_service(&node, now_ns, frames, count, sw_board_can_room(), answers);
     for (int i = 0; i < sent; i++) sw_board_can_queue(&answers[i]);
@@ -89,7 +89,7 @@ static int control(int64_t now_ns, int count, sw_frame *answers)
     return sw_ecu_step(&ecu, now_ns, received, count, answers);
 }
 
-static int sw_isotp_is_request(const sw_frame *frame)
+static int sw_node_is_request(const sw_frame *frame)
 {
     (void)frame;
     return 0;
@@ -105,6 +105,15 @@ static int64_t serve(const sw_frame *frames, int count, int64_t now_ns)
 
 #endif
 
+#if SW_SECOC
+static void authenticate(void)
+{
+    sw_authentication given;
+    if (sw_board_authentication(&given) == 0) (void)sw_ecu_authenticate(sw_board_ecu, &given);
+    for (uint32_t i = 0; i < sizeof given; i++) ((volatile uint8_t *)&given)[i] = 0;
+}
+#endif
+
 #define OF_DIAGNOSIS (SW_DIAGNOSIS_EXTENDED != 0 ? SW_BOARD_EXTENDED : 0u)
 
 static const uint32_t ids[] = {
@@ -116,6 +125,9 @@ static const uint32_t ids[] = {
     SW_REQUEST_ID | OF_DIAGNOSIS,
 #if SW_FUNCTIONAL
     SW_FUNCTIONAL_ID | OF_DIAGNOSIS,
+#endif
+#if SW_XCP
+    SW_XCP_COMMAND_ID | (SW_XCP_EXTENDED != 0 ? SW_BOARD_EXTENDED : 0u),
 #endif
 #endif
 };
@@ -136,7 +148,7 @@ static void drop_requests(sw_board_period *period, int first)
 {
     int kept = first;
     for (int i = first; i < period->count; i++) {
-        if (!sw_isotp_is_request(&received[i])) received[kept++] = received[i];
+        if (!sw_node_is_request(&received[i])) received[kept++] = received[i];
     }
     period->count = kept;
 }
@@ -153,6 +165,9 @@ static void step(sw_board_period *period, int64_t now_ns)
     static sw_frame answers[SW_FRAMES_OUT];
     const int sent = control(now_ns, period->count, answers);
     for (int i = 0; i < sent; i++) (void)sw_board_can_send(&answers[i], (uint32_t)i);
+#if SW_SECOC
+    sw_board_keep_freshness(&sw_board_ecu->state);
+#endif
     const int64_t next_ns = now_ns + (int64_t)SW_PERIOD_NS;
     period->deadline_ns = period->came != 0u ? next_ns + (int64_t)SW_PERIOD_NS / 2 : next_ns;
     period->latest_ns = now_ns;
@@ -165,6 +180,9 @@ void sw_board_main(void)
 {
     sw_board_period period = {0, 0, 0, 0};
     begin();
+#if SW_SECOC
+    authenticate();
+#endif
     sw_board_can_start(ids, (uint32_t)(sizeof ids / sizeof ids[0]));
     period.latest_ns = sw_board_now_ns() - (int64_t)SW_PERIOD_NS;
     period.deadline_ns = period.latest_ns + 2 * (int64_t)SW_PERIOD_NS;

@@ -1,4 +1,4 @@
-"""The commands for the bus: `stillwake can ...`, a file a group of them."""
+"""The commands for the bus: `stillwake can ...`, one file per group."""
 
 import logging
 
@@ -8,7 +8,7 @@ from stillwake.commands.can.frames import decode, send
 from stillwake.commands.can.load import load
 from stillwake.commands.can.monitor import monitor
 
-# python-can warns on stderr of what it passes over; what matters of it is an error or a count here.
+# python-can warns on stderr of everything that it skips; the important cases are errors or counts here.
 logging.getLogger("can").addHandler(logging.NullHandler())
 
 can = typer.Typer(no_args_is_help=True, help="The CAN bus: live signals, logs, frames, load and response times.")

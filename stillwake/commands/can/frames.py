@@ -56,10 +56,10 @@ def send(
 ) -> None:
     """Send one of stillwake's messages, with its E2E header.
 
-    What the wire cannot carry is refused. A receiver trusts a stream after some good frames, not after one: see
-    --count. Messages of the secured set are signed with bus.key and --trip, larger than any that this key has been used
-    with; whoever has accepted them refuses the node whose place they took, until that one's power cycles are ahead
-    again. Other frames go with python-can: `python -m can.player` sends those of a log.
+    A value that a signal cannot hold is refused. A receiver accepts a stream only after several good frames: see
+    --count. Messages of the secured set are signed with bus.key and --trip, which must be larger than any trip used
+    with this key; a receiver that accepted them refuses the original sender until its power cycles exceed --trip. Send
+    other frames with python-can: `python -m can.player` sends those of a log.
 
     stillwake can send Pressure Pressure0=-12.5 Valid0=1 --bus socketcan:can0
     """
@@ -88,7 +88,7 @@ def send(
 def _frames(
     name: str, values: list[str], counter: int, trip: int | None, config: "BusConfig"
 ) -> "Callable[[float], can.Message]":
-    """What makes the next frame of the stream, stamped with a time."""
+    """Return a function that builds the stream's next frame, stamped with a time."""
     from can_bridge.bus.conversion import to_message
     from can_bridge.e2e.profiles import profile_of
     from can_bridge.e2e.sender import E2eSender, SenderState
@@ -146,10 +146,10 @@ def decode(
 ) -> None:
     """Print a recorded log as signals with units, and the verdicts of its end-to-end checks.
 
-    A line for each frame, then a table of the messages: counts, rates, losses, checks and the load of the bus, whose
-    bit rates are settings, and how many lines are what else. A counter is compared with the frame before it on the same
-    channel. With --set bus.key=FILE the MAC and freshness of secured messages are checked first. Frames of diagnosis
-    have a name, by the identifiers in the settings. Of other messages it prints the bytes; `cantools decode` reads
+    It prints a line for each frame, then a table of the messages: counts, rates, losses, checks, the load of the bus,
+    whose bit rates are settings, and the number of other lines. A counter is compared with the previous frame on the
+    same channel. With --set bus.key=FILE the MAC and freshness of secured messages are checked first. Frames of
+    diagnosis are named by the identifiers in the settings. Other messages are shown as bytes; `cantools decode` reads
     those.
     """
     from can_bridge.logs.log_reader import CanLog
@@ -168,7 +168,7 @@ def decode(
         for number, message in enumerate(log, 1):
             traffic = found.add(message)
             if summary:
-                # Without a line for each frame, something else has to show that the work goes on.
+                # Without a line for each frame, the progress shows that the work continues.
                 report(f"reading {file.name}", number)
             if traffic is None:
                 continue
@@ -187,7 +187,7 @@ def decode(
 
 
 def _line(traffic: "Traffic", first: str) -> str:
-    """The newest frame in words; with its channel where that is not the first of the log."""
+    """Describe the newest frame; with its channel if that is not the first channel of the log."""
     from can_bridge.tools.raw_bus import id_text
 
     frame, decoded = traffic.latest, traffic.decoded
@@ -206,7 +206,7 @@ def _line(traffic: "Traffic", first: str) -> str:
 
 @contextmanager
 def _csv_rows(path: Path | None) -> "Iterator[Callable[[Traffic], None]]":
-    """What writes a frame's signals as rows; the file appears when the block succeeds."""
+    """Yield a function that writes a frame's signals as rows; the file appears when the block succeeds."""
     if path is None:
         yield lambda traffic: None
         return
@@ -231,7 +231,7 @@ def _csv_rows(path: Path | None) -> "Iterator[Callable[[Traffic], None]]":
 def _print_summary(found: "Summary", log: "CanLog") -> None:
     from can_bridge.tools.raw_bus import id_text
 
-    # Times count from the first frame, so that all columns fit into 80.
+    # Times count from the first frame, so that all columns fit into 80 characters.
     begin_ns = min((one.first_ns for one in found.messages.values()), default=0)
     several = len(found.busy_ns) > 1
     table = Table(box=SIMPLE_HEAD, padding=0)

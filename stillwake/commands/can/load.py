@@ -1,4 +1,4 @@
-"""The command that reports how busy the bus is, and how late a message can be."""
+"""The command that reports the load of the bus and the worst-case response times of its messages."""
 
 from dataclasses import asdict
 from hashlib import sha256
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from can_bridge.timing.bus_load import BusLoad, MessageLoad
 
 CAN_BE_LATE: Final = 3
-"""Exit status of a set of messages in which one can miss its deadline."""
+"""Exit status for a set of messages in which a message can miss its deadline."""
 USES: Final = (
     "operating_point",
     "flow.control_period",
@@ -33,7 +33,7 @@ USES: Final = (
     "bus.background",
 )
 NAMED: Final = 5
-"""Messages that are named below the table; it shows all."""
+"""Number of messages that are listed below the table, which shows all messages."""
 _HEADS: Final = ("id", "message", "bytes", "period", "jitter", "frame", "blocking", "response", "deadline", "met")
 
 
@@ -43,9 +43,9 @@ def load(
 ) -> None:
     """Show the load of the bus, and the worst-case response time of every message on it.
 
-    Our messages are those of bus.frames and bus.key, others those of bus.background.*. The ECU's answers count from the
-    sampling of the pressures plus the ECU's compute time, which the deadline of the command leaves out. Exit status 3:
-    a message can miss its deadline.
+    Our messages are those of bus.frames and bus.key, others those of bus.background.*. Response times of the ECU count
+    from the sampling of the pressures plus the ECU's compute time, which is subtracted from the command's deadline.
+    Exit status 3: a message can miss its deadline.
     """
     from can_bridge.timing.bus_load import bus_load
 
@@ -61,7 +61,7 @@ def load(
 
 
 def figures(found: "BusLoad") -> dict[str, Any]:
-    """Loads as shares of 1; times in ms, None where a response has no bound."""
+    """Return loads as shares of 1, and times in ms; None if a response has no bound."""
     return {
         "load_mean": found.mean,
         "load_worst": found.worst,
@@ -72,7 +72,7 @@ def figures(found: "BusLoad") -> dict[str, Any]:
 
 
 def facts(config: Config) -> dict[str, Any]:
-    """The settings behind the figures, and what the background's file was."""
+    """Return the settings behind the figures, and the facts of the background's file."""
     bus = config.bus
     file = Path(bus.background.dbc) if bus.background.dbc else None
     return {
@@ -109,7 +109,7 @@ def _figures(one: "MessageLoad") -> dict[str, Any]:
 
 
 def _table(found: "BusLoad") -> Table:
-    # Without lines and edges, and with one space between columns, a terminal of 80 columns shows all of it.
+    # A table without lines and edges, with one space between columns, fits into a terminal of 80 columns.
     table = Table(title="worst cases, in ms; ours are bold", box=SIMPLE_HEAD, padding=0, show_edge=False)
     for head in _HEADS:
         table.add_column(head, justify="left" if head in ("message", "met") else "right", overflow="fold")

@@ -23,9 +23,9 @@ if TYPE_CHECKING:
     from can_bridge.tools.summary import Summary
 
 REFRESH_S = 0.1
-"""Between two drawings of the table."""
+"""Time between two drawings of the table, in s."""
 MOST_AT_ONCE = 2000
-"""Frames between two looks at the clock, however fast they come."""
+"""Largest number of frames that are read before the clock is read again."""
 
 
 Filter = Annotated[str, typer.Option("--filter", help="Show rows with these words in message, id or signal.")]
@@ -41,12 +41,12 @@ def monitor(
 ) -> None:
     """Show every signal on a bus with value, unit, age, rate, losses and end-to-end check.
 
-    Ctrl-C ends it, and leaves the table. What is too long for the screen is cut off until then; --filter shows less.
-    Without a terminal there is a line a second and the table at the end.
+    Ctrl-C ends the command and prints the whole table. Until then rows beyond the screen are cut off; --filter shows
+    fewer. Without a terminal there is a line per second and the table at the end.
 
-    lost counts frames that are missing by their counters, refused those that a receiver would not have used; E2E is the
-    newest frame's check. With --set bus.key=FILE the MAC and freshness of secured messages are checked first. Of other
-    messages it shows the bytes; `cantools monitor` decodes them.
+    lost counts frames that are missing by their counters, refused counts frames that a receiver would not have used;
+    E2E is the newest frame's check. With --set bus.key=FILE the MAC and freshness of secured messages are checked
+    first. For other messages it shows the bytes; `cantools monitor` decodes them.
     """
     from can_bridge.tools.summary import MOST_MESSAGES, Summary
     from stillwake.commands.can.monitor_screen import screen
@@ -95,7 +95,7 @@ def _follow(
     table: "Callable[[float], RenderableType]",
     is_over: Callable[[], bool],
 ) -> None:
-    """The table on a terminal; without one a line a second, and the table at the end."""
+    """Show the table on a terminal; without a terminal print a line per second, and the table at the end."""
     from rich.live import Live
 
     from stillwake.commands.can.monitor_screen import line
@@ -119,14 +119,14 @@ def _follow(
         if live is None:
             console.print(last)
         else:
-            # Its end draws it, whole.
+            # The end of `Live` draws the whole table.
             live.update(last)
 
 
 def _hear(bus: "RawBus", summary: "Summary", wait_s: float) -> None:
-    """Take the frames that are there, having waited at most so long for the first.
+    """Take the frames that have arrived; wait at most `wait_s` for the first.
 
-    They are stamped when they are taken from the bus: clocks of interfaces differ, and jump.
+    Frames are stamped when they are taken from the bus, because clocks of interfaces differ, and jump.
     """
     for i in range(MOST_AT_ONCE):
         message = bus.receive_message(wait_s if i == 0 else 0.0)

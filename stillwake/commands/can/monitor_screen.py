@@ -1,4 +1,4 @@
-"""The table of `stillwake can monitor`, as rich draws it."""
+"""The table of `stillwake can monitor`, drawn by rich."""
 
 from rich.box import SIMPLE_HEAD
 from rich.console import Group, RenderableType
@@ -9,24 +9,24 @@ from can_bridge.tools.raw_bus import id_text
 from can_bridge.tools.summary import Summary, rows
 
 OTHER_COLUMNS = 70
-"""Columns of the screen that are not the value: what the widest names and numbers take."""
+"""Columns of the screen besides the value: the width of the longest names and numbers."""
 
 STALE_S = 1.0
-"""Age from which on a row is dim."""
+"""Age in s from which a row is dim."""
 
 
 def screen(summary: Summary, now_s: float, *, source: str, matching: str, width: int) -> RenderableType:
-    """What is shown.
+    """Return the table with its heading.
 
     Args:
-        now_s: in the clock of the frames.
-        source: what the frames come from, in words.
+        now_s: on the clock of the frames.
+        source: description of the frames' source.
     """
     return Group(_heading(summary, matching, source), _table(summary, matching, round(now_s * 1e9), width))
 
 
 def line(summary: Summary, seconds: float) -> str:
-    """The same in a line, where no terminal is."""
+    """Return the summary in one line, for output without a terminal."""
     return (
         f"{seconds:.0f} s: {summary.frames} data frames of {len(summary.messages)} messages, {summary.lost} lost, "
         f"{summary.refused} refused, {_others(summary)} remote or error frames"
@@ -48,13 +48,13 @@ def _heading(summary: Summary, matching: str, source: str) -> Text:
         text.append(f"   filter: {matching}", style="cyan")
     if summary.unchecked_macs:
         text.append(", MAC not checked", style="yellow")
-    # Last, because a path may be longer than the line.
+    # The source is last, because a path may be longer than the line.
     text.append(f"   {source}")
     return text
 
 
 def _table(summary: Summary, matching: str, now_ns: int, width: int) -> Table:
-    """A line for each message with what is the message's, and one for each of its signals; fits into 80 columns."""
+    """Return a table with a line for each message and a line for each of its signals; it fits into 80 columns."""
     value = min(24, max(10, width - OTHER_COLUMNS))
     table = Table(box=SIMPLE_HEAD, show_edge=False, pad_edge=False, padding=0)
     table.add_column("message, signal", no_wrap=True, min_width=21)

@@ -1,4 +1,4 @@
-"""The commands for data sets: `stillwake dataset import|inspect`, a file each."""
+"""The commands for data sets: `stillwake dataset import|inspect`, one file each."""
 
 import typer
 

@@ -1,4 +1,4 @@
-"""Recorded drives among the files of `stillwake dataset import`: logs of the bus, with forces from elsewhere."""
+"""Recorded drives among the files of `stillwake dataset import`: logs of the bus, with forces from another source."""
 
 import hashlib
 import os
@@ -32,11 +32,11 @@ if TYPE_CHECKING:
     from contract.recording.importing.source_file import Reference
 
 USES: Final = ("operating_point", "bus.frames", "bus.key", "ecu.speed.oldest_ms", "ecu.speed.most_acceleration")
-"""Settings by which a log is read."""
+"""Settings for reading a log."""
 FORCES_NAMES: Final = ("t", "Cd", "Cl")
-"""What a table of forces has."""
+"""Columns of a table of forces."""
 _COUNTED: Final = 10_000
-"""Frames between two reports of progress."""
+"""Number of frames between two reports of progress."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,12 +46,12 @@ class DriveOptions:
     Attributes:
         fill, split: see `can_bridge.drives.log_to_series.series_of`.
         forces: FILE for every log, or LOG=FILE for one.
-        names: of t, Cd and Cl in the forces' files, where they are others.
-        references: by Cd and Cl, what 1 is in those files.
-        clock: of the forces' times; None where the file has it.
+        names: columns of t, Cd and Cl in the forces' files, if they have other names.
+        references: by Cd and Cl, the size of the unit in those files.
+        clock: of the forces' times; None if the file states it.
         shift_s: seconds to add to the forces' times.
-        channels: of the logs, to read; none where the frames tell by themselves.
-        zone: of logs that begin in local time: a name such as Europe/Berlin, or +02:00; empty if it is not known.
+        channels: of the logs, to read; empty if the frames identify the channel.
+        zone: of logs that begin in local time; None if it is not given.
     """
 
     fill: int
@@ -66,20 +66,20 @@ class DriveOptions:
 
     @property
     def is_given(self) -> bool:
-        """Whether one was that has no use without a log."""
+        """Whether an option was given that has no effect without a log."""
         options = (self.split, self.forces, self.clock, self.shift_s, self.channels, self.zone)
         return any(map(bool, options))
 
 
 def is_log(path: Path) -> bool:
-    """Whether this is a log of the bus; a CSV by its first line."""
+    """Return whether a file is a log of the bus; a CSV is identified by its first line."""
     from can_bridge.logs import log_reader
 
     return log_reader.is_log(path)
 
 
 def zone_of(text: str) -> tzinfo | None:
-    """The zone of a name such as Europe/Berlin, or of +02:00; None for an empty text. Raises ConfigError."""
+    """Return the zone of a name such as Europe/Berlin, or of +02:00; None for an empty text. Raises ConfigError."""
     if not text:
         return None
     try:
@@ -94,7 +94,8 @@ def zone_of(text: str) -> tzinfo | None:
 
 
 def forces_of(logs: Sequence[Path], forces: Sequence[str]) -> dict[Path, Path]:
-    """The file of forces of every log. Raises DatasetError if a log has none or two, or a name before = is no log's."""
+    """Return the file of forces of every log. Raises DatasetError for none or two, or a name before = that is no
+    log's."""
     found: dict[Path, Path] = {}
     general: list[Path] = []
     for text in forces:
@@ -120,10 +121,10 @@ def forces_of(logs: Sequence[Path], forces: Sequence[str]) -> dict[Path, Path]:
 
 
 def _pair(text: str, logs: Sequence[Path]) -> tuple[Path | None, Path]:
-    """LOG and FILE of LOG=FILE; without a log if none is named."""
+    """Split LOG=FILE; None for the log if none is named."""
     names = [log.name for log in logs]
     for log in logs:
-        # Runs all call theirs frames.log: then the whole path identifies one.
+        # All runs name their log frames.log; then only the whole path identifies a log.
         for name in (str(log), *([log.name] if names.count(log.name) == 1 else [])):
             if text.startswith(f"{name}="):
                 return log, Path(text[len(name) + 1 :])
@@ -131,7 +132,8 @@ def _pair(text: str, logs: Sequence[Path]) -> tuple[Path | None, Path]:
 
 
 def names_of(logs: Sequence[Path]) -> dict[Path, str]:
-    """What the episodes of each log are called: as its file, with the folder in front where two files share a name."""
+    """Return the names of each log's episodes: the file's name, with its folder before it if two files share the
+    name."""
     from can_bridge.logs.log_reader import stem_of
 
     stems = [stem_of(log) for log in logs]
@@ -144,7 +146,7 @@ def names_of(logs: Sequence[Path]) -> dict[Path, str]:
 
 @dataclass(frozen=True, kw_only=True)
 class _MadeLog:
-    """One log, made into sources for `contract.recording.importing.assemble`."""
+    """A log, converted to sources for `contract.recording.importing.assemble`."""
 
     path: Path
     sources: "tuple[EpisodeSource, ...]"
@@ -163,8 +165,8 @@ def read_drive(
     loaded: Loaded,
     progress: Callable[[str], None],
 ) -> _MadeLog:
-    """Read a log and its forces. Raises DatasetError, BusError, KeyFileError for what does not fit, by the file's name.
-    `progress` is called with what is being read, and how many frames of it so far."""
+    """Read a log and its forces. Raises DatasetError, BusError or KeyFileError, with the file's name, for invalid
+    content. `progress` is called with the file that is read and the number of its frames so far."""
     from can_bridge.drives.log_to_series import series_of
     from can_bridge.logs.log_reader import CanLog
     from can_bridge.wire.message_sets import message_set
@@ -219,7 +221,7 @@ def read_drive(
 
 
 def scales_of(facts: PlantFacts, loaded: Loaded) -> "Scales":
-    """Units of the wire by the operating point."""
+    """Return the units of the signals, from the operating point."""
     from can_bridge.drives.log_periods import Scales
 
     assert facts.control_period is not None
@@ -234,7 +236,7 @@ def scales_of(facts: PlantFacts, loaded: Loaded) -> "Scales":
 
 
 def notes_on(drive: _MadeLog) -> list[str]:
-    """What a user should know of a log that was read, line by line."""
+    """Return notes on a log for the user, line by line."""
     report = drive.report
     pressures, commands = report.frames
     lines = [
@@ -282,7 +284,7 @@ def _verifier(loaded: Loaded) -> "Verify | None":
 
 
 def _forces(path: Path, series: "LogSeries", log: "CanLog", options: DriveOptions) -> "dict[str, TimeSeries]":
-    """Cd and Cl with times on the log's clock."""
+    """Read Cd and Cl with times on the log's clock."""
     from contract.recording.importing.forces import read_forces
 
     table = read_forces(path, options.names, options.references)
@@ -302,7 +304,8 @@ def _forces(path: Path, series: "LogSeries", log: "CanLog", options: DriveOption
 
 
 def _check_limit(path: Path, series: "LogSeries", scales: "Scales") -> None:
-    """Refuse actions that are beyond the limit because the vehicle was slow: the jets' own limit is a flow rate."""
+    """Refuse actions beyond the limit due to a slow vehicle: the limit in U_inf W is a flow rate at the design
+    speed."""
     from contract.recording.findings import LIMIT_TOLERANCE
 
     largest = max(float(np.abs(piece.action).max()) for piece in series.pieces)
@@ -316,8 +319,8 @@ def _check_limit(path: Path, series: "LogSeries", scales: "Scales") -> None:
 
 
 def _check_zone(log: Path, series: "LogSeries", force: "TimeSeries", fill: int) -> None:
-    """Refuse a log that begins in local time, where its forces do not tell the zone: they cover it in another one than
-    UTC, too, or in none."""
+    """Refuse a log that begins in local time if its forces do not determine the zone: they cover the log in a zone
+    other than UTC too, or in no zone."""
     zones = []
     for minutes in range(-12 * 60, 14 * 60 + 1, 15):
         with suppress(DatasetError):
@@ -334,15 +337,15 @@ def _check_zone(log: Path, series: "LogSeries", force: "TimeSeries", fill: int) 
 
 
 def _room(series: "LogSeries", fill: int) -> dict[str, float]:
-    """The room for `TimeSeries.at`, as a table of one's own with times has it; and a gap of `fill` rows, with as much
-    room for jitter."""
+    """Return the tolerances for `TimeSeries.at`: the slack of a table with times, and a gap of `fill` rows with
+    jitter."""
     from contract.recording.findings import STEP_TOLERANCE
 
     return {"slack": STEP_TOLERANCE * series.period_s, "longest_gap": (fill + 1.5) * series.period_s}
 
 
 def _counted(path: Path, messages: "Iterable[can.Message]", progress: Callable[[str], None]) -> "Iterator[can.Message]":
-    """The same messages; an hour's log is half a million and takes some ten seconds."""
+    """Yield the messages and report their number; an hour's log has half a million and takes about ten seconds."""
     progress(f"{path}")
     for number, message in enumerate(messages, 1):
         yield message

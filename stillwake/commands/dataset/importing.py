@@ -1,4 +1,4 @@
-"""`stillwake dataset import`: files of one's own, and recorded drives, become a data set."""
+"""`stillwake dataset import`, which makes a data set of the user's files and of recorded drives."""
 
 import os
 from dataclasses import dataclass
@@ -37,9 +37,9 @@ if TYPE_CHECKING:
 
 _ROLES: Final = ("train", "test", "extended", "controlled")
 _SAME: Final = 0.02
-"""Relative difference up to which two dynamic pressures are one: a speed on the bus has an error of one per cent."""
+"""Relative difference up to which dynamic pressures count as equal: a speed on the bus has an error of one per cent."""
 _FLOW: Final = ("flow.control_period", "flow.action_limit", "flow.reynolds")
-"""Settings that are facts of the plant; without the last one the Reynolds number is not known."""
+"""Settings that are facts of the plant; without flow.reynolds the Reynolds number is unknown."""
 
 Files = Annotated[
     list[str] | None,
@@ -82,25 +82,25 @@ def import_(
     Tables (.csv), arrays (.npz, .h5, .nc, .mat) and cases of OpenFOAM are read.
 
     train=FILE and test=FILE, which training needs, extended=FILE (forcing outside the range of training) and
-    controlled=FILE (recorded under a controller) tell what an episode is for, as often as there are files. The file's
-    name becomes the episode's. --set flow.control_period=0.2, the time between two rows in t_c, and --set
-    flow.action_limit=0.075, the largest action in U_inf W, must be given, there or in a TOML file; flow.reynolds if it
-    is known.
+    controlled=FILE (recorded under a controller) state an episode's role; give one for each file. The file's name
+    becomes the episode's. --set flow.control_period=0.2, the time between two rows in t_c, and --set
+    flow.action_limit=0.075, the largest action in U_inf W, must be given, there or in a TOML file; give flow.reynolds
+    if it is known.
 
     Lengths are in W, speeds in U_inf, times in W / U_inf. A table has the series action, Cd, Cl, and a column for every
     sensor's Cp, under its name in --layout; files of arrays may have one array Cp of shape (steps, sensors) instead. A
-    series t is optional, and so is initial_action, the action before the first row (otherwise 0). Row k has what was
-    measured at t_k and the action commanded then. Numbers with a unit need what 1 of ours is in it: --reference
-    Cp=240Pa (rho U_inf^2 / 2), t=5ms, Cd=40N, or Cd=-1 for the other sign.
+    series t is optional, and so is initial_action, the action before the first row (otherwise 0). Row k has the
+    measurements at t_k and the action commanded at t_k. For numbers with a unit give the size of our unit: --reference
+    Cp=240Pa (rho U_inf^2 / 2), t=5ms, Cd=40N, or Cd=-1 for the opposite sign.
 
-    A log of the CAN bus (.log, .asc, .blf, .trc, .mf4, python-can's .csv and .db, packed ones with .gz) has pressures
-    and commands of the four sensors in --layout, in the order of the message; its drag and lift come from --forces. The
-    vehicle's speed in the log makes Cp; without it, and for the body's width, operating_point does. --forces LOG=FILE
-    is of one log. Its times are s on the log's clock (log), s since the log's first pressure (start), or t_c since
-    then, unless it calls their column 't [t_c]'.
+    A log of the CAN bus (.log, .asc, .blf, .trc, .mf4, python-can's .csv and .db, also packed as .gz) has commands and
+    the pressures of the four sensors in --layout, in the order of the message; its drag and lift come from --forces. Cp
+    is computed with the vehicle's speed in the log; without it, and for the body's width, with operating_point.
+    --forces LOG=FILE is for one log. --forces-clock states its times: s on the log's clock (log), s since the log's
+    first pressure (start), or t_c since then; a column 't [t_c]' needs no option.
 
-    Nothing is written unless every file fits. docs/how-to/use-your-own-data.md and docs/how-to/train-from-a-can-log.md
-    have examples.
+    Nothing is written unless every file is valid. docs/how-to/use-your-own-data.md and
+    docs/how-to/train-from-a-can-log.md have examples.
     """
     from contract.recording.dataset import write
     from contract.recording.importing.csv_table import read_sensors
@@ -136,7 +136,7 @@ def import_(
 
 
 def roles_of(texts: list[str]) -> "list[tuple[Path, Role]]":
-    """Files with their roles, of ROLE=FILE, grouped by role. Raises DatasetError if a log comes twice."""
+    """Read files with their roles from ROLE=FILE, grouped by role. Raises DatasetError if a log is given twice."""
     found = [(Path(file), role) for role, file in shared.pairs(texts, "train=sweep.csv", _ROLES)]
     paths = [path for path, _ in found]
     for path in paths:
@@ -156,7 +156,6 @@ def _check_places(output: Path, read: list[Path], *, overwrite: bool) -> None:
 
 
 def _facts(loaded: Loaded) -> "PlantFacts":
-    """What the user gave of the plant."""
     from contract.recording.episode import PlantFacts
 
     flow = loaded.config.flow
@@ -169,7 +168,7 @@ def _facts(loaded: Loaded) -> "PlantFacts":
 
 @dataclass(frozen=True, kw_only=True)
 class _Import:
-    """What is read, and how; `notes` grows with what is worth knowing of it."""
+    """The files to read and their options; `notes` collects notes for the user."""
 
     roles: "list[tuple[Path, Role]]"
     facts: "PlantFacts"
@@ -182,7 +181,7 @@ class _Import:
         self.notes.append(f"note: {path}: {note}")
 
     def assembled(self, layout: "SensorLayout", forces: dict[Path, Path], names: dict[Path, str]) -> "Dataset":
-        """The data set of all files, with progress."""
+        """Build the data set of all files, with progress."""
         from contract.recording.importing.assemble import EpisodeSource, assemble
 
         drives = []
@@ -221,7 +220,8 @@ class _Import:
             )
 
     def _is_of_tables(self, name: str) -> bool:
-        """Whether a name is of a file that is no log: a log's forces alone have names."""
+        """Return whether a name is one in a file that is not a log; for logs only the columns of the forces have
+        names."""
         return name not in FORCES_NAMES or any(not is_log(path) for path, _ in self.roles)
 
 
@@ -236,7 +236,7 @@ def _print(made: "Dataset", layout: "SensorLayout", notes: list[str]) -> None:
 
 
 def _check_pressure(log: Path, own: float, given: "Reference | None") -> None:
-    """Refuse one that contradicts a log's."""
+    """Refuse a reference pressure that contradicts a log's."""
     if given is not None and given.unit == "Pa" and abs(given.number / own - 1.0) > _SAME:
         raise ConfigError(
             f"{given.option}: {log} has {own:g} Pa, by which its pressures are divided: put one of the two right"

@@ -1,4 +1,4 @@
-"""`stillwake dataset inspect`."""
+"""The command `stillwake dataset inspect`."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -25,11 +25,11 @@ def inspect(
     picture: PictureFile = None,
     given: shared.Settings = [],  # noqa: B006
 ) -> None:
-    """Show what is in a data set, everything that training or export would refuse, and what else is worth knowing.
+    """Show the contents of a data set, everything that training or export would refuse, and further notes.
 
-    Ends with status 1 if something is wrong. The control period, the action limit and the Reynolds number are compared
-    with the settings only where --set names them; --settings prints what fits, to be kept in a file: stillwake dataset
-    inspect my.h5 --settings > my.toml
+    The exit status is 1 if something is wrong. The control period, the action limit and the Reynolds number are
+    compared with the settings only if --set names them; --settings prints the settings that fit, for a file: stillwake
+    dataset inspect my.h5 --settings > my.toml
     """
     from contract.recording.dataset import survey
 
@@ -69,7 +69,6 @@ def _print(data_set: "Dataset") -> None:
 
 
 def _findings(file: Path, data_set: "Dataset", loaded: Loaded) -> list[tuple[str, str]]:
-    """Lines with their marks."""
     from contract.recording.findings import agreeing, findings
 
     lines = []

@@ -1,4 +1,4 @@
-"""What a data set holds, for the terminal."""
+"""The contents of a data set, for the terminal."""
 
 from typing import TYPE_CHECKING
 
@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
 
 def episodes_table(found: "Dataset") -> Table:
-    """One row an episode."""
+    """Return a table with one row per episode."""
     from contract.recording.summary import summarise
 
     table = Table(box=SIMPLE, padding=0)
@@ -33,7 +33,7 @@ def episodes_table(found: "Dataset") -> Table:
 
 
 def sensors_line(layout: "SensorLayout") -> str:
-    """How many sensors there are, and their names."""
+    """Return the number of sensors and their names."""
     names = layout.names if len(layout) <= 12 else (*layout.names[:6], "..", *layout.names[-3:])
     images = "with" if layout.mirror is not None else "without"
     return f"{len(layout)} sensors, {len(layout.base)} on the base, {images} mirror images: {', '.join(names)}"

@@ -1,1 +1,1 @@
-"""Commands that speak to an ECU through diagnosis."""
+"""The commands that communicate with an ECU through diagnosis."""

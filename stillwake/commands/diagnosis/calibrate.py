@@ -1,4 +1,4 @@
-"""`stillwake calibrate`: the goal and the limits of an ECU that runs, read and changed by diagnosis."""
+"""`stillwake calibrate`: the goal and the limits of a running ECU, read and changed by diagnosis."""
 
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -33,11 +33,11 @@ def calibrate(
     json_file: shared.JsonFile = None,
     given: shared.Settings = [],  # noqa: B006
 ) -> None:
-    """Show and change the goal of the control and its limits, in an ECU that runs.
+    """Show and change the goal of the control and its limits in a running ECU.
 
-    New values act together, from the next control period on, and until the ECU loses power unless they are stored;
-    stored ones go with the release that runs. Limits can be made narrower than the release's and the vehicle's, never
-    wider. Reading needs no --access. A calibration tool takes the A2L file that `export --for-testers` writes.
+    New values take effect together in the next control period, until the ECU loses power unless they are stored; stored
+    values belong to the running release. Limits can be narrower than the release's and the vehicle's, never wider.
+    Reading needs no --access. A calibration tool takes the A2L file that `export --for-testers` writes.
 
     Exit status: 1 a value out of its limits, or no release runs; 3 no answer from the ECU; 4 the access key is wrong; 5
     not stored, the jets are enabled; 7 the ECU refused something else.
@@ -72,7 +72,7 @@ def calibrate(
 
 
 def parsed(texts: list[str]) -> dict[str, float]:
-    """Values by name; raises ConfigError for what is none, or a name that comes twice."""
+    """Read values by name; raises ConfigError for a text that is not a value, or a name given twice."""
     changes: dict[str, float] = {}
     for name, value in shared.pairs(texts, "lift=0.4", CALIBRATION_NAMES):
         if name in changes:
@@ -85,7 +85,7 @@ def parsed(texts: list[str]) -> dict[str, float]:
 
 
 def table(before: "Calibrated", after: "Calibrated") -> Table:
-    """Values, what they were if they changed, limits, and the release's own."""
+    """Return a table of values, previous values if they changed, limits, and the release's values."""
     is_changed = before.in_force != after.in_force
     heads = ("value", *(("before", "after") if is_changed else ("in force",)), "least", "greatest", "release's")
     made = Table(box=SIMPLE_HEAD, padding=0)
@@ -99,14 +99,14 @@ def table(before: "Calibrated", after: "Calibrated") -> Table:
 
 
 def after_power_on(after: "Calibrated") -> Text:
-    """What becomes of the values at power-on, in words."""
+    """State the values after the next power-on."""
     if after.is_stored:
         return Text("a calibration is stored: it is in force after the next power-on, as long as this release runs")
     return Text("nothing is stored: after the next power-on the release's own values are in force")
 
 
 def figures(before: "Calibrated", after: "Calibrated") -> dict[str, Any]:
-    """All values by name."""
+    """Return all values by name."""
     shown = {"before": before.in_force, "after": after.in_force, "release": after.release}
     shown |= {"least": after.limits.least, "greatest": after.limits.greatest}
     values = {name: dict(zip(CALIBRATION_NAMES, one.values, strict=True)) for name, one in shown.items()}

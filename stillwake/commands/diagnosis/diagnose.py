@@ -1,4 +1,4 @@
-"""`stillwake diagnose`: what an ECU reports of itself, and the faults that it remembers."""
+"""`stillwake diagnose`: the reports of an ECU, and its stored faults."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final
@@ -29,7 +29,7 @@ _FACTS: Final = {
     "period_ns": "control period",
     "capacity": "greatest image, bytes",
 }
-"""What is shown of an ECU, by its name for machines."""
+"""Facts of an ECU that are shown, by their names in JSON."""
 
 Clear = Annotated[bool, typer.Option("--clear", help="Then have the ECU forget its faults.")]
 
@@ -41,11 +41,11 @@ def diagnose(
     json_file: shared.JsonFile = None,
     given: shared.Settings = [],  # noqa: B006
 ) -> None:
-    """Show what an ECU reports of itself: what it is, the releases in it, and the faults that it found and remembers.
+    """Show an ECU's report: its identification, its releases, and the faults that it found and stored.
 
-    Each fault has the moment in which it was found. Faults are kept over a loss of power, until they are cleared, or
-    until 40 drives with control were without them: an age of so many. They are cleared while the jets are shut. With
-    --slots it is shown what an ECU's folder holds, without a bus and without faults.
+    Each fault has the time at which it was found. A fault is kept over a loss of power until it is cleared, or until 40
+    drives in succession with control were without it; its age counts these drives. Faults can be cleared only while the
+    jets are shut. With --slots the command shows an ECU's folder, without bus and faults.
 
     Exit status: 3 no answer from the ECU; 5 not cleared, the jets are enabled; 7 the ECU refused something else.
 
@@ -80,7 +80,7 @@ def _print_ecu(facts: "dict[str, str | int]", store: "StoreReport", **rows: str)
 
 
 def _asked(config: Config, *, clear: bool) -> "tuple[dict[str, str | int], StoreReport, list[StoredFault]]":
-    """What the ECU on a bus reports; then its faults are cleared, if that is wanted."""
+    """Return the report of the ECU on a bus, and then clear its faults if requested."""
     from can_bridge.tester.facts import clear_faults, read_facts, read_faults
 
     with asking(config.bus) as ecu:
@@ -92,7 +92,7 @@ def _asked(config: Config, *, clear: bool) -> "tuple[dict[str, str | int], Store
 
 
 def _from_folder(slots: Path) -> "tuple[dict[str, str | int], StoreReport]":
-    """What stands in an ECU's folder; nothing is booted and nothing written."""
+    """Read the contents of an ECU's folder; nothing is booted and nothing is written."""
     from can_bridge.flashing.report import report_of
     from can_bridge.flashing.store import Store
     from can_bridge.flashing.verdicts import Verdict
@@ -112,7 +112,6 @@ def _from_folder(slots: Path) -> "tuple[dict[str, str | int], StoreReport]":
 
 
 def _rows(report: "StoreReport") -> list[tuple[str, str]]:
-    """The rows of a store, for people."""
     from can_bridge.flashing.backing import Slot
 
     rows = []

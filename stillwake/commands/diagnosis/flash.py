@@ -1,4 +1,4 @@
-"""`stillwake flash`: a release, or the keys that may sign one, into an ECU over its CAN bus."""
+"""`stillwake flash`, which sends a release, or a list of signing keys, to an ECU over its CAN bus."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 MOST_KEY_BYTES: Final = 4092
-"""The size of a key list: what one UDS request carries with service and identifier."""
+"""Largest size of a key list in bytes: the data of one UDS request after service and identifier."""
 Keys = Annotated[Path | None, typer.Option(help="Key list to bring first (`bundle keylist`).", metavar="LIST")]
 DryRun = Annotated[bool, typer.Option("--dry-run", help="Ask the ECU, check everything, and write nothing.")]
 NoConfirm = Annotated[bool, typer.Option("--no-confirm", help="Leave the release on trial.")]
@@ -43,16 +43,16 @@ def flash(
 ) -> None:
     """Bring a release into an ECU over UDS, start it on trial, test it, and confirm it.
 
-    The jets must be shut and the vehicle must not ask for control. Whatever interrupts it, the ECU keeps the release
-    that it has until the new one has passed its self-test, and the same command goes on where it stood. Where that
-    release runs already, nothing is done.
+    The jets must be shut and the vehicle must not request control. If the command is interrupted, the ECU keeps its
+    release until the new release has passed its self-test, and the same command continues at the interruption. If the
+    release already runs, nothing is done.
 
-    A key list is taken if the ECU's root key signed it, it is newer than the one that the ECU has, and it keeps the key
-    of the confirmed release.
+    A key list is accepted if the ECU's root key signed it, and it is newer than the ECU's and has the confirmed
+    release's key.
 
     Exit status: 3 no answer from the ECU; 4 the access key is wrong; 5 not now, the vehicle is in use; 6 the release or
     the list is not for this ECU, or the ECU refused it; 7 the ECU refused something else; 8 the new release did not
-    start or pass its self-test, and the one before runs.
+    start or pass its self-test, and the previous release runs.
 
     stillwake flash contract/release/shipped --bus socketcan:can0 --access access.key
 
@@ -105,7 +105,7 @@ def _bring_release(
     key = None if access is None else AccessKey.read(access)
     release = None if is_image(bundle) else open_release(bundle, trust)
     if release is None:
-        # Whom it is signed by, and what it is for, is the ECU's to judge.
+        # The ECU itself checks the image's signer and its hardware.
         name, image = opened(bundle).facts.name, bundle.read_bytes()
         console.print(f"image {name}, {len(image)} bytes")
     else:
@@ -150,7 +150,7 @@ def _ended(flashed: "Flashed", name: str) -> str:
 
 
 class _Shown:
-    """The transfer, with its rate or what comes after it as the note."""
+    """A display of the transfer; its note is the rate, or the step after the transfer."""
 
     def __init__(self, report: Report) -> None:
         self._report = report
@@ -187,7 +187,7 @@ def _effort(flashed: "Flashed", length: int) -> str:
 
 
 def _comparison(release: Bundle, length: int, facts: "EcuFacts") -> Table:
-    """What would be flashed, next to what the ECU reports."""
+    """Return a table of the release to flash next to the ECU's report."""
     from can_bridge.flashing.backing import Slot
     from contract.release.checks import dbc_sha256
 
