@@ -1,1 +1,1 @@
-"""The bus: wire format, end-to-end protection, the command gate and the adapters to real and virtual buses."""
+"""The CAN bus: wire format, end-to-end protection, the command gate, and adapters to real and virtual buses."""

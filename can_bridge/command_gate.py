@@ -1,11 +1,11 @@
-"""The last check before a jet command goes on the bus. It trusts nothing that comes from the controller.
+"""The last check before a jet command is sent on the bus. It trusts none of the controller's outputs.
 
-In this order: no permission, no finite number, a clock that stood still or no fresh pressure shuts the jets at once;
-otherwise the command is brought into range and then to within one step of the command before it. Zero is the safe
+No permission, a command that is not finite, a clock that did not advance, or the lack of fresh pressures shuts the jets
+at once. Otherwise the command is limited to its range and then to one step from the previous command. Zero is the safe
 state, so shutting is never slowed down.
 
-Pressures that are too old for a new command may still bear one that leads from the command before it towards zero:
-that is what a fail-safe holds and halves.
+Pressures that are too old for a new command may still be the basis of a command between the previous command and zero,
+because the fail-safe holds and then halves the command.
 """
 
 import math
@@ -19,7 +19,7 @@ from contract.errors import ConfigError
 
 
 class Intervention(Flag):
-    """What the gate had to do; empty if the command passed as it was."""
+    """The gate's changes to a command; empty if it passed unchanged."""
 
     NOT_ENABLED = auto()
     NOT_FINITE = auto()
@@ -31,14 +31,14 @@ class Intervention(Flag):
 
 @dataclass(frozen=True, kw_only=True)
 class GateLimits:
-    """Bounds on what may pass.
+    """Bounds on the commands that may pass.
 
     Attributes:
         flow_m2_per_s: largest magnitude of the command.
-        step_m2_per_s: largest change from one command to the next, a period or more later; in a shorter time the
-            change is smaller in proportion.
-        fresh_age_ns: oldest pressures that any command may rest on.
-        held_age_ns: oldest pressures that a command may rest on which lies between the one before it and zero.
+        step_m2_per_s: largest change between two commands a period or more apart; proportionally less in a shorter
+            time.
+        fresh_age_ns: largest age of the pressures on which any command is based.
+        held_age_ns: largest age of pressures for a command between the previous command and zero.
     """
 
     flow_m2_per_s: float
@@ -49,15 +49,15 @@ class GateLimits:
 
     @classmethod
     def from_config(cls, config: Config) -> Self:
-        """The limits of a vehicle.
+        """Return the limits of a vehicle.
 
-        The range ends on a step of the wire, so that rounding on emission cannot lead out of it. The ages let the
-        fail-safe's hold and decay through and nothing after them. Raises ConfigError if the wire cannot carry the
-        action limit at this operating point.
+        The range ends on a multiple of the message's resolution, so that rounding cannot exceed it. The ages allow the
+        fail-safe's hold and decay, and nothing after them. Raises ConfigError if the action limit at this operating
+        point exceeds the message's range.
         """
         scale = config.operating_point.flow_rate_scale
         limit = config.flow.action_limit * scale
-        # The small number keeps a limit that is itself a step of the wire.
+        # The small number keeps a limit that is itself a multiple of the resolution.
         steps = math.floor(limit / FLOW_RESOLUTION_M2_PER_S + 1e-6)
         if steps > INT16_MAX:
             widest = INT16_MAX * FLOW_RESOLUTION_M2_PER_S
@@ -74,7 +74,7 @@ class GateLimits:
         )
 
     def narrowed(self, other: Self) -> Self:
-        """The limits with the narrower of both ranges and the smaller of both steps; the times stay."""
+        """Return the limits with the smaller range and the smaller step of both; the times stay."""
         return replace(
             self,
             flow_m2_per_s=min(self.flow_m2_per_s, other.flow_m2_per_s),
@@ -84,7 +84,7 @@ class GateLimits:
 
 @dataclass(frozen=True, kw_only=True)
 class GatedCommand:
-    """What goes on the bus. `flow_m2_per_s` is also the next call's `previous_m2_per_s`."""
+    """The gate's result. `flow_m2_per_s` is also the next call's `previous_m2_per_s`."""
 
     flow_m2_per_s: float
     enable: bool
@@ -101,15 +101,15 @@ def gate(
     now_ns: int,
     limits: GateLimits,
 ) -> GatedCommand:
-    """Let a command pass, bring it within bounds, or shut the jets. Call it once for each command sent.
+    """Let a command pass, limit it, or shut the jets. Call it once for each command that is sent.
 
     Args:
-        flow_m2_per_s: what the controller or its fail-safe asks for.
+        flow_m2_per_s: command of the controller or its fail-safe.
         enable: whether the jets may run.
-        previous_m2_per_s: what this gate let pass last; 0 at the start.
-        previous_ns: when it did; None at the start.
-        pressure_ns: when the pressures behind the command were sampled; None if there were none.
-        now_ns: same clock. A pressure from the future counts as stale: one of the two clocks is wrong.
+        previous_m2_per_s: this gate's previous result; 0 at the start.
+        previous_ns: time of that result; None at the start.
+        pressure_ns: sampling time of the pressures behind the command; None if there were none.
+        now_ns: present time on the same clock. Pressures from the future count as stale, because a clock is wrong.
     """
     if not enable:
         return _shut(Intervention.NOT_ENABLED)
@@ -130,7 +130,7 @@ def gate(
     passed = _clamp(in_range, previous_m2_per_s - step, previous_m2_per_s + step)
     if passed != in_range:
         interventions |= Intervention.RATE
-        # The range has the last word, whatever `previous` was.
+        # The range comes last, so that it holds whatever `previous` was.
         passed = _clamp(passed, -limits.flow_m2_per_s, limits.flow_m2_per_s)
     return GatedCommand(flow_m2_per_s=passed, enable=True, interventions=interventions)
 

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterable, Mapping
 from typing import Final
 
 from can_bridge.calibration import xcp
+from can_bridge.calibration.measured import MEASURED_ADDRESS, MEASURED_BYTES
 from can_bridge.calibration.segment import ADDRESS
 from can_bridge.calibration.xcp_slave import IDLE_NS
 from can_bridge.flashing.access_level import Level
@@ -33,7 +34,7 @@ from can_bridge.uds.services import (
 from contract.config.diagnosis import DiagnosisConfig
 from contract.config.vehicle import BusConfig
 from contract.controller.calibration import PACKED_BYTES
-from ecu.flashable.links import isotp_settings
+from ecu.flashable.links import XCP_PLACES, isotp_settings
 from firmware_sim.runs.reasons import BECAUSE
 
 SERVICE_NAMES: Final[Mapping[Service, str]] = {
@@ -159,6 +160,8 @@ STATED: Final = (
     f"mask is `{AVAILABLE:02X}`",
     f"protocol {xcp.PROTOCOL_VERSION}.x",
     f"up to {xcp.MAX_CTO} bytes, one segment of {PACKED_BYTES} bytes at address 0x{ADDRESS:X}",
+    f"latest control period of {MEASURED_BYTES} bytes at address 0x{MEASURED_ADDRESS:X}",
+    f"before the answers to {XCP_PLACES} others have left",
     f"{IDLE_NS // 60_000_000_000} minutes without",
 )
 """Numbers in the text of the page, as it has them: a test compares the two."""

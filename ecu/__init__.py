@@ -1,1 +1,1 @@
-"""What a vehicle installs: the ECU, its fail-safe, its window, and what runs a release in it. Sees no wake."""
+"""The software that a vehicle installs: the ECU, its fail-safe, its window, the release runtime. Imports no wake."""

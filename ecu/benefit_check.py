@@ -1,17 +1,17 @@
-"""Whether control helps: the pressure on the base under control against what it was before, with the jets shut.
+"""The check whether control helps: pressures under control are compared with pressures while the jets were shut.
 
-A controller made for another speed, another body or another delay can raise drag, with every frame and every pressure
-in order. Two means tell, both over two shedding cycles. Where control helps the base's suction falls; where it only
-bends the wake aside, the pressures of mirrored sensors differ more than without control. What either was without
-control is measured on the vehicle itself, whenever the jets have been shut for long enough. Since then the speed may
-have changed, and the wake with it, so both means are in units of what the release's own wake has at the speed of each
-period. After power-on no one knows for how long the jets had been shut: a reset under control leaves a calmed wake
-behind. Until the vehicle has measured for long enough, the release's wake counts where it is the larger one.
+A controller made for another speed, another body or another delay can raise drag although every frame and every
+pressure is valid. Two means show it, both over two shedding cycles. Where control helps, the suction on the base falls.
+Where it only deflects the wake, the pressures of mirrored sensors differ more than without control. The values without
+control are measured on the vehicle itself, whenever the jets have been shut for long enough. The speed may have changed
+since, and the wake with it, so both means are divided by the values of the release's own wake at the speed of each
+period. After power-on it is unknown how long the jets had been shut, and a reset under control leaves a calmed wake.
+Until the vehicle has measured for long enough, the larger of its own and the release's wake counts.
 
-Control that does not help for a shedding cycle is only suspected: it is compared with another time, and by a speed that
-may be wrong. So the jets are shut, and the wake is measured without them at this very speed. If that wake is the worse
-one, control goes on, and so it does at another speed, of which the test says nothing. Otherwise the fault latches in
-the end. A new request for control tries again.
+Control that does not help for a shedding cycle is only suspected, because it is compared with another time, and by a
+speed that may be wrong. So the jets are shut, and the wake is measured without them at this speed. If that wake is
+worse, control continues; it also continues at another speed, about which the test says nothing. Otherwise the fault
+latches in the end. A new request for control starts again.
 """
 
 from dataclasses import dataclass, replace
@@ -28,13 +28,13 @@ from contract.sensor_layout import SAME_PLACE
 from ecu.fit import positions_of
 
 _ON_BASE: Final = "base_"
-"""How the names of sensors on a body's base begin."""
+"""Prefix of the names of sensors on a body's base."""
 MOVED: Final = 0.1
-"""Change of the speed that ends a test, in design speeds: the wake has become another one."""
+"""Change of the speed that ends a test, in design speeds, because the wake is then a different wake."""
 PATIENCE: Final = 6
-"""Longest test, in `wake_periods`: 18 s. The jets are shut meanwhile; a speed at which control hurts may pass."""
+"""Longest test, in `wake_periods`: 18 s. The jets are shut meanwhile, and a speed at which control harms may pass."""
 UNSTATED: Final = ((1.0, -1e-3, 1e-3),)
-"""The wake of a release that states none, in Cp: smaller than any, so that the vehicle's own always counts."""
+"""Values for a release that does not state its wake, in Cp: smaller than any wake, so that the vehicle's own counts."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,14 +42,14 @@ class BenefitCheckState:
     """The state after a control period. Periods without pressures change no mean.
 
     Attributes:
-        waking: periods with the jets shut until the wake is that without control; none at power-on.
-        rested: periods that the means without control rest on, up to `BenefitCheck.proven`.
-        resting_suction, resting_swing: the means without control, in units of the release's own wake.
-        driven: the same under control, up to `ecu.benefit_check.first_period`.
-        suction, swing: the means under control.
-        doubt: periods in which control did not help less those in which it did.
-        tested_at: the speed at which a test began, in design speeds; 0 without a test.
-        spent: periods of tests less those in which control helped, up to `BenefitCheck.patience`.
+        waking: remaining periods with the jets shut until the wake is as without control; 0 at power-on.
+        rested: number of periods in the means without control, up to `BenefitCheck.proven`.
+        resting_suction, resting_swing: means without control, divided by the values of the release's own wake.
+        driven: number of periods in the means under control, up to `ecu.benefit_check.first_period`.
+        suction, swing: means under control, divided by the values of the release's own wake.
+        doubt: number of periods in which control did not help minus those in which it did, at least 0.
+        tested_at: speed at which a test began, in design speeds; 0 without a test.
+        spent: number of periods of tests minus those in which control helped, 0 to `BenefitCheck.patience`.
     """
 
     waking: int = 0
@@ -71,12 +71,12 @@ class BenefitCheckState:
 
 @dataclass(frozen=True, kw_only=True)
 class BenefitCheck:
-    """The check of one release.
+    """The benefit check of one release.
 
     Attributes:
-        base: (B,) places of the sensors on the base among the release's.
-        pairs: (P, 2) of mirrored sensors among them.
-        resting: (K, 3) rising speeds in design speeds, and there the mean base pressure, below zero, and the mean
+        base: (B,) indices of the release's sensors that are on the base.
+        pairs: (P, 2) indices of mirrored sensors.
+        resting: (K, 3) rising speeds in design speeds, and at each the mean base pressure, below zero, and the mean
             magnitude of the differences of mirrored sensors, both in Cp.
     """
 
@@ -87,7 +87,7 @@ class BenefitCheck:
 
     @classmethod
     def of(cls, manifest: Manifest, config: BenefitCheckConfig) -> "BenefitCheck | None":
-        """The check of a release; None where none of its sensors is on the base, or none has its mirror image."""
+        """Return the check of a release; None if none of its sensors is on the base, or none is mirrored."""
         base = tuple(place for place, name in enumerate(manifest.sensors) if name.startswith(_ON_BASE))
         pairs = mirrored_pairs(manifest)
         if not (config.enabled and base and pairs):
@@ -96,23 +96,23 @@ class BenefitCheck:
 
     @property
     def proven(self) -> int:
-        """Periods after which the means without control hold nothing of what was before power-on: the wake sheds as
-        before, and a mean has been taken of it."""
+        """The number of periods after which the means without control no longer depend on the time before power-on: the
+        wake has recovered, and a mean has been taken."""
         return self.config.wake_periods + self.config.mean_periods
 
     @property
     def patience(self) -> int:
-        """Periods of tests after which the fault latches."""
+        """The number of periods of tests after which the fault latches."""
         return PATIENCE * self.config.wake_periods
 
     def next(
         self, state: BenefitCheckState, cp: Array | None, *, drives: bool, speed: float = 1.0
     ) -> tuple[BenefitCheckState, Reason | None]:
-        """The state after a period, and why the ECU must switch itself off, if it must.
+        """Return the state after a period, and the reason why the ECU must switch itself off, or None.
 
         Args:
-            cp: (S,) this period's pressures; None without any.
-            drives: whether the jets could run up to now.
+            cp: (S,) this period's pressures; None if there are none.
+            drives: whether the jets could run until now.
             speed: of the vehicle, in design speeds.
         """
         if state.tests:
@@ -150,8 +150,8 @@ class BenefitCheck:
     def _tested(
         self, state: BenefitCheckState, cp: Array | None, speed: float
     ) -> tuple[BenefitCheckState, Reason | None]:
-        """`next` in a test: what control was is compared with the wake since the jets were shut, of which more cycles
-        count than of control: resumed by chance, control that hurts would begin anew."""
+        """Do `next` during a test. The means under control are compared with the wake since the jets were shut, of
+        which more cycles count than of control, because harmful control that is resumed by chance would begin anew."""
         if cp is None:
             return state, None
         config = self.config
@@ -179,7 +179,7 @@ class BenefitCheck:
         return gained >= config.least_gain * abs(suction) and state.swing <= config.most_swing * swing
 
     def _rested(self, state: BenefitCheckState, cp: Array, speed: float, over: int) -> BenefitCheckState:
-        """Take this period into the means without control, which are over so many."""
+        """Add this period to the means without control, which are over `over` periods."""
         suction, swing = self._measured(cp, speed)
         return replace(
             state,
@@ -188,8 +188,8 @@ class BenefitCheck:
         )
 
     def _measured(self, cp: Array, speed: float) -> tuple[float, float]:
-        """Suction on the base and mean magnitude of the differences, in units of the release's wake at this speed;
-        summed one by one, as in C."""
+        """Return the suction on the base and the mean magnitude of the differences, divided by the values of the
+        release's wake at this speed. The sums are in a fixed order, as in C."""
         base = swing = 0.0
         for place in self.base:
             base += float(cp[place])
@@ -199,7 +199,7 @@ class BenefitCheck:
         return base / len(self.base) / resting_base, swing / len(self.pairs) / resting_swing
 
     def _stated(self, speed: float) -> tuple[float, float]:
-        """What base and swing of the release's wake are without jets at a speed, in Cp; linear in between."""
+        """Return base pressure and swing of the release's wake without jets at a speed, in Cp, by interpolation."""
         before = self.resting[0]
         for after in self.resting:
             if speed < after[0]:
@@ -210,13 +210,13 @@ class BenefitCheck:
 
 
 def resting_of(manifest: Manifest) -> tuple[tuple[float, float, float], ...]:
-    """The wake without jets that a release states, by speed, as `BenefitCheck.resting` has it."""
+    """Return a release's wake without jets, by speed, in the form of `BenefitCheck.resting`."""
     stated = manifest.resting
     return UNSTATED if stated is None else tuple(zip(stated.speeds, stated.base, stated.swing, strict=True))
 
 
 def mirrored_pairs(manifest: Manifest) -> tuple[tuple[int, int], ...]:
-    """Places of sensors and their mirror images among a release's; of unknown positions there are none."""
+    """Return the indices of mirrored sensors of a release; empty if the sensors' positions are unknown."""
     positions = positions_of(manifest)
     if positions is None:
         return ()

@@ -1,4 +1,4 @@
-"""A release's controller as a policy: the ECU's window and warm start, without bus, latency or fail-safe."""
+"""A release's controller as a policy: with the ECU's window and warm start, without bus, latency or fail-safe."""
 
 import numpy as np
 
@@ -13,16 +13,16 @@ from ecu.fit import check_sensors
 
 
 class BundlePolicy:
-    """Follows `wake.recording.episode_job.Policy`: zero until the window is full, then the first action of each plan.
+    """A `wake.recording.episode_job.Policy`: zero until the window is full, then the first action of each plan.
 
-    The memory holds the number of rows in the window, the window of rows (Cp_k, a_{k-1}), and the last plan as it came
-    out: the graph shifts it, so that its first action, the one that exploration changed, is not used again. Nothing
-    else is needed: every sample has its pressures, and the plant reports the action in force. Raises BundleError if the
+    The memory holds the number of rows in the window, the rows (Cp_k, a_{k-1}), and the last plan as computed. The
+    graph shifts the plan, so that its first action, which exploration changed, is not used again. Nothing else is
+    needed, because every sample has its pressures, and the plant reports the action in force. Raises BundleError if the
     model does not load, or reads a sensor that the plant does not have, or has elsewhere.
 
     Args:
-        controller: what runs its `controller.onnx`; default: ONNX Runtime on one thread.
-        layout: of the plant's sensors, the columns of the Cp that it is stepped with.
+        controller: runs the bundle's `controller.onnx`; default: ONNX Runtime on one thread.
+        layout: of the plant's sensors, the columns of Cp in each step.
     """
 
     def __init__(self, bundle: Bundle, controller: Controller | None = None, layout: SensorLayout = TRUCK) -> None:
@@ -35,13 +35,12 @@ class BundlePolicy:
         self._controller = OnnxController.of(bundle) if controller is None else controller
 
     def start(self) -> Array:
-        """No rows, a plan of zeros."""
+        """Return a memory without rows and with a plan of zeros."""
         length, columns = self._shape
         return _packed(ControllerMemory.empty(length=length, sensors=columns - 1, horizon=self._horizon, delay=0))
 
     def step(self, memory: Array, Cp: Array, action: float) -> tuple[float, Array]:
-        """The command and the memory after it. Raises ControllerError if the controller fails or its answer is not
-        finite."""
+        """Return command and new memory. Raises ControllerError if the controller fails or its answer is not finite."""
         after = self._unpacked(memory, action).observed(Cp[self._columns])
         if not after.is_full:
             return 0.0, _packed(after)
@@ -49,7 +48,7 @@ class BundlePolicy:
         return float(answer.plan[0]), _packed(after)
 
     def _unpacked(self, memory: Array, action: float) -> ControllerMemory:
-        """What `_packed` wrote, with the action in force."""
+        """Return the packed memory as a `ControllerMemory`, with the action in force."""
         return ControllerMemory(
             window=memory[1 : -self._horizon].reshape(self._shape),
             rows=int(memory[0]),
@@ -60,5 +59,5 @@ class BundlePolicy:
 
 
 def _packed(memory: ControllerMemory) -> Array:
-    """(1 + L (S + 1) + H,): rows, window, plan."""
+    """Return the memory as an array (1 + L (S + 1) + H,): rows, window, plan."""
     return np.concatenate([[memory.rows], memory.window.ravel(), memory.plan])

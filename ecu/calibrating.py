@@ -1,7 +1,7 @@
-"""What of a release may be calibrated on a vehicle, how far, and the settings that follow from it.
+"""The values of a release that may be calibrated on a vehicle, their limits, and the settings that result.
 
-The bounds on the jets can be narrowed, never widened: the vehicle's settings are their upper limits. The weights may be
-any that make sense; the delay any that leaves the controller an action to choose.
+The bounds on the jets can be narrowed, never widened: the vehicle's settings are their upper limits. The weights may
+have any meaningful value, the delay any value that leaves the controller an action to choose.
 """
 
 from dataclasses import replace
@@ -16,12 +16,12 @@ from contract.controller.interface import TERMS
 from contract.release.checks import Bundle
 
 LEAST_SHARE: Final = 0.05
-"""Share of the vehicle's `flow.action_limit` and `ecu.command_step` that must be left: less is not a goal but a way to
-switch the control off, which the enable request is for."""
+"""Smallest calibrated share of the vehicle's `flow.action_limit` and `ecu.command_step`. A smaller share would in
+effect switch the control off, which is the purpose of the enable request."""
 
 
 def release_calibration(bundle: Bundle, config: Config) -> Calibration:
-    """The values that an ECU has at power-on: the goal of a verified release, and the settings of the vehicle."""
+    """Return the values at power-on: the goal of a verified release, and the settings of the vehicle."""
     return Calibration(
         weights=bundle.manifest.mpc.weights,
         action_limit=config.flow.action_limit,
@@ -31,7 +31,7 @@ def release_calibration(bundle: Bundle, config: Config) -> Calibration:
 
 
 def limits_of(bundle: Bundle, config: Config) -> CalibrationLimits:
-    """Least and greatest values for a release in a vehicle."""
+    """Return the least and greatest values for a release in a vehicle."""
     own = release_calibration(bundle, config)
     least = Calibration(
         weights=CostWeights(**dict.fromkeys(TERMS, 0.0)),
@@ -49,10 +49,10 @@ def limits_of(bundle: Bundle, config: Config) -> CalibrationLimits:
 
 
 def with_calibration(config: Config, calibration: Calibration) -> Config:
-    """The vehicle's settings with a calibration's bounds and delay; its weights are the controller's input.
+    """Return the vehicle's settings with a calibration's bounds and delay; its weights are an input of the controller.
 
-    A value that is a setting rounded to float32 is that setting, with all of its digits: an ECU that is given its own
-    values goes on to the bit as it would have. Any other bound is the float32 as it stands, as in C.
+    A value that equals a setting rounded to float32 becomes that setting with all of its digits, so that an ECU that
+    gets its own values continues bit for bit. Any other bound is used as float32, as in C.
     """
 
     def bound(value: float, own: float) -> float:

@@ -1,12 +1,12 @@
-"""What the controller must be given again in the next control period: window, plan and actions under way.
+"""The controller's state from one control period to the next: window, plan and sent actions not yet in force.
 
-The row of the window at period k is (Cp_k, a_{k-1}): the pressures now, and the action in force when they were
-sampled. The plan of period k - 1 is where the optimisation of period k starts; the graph shifts it by one step.
-The ECU and the policy that records under feedback (`bundle_policy`) share this memory.
+Row k of the window is (Cp_k, a_{k-1}): the pressures of period k, and the action in force when they were sampled. The
+optimisation of period k starts from the plan of period k - 1, which the graph shifts by one step. The ECU and the
+policy that records under feedback (`bundle_policy`) share this state.
 
-Where a release serves a range of speeds, the periods' own rows are kept as well (`Past`), and the window is read
-between them, at steps of the present speed. Pressures, actions and plan are then in units of the present speed; what is
-sent and under way stays in units of the design speed, in which the jets' limits are.
+If a release serves a range of speeds, the rows of past periods are also stored (`Past`), and the window is interpolated
+from them at steps of the present speed. Pressures, actions and plan are then in units of the present speed; sent
+actions stay in units of the design speed, as do the jets' limits.
 """
 
 from dataclasses import dataclass, replace
@@ -21,43 +21,43 @@ from contract.controller.resampling import followed, places
 
 @dataclass(frozen=True)
 class DelayLine:
-    """The latest `delay + 1` values, oldest first; the line is always full. `values` is (delay + 1,)."""
+    """The latest `delay + 1` values, oldest first. `values` is (delay + 1,)."""
 
     values: tuple[float, ...]
 
     @classmethod
     def filled(cls, delay: int, value: float = 0.0) -> Self:
-        """A line on which `value` stands everywhere; `delay` in control periods."""
+        """Return a line filled with `value`; `delay` is in control periods."""
         return cls((value,) * (delay + 1))
 
     @property
     def in_force(self) -> float:
-        """What takes effect now: given `delay` periods ago."""
+        """The value that takes effect now, sent `delay` periods ago."""
         return self.values[0]
 
     @property
     def newest(self) -> float:
-        """What was given last."""
+        """The value that was sent last."""
         return self.values[-1]
 
     @property
     def pending(self) -> tuple[float, ...]:
-        """What takes effect in the next `delay` periods, (delay,)."""
+        """The values that take effect in the next `delay` periods, (delay,)."""
         return self.values[1:]
 
     def pushed(self, value: float) -> Self:
-        """The line one period later, with `value` given now."""
+        """Return the line one period later, with `value` sent now."""
         return type(self)((*self.values[1:], value))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Past(ArrayValue):
-    """The rows of the latest control periods at the speeds they had; a value with read-only arrays.
+    """The rows of the latest control periods with their speeds; a value with read-only arrays.
 
     Attributes:
-        rows: (N, S + 1) as in the window, each in units of its own speed; zero where none has come.
+        rows: (N, S + 1) as in the window, each in units of its own speed; zero before the first row.
         speeds: (N,) in design speeds.
-        count: how many have come.
+        count: number of rows so far.
     """
 
     rows: Array
@@ -66,7 +66,7 @@ class Past(ArrayValue):
 
     @staticmethod
     def empty(periods: int, sensors: int) -> "Past":
-        """Before the first row, for so many periods."""
+        """Return an empty past for this number of periods."""
         return Past(rows=np.zeros((periods, sensors + 1)), speeds=np.zeros(periods), count=0)
 
     def with_row(self, row: Array, speed: float) -> "Past":
@@ -78,13 +78,13 @@ class Past(ArrayValue):
         )
 
     def with_column(self, sensor: int, values: Array) -> "Past":
-        """Put other pressures of one sensor, (N,), into the rows that have come."""
+        """Replace the pressures of one sensor by `values`, (N,), in the existing rows."""
         rows, first = self.rows.copy(), len(self.rows) - self.count
         rows[first:, sensor] = values[first:]
         return replace(self, rows=rows)
 
     def read(self, length: int) -> tuple[Array, int]:
-        """The window (L, S + 1) at steps of the present speed, and how many of its rows have come."""
+        """Return the window (L, S + 1) at steps of the present speed, and the number of its existing rows."""
         window, first = np.zeros((length, self.rows.shape[1])), len(self.rows) - self.count
         if not self.count:
             return window, 0
@@ -95,16 +95,16 @@ class Past(ArrayValue):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ControllerMemory(ArrayValue):
-    """A value: every method returns a new memory and leaves this one as it is. The arrays are read-only.
+    """A value: every method returns a new memory and does not change this one. The arrays are read-only.
 
     Attributes:
-        window: (L, S + 1), rows (Cp at the sensors, action in force), one for every control period, oldest first;
-            zero where no row has come yet.
-        rows: how many of them have come, the last ones of the window, 0 to L.
-        gap: periods in a row without pressures.
-        plan: (H,), as it came out of the controller; zeros without one.
-        under_way: actions sent; the newest first takes effect when the actuator's delay is over.
-        past: of a release that serves a range of speeds, from which the window is read.
+        window: (L, S + 1), a row (Cp at the sensors, action in force) a period, oldest first; zero before the first
+            row.
+        rows: number of existing rows, the last ones of the window, 0 to L.
+        gap: number of consecutive periods without pressures.
+        plan: (H,), as computed by the controller; zeros without a plan.
+        under_way: sent actions; the first takes effect now, the others during the actuator's delay.
+        past: source of the window for a release that serves a range of speeds.
     """
 
     window: Array
@@ -116,14 +116,14 @@ class ControllerMemory(ArrayValue):
 
     @staticmethod
     def empty(*, length: int, sensors: int, horizon: int, delay: int, past: int = 0) -> "ControllerMemory":
-        """No rows, a plan of zeros, no jet action.
+        """Return a memory without rows, with a plan of zeros and no jet action.
 
         Args:
             length: L.
             sensors: S.
             horizon: H.
             delay: of the actuator, in control periods.
-            past: periods that are kept for a release that serves a range of speeds; 0 for another.
+            past: number of stored periods for a release that serves a range of speeds; 0 for another.
         """
         return ControllerMemory(
             window=np.zeros((length, sensors + 1)),
@@ -136,12 +136,12 @@ class ControllerMemory(ArrayValue):
 
     @property
     def is_full(self) -> bool:
-        """Whether the controller can plan."""
+        """Whether the window is full, so that the controller can plan."""
         return self.rows == len(self.window)
 
     @property
     def sizes(self) -> tuple[int, int, int, int]:
-        """L, S, H and the actuator's delay: what two memories of one controller have in common."""
+        """L, S, H and the actuator's delay, which are equal in all memories of one controller."""
         return len(self.window), self.window.shape[1] - 1, len(self.plan), len(self.under_way.pending)
 
     @property
@@ -150,14 +150,13 @@ class ControllerMemory(ArrayValue):
         return 1.0 if self.past is None or not self.past.count else float(self.past.speeds[-1])
 
     def observed(self, cp: Array, speed: float = 1.0) -> "ControllerMemory":
-        """Add a row for this period; cp is (S,), at that speed."""
+        """Add a row for this period; cp is (S,), at this speed."""
         return self._extended(cp, speed, gap=0)
 
     def bridged(self, longest_gap: int) -> "ControllerMemory":
-        """Add a stand-in for a period without pressures: the last ones again. Before the first row there is none.
+        """Repeat the last pressures for a period without pressures; does nothing before the first row.
 
-        A gap of more than `longest_gap` periods empties the window, so that the controller never plans from
-        pressures long past.
+        A gap of more than `longest_gap` periods empties the window, so that no plan is made from old pressures.
         """
         gap = min(self.gap, longest_gap) + 1
         if gap > longest_gap:
@@ -165,14 +164,14 @@ class ControllerMemory(ArrayValue):
         return self._extended(self.window[-1, :-1], self.speed, gap=gap) if self.rows else replace(self, gap=gap)
 
     def emptied(self) -> "ControllerMemory":
-        """Without rows; plan and actions under way stay."""
+        """Remove the rows; the plan and the sent actions stay."""
         if not self.rows:
             return self
         past = None if self.past is None else Past.empty(len(self.past.rows), self.window.shape[1] - 1)
         return replace(self, window=np.zeros_like(self.window), rows=0, past=past)
 
     def with_column(self, sensor: int, values: Array) -> "ControllerMemory":
-        """Put other pressures of one sensor into the rows that have come: (L,), or (N,) of a past."""
+        """Replace the pressures of one sensor in the existing rows by `values`: (L,), or (N,) with a past."""
         if self.past is not None:
             past = self.past.with_column(sensor, values)
             return replace(self, past=past, window=past.read(len(self.window))[0])
@@ -188,15 +187,15 @@ class ControllerMemory(ArrayValue):
     def with_delay(self, delay: int) -> "ControllerMemory":
         """Change to another delay of the actuator, between two control periods; `delay` is less than the horizon.
 
-        What was sent stays as it was sent. What moves is when it is taken to act: under way are the latest `delay`
-        actions, and a row of the window has the action that was in force by the new delay. An action from before the
-        oldest row of the window is taken for that row's, which is zero where no row has come. The plan moves along:
-        the action that it has for the next period is the same as before. A past begins again.
+        The sent actions stay, but are taken to act at other times: the latest `delay` actions are under way, and each
+        row of the window gets the action that was in force by the new delay. The oldest row's action, zero before the
+        first row, stands for older ones. The plan is shifted, and its action for the next period stays. A past is
+        emptied.
         """
         later = delay - len(self.under_way.pending)
         if not later:
             return self
-        # The rows' actions and those on the line are the actions sent, without a gap.
+        # The actions of the rows and on the line are all sent actions, without a gap.
         sent = np.concatenate([self.window[:, -1], self.under_way.values])
         length, first = len(self.window), len(self.window) - self.rows
         in_force = sent[np.maximum(np.arange(length) - later, 0)]
@@ -213,24 +212,24 @@ class ControllerMemory(ArrayValue):
         )
 
     def without_plan(self) -> "ControllerMemory":
-        """Put zeros in place of the plan: the next optimisation starts from none."""
+        """Replace the plan by zeros, so that the next optimisation starts from zeros."""
         return replace(self, plan=np.zeros_like(self.plan)) if self.plan.any() else self
 
     def planned(
         self, controller: Controller, weights: Array | None = None, limit: float | None = None
     ) -> tuple["ControllerMemory", ControlStep]:
-        """One control step on a full window: the memory with the new plan, and what the controller answered. Raises
-        ControllerError if there is no answer, or it is not a control step of this horizon in finite numbers, whatever
-        the controller raised or returned.
+        """Do one control step on a full window; return the memory with the new plan, and the controller's answer.
+        Raises ControllerError if the controller fails in any way, or its answer is not a control step of this horizon
+        with finite numbers.
 
         Args:
-            weights: of the cost, (8,) in the order of `CostWeights`; the controller's own without.
-            limit: bound on |a| in U_inf W, at any speed; likewise.
+            weights: of the cost, (8,) in the order of `CostWeights`; the controller's own by default.
+            limit: bound on |a| in U_inf W, at any speed; the controller's own by default.
         """
         pending = self.under_way.pending
         plan, free = self.plan.copy(), np.ones(len(self.plan))
-        # The graph shifts the plan by a step. What comes first then is under way to a late actuator: as sent,
-        # whatever the gate, a hold or the wire made of the plan.
+        # The graph shifts the plan by a step. Its next actions are then those under way to a late actuator, as they
+        # were sent, whatever the gate, a hold or rounding made of the plan.
         plan[1 : 1 + len(pending)] = np.array(pending) / self.speed
         free[: len(pending)] = 0.0
         try:
@@ -257,7 +256,7 @@ class ControllerMemory(ArrayValue):
 
 
 def _checked(name: str, values: object, shape: tuple[int, ...]) -> Array:
-    """A copy of a controller's output; raises ControllerError if it is anything but finite numbers of this shape."""
+    """Return a copy of a controller's output; raises ControllerError unless it has this shape and finite numbers."""
     if not isinstance(values, np.ndarray) or values.dtype.kind != "f" or values.shape != shape:
         raise ControllerError(f"the controller's {name} is no array of numbers of shape {shape}")
     if not np.isfinite(values).all():

@@ -1,10 +1,10 @@
 """The ECU: a function of state, time and received frames, without clock, socket or thread.
 
-Once a control period: check the pressure stream end to end, update the fail-safe, extend the window, plan, pass the
-first free action through the command gate, send it. The row of the window at period k is (Cp_k, a_{k-1}) with the
-action as it went out on the wire, and as it takes effect if the actuator is known to be late.
+Once a control period it checks the pressure stream end to end, updates the fail-safe, extends the window, plans, passes
+the first free action through the command gate and sends it. Row k of the window is (Cp_k, a_{k-1}), with the action as
+sent and, if the actuator is known to be late, as it takes effect.
 
-Nothing that comes from outside ends in an exception: not the frames, not the time, not the controller's answer.
+No input raises an exception: neither frames, nor the time, nor the controller's answer.
 """
 
 from collections.abc import Sequence
@@ -40,7 +40,7 @@ from ecu.timing import StepTiming
 
 
 class StepOutcome(NamedTuple):
-    """What one control period leads to. `frames` are to be sent, a JetCommand and an EcuStatus."""
+    """The outcome of a control period. `frames` are to be sent: a JetCommand and an EcuStatus."""
 
     state: EcuState
     frames: list[Frame]
@@ -48,13 +48,13 @@ class StepOutcome(NamedTuple):
 
 
 class _Decision(NamedTuple):
-    """What the ECU asks of the command gate in one period.
+    """The ECU's request to the command gate in one period.
 
     Attributes:
-        memory: with the new plan, or none.
+        memory: with the new plan, or without a plan.
         action: before the command gate, in U_inf W.
         forces: predicted (Cd, Cl) over the horizon, (H, 2); None without a plan.
-        fault: why there is no action although one was due.
+        fault: reason why there is no action although one was due.
     """
 
     memory: ControllerMemory
@@ -64,17 +64,17 @@ class _Decision(NamedTuple):
 
 
 class Ecu:
-    """One controller from one bundle. `next` computes a control period from a state; `step` keeps the state. Raises
-    BundleError if the bundle was made for another vehicle or another number of sensors than the bus carries;
-    ConfigError if `bus.key` without `authentication`, or the other way round.
+    """An ECU with one controller of one bundle. `next` computes a control period from a state; `step` also stores the
+    state. Raises BundleError if the bundle was made for another vehicle or another number of sensors than the bus
+    carries; ConfigError if only one of `bus.key` and `authentication` is given.
 
     Args:
-        controller: what runs its `controller.onnx`.
+        controller: runs the bundle's `controller.onnx`.
         config: bus, E2E and fail-safe settings; operating point and control period must be the bundle's.
-        authentication: with `bus.key`, what the ECU needs of it.
+        authentication: data of the ECU for `bus.key`.
 
     Attributes:
-        calibration: the values in force; those of release and vehicle at power-on.
+        calibration: the values in force; at power-on those of release and vehicle.
     """
 
     def __init__(
@@ -116,7 +116,7 @@ class Ecu:
         ).authenticated(authentication, self._messages)
         self._state = start
         self.restore(start)
-        # A renewed bundle's weights are the manifest's, its graph's own those it was exported with.
+        # A renewed bundle states new weights in its manifest, but its graph has the weights of its export.
         self.calibrate(release_calibration(bundle, config))
 
     @property
@@ -125,8 +125,8 @@ class Ecu:
         return self._state
 
     def restore(self, state: EcuState) -> None:
-        """Go on from a state of this ECU, or of another one with the same bundle, settings and calibration. Raises
-        ValueError if the state is of a controller with another window, sensors, horizon or delay."""
+        """Continue from a state of this ECU, or of another ECU with equal bundle, settings and calibration. Raises
+        ValueError if the state belongs to a controller with another window, sensors, horizon or delay."""
         if (own := self._state.memory.sizes) != state.memory.sizes:
             raise ValueError(
                 f"state of a controller with (window, sensors, horizon, delay) = {state.memory.sizes}: this ECU has "
@@ -141,16 +141,16 @@ class Ecu:
         )
 
     def calibrate(self, calibration: Calibration) -> None:
-        """Have other values, all of them from the next step on.
+        """Put other values in force, all of them from the next step on.
 
-        The command gate then bounds the very next command by a narrower range, however large the one before it was.
-        Raises ConfigError if a value is out of the limits of this release and vehicle; all of them are then as before.
+        The command gate limits the very next command to a narrower range, even if the previous command was larger.
+        Raises ConfigError if a value is outside the limits of this release and vehicle; then no value changes.
         """
         self._calibration_limits.check(calibration)
         self.calibration = calibration
         self._weights = np.array(calibration.weights.as_tuple())
         self._config = with_calibration(self._own_config, calibration)
-        # Whatever the limits above are: nothing is ever wider than the vehicle's settings.
+        # Even if the limits above were wrong, nothing is ever wider than the vehicle's settings.
         self._limits = GateLimits.from_config(self._config).narrowed(self._own_limits)
         memory = self._state.memory.with_delay(self._config.ecu.frozen_actions)
         self._state = replace(self._state, memory=memory)
@@ -158,7 +158,7 @@ class Ecu:
     def step(
         self, now_ns: int, frames: Sequence[Frame], health: BusHealth = HEALTHY, **around: Unpack[Surroundings]
     ) -> list[Frame]:
-        """One control period. Returns a JetCommand and an EcuStatus.
+        """Do one control period. Returns a JetCommand and an EcuStatus.
 
         Args:
             now_ns: time of the step, in the clock of the frames' timestamps.
@@ -178,7 +178,7 @@ class Ecu:
         health: BusHealth = HEALTHY,
         **around: Unpack[Surroundings],
     ) -> StepOutcome:
-        """The same from any state, without keeping it: a function of its arguments if the controller is one."""
+        """Compute a control period from any state, without storing it: a pure function if the controller is one."""
         received, inputs = self._receive(state, now_ns, frames, health, around)
         decided = replace(received, fail_safe=received.fail_safe.next(inputs, self._config.ecu))
         acted, passed, forces = self._act(decided, state.timing, now_ns)
@@ -194,7 +194,7 @@ class Ecu:
             flow_m2_per_s=passed.flow_m2_per_s,
             mode=mode.on_wire,
             enable=passed.enable,
-            # Of the frame the command rests on: this period's, or the one behind the command that is held.
+            # The counter is that of the frame on which the command, or the held command, is based.
             pressure_counter=after.pressure_counter if inputs.usable or mode.drives_jets else None,
             next_period=self._config.ecu.plan_ahead,
         )
@@ -208,18 +208,18 @@ class Ecu:
         return StepOutcome(state=after, frames=frames_out, trace=trace)
 
     def status(self) -> EcuStatus:
-        """Health counters as of the latest step."""
+        """Return the health counters after the latest step."""
         return self._state.status(self._bundle_hash)
 
     @property
     def frames_rejected(self) -> int:
-        """Pressure frames that came but were not authentic, or failed their end-to-end check."""
+        """The number of pressure frames that were not authentic or failed their end-to-end check."""
         return self._state.verifier.refused + self._state.pressures.frames_rejected
 
     def _receive(
         self, state: EcuState, now_ns: int, frames: Sequence[Frame], health: BusHealth, around: Surroundings
     ) -> tuple[EcuState, PeriodInputs]:
-        """The state with the period's pressures, and what the fail-safe learns of them."""
+        """Return the state with the period's pressures, and the fail-safe's inputs."""
         timing = state.timing.next(now_ns, self._period_ns, self._config.ecu)
         speed_state, speed = state.speed, 1.0
         dynamic_pressure: float | None = self._config.operating_point.dynamic_pressure
@@ -235,7 +235,7 @@ class Ecu:
         other_ecu = state.other_ecu.next(heard, timing.step_ns or 0)
         memory = self._after_silence(state.memory, timing)
         if speed_state.is_off:
-            # Its pressures say nothing about control at other speeds: the window begins again.
+            # Pressures at this speed say nothing about control at other speeds, so the window is emptied.
             received, memory = received._replace(cp=None), memory.emptied()
         elif received.cp is None:
             memory = memory.bridged(self._longest_gap)
@@ -271,7 +271,7 @@ class Ecu:
         )
 
     def _act(self, state: EcuState, before: StepTiming, now_ns: int) -> tuple[EcuState, GatedCommand, Array | None]:
-        """The state with this period's action, what the gate lets pass of it, and the forces that were predicted."""
+        """Return the state with this period's action, the gate's result, and the predicted forces."""
         latest = state.memory.under_way.newest
         decision = self._decide(state.fail_safe.mode, state.memory)
         fail_safe = state.fail_safe if decision.fault is None else state.fail_safe.latch(decision.fault)
@@ -289,13 +289,13 @@ class Ecu:
         return after, passed, decision.forces
 
     def _after_silence(self, memory: ControllerMemory, timing: StepTiming) -> ControllerMemory:
-        """The memory with one row for each skipped period; the last command stayed in force meanwhile.
+        """Return the memory with one row for each skipped period, in which the last command stayed in force.
 
-        Rows whose distance in time is not known are worth nothing: a wrong clock empties the window.
+        After a time step of unknown length the rows are useless: a wrong clock empties the window.
         """
         if timing.fault is Reason.CLOCK:
             return memory.emptied()
-        # More silent periods than these change nothing: the window is empty and the jets follow the last command.
+        # More silent periods change nothing: then the window is empty and the jets follow the last command.
         for _ in range(min(timing.skipped, max(self._longest_gap, len(memory.under_way.pending)) + 1)):
             memory = memory.bridged(self._longest_gap).commanded(memory.under_way.newest)
         return memory
@@ -303,7 +303,7 @@ class Ecu:
     def _checked(
         self, state: SensorCheckState, memory: ControllerMemory, received: Received, skipped: int
     ) -> tuple[SensorCheckState, ControllerMemory, Reason | None]:
-        """The sensor check after this period, the memory without a sensor that lies, and why the jets must shut."""
+        """Return the sensor check's state, the memory with the estimate of a faulty sensor, and a reason to shut."""
         if self._sensor_check is None:
             return state, memory, None
         after, fault = self._sensor_check.next(
@@ -316,7 +316,7 @@ class Ecu:
     def _judged(
         self, state: EcuState, memory: ControllerMemory, speed: float, *, usable: bool
     ) -> tuple[BenefitCheckState, Reason | None]:
-        """The benefit check after this period, and why the jets must shut; a sensor set aside has its estimate."""
+        """Return the state of the benefit check and a reason to shut; a sensor set aside has its estimate."""
         if self._benefit_check is None:
             return state.benefit, None
         cp = memory.window[-1, :-1] if usable else None
@@ -324,11 +324,11 @@ class Ecu:
         return self._benefit_check.next(state.benefit, cp, drives=drives, speed=speed)
 
     def _as_sent(self, flow_m2_per_s: float) -> float:
-        """The action that a command leads to, in U_inf W: the nearest step of the wire."""
+        """Return the action of a command as sent, rounded to the message's resolution, in U_inf W."""
         return round(flow_m2_per_s / FLOW_RESOLUTION_M2_PER_S) * FLOW_RESOLUTION_M2_PER_S / self._flow_scale
 
     def _decide(self, mode: OperatingMode, memory: ControllerMemory) -> _Decision:
-        """What to do in a period of this mode, with this period's row in the memory."""
+        """Decide on the action in a period of this mode, with this period's row in the memory."""
         latest = memory.under_way.newest
         if mode is OperatingMode.CONTROL:
             try:
@@ -346,13 +346,14 @@ class Ecu:
 
 
 def _bus_fault(before: BusHealth, now: BusHealth) -> Reason | None:
-    """BUS_OFF while the CAN controller is, and in the first step after it was: no node heard what the ECU sent."""
+    """Return BUS_OFF while the CAN controller is bus-off and in the first step after it: no node received the
+    frames."""
     off = now.state is BusState.BUS_OFF or now.bus_off > before.bus_off
     return Reason.BUS_OFF if off else None
 
 
 def _told_by_the_gate(fail_safe: FailSafe, passed: GatedCommand) -> FailSafe:
-    """The fail-safe after the gate: jets that it shut have a reason on the bus."""
+    """Return the fail-safe after the gate: if the gate shut the jets, the bus gets a reason."""
     if Intervention.NOT_FINITE in passed.interventions:
         return fail_safe.latch(Reason.INTERNAL)
     if Intervention.STALE in passed.interventions:

@@ -1,7 +1,7 @@
-"""Everything an ECU remembers from one control period to the next, as one value.
+"""The complete state of an ECU from one control period to the next, as one value.
 
-It can be compared, pickled, copied, and given to another ECU of the same bundle and settings, which then goes on to
-the bit as the first one would have.
+It can be compared, pickled, copied, and given to another ECU with equal bundle and settings, which then continues bit
+for bit as the first ECU would have.
 """
 
 from dataclasses import dataclass, field, replace
@@ -28,11 +28,11 @@ from ecu.timing import StepTiming
 
 
 class Surroundings(TypedDict, total=False):
-    """What is around an ECU in a control period.
+    """External conditions of an ECU in a control period.
 
     Attributes:
-        fault: for which it must switch itself off.
-        updating: a new release is to be written: it shuts itself off for good, as soon as no jet may run.
+        fault: reason for which it must switch itself off.
+        updating: a new release is to be written: it switches itself off until a reset, as soon as no jet may run.
     """
 
     fault: Reason | None
@@ -44,20 +44,20 @@ class EcuState:
     """The state after a control period; times in the clock of the frames' timestamps.
 
     Attributes:
-        memory: window, plan and actions under way.
-        fail_safe: what the ECU does, and why it is not in control.
-        pressures: the receiving end of the Pressure message.
-        commands, statuses: the sending ends of JetCommand and EcuStatus.
-        pressure_ns: when the latest usable pressures were sampled; None before the first.
-        pressure_counter: of the frame that brought them; None before the first.
-        overruns: whole periods left out.
-        missed: steps without usable pressures.
-        health: of the CAN controller, as of the latest step.
-        verifier: what authentication refused of the Pressure message, and accepted last.
+        memory: window, plan and sent actions not yet in force.
+        fail_safe: the mode, and why the ECU is not in control.
+        pressures: the receiver of the Pressure message.
+        commands, statuses: the senders of JetCommand and EcuStatus.
+        pressure_ns: sampling time of the latest usable pressures; None before the first.
+        pressure_counter: of their frame; None before the first.
+        overruns: number of whole periods left out.
+        missed: number of steps without usable pressures.
+        health: of the CAN controller in the latest step.
+        verifier: state of the Pressure message's authentication.
         freshness: of the next JetCommand and the next EcuStatus.
         other_ecu: whether another ECU is on the bus.
-        sensors: whether the pressures are to be believed.
-        speed: of the vehicle, as believed; as at power-on with a release that does not need it.
+        sensors: state of the sensor check.
+        speed: of the vehicle; as at power-on with a release that does not need it.
     """
 
     memory: ControllerMemory
@@ -80,7 +80,7 @@ class EcuState:
 
     @classmethod
     def power_on(cls, *, window: int, sensors: int, horizon: int, delay: int, past: int = 0) -> Self:
-        """Nothing received and nothing sent; sizes as in `ControllerMemory.empty`."""
+        """Return the state before any frame is received or sent; see `ControllerMemory.empty` for the sizes."""
         return cls(
             memory=ControllerMemory.empty(length=window, sensors=sensors, horizon=horizon, delay=delay, past=past),
             fail_safe=FailSafe(),
@@ -96,7 +96,7 @@ class EcuState:
         )
 
     def authenticated(self, authentication: Authentication | None, messages: MessageSet) -> Self:
-        """Add what the node needs of `bus.key`, at power-on; the same without a key."""
+        """Return the state with the data for `bus.key`, at power-on; unchanged without a key."""
         if authentication is None:
             return self
         speed = replace(self.speed, verifier=authentication.verifier(messages.speed.spec))
@@ -104,7 +104,7 @@ class EcuState:
         return replace(self, verifier=verifier, speed=speed, freshness=authentication.freshness)
 
     def status(self, bundle_hash: int) -> EcuStatus:
-        """Health counters on the wire, for an ECU that runs this bundle."""
+        """Return the status message of an ECU that runs this bundle."""
         return EcuStatus(
             state=self.fail_safe.mode.on_wire,
             reason=self.fail_safe.reason,
@@ -130,14 +130,14 @@ def answers(
     key: Key | None,
     bundle_hash: int,
 ) -> list[Frame]:
-    """The two frames of a period: counters and freshness are those before it, the status is that after it."""
+    """Return the period's two frames, with the counters and freshness before it, and the status after it."""
     contents = (
         (before.commands, messages.command.spec, messages.command.emit(command)),
         (before.statuses, messages.status.spec, messages.status.emit(after.status(bundle_hash))),
     )
     return [
         secured(
-            # There is no frame of a time before 0: that clock is wrong, and the jets are shut.
+            # A frame's time cannot be negative; with such a clock the jets are shut.
             protected_frame(sender, data, spec=spec, now_ns=max(0, now_ns)),
             spec=spec,
             key=key,
@@ -149,7 +149,7 @@ def answers(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Trace:
-    """What happened in the latest step, for observers; nothing in the ECU reads it.
+    """Results of the latest step for observers; nothing in the ECU reads them.
 
     Attributes:
         action: sent, in U_inf W.

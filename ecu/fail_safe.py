@@ -1,11 +1,11 @@
-"""What the ECU does in each control period: one table of states and transitions, and nothing else.
+"""The ECU's mode in each control period: one table of states and transitions.
 
-`TRANSITIONS` is read from its first row on; the first one that starts at the present state and whose condition holds
-is taken, in the control step that sees the condition. `docs/reference/states.md` and its picture are made from it.
+`TRANSITIONS` is read from its first row on. The first row that starts at the present state and whose condition holds is
+taken, in the control step that sees the condition. `docs/reference/states.md` and its picture are made from the table.
 
-The ECU takes no more losses than (m, k)-firm control allows: with the settings as they are, control is taken away when
-`loss_limit` = 25 of the last `loss_window` = 50 periods have no usable pressures, or when more than `hold_periods` +
-`decay_periods` = 3 in a row have none.
+The ECU tolerates no more losses than (m, k)-firm control allows: with default settings, control ends when `loss_limit`
+= 25 of the last `loss_window` = 50 periods have no usable pressures, or when more than `hold_periods` + `decay_periods`
+= 3 consecutive periods have none.
 """
 
 from collections.abc import Callable
@@ -18,32 +18,32 @@ from contract.config.vehicle import EcuConfig
 
 
 class OperatingMode(Enum):
-    """What the ECU does in a control period. The wire has a table of its own: see `on_wire`."""
+    """The ECU's mode in a control period. The bus has other values: see `on_wire`."""
 
     INIT = auto()
-    """Since power-on there have been no usable pressures."""
+    """There have been no usable pressures since power-on."""
     STANDBY = auto()
-    """Pressures come. The vehicle's request for control stands as it did at power-on: it may be of the time before a
-    fault, so it must fall first."""
+    """Pressures arrive. The vehicle's request for control is high as at power-on; it may date from before a fault, so
+    it must fall first."""
     ARMED = auto()
     """The request is low: control starts when it rises."""
     WARMUP = auto()
-    """Control is wanted, but the controller's window is not full, the speed is not one that the release serves, or the
-    wake is measured without jets, to find whether control helps."""
+    """Control is requested, but the controller's window is not full, the release does not serve the speed, or the wake
+    is measured without jets, to find whether control helps."""
     CONTROL = auto()
     """The jets follow the controller."""
     HOLD = auto()
-    """Pressures are missing: the last command stays."""
+    """Pressures are missing: the last command is held."""
     DECAY = auto()
-    """They are missing for longer: the command is halved each period."""
+    """Pressures are missing for longer: the command is halved each period."""
     FAULT = auto()
-    """The jets are shut and stay so until good frames have come and the request rises again."""
+    """The jets are shut and stay shut until good frames have arrived and the request rises again."""
     UPDATE = auto()
-    """A new release is being written (`updating` of `Ecu.step`); a reset alone leads out."""
+    """A new release is being written (`updating` of `Ecu.step`); only a reset ends this mode."""
 
     @property
     def on_wire(self) -> Mode:
-        """How JetCommand and EcuStatus report it."""
+        """The mode as reported in JetCommand and EcuStatus."""
         return _ON_WIRE[self]
 
     @property
@@ -65,16 +65,16 @@ DRIVES_JETS: Final = frozenset({OperatingMode.CONTROL, OperatingMode.HOLD, Opera
 
 @dataclass(frozen=True, kw_only=True)
 class PeriodInputs:
-    """What one control period brings.
+    """The inputs of one control period.
 
     Attributes:
-        usable: a valid frame with four valid pressures came.
-        enable_request: of the vehicle, in that frame; None if none came.
+        usable: a valid frame with four valid pressures arrived.
+        enable_request: of the vehicle, in that frame; None if none arrived.
         unusable_because: why pressures are not usable; ignored if they are.
         window_full: the controller can plan.
         off_speed: the vehicle is slower or faster than the release is made for.
         tests: the jets must be shut to measure the wake without them.
-        fault: for which the ECU must switch itself off in this period, whatever came.
+        fault: reason for which the ECU must switch itself off in this period, whatever arrived.
         updating: a new release is to be written.
     """
 
@@ -89,14 +89,14 @@ class PeriodInputs:
 
 
 class Period(NamedTuple):
-    """What conditions are about: one period's inputs, and what has been counted up to it.
+    """The data for conditions: one period's inputs, and the counts up to it.
 
     Attributes:
         request: of the vehicle, as last received.
-        rises: it was low before this period and stands now.
-        misses: periods in a row without usable pressures.
-        good: usable ones in a row.
-        lost: periods without usable pressures among the latest `loss_window` in which control was wanted.
+        rises: the request was low before this period and is high now.
+        misses: number of consecutive periods without usable pressures.
+        good: number of consecutive periods with usable pressures.
+        lost: number of periods without usable pressures among the latest `loss_window` in which control was requested.
         kept: reason of the state before.
     """
 
@@ -111,14 +111,14 @@ class Period(NamedTuple):
 
 
 class Condition(NamedTuple):
-    """A condition by its name."""
+    """A condition with its text."""
 
     text: str
     holds: Callable[[Period], bool]
 
 
 class Because(NamedTuple):
-    """Which Reason a state is reported with, by its name."""
+    """The choice of the Reason to report for a state, with its text."""
 
     text: str
     of: Callable[[Period], Reason]
@@ -135,7 +135,7 @@ def _waiting(period: Period) -> Reason:
 
 
 def _unless_refused(reason: Reason) -> Callable[[Period], Reason]:
-    """A vehicle none of whose frames is authentic cannot make its request heard: the reason alone says why."""
+    """Return a rule with this reason, or NOT_AUTHENTIC if no frame is authentic, since no request is received then."""
     return lambda period: Reason.NOT_AUTHENTIC if _missing(period) is Reason.NOT_AUTHENTIC else reason
 
 
@@ -192,8 +192,8 @@ class Transition:
     """One row of the table.
 
     Attributes:
-        within: periods from the first that has the cause to the one that reacts, which is 1 for the same: a number,
-            or a formula in settings of the ECU.
+        within: number of periods from the first with the cause to the one that reacts, 1 if they are one period: a
+            number, or a formula of the ECU's settings.
     """
 
     start: frozenset[OperatingMode]
@@ -210,20 +210,20 @@ def _row(start: str, when: Condition, to: OperatingMode, reason: Because, within
 
 _S = OperatingMode
 _WANTED: Final = "WARMUP CONTROL HOLD DECAY"
-"""Where control is wanted and no fault stands."""
+"""States in which control is requested and there is no fault."""
 
 TRANSITIONS: Final = (
     _row("UPDATE", ALWAYS, _S.UPDATE, _WRITING),
     _row("INIT STANDBY ARMED WARMUP FAULT", UPDATING, _S.UPDATE, _WRITING),
     _row(f"INIT STANDBY ARMED {_WANTED}", OWN_FAULT, _S.FAULT, _OWN),
     _row("FAULT", OWN_FAULT, _S.FAULT, _FIRST),
-    # Power-on, and no request.
+    # The ECU was just switched on, and there is no request.
     _row("INIT", NEVER_YET, _S.INIT, _QUIET),
     _row("INIT", LOW_AND_USABLE, _S.ARMED, _QUIET),
     _row("INIT", STANDING, _S.STANDBY, _STANDS),
     _row(f"STANDBY ARMED {_WANTED}", LOW, _S.ARMED, _QUIET),
     _row("STANDBY", ALWAYS, _S.STANDBY, _STANDS),
-    # The request rises, or it stands and control is wanted.
+    # The request rises, or it is high and control is requested.
     _row(f"INIT ARMED {_WANTED}", INVALID, _S.FAULT, _MISSING),
     _row(f"INIT ARMED {_WANTED}", TOO_LONG, _S.FAULT, _MISSING, "hold_periods + decay_periods + 1"),
     _row(f"INIT ARMED {_WANTED}", TOO_MANY, _S.FAULT, _MISSING, "loss_limit"),
@@ -232,7 +232,7 @@ TRANSITIONS: Final = (
     _row(f"ARMED {_WANTED}", USABLE, _S.CONTROL, _NO_REASON),
     _row("ARMED WARMUP CONTROL HOLD", SHORT, _S.HOLD, _MISSING),
     _row(f"ARMED {_WANTED}", ALWAYS, _S.DECAY, _MISSING, "hold_periods + 1"),
-    # A latched fault.
+    # A fault is latched.
     _row(
         "FAULT",
         Condition(f"{REARMED.text}; {FILLING.text}", lambda p: REARMED.holds(p) and FILLING.holds(p)),
@@ -243,11 +243,11 @@ TRANSITIONS: Final = (
     _row("FAULT", REARMED, _S.CONTROL, _NO_REASON, "rearm_frames"),
     _row("FAULT", ALWAYS, _S.FAULT, _FIRST),
 )
-"""All that can happen, in the order in which it is looked at; see `Transition`."""
+"""All transitions, in the order in which they are examined; see `Transition`."""
 
 
 def _rows_of(mode: OperatingMode) -> tuple[list[Transition], Transition]:
-    """The rows of a state in their order, and the last one, which asks for nothing."""
+    """Return the rows of a state in their order, and its last row, which has no condition."""
     *rows, otherwise = (row for row in TRANSITIONS if mode in row.start)
     return rows, otherwise
 
@@ -259,15 +259,15 @@ _COUNTS_NO_LOSS: Final = frozenset({_S.FAULT, _S.UPDATE})
 
 @dataclass(frozen=True, kw_only=True)
 class FailSafe:
-    """The state; `next` once a period, and `latch` if the period then ends in a fault, are the ways to change it.
+    """The state, changed only by `next`, once a period, and by `latch`, if the period then ends in a fault.
 
     Attributes:
-        misses: periods in a row without usable pressures.
-        good: usable ones in a row.
-        lost: the latest `loss_window` periods, a bit each and the newest lowest: 1 without usable pressures. Those
-            since control was requested or re-armed.
-        reason: why the loop is not in control; kept while a fault stands.
-        enable_request: of the vehicle, as last received; taken to stand before the first, and when a fault begins.
+        misses: number of consecutive periods without usable pressures.
+        good: number of consecutive periods with usable pressures.
+        lost: one bit for each of the latest `loss_window` periods since control was requested or re-armed, the newest
+            lowest: 1 without usable pressures.
+        reason: why the loop is not in control; constant during a fault.
+        enable_request: of the vehicle, as last received; taken as high before the first, and when a fault begins.
     """
 
     mode: OperatingMode = OperatingMode.INIT
@@ -278,12 +278,12 @@ class FailSafe:
     enable_request: bool = True
 
     def next(self, inputs: PeriodInputs, config: EcuConfig) -> "FailSafe":
-        """The state in the next period; config has the lengths of hold, decay and re-arming and the most losses."""
+        """Return the state in the next period; `config` has the lengths of hold, decay and re-arming and the limits."""
         request = self.enable_request if inputs.enable_request is None else inputs.enable_request
         rises = request and not self.enable_request
         usable = inputs.usable
         misses = 0 if usable else self.misses + 1
-        # Good frames that re-arm are counted from the last period with a fault of the ECU's own.
+        # The good frames for re-arming are counted from the last period with a fault of the ECU's own.
         good = (self.good + 1 if inputs.fault is None else 1) if usable else 0
         lost = 0
         if (
@@ -296,14 +296,14 @@ class FailSafe:
         period = Period(inputs, request, rises, misses, good, lost.bit_count(), config, self.reason)
         row = taken(self.mode, period)
         if row.to is OperatingMode.FAULT is not self.mode:
-            # As at power-on: it must be seen low from now on, or a rise that was not heard would end the fault.
+            # The request must be seen low from now on, as at power-on; otherwise a missed rise would end the fault.
             request = inputs.enable_request is not False
         return FailSafe(
             mode=row.to, misses=misses, good=good, lost=lost, reason=row.reason.of(period), enable_request=request
         )
 
     def latch(self, reason: Reason) -> "FailSafe":
-        """Latch a fault of the ECU's own that shows only in the course of the period; good frames count from here."""
+        """Latch a fault of the ECU's own that is detected during the period; good frames count from here."""
         inputs = PeriodInputs(
             usable=False, enable_request=None, unusable_because=reason, window_full=False, fault=reason
         )
@@ -316,11 +316,11 @@ class FailSafe:
 
 
 _NO_LIMITS: Final = EcuConfig()
-"""The settings for rows of a fault of the ECU's own, which look at none."""
+"""Settings for rows of a fault of the ECU's own, which do not depend on settings."""
 
 
 def taken(mode: OperatingMode, period: Period) -> Transition:
-    """The row that a period takes from a state. There always is one: the last row of each state asks for nothing."""
+    """Return the row that a period takes from a state. It exists, since each state's last row has no condition."""
     rows, otherwise = _FROM[mode]
     for row in rows:
         if row.when.holds(period):

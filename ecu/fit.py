@@ -1,4 +1,4 @@
-"""Whether a release was made for this flow and this vehicle; a refusal names both values."""
+"""Checks that a release was made for this flow and this vehicle; an error states both values."""
 
 from dataclasses import fields
 
@@ -17,7 +17,7 @@ from contract.sensors import TRUCK
 
 
 def check_flow(bundle: Bundle, flow: FlowConfig, *, owner: str = "flow") -> None:
-    """Raises BundleError if the controller was built for another control period or action limit than the owner's."""
+    """Raise BundleError if the controller was built for another control period or action limit than `flow` has."""
     for name in ("control_period", "action_limit"):
         right = getattr(bundle.manifest, name)
         remedy = f": set flow.{name}={right}"
@@ -25,7 +25,7 @@ def check_flow(bundle: Bundle, flow: FlowConfig, *, owner: str = "flow") -> None
 
 
 def check_vehicle(bundle: Bundle, config: Config) -> None:
-    """Raises BundleError if the controller was built for another vehicle, bus or actuator delay."""
+    """Raise BundleError if the controller was built for another vehicle, bus or actuator delay."""
     manifest = bundle.manifest
     points = (_values(point) for point in (manifest.operating_point, config.operating_point))
     _check_equal(bundle, "operating point", *points, owner="vehicle")
@@ -44,9 +44,9 @@ def check_vehicle(bundle: Bundle, config: Config) -> None:
 
 
 def check_sensors(bundle: Bundle, layout: SensorLayout) -> None:
-    """Raises BundleError if a sensor of the controller is not on the plant, or lies elsewhere on it.
+    """Raise BundleError if a sensor of the controller is not on the plant, or elsewhere on it.
 
-    A bundle that states no positions is of the time when there was no body but the truck: the names are the truck's.
+    A bundle without positions was made when there was no body but the truck: its names are the truck's.
     """
     manifest = bundle.manifest
     try:
@@ -65,7 +65,7 @@ def check_sensors(bundle: Bundle, layout: SensorLayout) -> None:
 
 
 def positions_of(manifest: Manifest) -> Array | None:
-    """(S, 2) where a release's sensors are; None for a bundle without positions whose names are not the truck's."""
+    """Return a release's sensor positions (S, 2); None if it states none and its sensors are not the truck's."""
     if manifest.sensor_positions is not None:
         return np.array(manifest.sensor_positions)
     return TRUCK.positions[TRUCK.indices(manifest.sensors)] if set(manifest.sensors) <= set(TRUCK.names) else None

@@ -1,8 +1,7 @@
-"""Frames that only another ECU can have sent: a node does not hear its own.
+"""Detection of another ECU by its frames: a node does not receive its own.
 
-Two ECUs on one bus would take turns in driving the jets, so both keep them shut until the other one has been silent for
-a while. With a key the frame must be authentic, so that a forgery does not shut the jets; an old frame of ours that
-is repeated does.
+Two ECUs on one bus would take turns in driving the jets, so each keeps them shut until it has not heard the other for
+`SILENCE_NS`. With a key the frame must be authentic: a forged frame does not shut the jets, a repeated own one does.
 """
 
 from collections.abc import Sequence
@@ -17,12 +16,12 @@ from can_bridge.wire.message_sets import MessageSet
 from can_bridge.wire.messages import Reason
 
 SILENCE_NS: Final = 1_000_000_000
-"""Without its frames after which another ECU counts as gone."""
+"""Time in ns without its frames after which another ECU counts as gone."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class OtherEcu:
-    """The state after a control period. The other ECU counts as there until `until_ns`; None if there is none."""
+    """The state after a control period. Another ECU counts as present until `until_ns`; None if there is none."""
 
     frames: int = 0
     until_ns: int | None = None
@@ -33,7 +32,7 @@ class OtherEcu:
         return None if self.until_ns is None else Reason.OTHER_ECU
 
     def next(self, heard: int, step_ns: int) -> "OtherEcu":
-        """Count a step in which so many of its frames were heard."""
+        """Count a step in which `heard` frames of another ECU were received."""
         if heard:
             return OtherEcu(frames=self.frames + heard, until_ns=step_ns + SILENCE_NS)
         is_gone = self.until_ns is not None and step_ns > self.until_ns
@@ -41,12 +40,12 @@ class OtherEcu:
 
 
 def heard_of_another_ecu(frames: Sequence[Frame], messages: MessageSet, key: Key | None) -> int:
-    """How many of the frames received are another ECU's."""
+    """Return how many of the received frames another ECU sent."""
     return sum(is_of_another_ecu(frame, messages, key) for frame in frames)
 
 
 def is_of_another_ecu(frame: Frame, messages: MessageSet, key: Key | None) -> bool:
-    """Whether a received frame is a sound command or status, of the set in use."""
+    """Return whether a received frame is a valid command or status of the set in use."""
     for spec in (messages.command.spec, messages.status.spec):
         if spec.names(frame):
             authentic = key is None or verify(frame.data, spec, key) is not None

@@ -1,6 +1,6 @@
-"""Make of one control period's frames pressures that may be planned on, or why there are none.
+"""Conversion of a control period's frames to pressures that may be planned on, or the reason why there are none.
 
-In this order: authentication, the end-to-end check, the meaning, the age, the sensors' own diagnosis.
+The checks in their order: authentication, end-to-end check, content, age, the sensors' own diagnosis.
 """
 
 from collections.abc import Sequence
@@ -21,15 +21,15 @@ from contract.config.vehicle import E2eConfig
 
 
 class Received(NamedTuple):
-    """What one period's frames contain.
+    """The result of one period's frames.
 
     Attributes:
-        verifier, receiver: their states after them.
+        verifier, receiver: their states after these frames.
         cp: usable pressures, (S,); None without.
-        reading: the same in units of the design speed, in which a sensor that rests does not follow the speed.
-        enable_request: of the vehicle; None if no frame came that is to be believed.
+        reading: the pressures in units of the design speed, in which a stuck sensor is constant at any vehicle speed.
+        enable_request: of the vehicle; None if no trusted frame arrived.
         unusable_because: why there are no usable pressures, if there are none.
-        sampled_ns: when the usable ones were sampled.
+        sampled_ns: sampling time of the usable pressures.
     """
 
     verifier: VerifierState
@@ -44,12 +44,12 @@ class Received(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class PressureReception:
-    """How the frames of the pressure message are judged.
+    """The reception of pressure frames.
 
     Attributes:
         key: None without authentication.
         dynamic_pressure: Pa at Cp = 1 and the design speed.
-        fresh_age_ns: oldest pressures that may be planned on.
+        fresh_age_ns: largest age of pressures that may be planned on.
     """
 
     message: Message[Pressure]
@@ -67,11 +67,11 @@ class PressureReception:
         receiver: ReceiverState,
         dynamic_pressure: float | None,
     ) -> Received:
-        """The newest trusted pressures of a period, or why there are none that can be used.
+        """Return the newest trusted pressures of a period, or the reason why there are none.
 
         Args:
-            verifier, receiver: their states before it.
-            dynamic_pressure: Pa at Cp = 1 at the present speed; None where that is not known.
+            verifier, receiver: their states before the period.
+            dynamic_pressure: Pa at Cp = 1 at the present speed; None if that is unknown.
         """
         spec = self.message.spec
         verifier, frames, none_authentic = verified(verifier, frames, spec=spec, key=self.key)
@@ -80,11 +80,11 @@ class PressureReception:
         pressure = None if frame is None else self.message.parse(frame.data[: spec.protected])
         unusable = Received(verifier, receiver, cp=None, enable_request=None, unusable_because=Reason.NONE)
         if frame is None or pressure is None or reception.live is None:
-            # Control is requested by a stream that is trusted alone; its end is believed of any good frame.
+            # Only a trusted stream can request control, but any good frame can withdraw the request.
             withdrawn = pressure is not None and not pressure.enable_request
             because = Reason.NOT_AUTHENTIC if none_authentic else _without_live(reception)
             return unusable._replace(enable_request=False if withdrawn else None, unusable_because=because)
-        # A frame that waited in a queue, or was late before it was sent, is as old as it is.
+        # The age counts from sampling, so it includes delays before sending and in queues.
         sampled_ns = frame.timestamp_ns - pressure.age_ns
         fresh = 0 <= now_ns - sampled_ns <= self.fresh_age_ns
         if not (fresh and all(pressure.valid)):
@@ -105,5 +105,5 @@ class PressureReception:
 
 
 def _without_live(reception: Reception) -> Reason:
-    """Why a stream has no frame to be used."""
+    """Return why a stream has no usable frame."""
     return Reason.STREAM_INVALID if reception.stream is StreamState.INVALID else Reason.STREAM_LOST

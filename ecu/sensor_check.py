@@ -1,22 +1,23 @@
-"""Whether the pressures are to be believed: each is compared with what the others predict for it.
+"""The check of the sensors: each pressure is compared with the prediction from the others.
 
-Transducers fail without a sign: they stand still, read zero, move away, or are plugged in the wrong way round, and all
-frames are in order. A network of the bundle estimates each pressure from the window of the others
-(`contract.controller.estimator`), and three hypotheses are judged by the residuals:
+Transducers fail without a sign: they get stuck, read zero, drift, or are exchanged when plugged in, while all frames
+are valid. A network of the bundle estimates each pressure from the window of the others
+(`contract.controller.estimator`), and the residuals decide between three hypotheses:
 
-* one sensor lies: it is far from the estimate by the others, and these agree with each other without it. It is set
-  aside until the ECU is restarted, and its estimate, which is never built on itself, stands in for it;
-* two are exchanged: with their readings put right, all agree far better. The jets go to zero, and the fault latches;
-* the pressures disagree, at once or in the mean of two shedding cycles, and neither explains it. The same.
+* one sensor reads wrongly: it is far from its estimate by the others, which agree with each other without it. It is set
+  aside until the ECU is restarted, and replaced by its estimate, which never depends on its own reading;
+* two sensors are exchanged: with their readings swapped, all agree far better. The jets go to zero, the fault latches;
+* the pressures disagree, at once or in the mean of two shedding cycles, and neither hypothesis explains it. The jets go
+  to zero, and the fault latches.
 
-Residuals are averaged over a few periods, which keeps what is slow and drops noise, squared, and averaged again over a
-shedding cycle. Noise changes from one period to the next, as no lie does: what noise is left is measured by the
-residuals' differences, and allowed for. So noise on all sensors, which the controller bears, never takes control away.
+Residuals are averaged over a few periods, which keeps slow changes and reduces noise, squared, and averaged again over
+a shedding cycle. Noise changes from one period to the next, unlike a sensor fault: the remaining noise is measured by
+the residuals' differences, and allowed for. So noise on all sensors, which the controller tolerates, is no fault.
 
-Sensors that read the same over a whole window, and move, are copies of one, as a broken multiplexer makes them: the
-jets go to zero. Mirror images that hardly move are none: a calm wake is symmetric. A reading that never changes at all
-is stuck: no transducer in a flow does that. Whether there is a flow, by the others: on a vehicle that stands or creeps,
-all pressures rest or nearly so, and none of them lies.
+Sensors with equal readings over a whole window, in which the readings vary, are copies of one, as with a broken
+multiplexer: the jets go to zero. Mirrored sensors that hardly vary are no copies, because a calm wake is symmetric. A
+reading that never changes is stuck, because no transducer in a flow is constant. The other sensors show whether there
+is a flow: on a vehicle that stands or creeps, all pressures are nearly constant, and no sensor is stuck.
 """
 
 from dataclasses import dataclass, field, replace
@@ -35,54 +36,56 @@ from contract.release.manifest import FAST_PERIODS, SLOW_PERIODS, SensorEstimato
 from contract.runtime.onnx_estimator import OnnxEstimator
 
 SCORE_PERIODS: Final = 32
-"""Over which squares are averaged: a shedding cycle, since a lie may agree with the flow for part of one."""
+"""Number of periods over which squares are averaged: a shedding cycle, in part of which a wrong reading may fit."""
 NOISE_ALLOWED: Final = 0.3
-"""Share of the variance of noise: twice what the fast average leaves of it, 1 / (2 FAST_PERIODS - 1), since the
-estimate has some as well."""
+"""Share of the noise's variance: twice the part that the fast average leaves, 1 / (2 FAST_PERIODS - 1), because the
+estimate is noisy, too."""
 
 MOVING: Final = 0.4
-"""Deviations of sound sensors' residuals by which the others have to move while one rests, or it is no lie. In the
-shipped recording it is 0.015 in Cp; the others' median moves by 0.022 or more in any ten periods."""
+"""Least range of the other sensors' readings, in standard deviations of healthy sensors' residuals, for a constant
+reading to be stuck. In the shipped recording it is 0.015 in Cp; the others' median range is 0.022 or more in ten
+periods."""
 
 ALIKE: Final = 0.1
-"""The same for copies: the rms difference of two readings over a window. 0.004 in Cp; sound ones have over 0.011."""
+"""Largest rms difference of copies over a window, in standard deviations of healthy sensors' residuals: 0.004 in Cp;
+healthy sensors exceed 0.011."""
 
 COPIED: Final = 2.0
-"""Such deviations by which a reading moves over the window in which another is its copy: 0.08 in Cp. Under control of
-the shipped release all move by over 0.11; on the calm wake, where mirror images are alike, by less than 0.07."""
+"""Least range of a reading over the window for another to be its copy, in standard deviations of healthy sensors'
+residuals: 0.08 in Cp. Under control of the shipped release all ranges exceed 0.11; in a calm wake, where mirrored
+sensors agree, they are below 0.07."""
 
 DRIFT_ALLOWED: Final = 4.0
-"""How much more slow means may disagree than fast ones: 64; sound ones reach 7, or 40 without any one sensor."""
+"""Factor by which slow means of residuals may exceed fast means in the check: up to 64. Healthy sensors reach 7, or 40
+with one sensor left out."""
 
 ASIDE_ALLOWED: Final = 2.0
-"""How much more the sensors that are left may disagree when one is set aside: two others tell less of each than three.
-Sound ones reach 28 then, in a gust that the speed on the bus does not show."""
+"""Factor by which the remaining sensors may disagree more when one is set aside, because two others estimate each less
+well than three. Healthy sensors then reach 28, in a gust that the speed on the bus does not show."""
 
 
 class EstimatorModel(Protocol):
-    """What computes `sensors.onnx`."""
+    """A model that computes `sensors.onnx`."""
 
     def estimates(self, window: Array) -> Array:
-        """(V, S) in Cp for a window (L, S+1); raises ControllerError if there are none."""
+        """Return estimates (V, S) in Cp for a window (L, S+1); raises ControllerError if there are none."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SensorCheckState(ArrayValue):
-    """The state after a control period. The arrays have a row a hypothesis, S + P of them (`Hypotheses`), and are
-    read-only.
+    """The state after a control period. The arrays are read-only, with a row for each of the S + P `Hypotheses`.
 
     Attributes:
         residual: of the latest judged period, in Cp; NaN before the first.
-        fast, slow: its running means.
-        noise: running variance of what changes from one period to the next, in Cp^2.
-        score: running mean of the fast mean's square, less the noise, in variances of sound sensors.
+        fast, slow: running means of the residual.
+        noise: running variance of the change from one period to the next, in Cp^2.
+        score: running mean of the fast mean's square, divided by the variance of healthy sensors and noise.
         readings: (S,) the latest; NaN before the first.
-        flat: (S,) periods in a row in which they were the same before.
-        estimates: (n, S) of each sensor by all the others, a row for each of the latest periods: as many as the
-            controller's window has rows, or its past.
-        set_aside: the sensor that lies; None without one.
-        doubt: periods in doubt less those out of it.
-        implausible: control must not rest on the pressures.
+        flat: (S,) number of consecutive periods with unchanged readings.
+        estimates: (n, S) of each sensor by all others, one row for each period of the controller's window or past.
+        set_aside: the faulty sensor; None without one.
+        doubt: number of periods in doubt minus those without, at least 0.
+        implausible: control must not use the pressures.
     """
 
     residual: Array
@@ -99,7 +102,7 @@ class SensorCheckState(ArrayValue):
 
     @classmethod
     def start(cls, *, window: int, sensors: int) -> "SensorCheckState":
-        """Nothing received."""
+        """Return the state before any pressures are received."""
         shape = (sensors + len(pairs(sensors)), sensors)
         zeros = np.zeros(shape)
         return cls(
@@ -115,19 +118,19 @@ class SensorCheckState(ArrayValue):
 
     @property
     def mask(self) -> int:
-        """Sensors set aside, a bit each, as EcuStatus reports them."""
+        """The sensors set aside as bits, as in EcuStatus."""
         return 0 if self.set_aside is None else 1 << self.set_aside
 
 
 class ResidualLevels(NamedTuple):
-    """Residuals of one period, as ratios to what sound sensors show.
+    """Residuals of one period, as ratios to those of healthy sensors.
 
     Attributes:
-        liar: (S,) that this sensor lies, and the others do not.
-        bias: (S,) the same, of the slow means.
-        swap: (P,) that these two are exchanged.
-        doubt: that the sensors which are in use disagree, half as much with one set aside (`ASIDE_ALLOWED`).
-        drift: the same, of the slow means, whichever one of all sensors is left out, over `DRIFT_ALLOWED`.
+        liar: (S,) for the hypothesis that this sensor reads wrongly, and the others do not.
+        bias: (S,) for this hypothesis, by the slow means.
+        swap: (P,) for the hypothesis that these two sensors are exchanged.
+        doubt: disagreement of the sensors in use, divided by `ASIDE_ALLOWED` if one is set aside.
+        drift: disagreement of the slow means without any one sensor, divided by `DRIFT_ALLOWED`.
     """
 
     liar: Array
@@ -139,7 +142,7 @@ class ResidualLevels(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SensorCheck:
-    """The check of one bundle's pressures. `fast` and `slow` are (S + P, S) deviations of sound sensors' residuals in
+    """The check of one bundle's pressures. `fast`, `slow`: (S + P, S) deviations of healthy sensors' residuals in
     Cp."""
 
     estimator: EstimatorModel
@@ -156,7 +159,7 @@ class SensorCheck:
 
     @classmethod
     def of(cls, figures: SensorEstimator, estimator: EstimatorModel, config: SensorCheckConfig) -> "SensorCheck":
-        """The check with a manifest's figures."""
+        """Return the check with a manifest's figures."""
         fast, slow = (_with_swaps(np.array(table)) for table in (figures.fast, figures.slow))
         return cls(estimator=estimator, fast=fast, slow=slow, config=config)
 
@@ -170,14 +173,14 @@ class SensorCheck:
         reading: Array | None = None,
         skipped: int = 0,
     ) -> tuple[SensorCheckState, Reason | None]:
-        """The state after a period, and why the ECU must switch itself off, if it must.
+        """Return the state after a period, and the reason why the ECU must switch itself off, or None.
 
         Args:
-            window: (L, S + 1) the controller's, with this period's row.
-            rows: how many of them have come.
-            cp: this period's pressures, (S,); None without any: nothing is judged.
-            reading: the same as they came, whatever the speed is; `cp` without.
-            skipped: periods without a step before this one, for each of which the window has a row as well.
+            window: (L, S + 1), the controller's, with this period's row.
+            rows: number of its existing rows.
+            cp: this period's pressures, (S,); None if there are none, and then nothing is judged.
+            reading: the pressures as received, not scaled by the present speed; `cp` by default.
+            skipped: number of skipped periods before this one, for each of which the window has a row.
         """
         length, kept_rows = len(window), len(state.estimates)
         if cp is None or rows == 0:
@@ -186,13 +189,13 @@ class SensorCheck:
             return kept, Reason.IMPLAUSIBLE if kept.implausible else None
         seen = window
         if rows < length:
-            # As after an ECU's start: what was before the first row is taken to have been like it.
+            # After an ECU's start, missing rows are filled with the first row.
             seen = window.copy()
             seen[: length - rows] = window[length - rows]
         try:
             by_view = self.estimator.estimates(seen)
         except ControllerError:
-            # The window goes on, and its companions with it.
+            # The window grew by these rows, so the estimates must, too.
             held = _appended(state.estimates, state.estimates[-1], 1 + min(skipped, kept_rows))
             return replace(state, estimates=held), Reason.INTERNAL
         estimates = _appended(state.estimates, state.estimates[-1], min(skipped, kept_rows))
@@ -203,13 +206,13 @@ class SensorCheck:
         means = self._averaged(state, self.hypotheses.residuals(cp, by_view)) if rows == length else {}
         state = replace(state, readings=reading.copy(), flat=flat, estimates=estimates, **means)
         verdict = self._verdict(state, seen, full=rows == length)
-        # As a rule it stands, and a state is costly to make.
+        # The verdict rarely changes, and a new state is expensive.
         if any(getattr(state, name) != value for name, value in verdict.items()):
             state = replace(state, **verdict)
         return state, Reason.IMPLAUSIBLE if state.implausible else None
 
     def levels(self, state: SensorCheckState) -> ResidualLevels:
-        """The verdict of the running means of a state."""
+        """Return the levels of a state's running means."""
         sensors = len(state.readings)
         slow = np.square(state.slow) / (np.square(self.slow) + state.noise / (2 * SLOW_PERIODS - 1))
         fast_each, slow_each = _split(state.score, sensors), _split(slow, sensors)
@@ -227,7 +230,7 @@ class SensorCheck:
         )
 
     def _averaged(self, state: SensorCheckState, residual: Array) -> dict[str, Any]:
-        """The state's running means after one more residual."""
+        """Return the state's running means after one more residual."""
         before = np.where(np.isnan(state.residual), residual, state.residual)
         fast = _mean(state.fast, residual, FAST_PERIODS)
         noise = _mean(state.noise, np.square(residual - before) / 2.0, SCORE_PERIODS)
@@ -241,20 +244,20 @@ class SensorCheck:
         }
 
     def _others_move(self, resting: int, window: Array) -> bool:
-        """Whether the other pressures of a window show a flow in the periods in which this one rested."""
+        """Return whether the other pressures of a window show a flow in the periods in which this one was constant."""
         moved = np.ptp(window[-self.config.flat_periods :, :-1], axis=0)
         return bool(np.median(np.delete(moved, resting)) >= MOVING * self._sound)
 
     def _any_alike(self, window: Array, set_aside: int | None) -> bool:
-        """Whether two sensors in use have the same reading over a window, and it moves."""
+        """Return whether two sensors in use have equal readings over a window while these readings vary."""
         one, other = np.transpose([pair for pair in pairs(window.shape[1] - 1) if set_aside not in pair])
-        # One after the other, as in C: `sum` may add in another order.
+        # `cumsum` adds in order, as in C; `sum` may add in another order.
         squares = np.square(window[:, one] - window[:, other]).cumsum(axis=0)
         same = squares[-1] <= len(window) * (ALIKE * self._sound) ** 2
         return bool((same & (np.ptp(window[:, one], axis=0) >= COPIED * self._sound)).any())
 
     def _verdict(self, state: SensorCheckState, window: Array, *, full: bool) -> dict[str, Any]:
-        """What means, resting readings and the window (L, S + 1) amount to, by the names of the state's fields."""
+        """Return new values of the state's fields from means, constant readings and the window (L, S + 1)."""
         config, levels = self.config, self.levels(state)
         flat = np.flatnonzero(state.flat >= config.flat_periods)
         others_flat = [j for j in flat if j != state.set_aside]
@@ -280,14 +283,14 @@ class SensorCheck:
 
 
 def sensor_check_of(bundle: Bundle, config: Config) -> SensorCheck | None:
-    """The check of a bundle's pressures; None if it has no estimator, or the settings want none."""
+    """Return the check of a bundle's pressures; None if it has no estimator, or the settings disable the check."""
     figures, wanted = bundle.manifest.sensor_estimator, config.ecu.sensor_check
     estimator = OnnxEstimator.of(bundle) if wanted.enabled else None
     return None if figures is None or estimator is None else SensorCheck.of(figures, estimator, wanted)
 
 
 class _Split(NamedTuple):
-    """Split an array (S + P, S): each sensor by all others, (S,), and the mean of the others without it, (S,)."""
+    """Parts of an array (S + P, S): each sensor by all others, (S,), and the mean of the others without it, (S,)."""
 
     own: Array
     others: Array
@@ -299,16 +302,15 @@ def _split(values: Array, sensors: int) -> _Split:
 
 
 def _with_swaps(table: Array) -> Array:
-    """(S + P, S): with two exchanged, each is estimated by all others, as in the diagonal."""
+    """Return the table (S + P, S); of exchanged sensors each is estimated by all others, as in the diagonal."""
     sensors = len(table)
     return np.concatenate([table, np.tile(table.diagonal(), (len(pairs(sensors)), 1))])
 
 
 def _mean(before: Array, value: Array, periods: int) -> Array:
-    """The running mean after one more value."""
     return before + (value - before) / periods
 
 
 def _appended(rows: Array, row: Array, times: int) -> Array:
-    """The newest of the rows with one more, so many times; as many as before."""
+    """Append a row `times` times and drop as many of the oldest rows."""
     return np.concatenate([rows, np.tile(row, (times, 1))])[-len(rows) :]

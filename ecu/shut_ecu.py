@@ -1,4 +1,4 @@
-"""An ECU without a release: it keeps the jets shut and reports why, and can be flashed all the same."""
+"""An ECU without a release: it keeps the jets shut, reports the reason, and can be flashed."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -15,16 +15,16 @@ from ecu.ecu_state import EcuState, Trace, answers
 from ecu.fail_safe import FailSafe, OperatingMode
 
 NO_BUNDLE: Final = 0
-"""Its hash on the bus."""
+"""Bundle hash on the bus of an ECU without a release."""
 
 
 class ShutEcu:
-    """A `ecu.stepped.SteppedEcu` that reads no pressures and drives no jets. Raises ConfigError for
-    `bus.key` without `authentication`, or the other way round.
+    """An `ecu.stepped.SteppedEcu` that reads no pressures and drives no jets. Raises ConfigError if only one of
+    `bus.key` and `authentication` is given.
 
     Args:
         config: bus and E2E settings.
-        authentication: with `bus.key`, what the ECU needs of it.
+        authentication: data of the ECU for `bus.key`.
     """
 
     frames_rejected = 0
@@ -43,12 +43,12 @@ class ShutEcu:
 
     @property
     def trace(self) -> Trace:
-        """What the latest step did."""
+        """The results of the latest step."""
         mode = self._state.fail_safe.mode.on_wire
         return Trace(mode=mode, action=0.0, forces=None, interventions=Intervention.NOT_ENABLED)
 
     def restore(self, state: EcuState) -> None:
-        """Go on from a state of such an ECU."""
+        """Continue from a state of an ECU without a release."""
         self._state = replace(state, fail_safe=_NO_RELEASE)
 
     def step(
@@ -60,7 +60,7 @@ class ShutEcu:
         fault: Reason | None = None,
         updating: bool = False,
     ) -> list[Frame]:
-        """One control period, as `ecu.ecu.Ecu.step` has it; the lack of a release stands above a fault."""
+        """Do one control period as `ecu.ecu.Ecu.step` does; the lack of a release has precedence over a fault."""
         before = self._state
         updating = updating or before.fail_safe.mode is OperatingMode.UPDATE
         self._state = replace(
@@ -77,7 +77,7 @@ class ShutEcu:
         return answers(before, self._state, command, now_ns, self._messages, self._key, NO_BUNDLE)
 
     def status(self) -> EcuStatus:
-        """Health counters as of the latest step."""
+        """Return the health counters after the latest step."""
         return self._state.status(NO_BUNDLE)
 
 

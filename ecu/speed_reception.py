@@ -1,8 +1,8 @@
-"""The vehicle's speed through the air, by which pressures become coefficients and actions become flow rates.
+"""The vehicle's speed through the air, which converts pressures to coefficients and actions to flow rates.
 
-A release that serves a range of speeds needs it. In this order: authentication, the end-to-end check, the age, the
-plausibility. A speed that is not to be trusted leaves the last one in force for a while: a vehicle does not change its
-speed in a fraction of a second.
+A release that serves a range of speeds needs it. The checks in their order: authentication, end-to-end check, age,
+plausibility. If a speed is not trusted, the last speed stays in force for a limited time, because a vehicle does not
+change its speed in a fraction of a second.
 """
 
 from collections.abc import Sequence
@@ -21,18 +21,18 @@ from contract.config.vehicle import E2eConfig, SpeedConfig
 from contract.release.manifest import Manifest, SpeedRange
 
 SHORTEST_S: Final = 0.1
-"""Over which a change of the speed is judged, at least: so that its rounding and a late frame are no acceleration."""
+"""Shortest time in s over which a change of speed is judged, so that rounding or a late frame is no acceleration."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class SpeedState:
-    """The speed as it is known after a control period.
+    """The vehicle's speed after a control period.
 
     Attributes:
-        ratio: of the vehicle's speed, as it is believed, to the design speed; None where it is not known.
-        density: of the air in kg/m3, as the vehicle stated it with that, or the operating point's.
-        measured_ns: when it was measured.
-        is_off: it is outside the release's range by the margin; it has to come back into the range itself.
+        ratio: of the last accepted speed to the design speed; None if no speed is in force.
+        density: of the air in kg/m3, stated by the vehicle with this speed, or the operating point's.
+        measured_ns: time at which the speed was measured.
+        is_off: the speed left the release's range by more than the margin and has not returned into the range.
     """
 
     ratio: float | None = None
@@ -45,12 +45,12 @@ class SpeedState:
 
 @dataclass(frozen=True, kw_only=True)
 class SpeedReception:
-    """How the frames of the speed message are judged.
+    """The reception of speed frames.
 
     Attributes:
         key: None without authentication.
         design: the operating point of the release.
-        speeds: that it serves, in design speeds.
+        speeds: range of the release, in design speeds.
     """
 
     message: Message[VehicleSpeed]
@@ -64,7 +64,7 @@ class SpeedReception:
     def of(
         cls, manifest: Manifest, config: Config, message: Message[VehicleSpeed], key: Key | None
     ) -> "SpeedReception | None":
-        """The reception of a release; None for one that does not need the speed."""
+        """Return the reception of a release; None for a release that does not need the speed."""
         if manifest.speeds is None:
             return None
         return cls(
@@ -77,7 +77,7 @@ class SpeedReception:
         )
 
     def next(self, state: SpeedState, frames: Sequence[Frame], now_ns: int) -> SpeedState:
-        """Take the frames of a period, oldest first."""
+        """Return the state after the frames of a period, oldest first."""
         spec = self.message.spec
         verifier, frames, _ = verified(state.verifier, frames, spec=spec, key=self.key)
         receiver, reception = receive(state.receiver, frames, spec=spec, config=self.e2e)
@@ -93,13 +93,12 @@ class SpeedReception:
         return replace(state, is_off=is_off)
 
     def dynamic_pressure(self, state: SpeedState) -> float | None:
-        """Pa at Cp = 1; None without a speed."""
+        """Return the pressure in Pa at Cp = 1; None without a speed."""
         through_air = self.present(state) * self.design.speed
         return None if state.ratio is None else 0.5 * state.density * through_air * through_air
 
     def present(self, state: SpeedState) -> float:
-        """The vehicle's speed in design speeds: within the release's range, and 1 where it is not known or too far
-        out."""
+        """Return the vehicle's speed in design speeds, limited to the release's range; 1 if unknown or too far out."""
         if state.ratio is None or state.is_off:
             return 1.0
         return min(max(state.ratio, self.speeds.slowest), self.speeds.fastest)
@@ -109,7 +108,7 @@ class SpeedReception:
         return round(self.config.oldest_ms * 1e6)
 
     def _believed(self, state: SpeedState, stated: VehicleSpeed, measured_ns: int, now_ns: int) -> SpeedState:
-        """Believe a new speed, unless it is old, or no vehicle gets from the last one to it so fast."""
+        """Accept a new speed, unless it is old, or no vehicle can reach it from the last speed so fast."""
         if stated.speed_m_per_s is None or not 0 <= now_ns - measured_ns <= self._oldest_ns:
             return state
         if state.ratio is not None:

@@ -1,4 +1,4 @@
-"""What a closed loop needs of an ECU, whatever computes it: the one in Python, the one in C, an emulated core."""
+"""The interface of an ECU for a closed loop: the Python ECU, the ECU in C, or an emulated core."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from ecu.ecu_state import EcuState, Surroundings, Trace
 
 
 class SteppedEcu(Protocol):
-    """`ecu.ecu.Ecu` is one; its methods document these."""
+    """An ECU such as `ecu.ecu.Ecu`, whose methods document these."""
 
     @property
     def state(self) -> EcuState:
@@ -20,47 +20,47 @@ class SteppedEcu(Protocol):
 
     @property
     def trace(self) -> Trace:
-        """Trace of the latest step."""
+        """The trace of the latest step."""
 
     @property
     def frames_rejected(self) -> int:
-        """Pressure frames that came but were not accepted."""
+        """The number of received pressure frames that were not accepted."""
 
     def restore(self, state: EcuState) -> None:
-        """Go on from a state."""
+        """Continue from a state."""
 
     def step(self, now_ns: int, frames: Sequence[Frame], health: BusHealth = ...) -> list[Frame]:
-        """One control period: the frames to be sent."""
+        """Do one control period and return the frames to be sent."""
 
     def status(self) -> EcuStatus:
-        """Health counters as of the latest step."""
+        """Return the health counters after the latest step."""
 
 
 class CalibratedEcu(SteppedEcu, Protocol):
-    """One that runs a release, and whose goal and bounds can be changed between two steps."""
+    """An ECU that runs a release, and whose goal and bounds can be changed between two steps."""
 
     @property
     def calibration(self) -> Calibration:
         """The values in force."""
 
     def calibrate(self, calibration: Calibration) -> None:
-        """Have other values from the next step on; raises ConfigError."""
+        """Put other values in force from the next step on; raises ConfigError."""
 
     def step(
         self, now_ns: int, frames: Sequence[Frame], health: BusHealth = ..., **around: Unpack[Surroundings]
     ) -> list[Frame]:
-        """The same, with what is around the ECU."""
+        """Do one control period under these external conditions."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class LoopEcu:
-    """An ECU for a closed loop, and what a run records of it.
+    """An ECU for a closed loop, and the data that a run records of it.
 
     Attributes:
         kind: python, c or mcu.
         computed_by: what computes its control step, for people.
-        step_ns: what its latest step takes in virtual time; the loop charges `ecu.compute_time_ms` without it.
-        clock_mhz: of the core that `step_ns` is of.
+        step_ns: duration of its latest step in virtual time; without it the loop charges `ecu.compute_time_ms`.
+        clock_mhz: clock of the core for `step_ns`.
     """
 
     ecu: CalibratedEcu

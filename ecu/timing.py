@@ -1,9 +1,8 @@
-"""Whether the ECU's steps come on time: whole periods left out, steps too early, a clock that stands or goes back.
+"""The check that the ECU's steps are on time: whole periods left out, steps too early, a clock that stops or goes back.
 
-Lateness is added up, so that steps which are each a little late are seen as well as one that is very late: when half
-a period has come together, a period was left out. An eighth of what is left is forgotten with every step, so that a
-clock that differs a little from the vehicle's never adds up to a period; steps that are late by more than a
-sixteenth of a period, again and again, do.
+Lateness is added up, so that steps which are each a little late are detected as well as one very late step: when half a
+period has accumulated, a period was left out. With every step an eighth of the rest is forgotten. So a clock that
+differs a little from the vehicle's never adds up to a period, but steps repeatedly late by more than a sixteenth do.
 """
 
 from dataclasses import dataclass, replace
@@ -13,8 +12,8 @@ from can_bridge.wire.messages import Reason
 from contract.config.vehicle import EcuConfig
 
 LATEST_NS: Final = 2**61
-"""73 years: a clock beyond is as wrong as one before 0. Differences of times between have room in 64 bits, in the ECU's
-C as here."""
+"""Largest valid clock value in ns (73 years). A larger value is as wrong as a negative one. Differences of valid times
+fit into 64 bits, here and in the ECU in C."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -22,11 +21,11 @@ class StepTiming:
     """The timing after a control step.
 
     Attributes:
-        step_ns: its time; None before the first. -1 stands for any before 0, and `LATEST_NS` for any after that.
-        lag_ns: how much later than due, beyond the periods left out; negative if early.
-        off_time: the latest `ecu.deadline_window` steps, a bit each and the newest lowest: 1 if it was late or early.
-        skipped: whole periods left out before it.
-        fault: for which the ECU must switch itself off, if there is one.
+        step_ns: time of the step; None before the first. -1 stands for a negative time, `LATEST_NS` for any later time.
+        lag_ns: lateness beyond the periods left out; negative if early.
+        off_time: one bit for each of the latest `ecu.deadline_window` steps, the newest lowest: 1 if late or early.
+        skipped: number of whole periods left out before the step.
+        fault: reason for which the ECU must switch itself off, or None.
     """
 
     step_ns: int | None = None
@@ -46,7 +45,7 @@ class StepTiming:
         whole = (2 * lag_ns + period_ns) // (2 * period_ns)  # to the nearest
         off_time = (self.off_time << 1 | (whole != 0)) & ((1 << config.deadline_window) - 1)
         too_often = whole != 0 and off_time.bit_count() >= config.deadline_misses
-        # Away for longer than it would bear the pressures to be away: the jets have shut meanwhile.
+        # The step is later than the fail-safe tolerates missing pressures, so the jets have been shut meanwhile.
         away = whole > config.hold_periods + config.decay_periods
         fault = None
         if too_often or away:

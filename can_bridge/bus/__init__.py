@@ -1,1 +1,1 @@
-"""Buses behind one interface, and what receives from them."""
+"""Real, virtual and simulated buses behind one interface, and the parts that receive from them."""

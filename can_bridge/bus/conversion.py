@@ -1,4 +1,4 @@
-"""Our frames as python-can's messages, and back."""
+"""Conversion between our frames and python-can's messages."""
 
 import can
 
@@ -7,7 +7,7 @@ from can_bridge.wire.frame import CLASSIC_LENGTHS, FD_LENGTHS, Frame
 
 
 def to_message(frame: Frame) -> can.Message:
-    """The frame as python-can's; times become float seconds, exact to the ns for the first weeks after zero."""
+    """Return the frame as a python-can message. Its float seconds are exact to the ns in the first weeks after 0."""
     return can.Message(
         arbitration_id=frame.frame_id,
         data=frame.data,
@@ -19,19 +19,19 @@ def to_message(frame: Frame) -> can.Message:
 
 
 def frame_of(message: can.Message) -> Frame | Rejection:
-    """The frame in a python-can message, its identifier of either length, or why it is no data frame; never raises.
+    """Return the frame in a python-can message, with an 11- or 29-bit identifier, or the reason to reject the message.
 
-    Whether an FD frame switched its bit rate is not kept.
+    It never raises. The frame does not have the bit-rate switch of CAN FD.
     """
     if message.is_error_frame:
         return Rejection.ERROR_FRAME
     if message.is_remote_frame:
         return Rejection.REMOTE
     is_fd = bool(message.is_fd)
-    # A backend shows a cut-off line only by the two lengths.
+    # Only the difference of the two lengths shows that a backend has read a truncated line.
     if message.dlc != len(message.data) or len(message.data) not in (FD_LENGTHS if is_fd else CLASSIC_LENGTHS):
         return Rejection.WRONG_LENGTH
-    # A backend may pass on values whatever their type and range. A float would pass the range check.
+    # A backend may pass on values of any type and range. A float would pass the range check.
     if not isinstance(message.arbitration_id, int):
         return Rejection.GARBAGE
     try:

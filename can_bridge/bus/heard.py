@@ -1,4 +1,4 @@
-"""What a node hears on the bus while nothing that it can use arrives, in one line."""
+"""A one-line report of the frames on the bus while a node receives nothing that it can use."""
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
@@ -11,19 +11,19 @@ from can_bridge.wire.message_sets import SETS, MessageSet
 from can_bridge.wire.message_specs import MessageSpec
 
 MOST_NAMED: Final = 4
-"""Identifiers in the line."""
+"""Largest number of identifiers in the line."""
 SILENCE_S: Final = 1.0
-"""Without anything usable, after which a line reports what is heard instead."""
+"""Time in s without a usable frame after which the line is reported."""
 
 
 @dataclass(kw_only=True, eq=False)
 class Heard:
-    """Frames since the last line, by identifier and length."""
+    """Counts of the frames since the last line, by identifier and length."""
 
     frames: Counter[tuple[int, int]] = field(default_factory=Counter)
 
     def add(self, frames: Iterable[Frame]) -> None:
-        """More of them."""
+        """Count more frames."""
         for frame in frames:
             if len(self.frames) < 1000 or (frame.frame_id, len(frame.data)) in self.frames:
                 self.frames[frame.frame_id, len(frame.data)] += 1
@@ -32,11 +32,11 @@ class Heard:
 def line(
     heard: Heard, wanted: MessageSpec, messages: MessageSet, rejected: Mapping[Rejection, int], *, sender: str
 ) -> str:
-    """Why nothing usable came in `SILENCE_S`, as far as the bus shows.
+    """Return why nothing usable arrived in `SILENCE_S`, as far as the bus shows.
 
     Args:
-        messages: the set that this node takes and sends.
-        rejected: receptions that were no frame of this node's kind, by reason.
+        messages: the message set that this node uses.
+        rejected: numbers of receptions that were no frame of this node's kind, by reason.
         sender: the node that sends the message, in a word.
     """
     opening = f"no usable {wanted.name} (0x{wanted.frame_id:03x}) in {SILENCE_S:g} s"
@@ -70,8 +70,8 @@ def line(
 
 
 class Silence:
-    """Reports once when nothing usable comes for `SILENCE_S`, and once when it comes again. Arguments are as `line` has
-    them."""
+    """A reporter that reports once when nothing usable arrives for `SILENCE_S`, and once when usable frames arrive
+    again. See `line` for the arguments."""
 
     def __init__(self, wanted: MessageSpec, messages: MessageSet, sender: str, report: Callable[[str], None]) -> None:
         self._wanted, self._messages, self._sender, self._report = wanted, messages, sender, report
@@ -79,8 +79,7 @@ class Silence:
         self._is_told = False
 
     def look(self, usable: int, heard: Heard, rejected: Mapping[Rejection, int]) -> None:
-        """Look at what came since the last look: messages that could be used and receptions rejected so far, and
-        frames."""
+        """Evaluate the frames since the last call, and the total numbers of usable and rejected receptions."""
         if usable > self._usable:
             if self._is_told:
                 self._report(f"usable {self._wanted.name} frames come")

@@ -1,4 +1,4 @@
-"""What a bus offers to a node; real, virtual and simulated buses share it."""
+"""The interface of a bus to a node; real, virtual and simulated buses have it."""
 
 from dataclasses import dataclass
 from enum import Enum, auto
@@ -17,10 +17,10 @@ class BusState(Enum):
 
 @dataclass(frozen=True, kw_only=True)
 class BusHealth:
-    """What a node's CAN controller knows of its errors.
+    """The error state of a node's CAN controller.
 
     Attributes:
-        tx_errors, rx_errors: its error counters; above 127 it is error-passive, from 256 transmit errors on bus-off.
+        tx_errors, rx_errors: error counters. Above 127 it is error-passive, from 256 transmit errors bus-off.
         bus_off: how often it went bus-off since power-on.
     """
 
@@ -31,41 +31,41 @@ class BusHealth:
 
 
 HEALTHY: Final = BusHealth()
-"""Also the health that a bus reports without knowing it."""
+"""Health without errors; also reported by a bus that does not know its controller's health."""
 
 
 class Bus(Protocol):
-    """One node's connection: sends frames, and returns received ones without waiting."""
+    """A node's connection to a bus: sends frames, and returns received frames without waiting."""
 
     def send(self, frame: Frame) -> None:
-        """Hand over one frame; raises BusError if the bus does not take it."""
+        """Send one frame; raises BusError if the bus does not take it."""
 
     def receive_all(self) -> list[Frame]:
-        """Everything that has arrived, oldest first, without waiting; raises BusError if the bus failed."""
+        """Return all frames that have arrived, oldest first, without waiting; raises BusError if the bus failed."""
 
 
 class Rejection(Enum):
-    """One reason a reception; the values are what tables and reports show."""
+    """Reasons to reject a reception; tables and reports show the values."""
 
     GARBAGE = "unreadable"
-    """No CAN frame: a datagram or line of another making, an identifier or a time out of range."""
+    """No CAN frame: a datagram or line of another format, or an identifier or time out of range."""
     WRONG_LENGTH = "wrong length"
-    """Cut off, or a length that the frame's format does not have. Of a length that CAN has but its message has not,
-    the end-to-end check refuses it."""
+    """The data are truncated, or their length is impossible in the frame's format. A length that is possible but not
+    the message's fails the end-to-end check."""
     REMOTE = "remote frame"
     ERROR_FRAME = "error frame"
     """The controller's report on the bus or on itself; see `PythonCanBus.health`."""
     EXTENDED = "29-bit identifier"
     WRONG_FORMAT = "CAN FD for classic, or the reverse"
-    """A CAN FD frame where `bus.frames` is classic, or one of our messages in the format that it does not have."""
+    """A CAN FD frame although `bus.frames` is classic, or one of our messages in the wrong format."""
     OTHER_ID = "another identifier"
     OWN = "own frame heard again"
     ADAPTER = "adapter refused a command"
-    """A serial adapter answered BEL: to a frame that it did not send, or to a command at its opening."""
+    """A serial adapter answered BEL: to a frame that it did not send, or to a command when it was opened."""
 
 
 class UnusableReceptionError(Exception):
-    """What a backend of ours received and cannot hand over; the backend itself is sound."""
+    """One of our backends received data that it cannot return; the backend itself still works."""
 
     def __init__(self, reason: Rejection) -> None:
         super().__init__(reason.value)

@@ -5,13 +5,19 @@ meta language is what ASAM publishes with XCP (part 2, section "ASAM MCD-2 MC de
 this ECU has it. T1 to T7 are long against a control period, in which every command is answered.
 """
 
+from collections.abc import Iterator
+from enum import IntEnum
 from importlib.resources import files
 from string import Template
 from typing import Final
 
+from can_bridge.calibration.daq import EVENT_NAME, cycle_of
+from can_bridge.calibration.measured import MEASURED_ADDRESS
 from can_bridge.calibration.segment import Segment
+from can_bridge.wire.messages import SENSORS, Mode, Reason
 from contract.config.vehicle import BusConfig
 from contract.controller.calibration import CALIBRATION_NAMES
+from contract.controller.interface import TERMS
 
 _CAN_FD: Final = """
         /begin CAN_FD
@@ -24,18 +30,69 @@ _EXTENDED: Final = 1 << 31
 """Marks an identifier of 29 bits (part 3)."""
 
 
-def a2l_text(segment: Segment, *, release: str, bus: BusConfig) -> str:
-    """The file's contents, for an ECU on this bus."""
+_MOST_CP: Final = 100
+"""Far beyond any pressure coefficient: the range of a tool's display."""
+
+
+def a2l_text(segment: Segment, *, release: str, bus: BusConfig, period_ns: int) -> str:
+    """The file's contents, for an ECU on this bus with this control period."""
     ids = {"master": bus.diagnosis.xcp_command, "slave": bus.diagnosis.xcp_response}
     limits = zip(CALIBRATION_NAMES, segment.limits.least.values, segment.limits.greatest.values, strict=True)
+    limited = {name: f"{least:.9g} {greatest:.9g}" for name, least, greatest in limits}
+    measured = list(_measured(limited))
     return Template(files(__package__).joinpath("stillwake.a2l").read_text(encoding="ascii")).substitute(
-        {name: f"{least:.9g} {greatest:.9g}" for name, least, greatest in limits},
+        limited,
         module=_text(f"ECU with release {release}"),
         parameters=_text(f"Calibration of release {release}"),
         release=_text(release),
         nominal_bitrate=bus.nominal_bitrate,
         can_fd="" if bus.frames == "classic" else _CAN_FD.format(bus.data_bitrate),
+        event=EVENT_NAME.decode(),
+        cycle="{} {}".format(*cycle_of(period_ns)),
+        measurements="\n".join(_measurements(measured)),
+        measured="\n        ".join(name for name, *_ in measured),
+        tables="\n".join(table for numbers in (Mode, Reason) for table in _table(numbers)),
         **{name: f"{used.number | used.is_extended * _EXTENDED:#x}" for name, used in ids.items()},
+    )
+
+
+def _measured(limits: dict[str, str]) -> Iterator[tuple[str, str, str, str, str]]:
+    """Name, description, type, conversion, and range of each value, in the order of `measured.measured_bytes`."""
+    for sensor in range(1, SENSORS + 1):
+        yield f"pressure_{sensor}", f"Cp of sensor {sensor}", "FLOAT32_IEEE", "weight", f"-{_MOST_CP} {_MOST_CP}"
+    most = limits["action_limit"].split()[1]
+    yield "command", "Jet flow rate that was sent", "FLOAT32_IEEE", "jet_flow", f"-{most} {most}"
+    yield "mode", "Operating mode", "UBYTE", "mode", "0 255"
+    yield "reason", "Why the jets are shut", "UBYTE", "reason", "0 255"
+    yield "gated", "What the command gate had to do", "UBYTE", "bits", "0 255"
+    yield "reserved", "Without a meaning", "UBYTE", "bits", "0 255"
+    units = dict.fromkeys(TERMS, "weight") | {"delay_steps": "periods"}
+    for name in CALIBRATION_NAMES:
+        kind = "ULONG" if name == "delay_steps" else "FLOAT32_IEEE"
+        yield f"{name}_in_force", f"{name} in this period", kind, units.get(name, "jet_flow"), limits[name]
+
+
+def _measurements(measured: list[tuple[str, str, str, str, str]]) -> Iterator[str]:
+    address = MEASURED_ADDRESS
+    for name, description, kind, conversion, limits in measured:
+        yield (
+            f'    /begin MEASUREMENT {name} "{description}"\n      {kind} {conversion} 0 0 {limits}\n'
+            f"      ECU_ADDRESS {address:#x}\n    /end MEASUREMENT"
+        )
+        address += 1 if kind == "UBYTE" else 4
+
+
+def _table(numbers: type[IntEnum]) -> Iterator[str]:
+    """The words of a state's numbers."""
+    name = numbers.__name__.lower()
+    yield (
+        f'    /begin COMPU_METHOD {name} "Words for numbers"\n      TAB_VERB "%3.0" ""\n'
+        f"      COMPU_TAB_REF {name}_words\n    /end COMPU_METHOD"
+    )
+    rows = "".join(f'\n      {item.value} "{item.name}"' for item in numbers)
+    yield (
+        f'    /begin COMPU_VTAB {name}_words "Words of {name}"\n      TAB_VERB {len(numbers)}{rows}\n'
+        "    /end COMPU_VTAB"
     )
 
 

@@ -15,7 +15,9 @@ DRIVER_VERSION: Final = 0x10
 COMM_MODE: Final = 0x80
 """Mode in CONNECT's answer: little-endian, addresses of bytes, no block mode; GET_COMM_MODE_INFO has the rest."""
 CAL_PAG: Final = 0x01
-"""The resource of calibration and of its pages; we have no other."""
+"""The resource of calibration and of its pages."""
+RESOURCES: Final = CAL_PAG | 0x04
+"""That, and measurement (DAQ), which needs no key: it shows what is no secret on the bus."""
 
 RESPONSE: Final = 0xFF
 ERROR: Final = 0xFE
@@ -25,6 +27,8 @@ STORED_EVENT: Final = 0x03
 """Storing the calibration has ended."""
 STORE_REQUEST: Final = 0x01
 """Bit of SET_REQUEST's mode and of GET_STATUS's session status: the calibration."""
+DAQ_RUNNING: Final = 0x40
+"""Bit of the session status: a list is measured."""
 CRC_32: Final = 0x09
 """Kind of checksum: the CRC of Ethernet."""
 
@@ -57,6 +61,19 @@ class Command(IntEnum):
     GET_SEGMENT_INFO = 0xE8
     GET_PAGE_INFO = 0xE7
     COPY_CAL_PAGE = 0xE4
+    SET_DAQ_PTR = 0xE2
+    WRITE_DAQ = 0xE1
+    SET_DAQ_LIST_MODE = 0xE0
+    GET_DAQ_LIST_MODE = 0xDF
+    START_STOP_DAQ_LIST = 0xDE
+    START_STOP_SYNCH = 0xDD
+    GET_DAQ_PROCESSOR_INFO = 0xDA
+    GET_DAQ_RESOLUTION_INFO = 0xD9
+    GET_DAQ_EVENT_INFO = 0xD7
+    FREE_DAQ = 0xD6
+    ALLOC_DAQ = 0xD5
+    ALLOC_ODT = 0xD4
+    ALLOC_ODT_ENTRY = 0xD3
 
 
 SHORTEST_COMMAND: Final = {
@@ -75,6 +92,16 @@ SHORTEST_COMMAND: Final = {
     Command.GET_SEGMENT_INFO: 5,
     Command.GET_PAGE_INFO: 4,
     Command.COPY_CAL_PAGE: 5,
+    Command.SET_DAQ_PTR: 6,
+    Command.WRITE_DAQ: 8,
+    Command.SET_DAQ_LIST_MODE: 8,
+    Command.GET_DAQ_LIST_MODE: 4,
+    Command.START_STOP_DAQ_LIST: 4,
+    Command.START_STOP_SYNCH: 2,
+    Command.GET_DAQ_EVENT_INFO: 4,
+    Command.ALLOC_DAQ: 4,
+    Command.ALLOC_ODT: 5,
+    Command.ALLOC_ODT_ENTRY: 6,
 }
 """Bytes of a command; longer ones are padded. Those left out have one."""
 
@@ -88,6 +115,7 @@ class Error(IntEnum):
     """Second byte of an error packet."""
 
     CMD_SYNCH = 0x00
+    DAQ_ACTIVE = 0x11
     CMD_UNKNOWN = 0x20
     CMD_SYNTAX = 0x21
     OUT_OF_RANGE = 0x22
@@ -98,6 +126,9 @@ class Error(IntEnum):
     MODE_NOT_VALID = 0x27
     SEGMENT_NOT_VALID = 0x28
     SEQUENCE = 0x29
+    DAQ_CONFIG = 0x2A
+    MEMORY_OVERFLOW = 0x30
+    GENERIC = 0x31
 
 
 class Denied(Exception):  # noqa: N818  (an error packet is an answer, no error)
@@ -147,14 +178,18 @@ class XcpAccess:
 
     def seed(self, mode: int, resource: int) -> bytes:
         """The bytes left of the seed, as one number, and the next of them; no bytes if nothing is locked. Raises Denied
-        for another resource or mode, or for the rest of a seed that was not asked for."""
+        for another resource or mode, for the rest of a seed that was not asked for, or if the source of random bytes
+        gives zeros."""
         if mode == 0:
             self._forget()
             if resource != CAL_PAG:
                 raise Denied(Error.OUT_OF_RANGE)
             if self.is_unlocked:
                 return bytes([0])
-            self._seed = self._unsent = self._random_bytes(XCP_SEED_LENGTH)
+            seed = self._random_bytes(XCP_SEED_LENGTH)
+            if not any(seed):
+                raise Denied(Error.GENERIC)
+            self._seed = self._unsent = seed
         elif mode != 1:
             raise Denied(Error.OUT_OF_RANGE)
         elif not self._unsent:

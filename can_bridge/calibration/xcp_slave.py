@@ -1,7 +1,8 @@
 """The ECU's side of XCP: a state machine of time and packets.
 
-A tool reads and writes one segment with two pages (`can_bridge.calibration.segment`). There is no block mode, no
-measurement (DAQ) and no flashing: those are not announced, and their commands are unknown.
+A tool reads and writes one segment with two pages (`can_bridge.calibration.segment`), and reads or measures the latest
+control period (`can_bridge.calibration.daq`). There is no block mode and no flashing: those are not announced, and
+their commands are unknown.
 """
 
 import struct
@@ -10,6 +11,7 @@ from collections.abc import Callable, Mapping
 from typing import Final
 
 from can_bridge.calibration import xcp
+from can_bridge.calibration.daq import EVENT_NAME, DaqLists
 from can_bridge.calibration.segment import ADDRESS, Page, Segment
 from can_bridge.calibration.xcp import MAX_CTO, AnswersSeeds, Command, Denied, Error, WrongKey, XcpAccess
 from contract.controller.calibration import PACKED_BYTES, Calibration
@@ -18,17 +20,29 @@ from contract.errors import ConfigError
 A2L_NAME: Final = b"stillwake"
 """The name of the A2L file, without its ending."""
 IDLE_NS: Final = 600_000_000_000
-"""The time without a command after which an open connection ends, and what was unlocked is locked."""
-_ALWAYS_ACCESSIBLE: Final = 0x0F
-_WRITABLE: Final = 0x30
-"""Properties of a page: the control and the tool may read it whatever the other does, and the tool may write it."""
+"""The time without a command after which an open connection ends, and what was unlocked is locked. A tool that measures
+need not send any: its connection lasts, locked."""
+REFERENCE_PROPERTIES: Final = 0x0F
+WORKING_PROPERTIES: Final = REFERENCE_PROPERTIES | 0x30
+"""Of a page: the control and the tool may read it whatever the other does, and the tool may write it."""
 
 
 class XcpSlave:
-    """One connection at a time. `random_bytes` gives so many unpredictable bytes."""
+    """One connection at a time.
 
-    def __init__(self, segment: Segment, access: AnswersSeeds, random_bytes: Callable[[int], bytes]) -> None:
+    Args:
+        random_bytes: gives so many unpredictable bytes.
+        period_ns: of the control.
+
+    Attributes:
+        daq: what is measured.
+    """
+
+    def __init__(
+        self, segment: Segment, access: AnswersSeeds, random_bytes: Callable[[int], bytes], *, period_ns: int
+    ) -> None:
         self._segment = segment
+        self.daq = DaqLists(period_ns)
         self._access = XcpAccess(access, random_bytes)
         self._is_connected = False
         self._last_ns = 0
@@ -89,7 +103,7 @@ class XcpSlave:
         return struct.pack(
             "<4BH2B",
             xcp.RESPONSE,
-            xcp.CAL_PAG,
+            xcp.RESOURCES,
             xcp.COMM_MODE,
             MAX_CTO,
             MAX_CTO,
@@ -99,10 +113,15 @@ class XcpSlave:
 
     def _end_if_idle(self, now_ns: int) -> None:
         if self._is_connected and now_ns - self._last_ns > IDLE_NS:
-            self._end()
+            if self.daq.is_running:
+                self._to_store = None
+                self._access.lock()
+            else:
+                self._end()
 
     def _end(self) -> None:
         self._is_connected = False
+        self.daq.free()
         self._to_store = None
         self._access.lock()
         self._address = 0
@@ -115,6 +134,7 @@ class XcpSlave:
 
     def _status(self, data: bytes) -> bytes:
         session = 0 if self._to_store is None else xcp.STORE_REQUEST
+        session |= xcp.DAQ_RUNNING if self.daq.is_running else 0
         return bytes([xcp.RESPONSE, session, self._access.protected, 0, 0, 0])
 
     def _synch(self, data: bytes) -> bytes:
@@ -128,6 +148,11 @@ class XcpSlave:
         """An identification of the kinds 0 (text) and 1 (name of the A2L file); it is fetched by UPLOAD."""
         self._identification = A2L_NAME if data[1] in (0, 1) else b""
         return struct.pack("<4BI", xcp.RESPONSE, 0, 0, 0, len(self._identification))
+
+    def _event_info(self, data: bytes) -> bytes:
+        answer = self.daq.event_info(data)
+        self._identification = EVENT_NAME
+        return answer
 
     def _set_request(self, data: bytes) -> bytes:
         if data[1] != xcp.STORE_REQUEST:
@@ -218,7 +243,7 @@ class XcpSlave:
 
     def _page_info(self, data: bytes) -> bytes:
         _check_segment(data[2])
-        properties = _ALWAYS_ACCESSIBLE | (_WRITABLE if _page(data[3]) is Page.WORKING else 0)
+        properties = WORKING_PROPERTIES if _page(data[3]) is Page.WORKING else REFERENCE_PROPERTIES
         return bytes([xcp.RESPONSE, properties, 0])
 
     def _copy_page(self, data: bytes) -> bytes:
@@ -232,6 +257,8 @@ class XcpSlave:
         return bytes([xcp.RESPONSE])
 
     def _read(self, address: int, length: int) -> bytes:
+        if (measured := self.daq.read(address, length)) is not None:
+            return measured
         _check_inside(address, length)
         return self._segment.read(self._page, address - ADDRESS, length)
 
@@ -290,5 +317,18 @@ _COMMANDS: Final[Mapping[Command, Callable[[XcpSlave, bytes], bytes]]] = {
     Command.GET_SEGMENT_INFO: XcpSlave._segment_info,
     Command.GET_PAGE_INFO: XcpSlave._page_info,
     Command.COPY_CAL_PAGE: XcpSlave._copy_page,
+    Command.SET_DAQ_PTR: lambda slave, data: slave.daq.set_pointer(data),
+    Command.WRITE_DAQ: lambda slave, data: slave.daq.write(data),
+    Command.SET_DAQ_LIST_MODE: lambda slave, data: slave.daq.set_mode(data),
+    Command.GET_DAQ_LIST_MODE: lambda slave, data: slave.daq.mode(data),
+    Command.START_STOP_DAQ_LIST: lambda slave, data: slave.daq.start_stop(data),
+    Command.START_STOP_SYNCH: lambda slave, data: slave.daq.start_stop_selected(data),
+    Command.GET_DAQ_PROCESSOR_INFO: lambda slave, data: slave.daq.processor_info(data),
+    Command.GET_DAQ_RESOLUTION_INFO: lambda slave, data: slave.daq.resolution_info(data),
+    Command.GET_DAQ_EVENT_INFO: XcpSlave._event_info,
+    Command.FREE_DAQ: lambda slave, data: slave.daq.release(data),
+    Command.ALLOC_DAQ: lambda slave, data: slave.daq.alloc_lists(data),
+    Command.ALLOC_ODT: lambda slave, data: slave.daq.alloc_odts(data),
+    Command.ALLOC_ODT_ENTRY: lambda slave, data: slave.daq.alloc_entries(data),
 }
 """Not bound to a slave, as in `can_bridge.uds.server`."""

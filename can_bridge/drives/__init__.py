@@ -1,1 +1,1 @@
-"""Reading the log of a drive as series on the grid of control periods."""
+"""Conversion of the log of a drive to series on the grid of control periods."""

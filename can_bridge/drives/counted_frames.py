@@ -1,8 +1,8 @@
-"""The frames of one message in a log, numbered by their E2E counter: which are missing, doubled or out of place.
+"""The frames of one message in a log, numbered by their E2E counter, to find missing, repeated and misplaced frames.
 
-A log's times are those of reception: a frame may have waited for other traffic, and loggers write in bursts. The
-counter numbers the sender's frames, the time only how often the counter has gone round. Where both part for
-good, because the sender began again or the logger's clock was set, a new stretch begins; so does one behind a long gap.
+A log's times are times of reception: a frame may have waited for other traffic, and loggers write in bursts. The
+counter numbers the sender's frames; the time only shows how often the counter has wrapped. A new stretch begins where
+counter and time disagree permanently, because the sender restarted or the logger's clock was set, and after a long gap.
 """
 
 from collections.abc import Sequence
@@ -15,18 +15,18 @@ import numpy as np
 from contract.arrays import Array, Index
 
 SLACK: Final = 2.0
-"""Periods by which a frame may come earlier or later than its counter implies, measured from the frame before it."""
+"""Largest deviation, in periods, of the time since the previous frame from the time that the counters imply."""
 _LONGEST: Final = 1000
-"""Periods without a frame within a stretch: no list of rows grows with a clock that was set."""
+"""Largest number of periods without a frame within a stretch, so that a clock that was set adds no endless rows."""
 _JUMP: Final = 0.5
-"""The share of a period by which the clock of one stretch may shift for good: beyond it the counter means nothing."""
+"""Largest permanent shift of a stretch's clock, in periods. With a larger shift the counter is not reliable."""
 _AROUND: Final = 16
-"""Frames whose median gives the clock: a burst is shorter, and jitter of 0.4 periods averages out."""
+"""Number of frames whose median gives the clock: more than a burst has, and enough to average jitter of 0.4 periods."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class CountedFrame:
-    """One frame with a right CRC. `time_s` is that of reception, on the log's clock."""
+    """A frame with a valid CRC. `time_s` is the time of reception on the log's clock."""
 
     time_s: float
     counter: int
@@ -35,18 +35,18 @@ class CountedFrame:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FrameStretch:
-    """Frames of one sender between two of its starts, in the order of `index`: control periods from the first, (n,)."""
+    """Frames of one sender between two starts, sorted by `index`: control periods since the first frame, (n,)."""
 
     index: Index
     frames: tuple[CountedFrame, ...]
 
     @property
     def time_s(self) -> Array:
-        """The time of each frame's reception in s, (n,)."""
+        """The time of reception of each frame in s, (n,)."""
         return np.array([frame.time_s for frame in self.frames])
 
     def between(self, a: int, b: int) -> "FrameStretch":
-        """Its frames from place a to b, counted from the first of them."""
+        """Return the frames from index a up to before b; `index` counts from the first of them."""
         return FrameStretch(index=self.index[a:b] - self.index[a], frames=self.frames[a:b])
 
     def __len__(self) -> int:
@@ -54,14 +54,14 @@ class FrameStretch:
 
 
 def usual_interval(frames: Sequence[CountedFrame], modulus: int) -> float | None:
-    """Median time in s between frames whose counters follow each other; None if no two do."""
+    """Return the median time in s between frames with consecutive counters; None if there are none."""
     times, counters = np.array([(frame.time_s, frame.counter) for frame in frames]).T
     steps = np.diff(times)[np.diff(counters) % modulus == 1]
     return float(np.median(steps)) if len(steps) else None
 
 
 def without_repeats(frames: Sequence[CountedFrame], within_s: float) -> list[CountedFrame]:
-    """The frames without those that were there already within a time in which the counter cannot come round."""
+    """Return the frames without repetitions, which come again within a time in which the counter cannot wrap."""
     kept: list[CountedFrame] = []
     last: dict[bytes, float] = {}
     for frame in frames:
@@ -72,18 +72,17 @@ def without_repeats(frames: Sequence[CountedFrame], within_s: float) -> list[Cou
 
 
 def number(frames: Sequence[CountedFrame], *, period_s: float, modulus: int) -> tuple[list[FrameStretch], int, int]:
-    """The stretches of one message in the order of time; how many frames were there already; and how many were out of
-    place: their counters fit neither what was before nor what came behind.
+    """Return the stretches of one message in the order of time, the number of repeated frames, and the number of
+    misplaced frames, whose counters fit neither the frames before nor those after.
 
     Args:
-        frames: with right CRCs, in the order of reception.
+        frames: frames with valid CRCs, in the order of reception.
         period_s: the sender's period on the log's clock, to a few per cent.
-        modulus: after so many frames the counter begins again. More than half as many lost in a row show by the
-            time alone.
+        modulus: number of frames after which the counter wraps. A loss of more than half of it shows in the time only.
     """
     once = without_repeats(frames, SLACK * period_s)
     parts = _parts(once, period_s, modulus)
-    # What lies around a frame that is out of place may be one stretch.
+    # Frames before and after a misplaced frame may belong to one stretch.
     fitting = [frame for part in parts if len(part) > 1 for _, frame in part] or once
     stretches: list[FrameStretch] = []
     for part in _parts(fitting, period_s, modulus):
@@ -94,27 +93,27 @@ def number(frames: Sequence[CountedFrame], *, period_s: float, modulus: int) -> 
 
 
 def _parts(frames: Sequence[CountedFrame], period_s: float, modulus: int) -> list[list[tuple[int, CountedFrame]]]:
-    """The frames with their numbers from the first, cut where counter and clock disagree or much is missing."""
+    """Number the frames, and cut them where counter and clock disagree or many frames are missing."""
     parts: list[list[tuple[int, CountedFrame]]] = []
     newest, before = 0, None
     for frame in frames:
         elapsed = 0.0 if before is None else (frame.time_s - before.time_s) / period_s
         step = 0 if before is None else (frame.counter - before.counter) % modulus
-        # Periods by the counters, nearest to those by the clock.
+        # The number of periods that fits the counters and is nearest to the elapsed time.
         step += modulus * round((elapsed - step) / modulus)
         if before is None or abs(step - elapsed) > SLACK or step > _LONGEST:
             parts.append([(0, frame)])
             newest, before = 0, frame
             continue
         parts[-1].append((newest + step, frame))
-        # A frame that was overtaken does not show where the sender is now.
+        # A frame that was overtaken does not show the sender's present counter.
         if step > 0:
             newest, before = newest + step, frame
     return parts
 
 
 def _cut_at_jumps(stretch: FrameStretch, period_s: float) -> list[FrameStretch]:
-    """The stretch, cut where times shift for good although each frame was within the slack of the one before."""
+    """Cut the stretch where times shift permanently, although each frame was within the slack of the previous one."""
     late = stretch.time_s - period_s * stretch.index
     cuts, after = [0], 0
     for i in (np.flatnonzero(np.abs(np.diff(late)) > _JUMP * period_s) + 1).tolist():

@@ -1,5 +1,4 @@
-"""The pressures, commands and speeds in a recorded log: frames of our messages whose CRC is right, of one channel, and
-counts of all others."""
+"""The pressures, commands and speeds in a log: our frames with a valid CRC on one channel, and counts of the others."""
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -17,24 +16,23 @@ from can_bridge.wire.message_specs import MessageSpec
 from contract.errors import DatasetError
 
 Verify = Callable[[MessageSpec, bytes], int | None]
-"""The freshness value of a secured message with the right authentication code; None for any other bytes."""
+"""Returns the freshness value of a secured message with a valid authentication code; None for any other bytes."""
 
 _SHOWN: Final = 12
-"""Identifiers listed in a message."""
+"""Largest number of identifiers that a message lists."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class LogFrames:
-    """What a log holds for us.
+    """Our frames in a log.
 
     Attributes:
-        messages: the set that its pressures are of.
-        channel: that they are from, the only one with sound frames of ours; empty where the log has no channels.
-        pressures, commands, speeds: those with a right CRC, in the order of the log; if it was asked, authentic and
-            fresh ones.
-        damaged: frames of the three messages with a wrong CRC or length.
-        forged: frames with a wrong authentication code, or an old freshness value.
-        others: frames that are none of them, by what they are, of all channels.
+        messages: message set of the pressures.
+        channel: the only channel with valid frames of ours; empty if the log has no channels.
+        pressures, commands, speeds: frames with a valid CRC, in the log's order; with `verify`, authentic and fresh.
+        damaged: number of frames of the three messages with a wrong CRC or length.
+        forged: number of frames with a wrong authentication code or an old freshness value.
+        others: numbers of all other frames, by kind, of all channels.
     """
 
     messages: MessageSet
@@ -55,14 +53,14 @@ def frames_of(
     verify: Verify | None = None,
     back_s: float,
 ) -> LogFrames:
-    """Sort a log's messages. Raises DatasetError if no pressure or no command has a right CRC, there are pressures of
-    two sets, frames of ours on two channels, or times go back.
+    """Sort a log's messages. Raises DatasetError if no pressure or no command has a valid CRC, pressures have two sets,
+    our frames are on two channels, or times decrease.
 
     Args:
         messages: in the order of the log.
-        only: the set of messages to read; without one, the set that the log has pressures of.
-        verify: of secured messages; without it, freshness and authentication codes are not looked at.
-        back_s: time by which a message may be older than one in front of it.
+        only: the message set to read; by default, the set of the pressures in the log.
+        verify: for secured messages; without it, freshness and authentication codes are not checked.
+        back_s: time in s by which a message may be older than an earlier message.
     """
     buses: dict[str, _Bus] = {}
     others = Counter[str]()
@@ -110,13 +108,13 @@ def frames_of(
 
 
 class _Bus:
-    """What one channel carries, by identifier.
+    """The frames of one channel, by identifier.
 
     Attributes:
-        kept: frames with a right CRC, without those that are forged.
-        sound: how many have a right CRC.
-        damaged, forged, seen: as `LogFrames` has them; all data frames.
-        goes_back: times in s of a frame and of one behind it that is too old; None without such.
+        kept: frames with a valid CRC, without forged frames.
+        sound: number of frames with a valid CRC.
+        damaged, forged, seen: numbers of damaged, forged (see `LogFrames`) and all data frames.
+        goes_back: times in s of a frame and of a later frame that is too old; None if there are none.
     """
 
     def __init__(self) -> None:
@@ -128,8 +126,8 @@ class _Bus:
         self._latest = float("-inf")
 
     def add(self, message: can.Message, specs: Mapping[int, MessageSpec], verify: Verify | None, back_s: float) -> None:
-        """One more data frame."""
-        # Extended identifiers are another node's, whatever their number.
+        """Add one data frame."""
+        # A 29-bit identifier belongs to another node, whatever its number.
         frame_id = message.arbitration_id + (message.is_extended_id << 32)
         self.seen[frame_id] += 1
         spec = specs.get(frame_id)
@@ -144,7 +142,7 @@ class _Bus:
         self.sound[frame_id] += 1
         if spec.is_secured and verify is not None:
             freshness = verify(spec, data)
-            # The same value again is the same frame again, which its counter shows.
+            # An equal value means that the frame was repeated, which its counter shows.
             if freshness is None or freshness < self._fresh.get(frame_id, 0):
                 self.forged[frame_id] += 1
                 return
@@ -157,8 +155,8 @@ class _Bus:
 
 
 def _channel_of(path: Path, buses: Mapping[str, _Bus], specs: Mapping[int, MessageSpec]) -> str:
-    """The channel with frames of ours. A CRC is right by chance now and then: most of an identifier's frames must be
-    sound, where any channel has such."""
+    """Return the channel with frames of ours. A CRC can be valid by chance, so channels on which most of an
+    identifier's frames are valid come first."""
     ours = {
         name: [(specs[one].name, count) for one, count in sorted(bus.sound.items()) if count >= bus.damaged[one]]
         for name, bus in buses.items()
@@ -183,7 +181,7 @@ def _without(
     specs: Sequence[MessageSpec],
     so: str = "",
 ) -> DatasetError:
-    """Why no frame of these messages is left, and what the log has instead."""
+    """Return an error that states why no frame of these messages is left, and the log's other contents."""
     wanted = " or ".join(f"{spec.name} (0x{spec.frame_id:x})" for spec in specs)
     for counts, reason in (
         (forged, "authentication code: bus.key is not the key of this drive"),

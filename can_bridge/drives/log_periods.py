@@ -1,8 +1,8 @@
-"""Rows, one a control period, of numbered pressures and the commands that answer them.
+"""Numbered pressures and the commands that answer them, as one row a control period.
 
-Row k has the pressures of frame k and the action commanded for them: the first command that echoes frame k's counter.
-Commands that rest on an older frame, because the ECU held or shut the jets when one was missing, belong to the period
-in which they came. A command for the next period is the action of the row after.
+Row k has the pressures of frame k and the action commanded for them: the first command that echoes frame k's counter. A
+command based on an older frame, because the ECU held or shut the jets when a frame was missing, belongs to the period
+in which it arrived. A command for the next period is the action of the next row.
 """
 
 from collections.abc import Sequence
@@ -20,21 +20,21 @@ from contract.config.operating_point import OperatingPoint
 from contract.config.vehicle import SpeedConfig
 
 _HELD: Final = (Mode.HOLD, Mode.DECAY, Mode.FAULT)
-"""Modes whose commands do not answer the frame that they echo."""
+"""Modes in which a command does not answer the frame that it echoes."""
 _UNKNOWN_LAG: Final = 0.5
-"""The share of a period from pressure to command, where no command echoes a pressure."""
+"""Time from pressure to command, in periods, if no command echoes a pressure."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Scales:
-    """The way from the wire's units to those of a data set.
+    """Conversion from the messages' units to those of a data set.
 
     Attributes:
         period: control period in W / U_inf.
-        point: W, U_inf and rho, where the log does not have them.
-        action_limit: in U_inf W; a command beyond it by half a step of the wire is the limit, rounded.
-        given: settings of the operating point that were given, by their dotted names: the log must not contradict them.
-        believed: when the speed in a log is believed.
+        point: W, U_inf and rho, if the log does not have them.
+        action_limit: in U_inf W. A command that exceeds it by up to half the resolution is set to it.
+        given: names of the operating point's settings that the user gave; the log must not contradict them.
+        believed: settings for the plausibility of the log's speeds.
     """
 
     period: float
@@ -53,9 +53,9 @@ class Samples(NamedTuple):
     """The contents of the pressure frames of a stretch.
 
     Attributes:
-        pressure_pa: NaN where a sensor was not valid, or all were too old, (n, 4).
-        sampled_s: when they were sampled on the log's clock, (n,).
-        stale: frames whose pressures were a period old or older when they were sent: of no one row.
+        pressure_pa: (n, 4); NaN if a sensor was invalid or the frame's pressures too old.
+        sampled_s: sampling times on the log's clock, (n,).
+        stale: number of frames whose pressures were a period old or older when they were sent, so that they fit no row.
     """
 
     pressure_pa: Array
@@ -64,11 +64,11 @@ class Samples(NamedTuple):
 
 
 class SenderClock(NamedTuple):
-    """Where the sender's periods lie on the log's clock.
+    """The sender's periods on the log's clock.
 
     Attributes:
-        start_s: of row 0, the median over all rows: half of the frames came later than row k's time.
-        period_s: of the sender, as the log's clock sees it.
+        start_s: time of row 0, by the median over all rows: half of the frames were later than their row's time.
+        period_s: the sender's period.
         jitter_s: largest distance of a frame from its row's time.
     """
 
@@ -78,7 +78,7 @@ class SenderClock(NamedTuple):
 
 
 def samples_of(stretch: FrameStretch, messages: MessageSet, period_s: float) -> Samples:
-    """The frames' contents; what cannot be parsed is NaN."""
+    """Return the frames' contents; NaN for frames that cannot be parsed."""
     parsed = [messages.pressure.parse(frame.data) for frame in stretch.frames]
     pressure = np.array([(np.nan,) * SENSORS if one is None else one.pressure_pa for one in parsed])
     valid = np.array([(False,) * SENSORS if one is None else one.valid for one in parsed])
@@ -89,11 +89,11 @@ def samples_of(stretch: FrameStretch, messages: MessageSet, period_s: float) -> 
 
 
 def clock_of(stretch: FrameStretch, sampled_s: Array, period_s: float | None = None) -> SenderClock:
-    """The line through the times of sampling, (n,), by medians, so that single late frames do not move it.
-    `period_s` is the sender's, if it is known better than from this stretch."""
+    """Fit a line to the sampling times, (n,), by medians, so that single late frames do not change it. `period_s` is
+    the sender's period, if it is known better than from this stretch."""
     index = stretch.index.astype(np.float64)
     if period_s is None:
-        # Theil and Sen's slope over pairs half the stretch apart, which weigh most.
+        # The Theil-Sen slope, restricted to pairs half the stretch apart, which have the largest weight.
         half = len(stretch) // 2
         period_s = float(np.median((sampled_s[half:] - sampled_s[:-half]) / (index[half:] - index[:-half])))
     late = sampled_s - period_s * index
@@ -109,12 +109,12 @@ def table_of(
     clock: SenderClock,
     modulus: int,
 ) -> Array:
-    """The four pressures in Pa and the jets' flow in m2/s, (n + 1, 5), one row a period from the one before the
-    stretch's first frame to its last; NaN where the log has nothing.
+    """Return the four pressures in Pa and the jets' flow in m2/s, (n + 1, 5), one row a period, beginning one period
+    before the stretch's first frame; NaN if the log has no value.
 
     Args:
         pressure_pa: of the stretch's frames.
-        commands: those that came during the stretch, without repeated ones.
+        commands: commands received during the stretch, without repetitions.
         modulus: of the pressures' counter.
     """
     table = np.full((int(stretch.index[-1]) + 2, SENSORS + 1), np.nan)
@@ -128,7 +128,7 @@ def table_of(
     echoed = np.array([one.pressure_counter or 0 for one, _ in parsed], dtype=np.intp)
     newest = np.floor(at + 0.5).astype(np.intp)
     answered = newest - (stretch.frames[0].counter + newest - echoed) % modulus
-    # Row k stands at place k + 1.
+    # Row k has index k + 1 in the table.
     place = answered + later + 1
     inside = np.flatnonzero(answers & (place >= 0) & (place < len(table)))
     first = inside[np.unique(place[inside], return_index=True)[1]]
@@ -142,13 +142,13 @@ def table_of(
 
 
 def coefficients_of(table: Array, speed: Array | float, density: Array | float, scales: Scales) -> Array:
-    """Cp and actions, (n, 5), of pressures and flows at a speed of the vehicle in m/s and a density of the air in
-    kg/m3, (n,) each or one for all, as the ECU converts them."""
+    """Return Cp and actions, (n, 5), of pressures and flows, converted as by the ECU. `speed` of the vehicle in m/s and
+    `density` of the air in kg/m3 are (n,) or one value for all rows."""
     scale = np.empty_like(table)
     scale[:, :SENSORS] = np.reshape(0.5 * np.asarray(density) * np.square(speed), (-1, 1))
     scale[:, SENSORS] = np.multiply(speed, scales.point.width)
     made = table / scale
-    # Half a step of the wire, and as little more as a sum's rounding makes.
+    # Half of the resolution, and a little more for the rounding of sums.
     action, limit = made[:, SENSORS], scales.action_limit
     half = 0.5001 * FLOW_RESOLUTION_M2_PER_S / scale[:, SENSORS]
     made[:, SENSORS] = np.where(np.abs(action) <= limit + half, np.clip(action, -limit, limit), action)

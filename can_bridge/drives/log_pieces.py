@@ -1,4 +1,4 @@
-"""Rows of a drive cut into uninterrupted pieces: short gaps filled, long ones refused or cut, each with its time."""
+"""The rows of a drive, cut into uninterrupted pieces: short gaps are filled, long gaps rejected or cut."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,11 +14,11 @@ from contract.arrays import Array, Mask
 from contract.errors import DatasetError
 
 SHORTEST_PIECE: Final = 16
-"""Rows of a piece: fewer show neither the sender's clock nor anything to a model."""
+"""Smallest number of rows of a piece. Fewer show neither the sender's clock nor anything useful to a model."""
 _SAME: Final = 1e-6
-"""Control periods by which a row may lie outside a piece: rounding."""
+"""Control periods by which rounding may put a row outside a piece."""
 _SHOWN: Final = 5
-"""Filled gaps of one stretch that are listed one by one."""
+"""Largest number of filled gaps of a stretch that are listed one by one."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -26,7 +26,7 @@ class Piece:
     """One uninterrupted part of a drive.
 
     Attributes:
-        first_row: control periods from the log's first pressure to row 0, in units of the data set's.
+        first_row: number of the data set's control periods from the log's first pressure to row 0.
         time_s: of each row on the log's clock, (n,).
         Cp: (n, 4), in the message's order.
         action: commanded at each row, (n,).
@@ -44,11 +44,11 @@ class Piece:
 
 
 class Cutter:
-    """Collects pieces, and a line for whatever was filled, cut or left out.
+    """Collector of pieces, and of a line about each gap that was filled, cut or left out.
 
     Attributes:
-        lines: in words; times are in s after the log's first pressure.
-        filled: rows with filled pressures, rows with a filled action.
+        lines: the report; its times are in s after the log's first pressure.
+        filled: number of rows with filled pressures, number of rows with a filled action.
         ever_valid: whether each pressure was valid in any row, (4,).
     """
 
@@ -63,7 +63,7 @@ class Cutter:
         self._begin_s, self._period_s = begin_s, period_s
 
     def restart(self, last_s: float, first_s: float) -> None:
-        """The sender began again, or was heard again after long, between these times."""
+        """Cut between two times, because the sender restarted or was silent for a long time."""
         periods = round((first_s - last_s) / self._period_s) - 1
         at = f"at {last_s - self._begin_s:.3f} s"
         if periods > self._fill:
@@ -74,15 +74,15 @@ class Cutter:
             )
 
     def add(self, table: Array, clock: SenderClock, moves: Mask) -> None:
-        """Cut one stretch into pieces; `table` is as `table_of` makes it, without values in rows in which the vehicle
-        does not move, or no one knows."""
+        """Cut one stretch into pieces. `table` is the result of `table_of`, without values in rows in which the vehicle
+        does not move or its speed is unknown."""
         present = np.isfinite(table)
         self.ever_valid |= present[:, :SENSORS].any(axis=0)
         whole = np.flatnonzero(present.all(axis=1))
         if not len(whole):
             self._note(f"{len(table) - 1} rows {self._at(clock, 1)} have none that is whole: left out")
             return
-        # What is missing at the ends is no gap: the log began before the ECU, or ended between two frames.
+        # Missing rows at the ends are no gap: the log began before the ECU, or ended between two frames.
         head, tail = int(whole[0]), int(whole[-1]) + 1
         if len(table) - 1 > tail - head:
             self._note(
@@ -111,7 +111,7 @@ class Cutter:
             self._keep(table, a, b, clock)
 
     def _groups(self, present: Mask) -> list[tuple[str, list[int]]]:
-        """Columns that are missing together, by what to call them."""
+        """Return the columns that are missing together, with a name for each group."""
         sensors = list(range(SENSORS))
         together = present[:, sensors].any(axis=1) == present[:, sensors].all(axis=1)
         groups: list[tuple[str, list[int]]] = [("pressures", sensors)]
@@ -120,9 +120,9 @@ class Cutter:
         return [*groups, ("command", [SENSORS])]
 
     def _keep(self, table: Array, a: int, b: int, clock: SenderClock) -> None:
-        """One piece of the rows at places a to b, its gaps filled."""
-        # A gap of one column may end at a cut of another: without a neighbour there is no line to fill on. And the
-        # action in force before the first row must be known, or have been 0, where the jets are shut in that row.
+        """Append the rows from a up to before b as one piece, with filled gaps."""
+        # A gap of one column may end at a cut of another column: then it has no neighbour to interpolate from. The
+        # action in force before the first row must be known, or have been 0, as it is if the jets are shut in that row.
         whole = np.flatnonzero(np.isfinite(table[a:b]).all(axis=1)) + a
         action = table[:, -1]
         begins = whole[np.isfinite(action[whole - 1]) | (action[whole] == 0.0)]
@@ -161,10 +161,10 @@ class Cutter:
 
 
 def resampled(piece: Piece, travel: Travel, period: float) -> Piece:
-    """The piece with rows at equal ways travelled, `period` lengths of the body apart, as the ECU reads its window.
+    """Return the piece with rows at equal distances travelled, `period` body lengths apart, as in the ECU's window.
 
-    Pressures lie on straight lines between the rows. Jets move on straight lines, too: from the action before a row's
-    to the row's own until the next row (`contract.recording`).
+    Pressures are interpolated linearly between the rows. The jets move linearly from the previous row's action to the
+    row's own action until the next row (`contract.recording`).
     """
     way = travel.at(np.append(piece.time_s, 2 * piece.time_s[-1] - piece.time_s[-2]))
     first = int(np.ceil(way[0] / period - _SAME))
@@ -180,6 +180,6 @@ def resampled(piece: Piece, travel: Travel, period: float) -> Piece:
 
 
 def _runs(mask: Mask, start: int) -> list[tuple[int, int]]:
-    """First and one past the last of every run of True in (n,), counted from `start`."""
+    """Return start and end (exclusive) of every run of True in (n,), counted from `start`."""
     edges = np.flatnonzero(np.diff(mask.astype(np.int8), prepend=0, append=0)) + start
     return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))

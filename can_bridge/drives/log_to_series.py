@@ -1,10 +1,10 @@
-"""A recorded drive as series: pressures and actions, one row a control period, and a report of what is missing.
+"""A recorded drive as series: pressures and actions, one row a control period, and a report of missing data.
 
-A short gap is filled on the straight line between its neighbours. A long one ends a piece: an episode of a data set is
-one uninterrupted recording. Whether a log may have more than one piece is the caller's choice.
+A short gap is interpolated linearly. A long gap ends a piece, because an episode of a data set is one uninterrupted
+recording. The caller decides whether a log may have more than one piece.
 
-Where the log has the vehicle's speed, that makes the coefficients, row by row. Rows that are then not a control period
-apart, in lengths travelled, are read between the recorded ones, as the ECU reads its window.
+If the log has the vehicle's speed, the coefficients are computed from it row by row. Rows that are not a control period
+apart in convective time are then interpolated from the recorded rows, as in the ECU's window.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -27,39 +27,40 @@ from contract.config.operating_point import OperatingPoint
 from contract.errors import DatasetError
 
 _OTHER_PERIOD: Final = 0.2
-"""Share by which neighbouring frames may be nearer or further than a period at the median: jitter, no other period."""
+"""Largest relative deviation of the median time between neighbouring frames from the control period."""
 _DRIFT: Final = 1e-3
-"""Share by which the sender's period may differ from the control period, as in a table with times
-(`contract.recording.findings`); quartz clocks differ by a tenth of it at most. Rows that are further apart or nearer,
-in lengths travelled, are read between the recorded ones."""
+"""Largest relative difference between the sender's period and the control period, as in a table with times
+(`contract.recording.findings`); quartz clocks differ by a tenth of it at most. Rows whose distance in convective time
+differs by more are resampled."""
 _OUTSIDE: Final = 0.05
-"""Share by which the control period may lie outside those of the speeds in the log."""
+"""Largest share by which the control period may lie outside the control periods of the speeds in the log."""
 _CONTRADICTS: Final = 0.01
-"""Share by which a setting may: the vehicle's own word has an error, too."""
+"""Largest relative difference between a setting and the log, because the vehicle's own value has an error, too."""
 _STANDS: Final = 0.2
-"""Share of the control period: vehicles that get no further in a row have pressures as large as the wire's steps."""
+"""Share of a control period. A vehicle that travels less than this in a row has pressures as small as the
+resolution."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class LogReport:
-    """What was read, and what was made of the rest.
+    """A report of the data read from a log and of the rest.
 
     Attributes:
-        messages: name of the set of messages.
-        channel: that they are from; empty where the log has none.
-        speed: least, median of the moving, and greatest speed of the vehicle in m/s, by its own frames; None without.
-        without_speed: rows in which none was known, or the vehicle stood.
-        dynamic_pressure: in Pa at the median.
-        is_resampled: rows were read between those of the log, because the speed varies.
-        frames: pressures and commands used.
-        unused: frames that were not, by the reason in words.
-        lost: rows without a pressure frame, and rows without a command; known by the counters.
-        filled: values that stand on a straight line: rows with one or more filled pressures, rows with a filled action.
-        stale: frames whose pressures were older than a period when they were sent.
-        drift: how much longer the sender's period is on the log's clock than the control period, as a share.
+        messages: name of the message set.
+        channel: channel of the messages; empty if the log has none.
+        speed: least speed of the vehicle, median while it moves, and greatest, in m/s, by its frames; None without.
+        without_speed: number of rows in which the speed was unknown or the vehicle stood.
+        dynamic_pressure: in Pa at the median speed.
+        is_resampled: rows were interpolated from those of the log, because the speed varies.
+        frames: numbers of pressures and commands used.
+        unused: numbers of frames that were not used, by the reason.
+        lost: numbers of rows without a pressure frame and without a command, by the counters.
+        filled: numbers of rows with interpolated pressures and with an interpolated action.
+        stale: number of frames whose pressures were older than a period when they were sent.
+        drift: relative difference of the sender's period, on the log's clock, from the control period.
         jitter_s: largest distance of a pressure frame from its row's time.
-        gaps: one line each for what was filled, cut or left out.
-        checked: whether authentication codes were; None for messages without.
+        gaps: one line for each gap that was filled, cut or left out.
+        checked: whether authentication codes were checked; None for messages without.
     """
 
     messages: str
@@ -81,8 +82,8 @@ class LogReport:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LogSeries:
-    """A log's pieces in the order of time, the time of its first row on the log's clock, the way travelled since then,
-    and the report."""
+    """A log's pieces in the order of time, the time of its first row, the distance travelled since then, and the
+    report."""
 
     pieces: tuple[Piece, ...]
     start_s: float
@@ -102,17 +103,17 @@ def series_of(
     only: MessageSet | None = None,
     verify: Verify | None = None,
 ) -> LogSeries:
-    """A drive's series. Raises DatasetError if the log does not have what is needed, has another period, or has a long
-    gap and `split` is false.
+    """Return a drive's series. Raises DatasetError if the log lacks data, has another period, or has a long gap without
+    `split`.
 
     Args:
         messages: of the log, in its order.
         scales: operating point and control period.
         fill: longest gap in control periods that is filled.
-        split: whether a longer gap makes two pieces; it is refused otherwise.
+        split: whether a longer gap makes two pieces; otherwise it raises an error.
         sensors: names of the pressures, for the report.
-        only: the set of messages to read; without one, the set that the log has pressures of.
-        verify: of secured messages; without it, freshness and authentication codes are not looked at.
+        only: the message set to read; by default, the set of the pressures in the log.
+        verify: for secured messages; without it, freshness and authentication codes are not checked.
     """
     log = frames_of(path, messages, only=only, verify=verify, back_s=scales.period_s)
     modulus, command_modulus = (
@@ -126,13 +127,13 @@ def series_of(
         nominal_s, point = scales.period_s, scales.point
         _check_period(path, interval_s, scales)
     else:
-        # The sender's period is a round number of 0.1 ms, but for what clocks differ.
+        # The sender's period is a multiple of 0.1 ms, apart from the difference of the clocks.
         nominal_s = round(interval_s, 4) or interval_s
         nominal_s = nominal_s if abs(interval_s / nominal_s - 1.0) <= _DRIFT else interval_s
         point = _point_of(path, speeds, nominal_s, scales)
     stretches, repeated, misplaced = number(log.pressures, period_s=nominal_s, modulus=modulus)
     samples = [samples_of(one, log.messages, nominal_s) for one in stretches]
-    # The sender's period on the log's clock, by the longest stretch; the control period where that is too short.
+    # The sender's period on the log's clock is fitted to the longest stretch, if that is long enough.
     period_s = nominal_s
     longest = max(range(len(stretches)), key=lambda i: len(stretches[i]))
     if len(stretches[longest]) >= SHORTEST_PIECE:
@@ -203,8 +204,8 @@ def series_of(
 
 
 def _point_of(path: Path, speeds: VehicleSpeeds, period_s: float, scales: Scales) -> OperatingPoint:
-    """The operating point by the log's median density and speed, where the vehicle moves. Raises DatasetError where it
-    never does, a setting that was given is another one, or the control period is of no speed in the log."""
+    """Return the operating point of the log's median density and speed while the vehicle moves. Raises DatasetError if
+    it never moves, a given setting differs, or the control period fits no speed in the log."""
     moving = speeds.speed[_moves(speeds.speed, period_s, scales)]
     if not len(moving):  # or the control period is of another vehicle
         moving = speeds.speed[speeds.speed > 0.0]
@@ -237,8 +238,8 @@ def _point_of(path: Path, speeds: VehicleSpeeds, period_s: float, scales: Scales
 def _air(
     speeds: VehicleSpeeds | None, clock: SenderClock, rows: int, nominal_s: float, scales: Scales
 ) -> tuple[Array, Array]:
-    """Speed and density at the rows of a table, the first of which is before the stretch; a speed is NaN where none is
-    known, or the vehicle stands."""
+    """Return speed and density at the rows of a table, which begins one row before the stretch. The speed is NaN if it
+    is unknown or the vehicle stands."""
     point = scales.point
     if speeds is None:
         return np.full(rows, point.speed), np.full(rows, point.density)
@@ -262,7 +263,7 @@ def _check_period(path: Path, interval_s: float, scales: Scales) -> None:
 
 def _check_drift(path: Path, clock: SenderClock, rows: int, scales: Scales) -> None:
     drift = clock.period_s / scales.period_s - 1.0
-    # Jitter of one end against the other shows as drift, the less the longer the log is.
+    # Jitter at the two ends looks like drift; the longer the log, the smaller this effect.
     if abs(drift) > _DRIFT + clock.jitter_s / (scales.period_s * rows / 2):
         raise DatasetError(
             f"{path}: its pressures come every {clock.period_s * 1e3:.6g} ms, the control period is "

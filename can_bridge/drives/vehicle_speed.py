@@ -1,7 +1,7 @@
-"""The vehicle's speed along a drive, by its own frames: what makes pressures Cp and seconds convective times.
+"""The vehicle's speed during a drive, from its own frames. It converts pressures to Cp and seconds to convective times.
 
-It is believed as the ECU believes it (`ecu.speed`): a speed that no vehicle gets to so fast is left out, and the last
-one stays in force for a while. Between two that are believed it lies on a straight line.
+The speed is checked as in the ECU (`ecu.speed_reception`): a speed that no vehicle can reach so fast is left out, and
+the last valid speed stays in force for a limited time. Between two valid speeds it is interpolated linearly.
 """
 
 from collections.abc import Sequence
@@ -16,23 +16,23 @@ from contract.arrays import Array
 from contract.config.vehicle import SpeedConfig
 
 _SHORTEST_S: Final = 0.1
-"""Over which a change is judged, at least: its rounding is no acceleration."""
+"""Shortest time in s over which a change is judged, so that rounding does not look like acceleration."""
 _STARTS: Final = 10
-"""Speeds at the beginning of a log that may be wrong."""
+"""Largest number of spans at the beginning of a log that may be rejected as wrong."""
 _SLOWEST: Final = 1e-3
-"""The least speed in m/s: a vehicle that stands gets no further, but the distance still rises."""
+"""Smallest speed in m/s. A vehicle that stands does not move, but the distance must increase."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class VehicleSpeeds:
-    """What the frames say.
+    """The valid speeds in the frames.
 
     Attributes:
-        time_s: when each was measured, on the log's clock, rising, (n,).
+        time_s: times of measurement on the log's clock, increasing, (n,).
         speed: in m/s, (n,).
-        density: of the air in kg/m3, NaN where the vehicle does not know it, (n,).
-        oldest_s: time over which a speed stays in force.
-        left_out: how many more the frames say, which are not believed or were there already.
+        density: of the air in kg/m3, NaN if the vehicle does not state it, (n,).
+        oldest_s: time for which a speed stays in force.
+        left_out: number of speeds in the frames that are implausible or repeated.
     """
 
     time_s: Array
@@ -42,14 +42,14 @@ class VehicleSpeeds:
     left_out: int
 
     def at(self, time_s: Array) -> tuple[Array, Array]:
-        """Speed and density at times of rows, (m,) each; the speed is NaN where none is in force."""
+        """Return speed and density at times of rows, (m,) each; the speed is NaN where none is in force."""
         behind = np.clip(np.searchsorted(self.time_s, time_s), 1, len(self.time_s) - 1) if len(self.time_s) > 1 else 0
         nearest = np.minimum(np.abs(time_s - self.time_s[behind]), np.abs(time_s - self.time_s[behind - 1]))
         speed = np.interp(time_s, self.time_s, self.speed)
         return np.where(nearest <= self.oldest_s, speed, np.nan), np.interp(time_s, self.time_s, self.density)
 
     def travel(self, width: float, start_s: float, pace: float) -> "Travel":
-        """The way in lengths of the body, from a time on the log's clock, which is fast by the factor `pace`."""
+        """Return the distance in body lengths since a time on the log's clock, which is fast by the factor `pace`."""
         speed = np.maximum(self.speed, _SLOWEST) / (width * pace)
         if len(speed) == 1:
             return Travel.steady(start_s, 1.0 / float(speed[0]))
@@ -60,10 +60,10 @@ class VehicleSpeeds:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Travel:
-    """The way travelled, in lengths W of the body: time in W / U_inf, whatever U_inf was. Straight beyond its ends.
+    """The distance travelled in body lengths W, which is the time in W / U_inf for any U_inf; extrapolated linearly.
 
     Attributes:
-        time_s, way: rising, (n,), n at least 2.
+        time_s, way: time and distance, increasing, (n,), n at least 2.
     """
 
     time_s: Array
@@ -71,15 +71,15 @@ class Travel:
 
     @classmethod
     def steady(cls, start_s: float, convective_time: float) -> "Travel":
-        """The way at one speed, from a start on."""
+        """Return the distance travelled at a constant speed since a time."""
         return cls(time_s=np.array([start_s, start_s + convective_time]), way=np.array([0.0, 1.0]))
 
     def at(self, time_s: Array) -> Array:
-        """The way at times."""
+        """Return the distances at given times."""
         return _line(time_s, self.time_s, self.way)
 
     def time(self, way: Array) -> Array:
-        """The times of ways."""
+        """Return the times of given distances."""
         return _line(way, self.way, self.time_s)
 
 
@@ -90,8 +90,8 @@ def _line(wanted: Array, x: Array, y: Array) -> Array:
 
 
 def vehicle_speeds(frames: Sequence[CountedFrame], messages: MessageSet, config: SpeedConfig) -> VehicleSpeeds | None:
-    """The speeds that are believed; None where no frame has one. What was believed for less than the time that a speed
-    stays in force, and then contradicted, was not true."""
+    """Return the valid speeds; None if no frame has one. A span of speeds is wrong if it is shorter than the time for
+    which a speed stays in force and the next span contradicts it."""
     oldest_s = config.oldest_ms * 1e-3
     said = []
     for frame in frames:
@@ -112,7 +112,7 @@ def vehicle_speeds(frames: Sequence[CountedFrame], messages: MessageSet, config:
 
 
 def _spans(said: list[tuple[float, float, float]], config: SpeedConfig) -> list[list[tuple[float, float, float]]]:
-    """What is believed of times, speeds and densities, in spans between which no vehicle gets so fast."""
+    """Group the plausible triples of time, speed and density into spans that no vehicle's acceleration connects."""
     spans: list[list[tuple[float, float, float]]] = []
     for one in said:
         passed = one[0] - spans[-1][-1][0] if spans else np.inf

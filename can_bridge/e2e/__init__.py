@@ -1,1 +1,1 @@
-"""End-to-end protection after AUTOSAR profile 5: the sender's header, and the receiver's state machine."""
+"""AUTOSAR end-to-end protection: the sender's header and the receiver's state machine."""

@@ -1,8 +1,7 @@
 """AUTOSAR end-to-end protection: the profiles in use, by their number in AUTOSAR and in the DBC (PRS_E2EProtocol).
 
-The header is a CRC, little-endian, then a counter, which in profile 2 has the low half of its byte. The CRC runs over
-everything behind it and a data ID, which is not sent, so that a message delivered under another's identifier fails the
-check.
+The header is a CRC, little-endian, and a counter, which in profile 2 is the low half of its byte. The CRC covers all
+bytes after it and a data ID, which is not sent: a message received under another message's identifier fails the check.
 """
 
 import binascii
@@ -15,12 +14,12 @@ from can_bridge.wire.message_specs import MessageSpec
 
 @dataclass(frozen=True, kw_only=True)
 class Profile:
-    """What sender and receiver need of one profile.
+    """The parameters of one profile for sender and receiver.
 
     Attributes:
         crc_length: bytes of the CRC, and of a data ID; the counter's byte follows.
-        counter_period: after so many frames the counter begins again; a power of two.
-        crc: of what is covered, with a data ID.
+        counter_period: number of frames after which the counter wraps; a power of two.
+        crc: computes the CRC of the covered bytes and a data ID.
     """
 
     crc_length: int
@@ -29,11 +28,11 @@ class Profile:
 
     @property
     def header_bits(self) -> int:
-        """Bits at the start of the message, the least significant bit of a byte first."""
+        """The header's number of bits at the message's start, counted from the least significant bit of a byte."""
         return 8 * self.crc_length + (self.counter_period - 1).bit_length()
 
     def protect(self, data: bytes, *, data_id: int, counter: int) -> bytes:
-        """The same message with its header filled in; what the header's bits held is dropped. Raises ValueError if the
+        """Return the message with its header filled in; the header's old bits are dropped. Raises ValueError if the
         message is shorter than its header, or an argument does not fit its field."""
         length, largest_id = self.crc_length, (1 << 8 * self.crc_length) - 1
         if len(data) <= length:
@@ -46,16 +45,16 @@ class Profile:
         return self.crc(covered, data_id).to_bytes(length, "little") + covered
 
     def check(self, data: bytes, *, data_id: int) -> bool:
-        """Whether the CRC fits; False for anything too short. Repeats are the receiver's to find."""
+        """Return whether the CRC is valid; False for a message that is too short. It does not detect repetitions."""
         length = self.crc_length
         return len(data) > length and data[:length] == self.crc(data[length:], data_id).to_bytes(length, "little")
 
     def counter_of(self, data: bytes) -> int:
-        """The counter of a protected message that has its header."""
+        """Return the counter of a protected message."""
         return data[self.crc_length] & self.counter_period - 1
 
     def crc_of(self, data: bytes) -> int:
-        """The CRC of a protected message that has one, as it came."""
+        """Return the CRC in a protected message."""
         return int.from_bytes(data[: self.crc_length], "little")
 
 
@@ -69,11 +68,11 @@ _TABLE: Final = bytes(_table_entry(value) for value in range(256))
 
 
 def _crc_8(covered: bytes, data_id: int) -> int:
-    """Polynomial 0x2F, start and final exclusive-or 0xFF, nothing reflected.
+    """Return the CRC with polynomial 0x2F, start and final exclusive-or 0xFF, nothing reflected.
 
-    The standard takes the data ID from a list by the counter; here all 16 entries are the message's own. The code is
-    then linear, and the Hamming distance of this polynomial, 4 up to 119 bits, holds for every content: a list that
-    changes with the counter lets some 2-bit errors in the counter and the data pass.
+    The standard selects the data ID from a list by the counter; here all 16 entries are equal. The code is then linear,
+    and the Hamming distance of this polynomial, 4 up to 119 bits, holds for every content. A list that changes with the
+    counter would miss some 2-bit errors in counter and data.
     """
     value = 0xFF
     for byte in covered:
@@ -82,8 +81,8 @@ def _crc_8(covered: bytes, data_id: int) -> int:
 
 
 def _crc_16(covered: bytes, data_id: int) -> int:
-    """Polynomial 0x1021, start 0xFFFF, nothing reflected, which is the standard library's; the data ID's low byte
-    first. Exhaustively tested on 12 bytes: no 1- or 2-bit error passes."""
+    """Return the CRC with polynomial 0x1021, start 0xFFFF, nothing reflected, as in the standard library. The data ID's
+    low byte comes first. An exhaustive test on 12 bytes found that it detects all 1- and 2-bit errors."""
     return binascii.crc_hqx(covered + data_id.to_bytes(2, "little"), 0xFFFF)
 
 
@@ -93,5 +92,5 @@ _PROFILES: Final[Mapping[int, Profile]] = {2: PROFILE_2, 5: PROFILE_5}
 
 
 def profile_of(spec: MessageSpec) -> Profile:
-    """The profile that protects a message."""
+    """Return the profile that protects a message."""
     return _PROFILES[spec.profile]

@@ -1,24 +1,24 @@
-"""The receiving end of a protected message: is this frame new, and is the stream to be trusted?
+"""The receiver of a protected message: it decides whether a frame is new, and whether the stream is trusted.
 
 Two layers, as in AUTOSAR (PRS_E2EProtocol, "E2E profile check" and "E2E state machine"): each frame gets a
 `FrameCheck` from its CRC and counter, and a window of the latest checks drives the `StreamState`:
 
-- NODATA until a frame passes its CRC, then INIT, with that check alone in the window;
-- INIT and INVALID become VALID with `min_ok` good checks and at most `max_errors` bad ones in the window;
-- INIT becomes INVALID with more bad ones than that;
-- VALID becomes INVALID with more bad ones than that, or with no good one left.
+- NODATA until a frame passes its CRC, then INIT, with only this frame's check in the window;
+- INIT and INVALID become VALID with `min_ok` good checks and at most `max_errors` bad checks in the window;
+- INIT becomes INVALID with more than `max_errors` bad checks;
+- VALID becomes INVALID with more than `max_errors` bad checks, or without a good check.
 
-AUTOSAR's own machine has one number a state for `min_ok` and `max_errors`, and leaves the check that ends NODATA out of
-the window. Here it counts, so that with `min_ok` = 2 the second frame of a stream is trusted: AUTOSAR's machine with
-MinOkStateInit = 1, MinOkStateValid = 1 and MinOkStateInvalid = 2, as long as the window holds that first check.
+AUTOSAR's own machine has values of `min_ok` and `max_errors` for each state, and leaves the check that ends NODATA out
+of the window. Here this check counts, so that with `min_ok` = 2 the second frame of a stream is trusted. That is
+AUTOSAR's machine with MinOkStateInit = 1, MinOkStateValid = 1 and MinOkStateInvalid = 2, as long as the window holds
+the first check.
 
-A repeated frame, a jump in the counter and a period without a frame are neither good nor bad: they push good
-checks out of the window. As in the standard, a jump moves the receiver to the new count, so that a restarted sender
-is followed from its second frame on.
+A repeated frame, a jump in the counter and a period without a frame are neither good nor bad: they push good checks out
+of the window. As in the standard, the receiver continues from the new count after a jump, so that a restarted sender's
+frames are good from its second frame on.
 
-The state machine advances once a period, as in the standard, whatever the number of frames: the period's check is an
-error if one of its frames was, however many good ones came with it and in whatever order; good if one was good
-and none wrong.
+As in the standard, the state machine advances once a period, whatever the number of frames. The period's check is an
+error if the check of one of its frames is, and good if one is good and none is an error.
 """
 
 from collections.abc import Iterable
@@ -33,19 +33,19 @@ from contract.config.vehicle import E2eConfig
 
 
 class FrameCheck(Enum):
-    """What was found on one look at the stream; the values count from zero."""
+    """The result of checking a frame or a period; the values count from zero."""
 
     OK = 0
     OK_SOME_LOST = 1
     REPEATED = 2
     WRONG_SEQUENCE = 3
     ERROR = 4
-    """Wrong CRC or length."""
+    """The CRC or the length is wrong."""
     NO_NEW_DATA = 5
 
 
 class StreamState(Enum):
-    """Whether the stream as a whole is to be trusted."""
+    """The state of a stream of frames; only a VALID stream is trusted."""
 
     NODATA = auto()
     INIT = auto()
@@ -62,8 +62,8 @@ class Reception:
     """The outcome of one period.
 
     Attributes:
-        checks: one for each frame of the message, oldest first; NO_NEW_DATA alone if there was none.
-        accepted: the newest frame that was good by itself, whatever the state; None if there was none.
+        checks: one check for each frame of the message, oldest first; only NO_NEW_DATA if there was none.
+        accepted: the newest frame with a good check, whatever the state; None if there was none.
     """
 
     stream: StreamState
@@ -72,18 +72,18 @@ class Reception:
 
     @property
     def live(self) -> Frame | None:
-        """The accepted frame if the stream is VALID: the only thing that may refresh liveness."""
+        """The accepted frame if the stream is VALID. Only this frame may count as a sign of life."""
         return self.accepted if self.stream is StreamState.VALID else None
 
 
 @dataclass(frozen=True, kw_only=True)
 class ReceiverState:
-    """What the receiver of one message must remember.
+    """The receiver's state for one message.
 
     Attributes:
-        last_counter: of the latest frame with a good CRC; None before the first.
-        window: the latest periods' checks, oldest first, from the one that ended NODATA on.
-        counts: how often each check came out, by the check's value; read them with `count`.
+        last_counter: of the latest frame with a valid CRC; None before the first.
+        window: the latest periods' checks, oldest first, from the check that ended NODATA on.
+        counts: numbers of the results, by the check's value; read them with `count`.
     """
 
     stream: StreamState = StreamState.NODATA
@@ -92,24 +92,24 @@ class ReceiverState:
     counts: tuple[int, ...] = (0,) * len(FrameCheck)
 
     def count(self, check: FrameCheck) -> int:
-        """How often this check came out."""
+        """Return how often the checks had this result."""
         return self.counts[check.value]
 
     @property
     def frames_rejected(self) -> int:
-        """Frames that came but were not good."""
+        """The number of received frames whose check was not good."""
         return sum(self.count(check) for check in _REJECTED)
 
 
 def receive(
     state: ReceiverState, frames: Iterable[Frame], *, spec: MessageSpec, config: E2eConfig
 ) -> tuple[ReceiverState, Reception]:
-    """The state after one period, and its outcome.
+    """Return the state after one period, and the period's outcome.
 
     Args:
-        frames: all that were received in the period, oldest first; those of other messages are left alone. A secured
-            message is looked at up to its authentication, which is `can_bridge.secoc`'s.
-        config: when its stream is to be trusted.
+        frames: all frames received in the period, oldest first; other messages' frames are ignored. Of a secured
+            message only the protected part is checked; `can_bridge.secoc` checks the rest.
+        config: conditions for trusting the stream.
     """
     checks: list[FrameCheck] = []
     accepted: Frame | None = None
@@ -132,7 +132,7 @@ def receive(
 
 
 class E2eReceiver:
-    """Checks one message; `tick` it once a period with whatever arrived."""
+    """A receiver of one message; call `tick` once a period with the received frames."""
 
     def __init__(self, spec: MessageSpec, config: E2eConfig) -> None:
         self.spec = spec
@@ -146,7 +146,7 @@ class E2eReceiver:
 
 
 def _of_period(found: tuple[FrameCheck, ...]) -> FrameCheck:
-    """The one check that stands for all of a period's."""
+    """Return the check that represents all checks of a period."""
     for check in (
         FrameCheck.ERROR,
         FrameCheck.OK,
@@ -162,12 +162,12 @@ def _of_period(found: tuple[FrameCheck, ...]) -> FrameCheck:
 def _checked(
     data: bytes, last_counter: int | None, *, spec: MessageSpec, max_delta: int
 ) -> tuple[FrameCheck, int | None]:
-    """The check of one frame, and the counter to compare the next one with."""
+    """Return the check of one frame, and the counter to compare the next frame with."""
     profile = profile_of(spec)
     if len(data) != spec.length or not profile.check(data[: spec.protected], data_id=spec.data_id):
         return FrameCheck.ERROR, last_counter
     counter = profile.counter_of(data)
-    # The first frame has nothing to be compared with.
+    # There is no counter to compare the first frame with.
     delta = 1 if last_counter is None else (counter - last_counter) % profile.counter_period
     if delta == 0:
         return FrameCheck.REPEATED, counter
@@ -179,7 +179,7 @@ def _checked(
 def _advanced(
     state: ReceiverState, period: FrameCheck, config: E2eConfig
 ) -> tuple[StreamState, tuple[FrameCheck, ...]]:
-    """The stream and its window after one period's check."""
+    """Return the stream's state and its window after one period's check."""
     if state.stream is StreamState.NODATA:
         if period in (FrameCheck.ERROR, FrameCheck.NO_NEW_DATA):
             return StreamState.NODATA, ()

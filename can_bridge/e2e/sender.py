@@ -1,4 +1,4 @@
-"""The sending end of a protected message: payload in, frame out, counter kept."""
+"""The sender of a protected message: it builds frames from data and counts them."""
 
 from dataclasses import dataclass
 
@@ -9,20 +9,20 @@ from can_bridge.wire.message_specs import MessageSpec
 
 @dataclass(frozen=True, kw_only=True)
 class SenderState:
-    """What the sender of one message must remember. `counter` is what the next frame will carry."""
+    """The sender's state for one message. `counter` is the next frame's counter."""
 
     counter: int = 0
 
     def next(self, spec: MessageSpec) -> "SenderState":
-        """The state after one more frame of this message."""
+        """Return the state after one more frame of this message."""
         return SenderState(counter=(self.counter + 1) % profile_of(spec).counter_period)
 
 
 def protected_frame(state: SenderState, data: bytes, *, spec: MessageSpec, now_ns: int) -> Frame:
-    """The next frame of a message, for data from its `emit` (`can_bridge.wire.message_sets`).
+    """Return the next frame of a message, for data from its `emit` (`can_bridge.wire.message_sets`).
 
-    Of a secured message it is the protected part: `can_bridge.secoc.node.secured` adds the rest. Raises ValueError if
-    the data is not as long as the message's protected part.
+    For a secured message it is the protected part; `can_bridge.secoc.node.secured` adds the rest. Raises ValueError if
+    the data do not have the length of the message's protected part.
     """
     if len(data) != spec.protected:
         raise ValueError(f"{spec.name} of {len(data)} bytes: must have {spec.protected}")
@@ -31,7 +31,7 @@ def protected_frame(state: SenderState, data: bytes, *, spec: MessageSpec, now_n
 
 
 class E2eSender:
-    """Numbers and protects the frames of one message."""
+    """A sender that numbers and protects the frames of one message."""
 
     def __init__(self, spec: MessageSpec) -> None:
         self.spec = spec

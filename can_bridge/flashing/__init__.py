@@ -1,1 +1,1 @@
-"""Releases into an ECU: the store with its two slots, and the tester that fills it over UDS."""
+"""The store of an ECU's releases, with two slots."""

@@ -1,7 +1,7 @@
-"""What the store's logic needs of the place it lies in: here a folder (`folder_backing`), on a chip a flash memory.
+"""The interface from the store to its memory: a folder (`folder_backing`) or a chip's flash memory.
 
-A backing promises two things about a loss of power. `keep` is atomic: afterwards the record is the old one or the new
-one. And whatever was written to a slot before the last `keep` of a `RecordKind.STATE` is still there.
+After a loss of power a backing guarantees two things. `keep` is atomic: the record is the old or the new one. And all
+data written to a slot before the last `keep` of a `RecordKind.STATE` are still there.
 """
 
 from collections.abc import Generator, Mapping
@@ -12,7 +12,7 @@ from contract.errors import BusError
 
 
 class MediumError(BusError):
-    """The memory failed at `address`."""
+    """An error of the memory at `address`."""
 
     def __init__(self, message: str, address: int) -> None:
         super().__init__(message)
@@ -22,12 +22,12 @@ class MediumError(BusError):
 T = TypeVar("T")
 
 Long = Generator[None, None, T]
-"""Long work in pieces: each `next` does one, of at most a few tens of milliseconds on a controller; the return value is
-the result. Whoever drives it can answer the bus in between, and throws it away when the session ends."""
+"""Long work in pieces: each `next` does one piece, of at most a few tens of milliseconds on a controller; the return
+value is the result. The caller can answer the bus in between, and drops the work when the session ends."""
 
 
 def at_once(work: Long[T]) -> T:
-    """The result of all of it."""
+    """Do all of the work and return its result."""
     while True:
         try:
             next(work)
@@ -36,11 +36,11 @@ def at_once(work: Long[T]) -> T:
 
 
 MAX_RECORD: Final = 8192
-"""Bytes of one record."""
+"""Largest length of a record in bytes."""
 
 
 class Slot(IntEnum):
-    """Where an image lies."""
+    """A place for an image."""
 
     A = 0
     B = 1
@@ -51,7 +51,7 @@ class Slot(IntEnum):
 
 
 class RecordKind(IntEnum):
-    """Kinds of records that outlive a loss of power; the newest of each counts."""
+    """Kinds of records that survive a loss of power; the newest record of each kind is valid."""
 
     STATE = 1
     KEYS = 2
@@ -60,35 +60,35 @@ class RecordKind(IntEnum):
 
 
 class Backing(Protocol):
-    """A place for two images and four records."""
+    """A memory for two images and four records."""
 
     @property
     def capacity(self) -> int:
-        """Bytes that a slot holds."""
+        """The size of a slot in bytes."""
         ...
 
     def records(self) -> Mapping[RecordKind, bytes]:
-        """The newest whole record of each kind; missing where none was ever kept."""
+        """Return the newest complete record of each kind; a kind is missing if it was never stored."""
         ...
 
     def keep(self, kind: RecordKind, record: bytes) -> None:
-        """Replace a record, of at most `MAX_RECORD` bytes. Raises MediumError if no place is left that works."""
+        """Replace a record, of at most `MAX_RECORD` bytes. Raises MediumError if no place of the memory works."""
         ...
 
     def clear(self, slot: Slot, behind: int = 0) -> Long[None]:
-        """Erase a slot, piece by piece, behind as many bytes as `begin_again` gave. Raises MediumError if it fails."""
+        """Erase a slot in pieces, after `behind` bytes, a result of `begin_again`. Raises MediumError if it fails."""
         ...
 
     def begin_again(self, slot: Slot, length: int) -> int:
-        """Go on, after power-on, behind the first `length` bytes of a slot; what was written behind them is void.
-        Raises MediumError if it must be cleared as a whole. Returns `length`; or less, where the memory must first be
-        cleared behind that many bytes."""
+        """Continue a slot after power-on after its first `length` bytes; data after them are void. Returns `length`, or
+        less if the memory must first be erased after that many bytes. Raises MediumError if the whole slot must be
+        erased."""
         ...
 
     def append(self, slot: Slot, data: bytes) -> None:
-        """Write behind what was written to a slot since it was cleared. Raises MediumError if it does not fit."""
+        """Write after the data written to a slot since it was erased. Raises MediumError if the data do not fit."""
         ...
 
     def read(self, slot: Slot, offset: int, length: int) -> bytes:
-        """Bytes that were appended; raises MediumError if the memory does not give them back."""
+        """Return bytes that were appended; raises MediumError if the memory cannot read them."""
         ...

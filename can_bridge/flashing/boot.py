@@ -1,4 +1,4 @@
-"""Which image is booted, and why."""
+"""The choice of the image to boot, and its reason."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -13,36 +13,36 @@ from can_bridge.flashing.verdicts import Verdict
 
 
 class BootReason(Enum):
-    """Why this image was booted. `in_words` is for people."""
+    """The reason why an image was booted. `in_words` is its text for people."""
 
     in_words: str
 
     def __new__(cls, value: int, in_words: str = "") -> Self:
-        """Make a member of its byte and its words."""
+        """Create a member from its byte and its text."""
         made = object.__new__(cls)
         made._value_, made.in_words = value, in_words
         return made
 
     CONFIRMED = 1, "confirmed"
     TRIAL = 2, "on trial"
-    """An activated image, which waits for its confirmation."""
+    """An activated image that has not been confirmed yet."""
     REVERTED = 3, "confirmed; the release on trial was given up"
-    """The confirmed image, because the one on trial failed a check or was not confirmed in time."""
+    """The confirmed image, because the image on trial failed a check or was not confirmed in time."""
     FALLBACK = 4, "the one before; the confirmed release is not in order"
-    """The release before the confirmed one, because that failed a check."""
+    """The release before the confirmed release, because the confirmed release failed a check."""
     NO_RELEASE = 5, "no release is in order"
-    """No image is in order: the jets stay shut, and a release can be flashed."""
+    """No image passed its checks: the jets stay shut, and a release can be flashed."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Boot:
-    """What a boot came to.
+    """The result of a boot.
 
     Attributes:
-        slot: that was booted; None without a release.
-        bundle: of it, every check made in this boot; None without a release.
-        verdicts: on the slots that this boot looked at.
-        boots_left: of the trial, this one not counted; 0 where the release is not on trial.
+        slot: the booted slot; None without a release.
+        bundle: the booted bundle, which passed every check in this boot; None without a release.
+        verdicts: on the slots that this boot checked.
+        boots_left: of the trial, without this boot; 0 if the release is not on trial.
     """
 
     slot: Slot | None
@@ -53,7 +53,7 @@ class Boot:
 
 
 def boot(remembered: Remembered) -> Boot:
-    """Choose an image and check all of it. A boot on trial is counted before it; never raises for what it finds."""
+    """Choose an image and check it completely. A trial boot is counted first. Never raises for anything it finds."""
     trial = remembered.state.on_trial
     verdicts: dict[Slot, Verdict] = {}
     on_trial = None if trial is None else _boot_trial(remembered, trial, verdicts)
@@ -61,11 +61,11 @@ def boot(remembered: Remembered) -> Boot:
 
 
 def _boot_trial(remembered: Remembered, slot: Slot, verdicts: dict[Slot, Verdict]) -> Boot | None:
-    """The image on trial, if it may be booted once more and is in order; otherwise it is given up."""
+    """Return the boot of the image on trial, if it has a boot left and passes its checks; otherwise reject it."""
     standing = remembered.state.slots[slot]
     try:
         if standing.boots_left > 0:
-            # Counted first: whatever the image does to the ECU, the boots end.
+            # The boot is counted first, so that the boots end whatever the image does to the ECU.
             left = standing.boots_left - 1
             remembered.keep_slot(slot, replace(standing, boots_left=left))
             verdicts[slot], bundle = at_once(remembered.judged(slot))
@@ -73,16 +73,16 @@ def _boot_trial(remembered: Remembered, slot: Slot, verdicts: dict[Slot, Verdict
                 return Boot(slot=slot, bundle=bundle, verdicts=verdicts, reason=BootReason.TRIAL, boots_left=left)
         remembered.keep_slot(slot, replace(standing, phase=SlotPhase.BAD, boots_left=0))
     except MediumError:
-        # A trial that cannot be counted would never end, so the image does not run.
+        # A trial that cannot be counted would never end, so the image is not run.
         verdicts.setdefault(slot, Verdict.UNREADABLE)
     return None
 
 
 def _boot_confirmed(remembered: Remembered, is_reverted: bool, verdicts: dict[Slot, Verdict]) -> Boot:
-    """The confirmed image, or the one confirmed before it.
+    """Return the boot of the confirmed image, or of the image confirmed before it.
 
-    One that fails stays confirmed, and the next boot judges it again: whoever gives the ECU another stillwake.dbc or
-    vehicle by mistake can take that back.
+    A confirmed image that fails a check stays confirmed, and the next boot checks it again, so that giving the ECU a
+    wrong stillwake.dbc or vehicle can be undone.
     """
     active = remembered.state.active
     for slot in () if active is None else (active, active.other):

@@ -1,4 +1,4 @@
-"""Whether an image may run on this ECU: every check of a bundle, or of a controller image, and the ECU's own rules."""
+"""The checks of an image for this ECU: all checks of a bundle or a controller image, and the ECU's own rules."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ from contract.release.signing import PublicKey
 
 
 class Release(Protocol):
-    """What a store keeps of a release in order, whatever its image."""
+    """The data of a valid release that a store keeps, for any kind of image."""
 
     @property
     def digest(self) -> str: ...
@@ -30,17 +30,17 @@ class Release(Protocol):
 
 
 Fits = Callable[[Any], Verdict]
-"""Whether a release, as the check gives it, was made for this vehicle: GOOD, WRONG_PERIOD or WRONG_VEHICLE."""
+"""Returns whether a checked release was made for this vehicle: GOOD, WRONG_PERIOD or WRONG_VEHICLE."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Rules:
-    """What an image is judged by.
+    """The ECU's own rules for images.
 
     Attributes:
-        keys: that may sign; None where the ECU has no key list, and so takes nothing.
-        hardware: name of this ECU's.
-        least_security_version: that a release must have.
+        keys: keys that may sign; None if the ECU has no key list and so accepts no image.
+        hardware: name of this ECU's hardware.
+        least_security_version: least security version of a release.
     """
 
     keys: KeyList | None
@@ -50,7 +50,8 @@ class Rules:
 
 
 def check(image: bytes, rules: Rules) -> tuple[Verdict, Bundle | None]:
-    """The first check that an image fails, or GOOD and its bundle. Nothing is parsed before its signature is good."""
+    """Return GOOD and an image's bundle, or the first check that fails. Nothing is parsed before its signature is
+    verified."""
     files = {}
     try:
         files = files_of(image)
@@ -73,7 +74,7 @@ def check(image: bytes, rules: Rules) -> tuple[Verdict, Bundle | None]:
 
 
 ImageCheck = Callable[[bytes, Rules], tuple[Verdict, Release | None]]
-"""A check such as `check`, of another kind of image."""
+"""A check like `check`, for any kind of image."""
 
 
 def judge_image(
@@ -82,8 +83,8 @@ def judge_image(
     """Check a controller image, as `check` does a bundle's.
 
     Args:
-        layout: names this ECU's build.
-        opens: whether the build can run a payload, as `sw_image_open` judges it once every other check is passed.
+        layout: identifies this ECU's build.
+        opens: whether the build can run a payload, as by `sw_image_open`; called after all other checks.
     """
     keys = rules.keys
     try:
@@ -114,7 +115,7 @@ def judge_image(
 
 
 def fits_as(image: bytes) -> Fits:
-    """Whether a controller image is for the same vehicle as this one."""
+    """Return a check whether a release is for the same vehicle as this controller image."""
     own = image[controller_image.VEHICLE]
 
     def fits(found: ControllerImage) -> Verdict:
@@ -127,7 +128,7 @@ def fits_as(image: bytes) -> Fits:
 
 
 def _signer_verdict(signature: bytes | None, manifest: bytes, keys: KeyList | None) -> Verdict:
-    """Why no allowed key signed it; the signature is known to be good where there is one."""
+    """Return the verdict on the signer. A signature that is present has been verified."""
     if signature is None:
         return Verdict.UNSIGNED
     is_revoked = keys is not None and signing.signer(signature, manifest) in keys.revoked

@@ -1,7 +1,7 @@
-"""The store's place in a folder, for an ECU with a file system: a file for each record and each slot.
+"""A store's memory in a folder, for an ECU with a file system: a file for each record and each slot.
 
-A record is replaced by a temporary file that is synchronised before it takes the name, and the folder after it. Slots
-are appended to; a checkpoint (`RecordKind.STATE`) synchronises what was appended before it is written itself.
+A record is replaced by a temporary file that is synchronised before it is renamed; then the folder is synchronised.
+Data are appended to slots. A checkpoint (`RecordKind.STATE`) first synchronises the data appended before it.
 """
 
 import errno
@@ -17,10 +17,10 @@ from can_bridge.flashing.backing import MAX_RECORD, Long, MediumError, RecordKin
 
 
 class FolderFiles:
-    """Files in one folder, by their names; every method raises MediumError if the system refuses."""
+    """Access to files in one folder by their names; every method raises MediumError if the system reports an error."""
 
     def __init__(self, folder: Path) -> None:
-        """Make the folder if it is not there."""
+        """Create the folder if it does not exist."""
         self._folder = folder
         try:
             folder.mkdir(parents=True, exist_ok=True)
@@ -28,7 +28,7 @@ class FolderFiles:
             raise _failed(folder, error) from error
 
     def read(self, name: str, offset: int = 0, length: int | None = None) -> bytes | None:
-        """Bytes of a file, fewer where it ends; None if there is no such file."""
+        """Return bytes of a file, fewer at its end; None if there is no such file."""
         try:
             with os.fdopen(open_regular(self._folder / name, os.O_RDONLY), "rb") as file:
                 file.seek(offset)
@@ -39,7 +39,7 @@ class FolderFiles:
             raise _failed(self._folder / name, error) from error
 
     def size(self, name: str) -> int:
-        """Bytes of a file; 0 if there is no such file."""
+        """Return the size of a file in bytes; 0 if there is no such file."""
         try:
             return (self._folder / name).stat().st_size
         except FileNotFoundError:
@@ -48,22 +48,22 @@ class FolderFiles:
             raise _failed(self._folder / name, error) from error
 
     def append(self, name: str, data: bytes) -> None:
-        """Write behind the end of a file, made if it is not there."""
+        """Append to a file, which is created if it does not exist."""
         self._write(name, os.O_WRONLY | os.O_CREAT | os.O_APPEND, data)
 
     def replace(self, name: str, data: bytes) -> None:
-        """Write a file from its beginning; what it had is gone."""
+        """Replace a file's content."""
         self._write(name, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, data)
 
     def truncate(self, name: str, length: int) -> None:
-        """Cut a file off behind its first bytes."""
+        """Truncate a file to its first bytes."""
         try:
             os.truncate(self._folder / name, length)
         except OSError as error:
             raise _failed(self._folder / name, error) from error
 
     def rename(self, old: str, new: str) -> None:
-        """Give a file another's name; the other one is gone."""
+        """Rename a file; it replaces a file of the new name."""
         try:
             (self._folder / old).replace(self._folder / new)
         except OSError as error:
@@ -74,7 +74,7 @@ class FolderFiles:
         self._sync(self._folder / name)
 
     def sync_folder(self) -> None:
-        """Return when the files' names are on the disk."""
+        """Return when the folder's entries are on the disk."""
         self._sync(self._folder)
 
     def _sync(self, path: Path) -> None:
@@ -96,10 +96,8 @@ class FolderFiles:
 
 
 def open_regular(path: Path, flags: int) -> int:
-    """A handle of a regular file, which its owner alone may read if it is made; raises OSError for anything else.
-
-    To open a FIFO would wait for ever for its other end.
-    """
+    """Open a regular file and return its handle. A file that is created is accessible to its owner only. Raises OSError
+    for anything but a regular file, because opening a FIFO would block until its other end is opened."""
     handle = os.open(path, flags | os.O_NONBLOCK, 0o600)
     if not stat.S_ISREG(os.fstat(handle).st_mode):
         os.close(handle)
@@ -112,42 +110,42 @@ def _failed(path: Path, error: OSError) -> MediumError:
 
 
 CAPACITY: Final = 16 * 1024 * 1024
-"""Bytes of a slot where nothing else is asked for: more than any release."""
+"""Default size of a slot in bytes: more than any release has."""
 _HEADER: Final = struct.Struct(">4sII")
 _MAGIC: Final = b"SWR1"
 _TEMPORARY: Final = "record.new"
 
 
 class FolderBacking:
-    """A `Backing` in a folder, made if it is not there. One process at a time may use it."""
+    """A `Backing` in a folder, which is created if it does not exist. Only one process at a time may use it."""
 
     def __init__(self, folder: Path, *, files: FolderFiles | None = None, capacity: int = CAPACITY) -> None:
-        """Open it. Raises MediumError if the folder cannot be made.
+        """Open the folder. Raises MediumError if it cannot be created.
 
         Args:
-            folder: where the files are.
-            files: access to them in place of the system's.
+            folder: place of the files.
+            files: access to the files in place of the system's.
             capacity: bytes of a slot.
         """
         self._files = FolderFiles(folder) if files is None else files
         self._capacity = capacity
         self._unsynced: set[Slot] = set()
-        # Unknown after power-on, before `clear` or `begin_again`.
+        # The lengths are unknown after power-on, before `clear` or `begin_again`.
         self._written: dict[Slot, int] = {}
 
     @property
     def capacity(self) -> int:
-        """Bytes that a slot holds."""
+        """The size of a slot in bytes."""
         return self._capacity
 
     def records(self) -> Mapping[RecordKind, bytes]:
-        """The record of each kind whose file is whole."""
+        """Return the record of each kind whose file is complete."""
         found = {kind: self._record(kind) for kind in RecordKind}
         return {kind: record for kind, record in found.items() if record is not None}
 
     def keep(self, kind: RecordKind, record: bytes) -> None:
         """Replace a record; a checkpoint (`RecordKind.STATE`) synchronises the slots first. Raises ValueError if the
-        record is too long; MediumError if the disk is full, or refuses."""
+        record is too long; MediumError if the disk is full or fails."""
         if len(record) > MAX_RECORD:
             raise ValueError(f"record of {len(record)} bytes: must have at most {MAX_RECORD}")
         if kind == RecordKind.STATE:
@@ -161,7 +159,7 @@ class FolderBacking:
         self._files.sync_folder()
 
     def clear(self, slot: Slot, behind: int = 0) -> Long[None]:
-        """Empty a slot's file; `begin_again` asks for no part of one."""
+        """Empty a slot's file. `begin_again` here never asks for a part of a slot to be erased."""
         assert behind == 0
         self._written.pop(slot, None)
         self._files.replace(_slot_file(slot), b"")
@@ -171,7 +169,7 @@ class FolderBacking:
         self._written[slot] = 0
 
     def begin_again(self, slot: Slot, length: int) -> int:
-        """Cut a slot's file off behind `length` bytes; raises MediumError if it has fewer."""
+        """Truncate a slot's file to `length` bytes; raises MediumError if it has fewer."""
         there = self._files.size(_slot_file(slot))
         if there < length:
             raise MediumError(f"slot {slot.name}: {there} bytes are there, must be {length} or more", there)
@@ -181,8 +179,8 @@ class FolderBacking:
         return length
 
     def append(self, slot: Slot, data: bytes) -> None:
-        """Write behind what was written since the slot was cleared. Raises MediumError if it does not fit, the disk is
-        full, or the slot was not prepared since power-on."""
+        """Write after the data written since the slot was erased. Raises MediumError if the data do not fit, the disk
+        is full, or the slot was not prepared since power-on."""
         if slot not in self._written:
             raise MediumError(f"slot {slot.name}: clear it, or begin again, before writing to it", 0)
         if self._written[slot] + len(data) > self._capacity:
@@ -193,7 +191,7 @@ class FolderBacking:
         self._written[slot] = before + len(data)
 
     def read(self, slot: Slot, offset: int, length: int) -> bytes:
-        """Bytes that were appended; raises MediumError if they are not there."""
+        """Return bytes that were appended; raises MediumError if they do not exist."""
         found = self._files.read(_slot_file(slot), offset, length) or b""
         if len(found) != length:
             raise MediumError(f"slot {slot.name}: nothing was written at byte {offset + len(found)}", offset)

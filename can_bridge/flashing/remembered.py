@@ -1,4 +1,4 @@
-"""What outlives a loss of power besides the images: state, key list, calibrations and faults, over their records."""
+"""The store's data besides the images that survive a loss of power: state, key list, calibrations and faults."""
 
 import hashlib
 import struct
@@ -18,11 +18,11 @@ from contract.release.key_list import KeyList
 from contract.release.signing import PublicKey
 
 PIECE: Final = 4096
-"""Bytes of an image that are read or written at once."""
+"""Number of bytes of an image that are read or written at once."""
 
 
 class Remembered:
-    """The records of a backing; what is missing or damaged counts as never kept. Arguments as of `Store`."""
+    """The records of a backing; a missing or damaged record counts as never stored. See `Store` for the arguments."""
 
     def __init__(self, backing: Backing, *, root: PublicKey, hardware: str, fits: Fits, check: ImageCheck) -> None:
         self.backing = backing
@@ -37,16 +37,16 @@ class Remembered:
         self.faults = records.get(RecordKind.FAULTS, b"")
 
     def keep(self, changed: StoreState) -> None:
-        """Raises MediumError if it cannot be kept; nothing has changed then."""
+        """Store a changed state. Raises MediumError if that fails; then nothing has changed."""
         self.backing.keep(RecordKind.STATE, state.encode(changed))
         self.state = changed
 
     def keep_slot(self, slot: Slot, changed: SlotState) -> None:
-        """Keep the state of one slot, as `keep` does."""
+        """Store the state of one slot, as `keep` does."""
         self.keep(self.state.with_slot(slot, changed))
 
     def judged(self, slot: Slot) -> Long[tuple[Verdict, Release | None]]:
-        """Read a whole image from the memory and make every check."""
+        """Read a complete image from the memory and return the result of all checks."""
         standing = self.state.slots[slot]
         image = bytearray()
         try:
@@ -66,7 +66,7 @@ class Remembered:
         return self._check(bytes(image), rules)
 
     def take_keys(self, raw: bytes, needed: Collection[Slot]) -> None:
-        """See `Store.take_keys`; `needed` are the slots whose keys must stay."""
+        """See `Store.take_keys`. The keys of the slots `needed` must stay."""
         listed = key_list.decode(raw, self._root)
         if self.keys is not None:
             if listed.version <= self.keys.version:
@@ -84,11 +84,11 @@ class Remembered:
         self.keys = listed
 
     def calibration(self, digest: str) -> bytes | None:
-        """What was kept for the release with this digest; None where nothing was."""
+        """Return the calibration stored for the release with this digest; None if there is none."""
         return self._calibrations.get(digest)
 
     def keep_calibration(self, digest: str, blob: bytes | None) -> None:
-        """See `Store.keep_calibration`, for the release with this digest; those of releases that are gone go too."""
+        """See `Store.keep_calibration`, for the release with this digest. Those of releases in no slot are removed."""
         here = {slot.digest for slot in self.state.slots} - {digest}
         kept = {digest: kept for digest, kept in self._calibrations.items() if digest in here}
         if blob is not None:
@@ -101,12 +101,12 @@ class Remembered:
         self._calibrations = kept
 
     def keep_faults(self, record: bytes) -> None:
-        """Keep the fault memory's record; raises MediumError if it cannot be kept."""
+        """Store the fault memory's record; raises MediumError if that fails."""
         self.backing.keep(RecordKind.FAULTS, record)
         self.faults = record
 
     def keep_failed_attempts(self, level: Level, count: int) -> None:
-        """Keep the wrong keys in a row, up to 255; raises MediumError if they cannot be kept."""
+        """Store the number of consecutive wrong keys, up to 255; raises MediumError if that fails."""
         attempts = {**self.state.failed_attempts, level: min(count, MOST_ATTEMPTS)}
         if attempts != self.state.failed_attempts:
             self.keep(replace(self.state, failed_attempts=attempts))
@@ -134,14 +134,14 @@ def _calibrations(record: bytes) -> dict[str, bytes]:
 
 
 MAX_CALIBRATION: Final = 1024
-"""Bytes of one."""
+"""Largest length of a calibration in bytes."""
 _MAGIC: Final = b"SWC1"
 _HEAD: Final = struct.Struct(">4sB")
 _ENTRY: Final = struct.Struct(">32sH")
 
 
 def encode_calibrations(kept: Mapping[str, bytes]) -> bytes:
-    """The record of calibrations by digest; raises ValueError for one that is too long."""
+    """Return the record of calibrations by digest; raises ValueError for a calibration that is too long."""
     parts = [_HEAD.pack(_MAGIC, len(kept))]
     for digest, blob in sorted(kept.items()):
         if len(blob) > MAX_CALIBRATION:
@@ -151,7 +151,7 @@ def encode_calibrations(kept: Mapping[str, bytes]) -> bytes:
 
 
 def decode_calibrations(raw: bytes) -> dict[str, bytes]:
-    """Calibrations by digest; raises ValueError if the record is damaged."""
+    """Return the calibrations by digest; raises ValueError if the record is damaged."""
     kept = {}
     try:
         magic, count = _HEAD.unpack_from(raw)

@@ -1,7 +1,7 @@
-"""What a tester reads of the store (`Did.STORE`), in less than `MAX_REPORT` bytes.
+"""The report on the store that a tester reads (`Did.STORE`), in less than `MAX_REPORT` bytes.
 
     "SWT1" (4)
-    slot that runs, active slot, slot of the next boot (1 each, 0xFF for none); reason of the last boot (1, 0 for none)
+    running slot, active slot, slot of the next boot (1 each, 0xFF for none); reason of the last boot (1, 0 for none)
     least security version (4); version of the key list (4, 0 for none)
     failed attempts for programming (1), for calibration (1)
     for each slot: phase (1), verdict (1, 0xFF for none), boots left (1), length of the name (2), security version (4),
@@ -26,7 +26,7 @@ from contract.errors import BusError
 from contract.printable import is_name, shown
 
 MAX_REPORT: Final = 2048
-"""Bytes."""
+"""Largest length of the report in bytes."""
 _MAGIC: Final = b"SWT1"
 _HEAD: Final = struct.Struct(">4sBBBBIIBB")
 _SLOT: Final = struct.Struct(">BBBHIII32s")
@@ -35,11 +35,11 @@ _NONE: Final = 0xFF
 
 @dataclass(frozen=True, kw_only=True)
 class SlotReport:
-    """One slot; the fields are those of `state.SlotState`.
+    """One slot; for the other fields see `state.SlotState`.
 
     Attributes:
-        name, digest: of the release; empty where no image was checked.
-        verdict: of the last boot; None if it did not look at this slot.
+        name, digest: of the release; empty if no image was checked.
+        verdict: of the last boot; None if it did not check this slot.
     """
 
     phase: SlotPhase
@@ -57,17 +57,17 @@ _STANDING: Final = tuple(one.name for one in fields(SlotReport) if one.name != "
 
 @dataclass(frozen=True, kw_only=True)
 class StoreReport:
-    """The store.
+    """The state of the store.
 
     Attributes:
         slots: by `Slot`.
-        running: the slot that was booted; None without a release, or if another image was announced for it since.
+        running: the booted slot; None without a release, or if another image was announced for this slot since.
         active: the slot of the confirmed release.
         next_boot: the slot that the next boot tries first.
-        reason: of the last boot; None before one.
-        least_security_version: that a release must have.
+        reason: of the last boot; None before the first.
+        least_security_version: least security version of a release.
         key_list_version: None without a key list.
-        failed_attempts: wrong keys in a row.
+        failed_attempts: numbers of consecutive wrong keys.
     """
 
     slots: tuple[SlotReport, SlotReport]
@@ -81,12 +81,12 @@ class StoreReport:
 
     @property
     def running_slot(self) -> SlotReport | None:
-        """What runs."""
+        """The slot of the running release."""
         return None if self.running is None else self.slots[self.running]
 
 
 def report_of(store: Store) -> StoreReport:
-    """The report of the store as it stands now."""
+    """Return the report of the store's present state."""
     state, boot = store.state, store.last_boot
     verdicts = {} if boot is None else boot.verdicts
     first, second = (
@@ -106,7 +106,7 @@ def report_of(store: Store) -> StoreReport:
 
 
 def encode(report: StoreReport) -> bytes:
-    """The identifier's value."""
+    """Return the report as the identifier's value."""
     slots = (_NONE if slot is None else slot for slot in (report.running, report.active, report.next_boot))
     reason = 0 if report.reason is None else report.reason.value
     attempts = (report.failed_attempts[level] for level in Level)
@@ -120,7 +120,7 @@ def encode(report: StoreReport) -> bytes:
 
 
 def tree(report: StoreReport) -> dict[str, Any]:
-    """The report as JSON has it, with all members of enumerations by their names."""
+    """Return the report as JSON values, with members of enumerations by their names."""
     slots = [{name: _named(value) for name, value in vars(slot).items()} for slot in report.slots]
     attempts = {level.name: count for level, count in report.failed_attempts.items()}
     return {name: _named(value) for name, value in vars(report).items()} | {"slots": slots, "failed_attempts": attempts}
@@ -131,7 +131,7 @@ def _named(value: object) -> object:
 
 
 def decode(raw: bytes) -> StoreReport:
-    """A report that came over a bus; raises BusError if it is none."""
+    """Return the report in bytes from a bus; raises BusError if they are none."""
     try:
         magic, *listed, reason, least, version, programming, calibration = _HEAD.unpack_from(raw)
         if magic != _MAGIC:
@@ -156,7 +156,7 @@ def decode(raw: bytes) -> StoreReport:
 
 
 def _slot(raw: bytes, at: int) -> tuple[SlotReport, int]:
-    """The slot at this place, and the place behind it."""
+    """Return the slot at this offset, and the offset after it."""
     phase, verdict, boots_left, size, security_version, received, length, digest = _SLOT.unpack_from(raw, at)
     at += _SLOT.size
     name = raw[at : at + size].decode()

@@ -1,4 +1,4 @@
-"""What the store remembers of its slots: the record `Kind.STATE`, as values and as bytes.
+"""The store's state, with its slots: the record `RecordKind.STATE`, as values and as bytes.
 
     "SWS1" (4)
     for each slot: phase (1), boots left (1), length of the image (4), bytes received (4), security version (4), SHA-256
@@ -7,7 +7,7 @@
     failed attempts for programming (1), for calibration (1)
     CRC-32 of all before it (4)
 
-Numbers are big-endian. It is kept after every block of a transfer, so it is short.
+Numbers are big-endian. The record is stored after every block of a transfer, so it is short.
 """
 
 import struct
@@ -23,9 +23,9 @@ from contract.printable import is_name
 from contract.release.manifest import FIRST_SECURITY_VERSION, LARGEST_SECURITY_VERSION
 
 TRIAL_BOOTS: Final = 3
-"""Boots of an activated image without a confirmation, before the store goes back to the confirmed one."""
+"""Number of boots of an activated image without confirmation before the store returns to the confirmed image."""
 MOST_ATTEMPTS: Final = 255
-"""The number to which failed attempts are counted."""
+"""Largest count of failed attempts."""
 
 _MAGIC: Final = b"SWS1"
 _SLOT: Final = struct.Struct(">BBIII32s32s32sH")
@@ -35,19 +35,19 @@ _NO_SLOT: Final = 0xFF
 
 
 class SlotPhase(IntEnum):
-    """How far an image in a slot has come."""
+    """The progress of an image in a slot."""
 
     EMPTY = 0
     FILLING = 1
-    """Announced; its first `received` bytes are there."""
+    """The image is announced, and its first `received` bytes are stored."""
     CHECKED = 2
-    """Whole and in order."""
+    """The image is complete and passed its checks."""
     TRIAL = 3
-    """Activated: booted from the next reset on, `boots_left` times."""
+    """The image is activated: it boots from the next reset on, `boots_left` times."""
     CONFIRMED = 4
-    """It runs, or ran before the release that runs."""
+    """The release runs now, or was the release before the running release."""
     BAD = 5
-    """Never booted: a check of it failed, or it was not confirmed during its trial."""
+    """The image is never booted: it failed a check, or was not confirmed during its trial."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,7 +57,7 @@ class SlotState:
     Attributes:
         length: bytes of the announced image.
         sha256: of the announced image, 32 bytes.
-        received: bytes that are there for certain.
+        received: number of bytes that are stored for certain.
         digest: of the bundle, in hex; empty until the image was checked.
         name: of the release; empty until the image was checked.
         security_version: of the release; 0 until the image was checked.
@@ -76,7 +76,7 @@ class SlotState:
     boots_left: int = 0
 
     def holds(self, length: int, sha256: bytes) -> bool:
-        """Whether this very image is here or on its way here."""
+        """Return whether this image is in the slot, complete or in part."""
         return self.phase in _TRANSFERRED and (self.length, self.sha256) == (length, sha256)
 
 
@@ -85,13 +85,13 @@ _TRANSFERRED: Final = frozenset({SlotPhase.FILLING, SlotPhase.CHECKED, SlotPhase
 
 @dataclass(frozen=True, kw_only=True)
 class StoreState:
-    """Both slots, and what belongs to neither.
+    """Both slots and the state common to them.
 
     Attributes:
         slots: by `Slot`.
-        active: the slot whose confirmed image boots where no other is on trial; None if none was confirmed yet.
-        least_security_version: that a release must have; moved by a confirmation alone.
-        failed_attempts: wrong keys in a row, by level.
+        active: the slot whose confirmed image boots if no image is on trial; None if none was confirmed yet.
+        least_security_version: least security version of a release; only a confirmation raises it.
+        failed_attempts: numbers of consecutive wrong keys, by level.
     """
 
     slots: tuple[SlotState, SlotState] = (SlotState(), SlotState())
@@ -101,12 +101,12 @@ class StoreState:
 
     @property
     def on_trial(self) -> Slot | None:
-        """The slot that is."""
+        """The slot of the image on trial."""
         return next((slot for slot in Slot if self.slots[slot].phase == SlotPhase.TRIAL), None)
 
     @property
     def checked(self) -> Slot | None:
-        """The slot that can be activated."""
+        """The slot of the image that can be activated."""
         return next((slot for slot in Slot if self.slots[slot].phase == SlotPhase.CHECKED), None)
 
     @property
@@ -116,13 +116,13 @@ class StoreState:
         return trial if trial is not None and self.slots[trial].boots_left > 0 else self.active
 
     def with_slot(self, slot: Slot, state: SlotState, **others: Any) -> "StoreState":
-        """The state with another one of a slot, and other values of the rest."""
+        """Return the state with another state of one slot and other values of the given fields."""
         a, b = self.slots
         return replace(self, slots=(state, b) if slot == Slot.A else (a, state), **others)
 
 
 def encode(state: StoreState) -> bytes:
-    """The record."""
+    """Return the state as a record."""
     parts = [_MAGIC]
     for slot in state.slots:
         name = slot.name.encode()
@@ -148,7 +148,7 @@ def encode(state: StoreState) -> bytes:
 
 
 def decode(raw: bytes) -> StoreState:
-    """The state in a record; raises ValueError for one that is damaged or that no store writes."""
+    """Return the state in a record; raises ValueError for a record that is damaged or that no store writes."""
     body = raw[: -_CRC.size]
     if len(raw) < _CRC.size or raw[-_CRC.size :] != _CRC.pack(zlib.crc32(body)):
         raise ValueError("state: damaged")
@@ -176,7 +176,7 @@ def decode(raw: bytes) -> StoreState:
 
 
 def _slot(body: bytes, at: int) -> tuple[SlotState, int]:
-    """The slot at this place, and the place behind it."""
+    """Return the slot at this offset, and the offset after it."""
     phase, boots_left, length, received, security_version, sha256, digest, signer, size = _SLOT.unpack_from(body, at)
     at += _SLOT.size
     if at + size > len(body):

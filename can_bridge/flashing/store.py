@@ -1,12 +1,12 @@
-"""Two slots for releases, of which one runs and the other can be written: every rule of the ECU's, once.
+"""Two slots for releases, of which one runs and the other can be written, with all rules of the ECU for releases.
 
-Nothing here has a clock, randomness or a thread. A loss of power may end any call: what it had kept until then is a
-state from which the next boot finds a valid image, if there was one.
+Nothing here has a clock, randomness or a thread. A loss of power may end any call: from the state stored until then the
+next boot finds a valid image, if there was one.
 
-    announce, append .., finish     an image into the slot that is not protected; checked as it lies in the memory
-    activate                        booted from the next reset on, `TRIAL_BOOTS` times at most
-    confirm                         it stays, and the least security version rises to its own
-    revert                          back to the release before
+    announce, append .., finish     write an image to the slot that is not protected, and check it in the memory
+    activate                        boot it from the next reset on, `TRIAL_BOOTS` times at most
+    confirm                         end the trial, and raise the least security version to the release's own
+    revert                          return to the release before
 
 The slot of the confirmed image that boots, or that runs, is never written.
 """
@@ -29,18 +29,18 @@ _SHA256_BYTES: Final = 32
 
 
 class OutOfOrderError(BusError):
-    """What was asked of the store does not fit what stands in it now."""
+    """The request does not fit the store's present state."""
 
 
 class Store:
     """The store over its backing, from one power-on to the next.
 
     Args:
-        backing: where everything lies.
+        backing: memory of the store.
         root: the key that signs key lists.
-        hardware: name of this ECU's.
-        fits: whether a release was made for this vehicle.
-        check: of an image: that of bundles, or `judge_image` for the images of microcontrollers.
+        hardware: name of this ECU's hardware.
+        fits: returns whether a release was made for this vehicle.
+        check: checks an image: the check of bundles, or `judge_image` for the images of microcontrollers.
     """
 
     def __init__(
@@ -50,7 +50,7 @@ class Store:
         self._last_boot: Boot | None = None
         self._running: Slot | None = None
         self._announced: Slot | None = None
-        """The slot of the transfer under way: the memory stands exactly behind what was received."""
+        """The slot of the transfer under way; the next bytes are written directly after the received bytes."""
 
     @classmethod
     def provision(
@@ -64,13 +64,13 @@ class Store:
         fits: Fits,
         check: ImageCheck = check,
     ) -> "Store":
-        """Fill an empty backing, at production: a key list, and an image as the confirmed one of slot A.
+        """Fill an empty backing, at production, with a key list and an image, the confirmed image of slot A.
 
         Raises:
             OutOfOrderError: the backing is not empty.
             KeyFileError: the root key did not sign the list.
             ConfigError: the image fails a check.
-            MediumError: the memory is bad.
+            MediumError: the memory fails.
         """
         store = cls(backing, root=root, hardware=hardware, fits=fits, check=check)
         if store.state.active is not None:
@@ -88,57 +88,56 @@ class Store:
 
     @property
     def state(self) -> StoreState:
-        """The state that is kept."""
+        """The stored state."""
         return self._remembered.state
 
     @property
     def records(self) -> Remembered:
-        """Where calibrations and failed attempts are kept."""
+        """The records, with calibrations and failed attempts."""
         return self._remembered
 
     @property
     def keys(self) -> KeyList | None:
-        """Which keys may sign; None without a list that is in order."""
+        """The keys that may sign; None without a valid list."""
         return self._remembered.keys
 
     @property
     def capacity(self) -> int:
-        """Bytes of the greatest image."""
+        """The size of the largest image in bytes."""
         return self._remembered.backing.capacity
 
     @property
     def last_boot(self) -> Boot | None:
-        """What `boot` found; None before."""
+        """The result of `boot`; None before it."""
         return self._last_boot
 
     @property
     def running(self) -> Slot | None:
-        """The slot that was booted, as long as the image is still in it."""
+        """The booted slot, as long as the booted image is in it."""
         return self._running
 
     @property
     def received(self) -> int | None:
-        """Bytes there are of the announced image, and so the offset of the next ones; None if none is announced."""
+        """The number of stored bytes of the announced image, and so the offset of the next; None without an image."""
         return None if self._announced is None else self.state.slots[self._announced].received
 
     def boot(self) -> Boot:
-        """Choose an image and check all of it. A boot on trial is counted before it; never raises for what it finds."""
+        """Choose an image and check it completely. A trial boot is counted first. Never raises for anything it
+        finds."""
         self._announced = None
         self._last_boot = boot(self._remembered)
         self._running = self._last_boot.slot
         return self._last_boot
 
-    # Transfer.
-
     def announce(self, length: int, sha256: bytes) -> Long[int]:
-        """Make room for an image. Returns the offset from which its bytes are wanted: more than 0 if an interrupted
-        transfer of this very image stands there, `length` if all of it does; less than was received where the memory
-        can go on only from there.
+        """Prepare a slot for an image. Returns the offset of the first byte to send: 0, the number of bytes received in
+        an interrupted transfer of this image (less, if the memory can continue only earlier), or `length` if all are
+        here.
 
         Raises:
             ConfigError: the length or the hash is out of range.
             OutOfOrderError: `revert` made another release the confirmed one, and the ECU was not reset since.
-            MediumError: the memory is bad.
+            MediumError: the memory fails.
         """
         if not 0 < length <= self.capacity:
             raise ConfigError(f"image of {length} bytes: must have 1 to {self.capacity} for this ECU")
@@ -154,7 +153,8 @@ class Store:
         wanted = stays or 0
         announced = SlotState(phase=SlotPhase.FILLING, length=length, sha256=sha256, received=wanted)
         if stays is None or stays < standing.received:
-            # Until it is announced, what a cut leaves behind these bytes does not count.
+            # The record is stored before the slot is erased, so that bytes to be erased do not count if that is
+            # interrupted.
             self._remembered.keep(self._without(slot).with_slot(slot, announced if stays else SlotState()))
             yield from self._remembered.backing.clear(slot, wanted)
         if announced != self.state.slots[slot]:
@@ -163,9 +163,9 @@ class Store:
         return wanted
 
     def append(self, data: bytes) -> None:
-        """The next bytes of the announced image; they outlive a loss of power once this returns. Raises OutOfOrderError
-        if no image is announced, or these are more bytes than were; MediumError if the memory is bad: announce the
-        image again."""
+        """Append bytes to the announced image; when this returns they survive a loss of power. Raises OutOfOrderError
+        if no image is announced or the bytes exceed its length; MediumError if the memory fails: announce the image
+        again."""
         slot, standing = self._transfer()
         if standing.phase != SlotPhase.FILLING or standing.received + len(data) > standing.length:
             raise OutOfOrderError(
@@ -177,10 +177,10 @@ class Store:
         self._announced = slot
 
     def finish(self) -> Long[Verdict]:
-        """Check the announced image as it lies in the memory; GOOD makes it `SlotPhase.CHECKED`, INCOMPLETE leaves it.
+        """Check the announced image in the memory. GOOD makes it `SlotPhase.CHECKED`, INCOMPLETE changes nothing.
 
         May be repeated until the image is activated. Raises OutOfOrderError if no image is announced; MediumError if
-        the verdict cannot be kept.
+        the verdict cannot be stored.
         """
         slot, standing = self._transfer()
         if standing.received < standing.length:
@@ -203,14 +203,12 @@ class Store:
         return verdict
 
     def drop(self) -> None:
-        """The session ended; the transfer goes on with the next announcement of the same image."""
+        """End the transfer with its session; the next announcement of the same image continues it."""
         self._announced = None
 
-    # Choice.
-
     def activate(self) -> None:
-        """Boot the checked image from the next reset on, on trial; nothing changes if that is so already. Raises
-        OutOfOrderError if no image is checked; MediumError if it cannot be kept."""
+        """Boot the checked image on trial from the next reset on; does nothing if it is already activated. Raises
+        OutOfOrderError if no image is checked; MediumError if the choice cannot be stored."""
         state, slot, trial = self.state, self.state.checked, self.state.on_trial
         if slot is None:
             if trial is not None and trial != self._running:
@@ -224,16 +222,16 @@ class Store:
         self._announced = None
 
     def confirm(self) -> None:
-        """Keep the release that runs on trial; nothing changes if it is confirmed already. Raises OutOfOrderError if no
-        release runs, or it is neither on trial nor confirmed any more, or its key may no longer sign; MediumError if it
-        cannot be kept."""
+        """Confirm the release that runs on trial; does nothing if it is already confirmed. Raises OutOfOrderError if no
+        release runs, it is neither on trial nor confirmed any more, or its key may no longer sign; MediumError if the
+        confirmation cannot be stored."""
         slot = self._running
         phase = None if slot is None else self.state.slots[slot].phase
         if slot is None or phase not in (SlotPhase.TRIAL, SlotPhase.CONFIRMED):
             raise OutOfOrderError("no release to confirm: an activated one must run")
         if phase == SlotPhase.TRIAL:
             if self.keys is None or PublicKey(self.state.slots[slot].signer) not in self.keys.keys:
-                # It would not boot again, and the one before may be too old from now on.
+                # The release would not boot again, and the release before may be too old after the confirmation.
                 raise OutOfOrderError("the release on trial is signed by a key that was taken off the list: revert it")
             self._confirm(slot)
 
@@ -249,14 +247,14 @@ class Store:
         )
 
     def revert(self) -> Long[Verdict]:
-        """Go back, from the next reset on: from a trial to the confirmed release, or to the one before that. Returns
-        GOOD, or why the release before may not run any more; nothing has changed then. Raises OutOfOrderError if there
-        is no release before; MediumError if it cannot be kept."""
+        """Return at the next reset from a trial to the confirmed release, or from this to the release before. Returns
+        GOOD, or why that release may no longer run; then nothing changes. Raises OutOfOrderError if there is no release
+        before; MediumError if the choice cannot be stored."""
         trial, active = self.state.on_trial, self.state.active
         if trial is not None:
             self._remembered.keep_slot(trial, _given_up(self.state.slots[trial]))
             return Verdict.GOOD
-        # By what runs: if the answer is lost, and the request comes again, it must not lead back to where it was.
+        # The running release decides: if the answer is lost, a repeated request must not revert the first one.
         now = self._running if self._running is not None else active
         if now is None or self.state.slots[now.other].phase != SlotPhase.CONFIRMED:
             raise OutOfOrderError("no release to go back to: none is on trial, and none was confirmed before")
@@ -265,33 +263,30 @@ class Store:
             self._remembered.keep(replace(self.state, active=now.other))
         return verdict
 
-    # Keys and calibration.
-
     def take_keys(self, raw: bytes) -> None:
-        """Replace the key list. Raises KeyFileError if not signed by the root key, not newer, or without the key of a
-        confirmed release that could not boot any more: the active one, or the one that runs; MediumError if it cannot
-        be kept."""
+        """Replace the key list. Raises KeyFileError if the root key did not sign it, it is not newer, or it lacks the
+        key of the active or running confirmed release, which could then not boot; MediumError if it cannot be stored.
+        """
         needed = {slot for slot in (self.state.active, self._running) if slot is not None}
         self._remembered.take_keys(
             raw, {slot for slot in needed if self.state.slots[slot].phase == SlotPhase.CONFIRMED}
         )
 
     def keep_calibration(self, blob: bytes | None) -> None:
-        """Keep a calibration for the release that runs, or none.
+        """Store a calibration for the running release; None removes it.
 
         Raises:
             OutOfOrderError: no release runs.
-            ConfigError: it is too long.
-            MediumError: it cannot be kept.
+            ConfigError: the calibration is too long.
+            MediumError: it cannot be stored.
         """
         if self._running is None:
             raise OutOfOrderError("no release to keep a calibration for: one must run")
         self._remembered.keep_calibration(self.state.slots[self._running].digest, blob)
 
-    # Slots.
-
     def _writable_slot(self) -> Slot:
-        """The slot that is not protected: by the release that runs, if it is confirmed, or by the confirmed one."""
+        """Return the slot that is not protected. The running release is protected if confirmed, otherwise the active
+        one."""
         running, active = self._running, self.state.active
         if running is None or (active is not None and self.state.slots[running].phase != SlotPhase.CONFIRMED):
             return Slot.A if active is None else active.other
@@ -300,18 +295,18 @@ class Store:
         return running.other
 
     def _without(self, slot: Slot) -> StoreState:
-        """The state with an empty slot; a confirmed release in the other one is active then."""
+        """Return the state with an empty slot; a confirmed release in the other slot is then active."""
         is_confirmed = self.state.slots[slot.other].phase == SlotPhase.CONFIRMED
         return self.state.with_slot(slot, SlotState(), active=slot.other if is_confirmed else None)
 
     def _is_known_bad(self, slot: Slot) -> bool:
-        """Whether it was booted and failed, so that its image has to come again."""
+        """Return whether the slot's image was booted and failed, so that it has to be sent again."""
         found = {} if self._last_boot is None else self._last_boot.verdicts
         was_booted = self.state.slots[slot].phase in (SlotPhase.TRIAL, SlotPhase.CONFIRMED)
         return was_booted and found.get(slot, Verdict.GOOD) != Verdict.GOOD
 
     def _stays(self, slot: Slot) -> int | None:
-        """Bytes behind which the memory can be written on; None: the image has to come again."""
+        """Return the number of bytes after which the memory can be written; None if the image has to be sent again."""
         try:
             return self._remembered.backing.begin_again(slot, self.state.slots[slot].received)
         except MediumError:

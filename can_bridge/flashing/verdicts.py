@@ -1,6 +1,6 @@
-"""The store's verdict on a release: why it is taken, or which check it failed.
+"""The store's verdict on a release: GOOD, or the check that it failed.
 
-On the wire each is a byte in the answer to the routine that checks an image (`can_bridge.uds.services`).
+In diagnosis the verdict is a byte in the answer to the routine that checks an image (`can_bridge.uds.services`).
 """
 
 from enum import IntEnum
@@ -8,13 +8,12 @@ from typing import Self
 
 
 class Verdict(IntEnum):
-    """The checks in the order in which they are made; the first one that fails is the verdict. `in_words` is for
-    people."""
+    """The checks in their order; the first failed check is the verdict. `in_words` is its text for people."""
 
     in_words: str
 
     def __new__(cls, value: int, in_words: str = "") -> Self:
-        """Make a member of its byte and its words."""
+        """Create a member from its byte and its text."""
         made = int.__new__(cls, value)
         made._value_, made.in_words = value, in_words
         return made
@@ -22,9 +21,9 @@ class Verdict(IntEnum):
     GOOD = 0, "in order"
     INCOMPLETE = 1, "bytes of the image are missing"
     WRONG_HASH = 2, "the image is not the one that was announced: its SHA-256 differs"
-    """The image is not the announced one: damaged on the way, or in the memory."""
+    """The image is not the announced image: it was damaged in the transfer or in the memory."""
     DAMAGED = 3, "the image is no bundle in order"
-    """No image of a bundle, or one whose manifest, files or graphs are not in order."""
+    """The image is no image of a bundle, or its manifest, a file or a graph is invalid."""
     UNSIGNED = 4, "the bundle is not signed"
     BAD_SIGNATURE = 5, "the bundle's signature is not good"
     UNKNOWN_KEY = 6, "the bundle is signed by a key that this ECU does not know"
@@ -33,11 +32,11 @@ class Verdict(IntEnum):
     WRONG_HARDWARE = 9, "the bundle was made for other ECU hardware"
     WRONG_PERIOD = 10, "the bundle was made for another control period"
     WRONG_VEHICLE = 11, "the bundle was made for another vehicle"
-    """Another operating point, action limit or number of sensors."""
+    """The bundle has another operating point, action limit or number of sensors."""
     TOO_OLD = 12, "the bundle's security version is older than this ECU allows"
-    """Its security version is below that of a release that was confirmed here."""
+    """The bundle's security version is below that of a release that was confirmed here."""
     UNREADABLE = 13, "the memory does not give the image back"
     EMPTY = 14, "the slot is empty"
     WRONG_BUILD = 15, "the image was made for another build of the firmware, or has numbers that no ECU can run"
-    """Its numbers are laid out for another firmware, judged right after WRONG_DBC; or its payload is too short or has a
-    number that no ECU can run, judged last."""
+    """The image's numbers are laid out for another firmware, which is checked right after WRONG_DBC; or its payload is
+    too short or has a number that no ECU can run, which is checked last."""

@@ -1,4 +1,4 @@
-"""The control information in the first bytes of a frame: its part in a message (ISO 15765-2:2016, section 9.6)."""
+"""The control information in a frame's first bytes: its part in a message (ISO 15765-2:2016, section 9.6)."""
 
 from bisect import bisect_left
 from enum import IntEnum
@@ -7,14 +7,14 @@ from typing import Final, NamedTuple
 from can_bridge.wire.frame import FD_LENGTHS
 
 MAX_MESSAGE: Final = 4095
-"""Bytes that the 12-bit length of a first frame can name."""
+"""Largest message length in bytes that the 12-bit field of a first frame can state."""
 CLASSIC_LENGTH: Final = 8
 FRAME_LENGTHS: Final = tuple(length for length in FD_LENGTHS if length >= CLASSIC_LENGTH)
-"""Data lengths that a transmitter may be set to, bytes."""
+"""Data lengths in bytes that a transmitter may be set to."""
 PADDING: Final = 0xCC
-"""Fewest stuff bits (ISO 15765-2, section 10.4.2.2)."""
+"""Padding byte with the fewest stuff bits (ISO 15765-2, section 10.4.2.2)."""
 SEQUENCE_NUMBERS: Final = 16
-"""They are counted in four bits."""
+"""Number of sequence numbers, which have four bits."""
 
 _SINGLE, _FIRST, _CONSECUTIVE, _FLOW = range(4)
 _LARGEST_MILLISECONDS: Final = 0x7F
@@ -23,7 +23,7 @@ _NS_PER_100_US: Final = 100_000
 
 
 class FlowStatus(IntEnum):
-    """What the receiver of a message answers its sender."""
+    """The flow status in a receiver's answer to the sender."""
 
     CONTINUE = 0
     WAIT = 1
@@ -31,13 +31,13 @@ class FlowStatus(IntEnum):
 
 
 class Single(NamedTuple):
-    """A whole message."""
+    """A whole message in one frame."""
 
     data: bytes
 
 
 class First(NamedTuple):
-    """The beginning of a message, `length` bytes long; `frame_length` is that of the frames to come."""
+    """The beginning of a message of `length` bytes; `frame_length` is the length of the frames to come."""
 
     length: int
     data: bytes
@@ -45,14 +45,14 @@ class First(NamedTuple):
 
 
 class Consecutive(NamedTuple):
-    """The next piece; `data` has the padding of a last frame."""
+    """The next piece of a message; in the last frame `data` includes padding."""
 
     number: int
     data: bytes
 
 
 class FlowControl(NamedTuple):
-    """The receiver's answer: how many frames until the next one (0: all), and the least time between two, ns."""
+    """The receiver's answer: number of frames until the next answer (0: all), and least time between frames in ns."""
 
     status: FlowStatus | None
     block_size: int
@@ -60,7 +60,7 @@ class FlowControl(NamedTuple):
 
 
 def parse(data: bytes) -> Single | First | Consecutive | FlowControl | None:
-    """The part that a frame has, or None for one that a receiver ignores by the standard. Never raises."""
+    """Return a frame's part in a message, or None for a frame that the standard has a receiver ignore. Never raises."""
     if not data:
         return None
     kind, low = data[0] >> 4, data[0] & 0xF
@@ -96,7 +96,7 @@ def _first(data: bytes, low: int) -> First | None:
 
 
 def separation_ns(code: int) -> int:
-    """Least time between frames from its byte; codes that are reserved mean the longest (section 9.6.5.5)."""
+    """Return the least time between frames in ns; reserved codes mean the longest time (section 9.6.5.5)."""
     if code <= _LARGEST_MILLISECONDS:
         return code * _NS_PER_MS
     if 0xF1 <= code <= 0xF9:
@@ -105,34 +105,33 @@ def separation_ns(code: int) -> int:
 
 
 def capacity(frame_length: int) -> int:
-    """Bytes of the longest message that fits a single frame of this length."""
+    """Return the largest message length in bytes for a single frame of this length."""
     return frame_length - (1 if frame_length <= CLASSIC_LENGTH else 2)
 
 
 def single(message: bytes) -> bytes:
-    """The frame of a short message, padded."""
+    """Return the padded frame of a short message."""
     length = len(message)
     header = bytes([length]) if length < CLASSIC_LENGTH else bytes([0, length])
     return padded(header + message)
 
 
 def first(message: bytes, frame_length: int) -> bytes:
-    """The frame that announces a message, with its beginning."""
+    """Return the frame with a message's length and beginning."""
     length = len(message)
     return bytes([_FIRST << 4 | length >> 8, length & 0xFF]) + message[: frame_length - 2]
 
 
 def consecutive(number: int, data: bytes) -> bytes:
-    """A frame with the next bytes, padded."""
+    """Return a padded frame with the next bytes of a message."""
     return padded(bytes([_CONSECUTIVE << 4 | number]) + data)
 
 
 def flow(status: FlowStatus, *, block_size: int = 0, separation_code: int = 0) -> bytes:
-    """The frame by which a receiver answers, padded."""
+    """Return the padded frame of a receiver's answer."""
     return padded(bytes([_FLOW << 4 | status, block_size, separation_code]))
 
 
 def padded(data: bytes) -> bytes:
-    """The data with `PADDING` up to the next length that a frame can have, and to 8 bytes at least; for at most 64
-    bytes."""
+    """Fill at most 64 bytes with `PADDING` up to the next length that a frame can have, and to 8 bytes at least."""
     return data.ljust(FRAME_LENGTHS[bisect_left(FRAME_LENGTHS, len(data))], bytes([PADDING]))

@@ -1,7 +1,7 @@
 """One end of an ISO-TP connection (ISO 15765-2:2016), as a state machine of time and frames.
 
-It has no clock: whoever drives it hands over the time, received frames, and takes what is to be sent. Whatever comes
-over the wire leads to a message, to an answer or to nothing, never to an exception.
+It has no clock: the caller passes the time and received frames, and takes frames to be sent. Any received data lead to
+a message, to an answer or to nothing, never to an exception.
 """
 
 from collections import deque
@@ -15,10 +15,10 @@ from can_bridge.wire.frame import Frame
 
 
 class _Reception:
-    """The receiving of at most one message.
+    """Reception of at most one message.
 
     Attributes:
-        aborted: messages that were begun and not ended.
+        aborted: number of messages that were begun and not completed.
     """
 
     def __init__(self, settings: IsoTpSettings) -> None:
@@ -36,7 +36,7 @@ class _Reception:
         return self._wanted > 0
 
     def abort(self) -> None:
-        """Drop what has come of a message."""
+        """Drop the received part of a message."""
         if self._wanted:
             self.aborted += 1
             self._wanted = 0
@@ -48,7 +48,7 @@ class _Reception:
             self.abort()
 
     def first(self, now_ns: int, part: First) -> FlowStatus:
-        """A message begins, and replaces one that is on the way; the result is our answer."""
+        """Begin a message, which replaces an incomplete one; return our answer."""
         self.abort()
         if part.length > self._settings.max_message:
             return FlowStatus.OVERFLOW
@@ -61,7 +61,7 @@ class _Reception:
         return FlowStatus.CONTINUE
 
     def consecutive(self, now_ns: int, part: Consecutive) -> tuple[bytes | None, FlowStatus | None]:
-        """The next piece: the message if it is whole now, and our answer if one is due."""
+        """Add the next piece; return the message if it is complete, and our answer if one is due."""
         if not self._wanted:
             return None, None
         if part.number != self._next_number:
@@ -70,7 +70,7 @@ class _Reception:
         missing = self._wanted - len(self._data)
         longest = self._frame_length - 1
         if not min(missing, longest) <= len(part.data) <= longest:
-            # Only a last frame may be shorter than the first. The next one then has the wrong number.
+            # Only the last frame may be shorter than the first; the frame after this one then has the wrong number.
             return None, None
         self._data += part.data[:missing]
         self._next_number = (self._next_number + 1) % SEQUENCE_NUMBERS
@@ -91,17 +91,17 @@ class _Reception:
 class _State(Enum):
     IDLE = auto()
     READY = auto()
-    """Nothing of the message was sent yet."""
+    """No frame of the message was sent yet."""
     WAITING = auto()
-    """The receiver has not answered with flow control."""
+    """The receiver has not sent its flow control yet."""
     SENDING = auto()
 
 
 class _Transmission:
-    """The sending of at most one message.
+    """Transmission of at most one message.
 
     Attributes:
-        aborted: messages that were begun and not ended.
+        aborted: number of messages that were begun and not completed.
     """
 
     def __init__(self, settings: IsoTpSettings) -> None:
@@ -124,21 +124,21 @@ class _Transmission:
 
     @property
     def length(self) -> int:
-        """Bytes of the message under way; 0 without one."""
+        """Length in bytes of the message under way; 0 without one."""
         return len(self._message)
 
     def begin(self, message: bytes) -> None:
-        """Take a message; only while none is under way."""
+        """Begin a message, if none is under way."""
         self._message = message
         self._state = _State.READY
 
     def tick(self, now_ns: int) -> None:
-        """Give up a message whose flow control is overdue."""
+        """Give up a message if the receiver's flow control is overdue."""
         if self._state is _State.WAITING and now_ns > self._deadline_ns:
             self._abort()
 
     def flow(self, now_ns: int, part: FlowControl) -> None:
-        """The receiver's answer; ignored while none is due."""
+        """Take the receiver's answer; ignored if none is due."""
         if self._state is not _State.WAITING:
             return
         if part.status is FlowStatus.CONTINUE:
@@ -154,7 +154,7 @@ class _Transmission:
             self._abort()
 
     def next_frame(self, now_ns: int) -> bytes | None:
-        """Data of the frame that may be sent now, if one may."""
+        """Return the data of the frame that may be sent now, or None."""
         if self._state is _State.READY:
             return self._beginning(now_ns)
         if self._state is not _State.SENDING or now_ns < self._not_before_ns:
@@ -198,17 +198,16 @@ class _Transmission:
 
 
 KEPT_PLACES: Final = 2
-"""Places in the queue of messages to be sent for those of a request that is worked on: that it takes longer, and its
-answer."""
+"""Places in the transmit queue reserved for the request being processed: for a response-pending and the answer."""
 
 
 class Endpoint:
-    """Messages of 1 to 4095 bytes, one at a time in each direction.
+    """An endpoint for messages of 1 to 4095 bytes, one at a time in each direction.
 
     Attributes:
-        is_held: what came last is still worked on, and there is no room for another one of several frames.
-        dropped_received: whole messages for which there was no room because those before were not taken.
-        dropped_sent: messages not begun, because too many waited already.
+        is_held: the latest message is still being processed, so that no message of several frames is accepted.
+        dropped_received: number of complete messages dropped because earlier messages had not been taken.
+        dropped_sent: number of messages not sent because the queue was full.
     """
 
     def __init__(self, settings: IsoTpSettings) -> None:
@@ -223,36 +222,36 @@ class Endpoint:
 
     @property
     def aborted_receptions(self) -> int:
-        """Messages begun by the other end and not ended, or replaced by a new message."""
+        """The number of messages that the other end began and did not complete or replaced by a new message."""
         return self._reception.aborted
 
     @property
     def aborted_transmissions(self) -> int:
-        """Messages begun by us and not ended."""
+        """The number of messages that this end began and did not complete."""
         return self._transmission.aborted
 
     @property
     def is_receiving(self) -> bool:
-        """Whether a message is on its way to us."""
+        """Whether a message is being received."""
         return self._reception.is_running
 
     @property
     def is_sending(self) -> bool:
-        """Whether one of ours is not on the bus as a whole."""
+        """Whether a message is not yet sent completely."""
         return self._transmission.is_running or bool(self._to_send)
 
     @property
     def occupied(self) -> int:
-        """Bytes of ours that are not on the bus as a whole."""
+        """The number of bytes of messages that are not yet sent completely."""
         return self._transmission.length + sum(map(len, self._to_send))
 
     @property
     def is_full(self) -> bool:
-        """Whether so many messages wait that only `KEPT_PLACES` more find a place."""
+        """Whether the queue has only the `KEPT_PLACES` reserved places left, or fewer."""
         return len(self._to_send) + KEPT_PLACES >= self._settings.queue
 
     def receive(self, now_ns: int, frame: Frame) -> None:
-        """Take a frame from the bus; frames for others are ignored."""
+        """Take a frame from the bus; frames with other identifiers are ignored."""
         if (frame.frame_id, frame.is_extended) != (self._settings.receive_id, self._settings.is_extended):
             return
         self._tick(now_ns)
@@ -273,8 +272,8 @@ class Endpoint:
             self._transmission.flow(now_ns, part)
 
     def send(self, message: bytes) -> bool:
-        """Have a message sent by the calls of `poll` that follow. Raises ValueError for an empty message or one that is
-        too long. Returns whether there was room for it."""
+        """Queue a message for the following calls of `poll`; return False if the queue is full. Raises ValueError for
+        an empty message or one that is too long."""
         if not 0 < len(message) <= control_info.MAX_MESSAGE:
             raise ValueError(f"message of {len(message)} bytes: must have 1..{control_info.MAX_MESSAGE}")
         if len(self._to_send) == self._settings.queue:
@@ -284,7 +283,7 @@ class Endpoint:
         return True
 
     def poll(self, now_ns: int) -> list[Frame]:
-        """Frames to be put on the bus now: the answer to the other end first, then what we send."""
+        """Return the frames to be sent now: the answer to the other end first, then our own messages."""
         self._tick(now_ns)
         frames = list[Frame]()
         if self._answer is FlowStatus.CONTINUE and not self._reception.is_running:
@@ -304,7 +303,7 @@ class Endpoint:
         return frames
 
     def take(self) -> list[bytes]:
-        """Messages that have come whole since the last call, oldest first."""
+        """Return the messages completed since the last call, oldest first."""
         messages = list(self._received)
         self._received.clear()
         return messages

@@ -1,4 +1,4 @@
-"""What an endpoint of ISO-TP is set to."""
+"""The settings of an ISO-TP endpoint."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -12,22 +12,22 @@ _SECOND_NS: Final = 1_000_000_000
 
 @dataclass(frozen=True, kw_only=True)
 class IsoTpSettings:
-    """One end of a connection. Raises ConfigError for a value that the standard does not have.
+    """One end of a connection. Raises ConfigError for a value that the standard does not allow.
 
     Attributes:
-        receive_id: of the frames from the other end.
-        send_id: of our own.
+        receive_id: identifier of the frames from the other end.
+        send_id: identifier of our own frames.
         is_extended: both have 29 bits rather than 11.
-        frame_length: longest data of a frame we send, bytes: 8, or a CAN FD length above; `is_fd` must fit it.
+        frame_length: largest data length of a sent frame in bytes: 8, or a greater CAN FD length if `is_fd`.
         is_fd: send CAN FD frames; frames of both kinds are received.
-        block_size: frames after which we want to be asked again, 0 for never.
+        block_size: number of frames after which the sender must wait for our answer, 0 for never.
         separation_code: byte for the least time between frames to us.
-        max_message: longest message we take, bytes.
-        queue: messages that wait to be sent, or to be taken, at most.
-        burst: frames that one `poll` gives out at most, so that a controller's transmit buffers do not overflow.
-        n_bs_ns: longest wait for the other's flow control.
+        max_message: largest length of a received message, bytes.
+        queue: largest number of messages that wait to be sent, or to be taken.
+        burst: largest number of frames of one `poll`, so that a controller's transmit buffers do not overflow.
+        n_bs_ns: longest wait for the other end's flow control.
         n_cr_ns: longest wait for its next frame.
-        max_waits: how often in a row the other may ask us to wait.
+        max_waits: largest number of consecutive requests to wait by the other end.
     """
 
     receive_id: int
@@ -71,7 +71,7 @@ class IsoTpSettings:
 
 
 def classic(*, receive_id: int, send_id: int, is_extended: bool = False) -> IsoTpSettings:
-    """Settings for a bus without CAN FD."""
+    """Return the settings for a bus without CAN FD."""
     return IsoTpSettings(
         receive_id=receive_id, send_id=send_id, is_extended=is_extended, frame_length=CLASSIC_LENGTH, is_fd=False
     )

@@ -1,1 +1,1 @@
-"""Recorded CAN traffic in files: written and read."""
+"""Files of recorded CAN traffic: writing and reading."""

@@ -3,8 +3,8 @@
     0.000144 1  120  Rx  d 8 00 01 02 03 04 05 06 07                        classic CAN
     0.000144 CANFD   1 Rx   120  Pressure  1 0 a 16 00 01 ..  <eight numbers>   on a channel of CAN FD
 
-A name may stand in place of an identifier. Of the eight numbers the third tells what a frame was: bit 12 says CAN FD,
-bit 4 remote; both kinds of channel carry classic frames.
+A name may replace an identifier. The third of the eight numbers has flags: bit 12 for a CAN FD frame, bit 4 for a
+remote frame. Both kinds of channel carry classic frames.
 """
 
 import re
@@ -42,16 +42,16 @@ _TIMESTAMPS: Final = re.compile(r"\btimestamps\s+(absolute|relative)\b", re.IGNO
 _BEGIN: Final = re.compile(r"begin\s+triggerblock\b(.*)", re.IGNORECASE)
 _END: Final = re.compile(r"end\s+triggerblock\b", re.IGNORECASE)
 _DATE: Final = re.compile(r"(\d{1,2})\s+(\d{1,2}):(\d\d):(\d\d(?:\.\d+)?)(?:\s+([ap])m)?\s+(\d{4})", re.IGNORECASE)
-"""Day, time and year of "Fri Nov 27 10:00:00.000 2026", whatever language the names are in."""
+"""Day, time and year of "Fri Nov 27 10:00:00.000 2026"; the names may be in any language."""
 _NUMBER_OF_NAME: Final = re.compile(r"\bID\s*=\s*(\d+)(x?)", re.IGNORECASE)
-"""Behind a classic frame, since version 8: the identifier in decimal."""
+"""The identifier in decimal, which follows a classic frame since version 8."""
 _DIRECTIONS: Final = ("rx", "tx", "txrq")
 _NUMERIC: Final = "0123456789+-("
-"""How a header does not begin."""
+"""Characters that begin no header line."""
 _TRAILING: Final = 6
-"""Numbers behind the bytes of a line for CAN FD, at least; version 8 has two more."""
+"""Least count of numbers after the bytes of a CAN FD line; version 8 has two more."""
 _FLAGS: Final = 2
-"""Place among them."""
+"""Index of the flags among these numbers."""
 _FD_FLAG, _REMOTE_FLAG = 0x1000, 0x10
 _DAY_S: Final = 86_400.0
 _EVENTS: Final = {
@@ -68,11 +68,11 @@ _EVENTS: Final = {
     "overloadframe": "overload frame",
     "j1939tp": "J1939 transport",
 }
-"""Names of what is no frame, by its first word."""
+"""Names of events that are no frames, by their first word."""
 
 
 def read_asc(lines: Lines) -> Iterator[Entry]:
-    """What the lines hold. Raises ValueError, by the number of a line that is neither frame nor event nor header."""
+    """Yield the entries of the lines. Raises ValueError with the number of a line that is no frame, event or header."""
     base, is_relative, in_block, has_times = 16, False, False, False
     clock = _Clock()
     for number, line in lines:
@@ -116,10 +116,10 @@ def read_asc(lines: Lines) -> Iterator[Entry]:
 
 
 class _Clock:
-    """Seconds on one clock, where times count from the line before, or begin again with a trigger block.
+    """Seconds on one clock, although times may count from the previous line, or restart with a trigger block.
 
     Attributes:
-        offset_s: from the times of this block to those of the first one.
+        offset_s: from the times of this block to those of the first block.
     """
 
     def __init__(self) -> None:
@@ -142,8 +142,8 @@ class _Clock:
         return self._sum_s if is_relative else time_s
 
     def place(self, time_s: float, *, is_relative: bool) -> None:
-        """Put a frame behind those of the blocks before: where its time, the first of a block, is not, times count
-        from the block's own date."""
+        """Place a frame after the earlier blocks' frames. If the first time in a block is too early for that, the
+        block's times count from the block's own date."""
         if self._is_new and not is_relative and time_s + self.offset_s < self._latest:
             since = _between(self._first_date or "", self._date)
             if since is None or time_s + since < self._latest:
@@ -157,7 +157,7 @@ class _Clock:
 
 
 def _between(first: str, second: str) -> float | None:
-    """Seconds between two dates less than a month apart; None where one cannot be read."""
+    """Return the seconds between two dates less than a month apart; None if one is unreadable."""
     found = [_DATE.search(text) for text in (first, second)]
     if found[0] is None or found[1] is None:
         return None
@@ -170,7 +170,7 @@ def _between(first: str, second: str) -> float | None:
     months = [text[: one.start()].split()[-1:] for text, one in zip((first, second), found, strict=True) if one]
     if months[0] == months[1]:
         return (days[1] - days[0]) * _DAY_S + seconds[1] - seconds[0]
-    # At the end of a month a day has passed: nobody's trigger blocks are further apart, and months have many names.
+    # At the end of a month one day has passed: trigger blocks are never further apart, and months have many names.
     return _DAY_S + seconds[1] - seconds[0] if days[1] < days[0] else None
 
 
@@ -220,7 +220,7 @@ def _on_fd_channel(time_s: float, words: list[str], base: int) -> Entry:
         return error_frame(time_s, channel)
     if direction == "txrq":
         return LogEvent(REQUEST)
-    # The name behind the identifier is often left out.
+    # The name after the identifier is often missing.
     rest = words[5:] if words[5:6] and words[5] in ("0", "1") else words[6:]
     if len(rest) < 4:
         raise ValueError(f"{quoted(' '.join(words), 60)} ends before its length")
@@ -231,7 +231,7 @@ def _on_fd_channel(time_s: float, words: list[str], base: int) -> Entry:
     trailing = rest[4 + length :]
     flags = int(trailing[_FLAGS], 16) if len(trailing) >= _TRAILING else 0
     fd = BRS * (rest[0] == "1") | ESI * (rest[1] == "1")
-    # Writers that know nothing of the flags leave them 0.
+    # Some writers leave the flags 0.
     if flags & _FD_FLAG or fd & BRS or length > 8 or not (flags or (length == 8 and code > 8)):
         fd |= FD_FRAME
     elif flags & _REMOTE_FLAG:
@@ -242,7 +242,7 @@ def _on_fd_channel(time_s: float, words: list[str], base: int) -> Entry:
 
 
 def _event(word: str, text: str) -> LogEvent:
-    """An event by its first word; variables and signals, whose first words are their own names, by their marks."""
+    """Return an event by its first word; variables and signals begin with their own name, and are found by marks."""
     if "GMGroup:" in text:
         return LogEvent("marker")
     if ":=" in text:
@@ -256,7 +256,7 @@ def _event(word: str, text: str) -> LogEvent:
 
 
 def _identifier(word: str, base: int) -> Ident | None:
-    """Number, and whether it has 29 bits; None for a name that is not one of our messages'."""
+    """Return the number, and whether it has 29 bits; None for a name that is not a message of ours."""
     name = word.rpartition("::")[2]
     if name in IDS:
         return IDS[name], False
@@ -265,5 +265,5 @@ def _identifier(word: str, base: int) -> Ident | None:
     if not (_HEX if base == 16 else _DECIMAL).fullmatch(digits):
         return None
     number = int(digits, base)
-    # Names begin with a letter, and some have the digits of a number: such as no identifier can be.
+    # Names begin with a letter, but may otherwise consist of digits: such a number is no identifier.
     return (number, is_extended) if is_extended or number <= MAX_FRAME_ID or word[0].isdigit() else None

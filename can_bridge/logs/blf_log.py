@@ -1,7 +1,7 @@
-"""Vector's BLF: objects, most of them in compressed containers. Vector publishes no description; this follows what
-Vector's binlog and python-can write.
+"""Vector's BLF format: objects, most of them in compressed containers. Vector publishes no description; the reader
+follows the output of Vector's binlog and python-can.
 
-Every object has a type. Frames become messages, whatever else there is counts under its name: nothing is passed over.
+Every object has a type. Frames become messages; all other objects are counted by their names.
 """
 
 import struct
@@ -26,26 +26,26 @@ from can_bridge.logs.entries import (
 )
 
 _FILE: Final = struct.Struct("<4s L 8x Q Q 8x 8H")
-"""Signature, length of the header, size of the file, size unpacked, start as a Windows SYSTEMTIME."""
+"""Signature, header length, file size, unpacked size, start as a Windows SYSTEMTIME."""
 _BASE: Final = struct.Struct("<4s H H L L")
-"""Signature, length of the header and its version, size, type."""
+"""Signature, header length, header version, object size, type."""
 _STAMP: Final = struct.Struct("<L 4x Q")
-"""Flags of the time, and the time since the start."""
+"""Flags of the time, time since the start."""
 _CONTAINER: Final = struct.Struct("<H 6x L 4x")
 _CLASSIC: Final = struct.Struct("<H B B L 8s")
 """Channel, flags, length code, identifier, data."""
 _FD: Final = struct.Struct("<H B B L L B B B 5x 64s")
-"""The same with time on the wire and bits in between, then flags of CAN FD and bytes that are there."""
+"""Channel, flags, length code, identifier, time on the bus, bits, flags of CAN FD, number of stored bytes, data."""
 _FD_64: Final = struct.Struct("<B B B x L 4x L 18x B B 4x")
-"""Channel, length code, bytes that are there, identifier, flags, direction, place of what follows the data."""
+"""Channel, length code, number of stored bytes, identifier, flags, direction, offset of the bytes after the data."""
 _CHANNEL: Final = struct.Struct("<H")
 _TEN_MICROSECONDS: Final = 1
-"""Flag of a time that is not in ns."""
+"""Flag of a time in units of 10 us instead of ns."""
 
 _MESSAGES: Final = (1, 86)
 _CONTAINER_TYPE, _FD_TYPE, _FD_64_TYPE, _FD_ERROR_TYPE = 10, 100, 101, 104
 _FRAMES: Final = (*_MESSAGES, _FD_TYPE, _FD_64_TYPE, 2, 73, _FD_ERROR_TYPE)
-"""Types of messages and error frames."""
+"""Object types of messages and error frames."""
 _NAMES: Final = {
     3: "overload frame",
     4: "statistics",
@@ -71,10 +71,10 @@ _TX, _TX_REQUEST = 1, 2
 
 
 class Objects:
-    """The objects of a BLF.
+    """The objects of a BLF file.
 
     Attributes:
-        count: objects so far, containers left out.
+        count: number of objects so far, without containers.
     """
 
     def __init__(self, file: Binary) -> None:
@@ -82,7 +82,7 @@ class Objects:
         self._file = file
 
     def read(self, since_epoch: SinceEpoch) -> Iterator[Entry]:
-        """What they hold. Raises ValueError for a file that is no BLF, or was cut off."""
+        """Yield the entries of the objects. Raises ValueError for a file that is no BLF; CutOffError if truncated."""
         head = self._file.read(_FILE.size)
         if head[:4] != b"LOGG" or len(head) < _FILE.size:
             raise ValueError("its head is none of a BLF")
@@ -119,7 +119,7 @@ class Objects:
             return _frame(time_s, channel, frame_id, code, data[:valid], flags, fd & 7)
         if kind == _FD_64_TYPE:
             channel, code, valid, frame_id, flags, direction, behind = _FD_64.unpack_from(one, header)
-            # What is announced and not there is zero, as Vector's own programs read it.
+            # Bytes that are announced but not stored are zero, as in Vector's own programs.
             data = one[header + _FD_64.size : behind or None][:valid].ljust(valid, b"\0")
             return _frame(time_s, channel, frame_id, code, data, direction | (flags & 0x10) << 3, flags >> 12 & 7)
         (channel,) = _CHANNEL.unpack_from(one, header)
@@ -127,7 +127,7 @@ class Objects:
 
 
 class _Stream:
-    """Objects one behind the other; the last one of a block may go on in the next."""
+    """A sequence of objects; the last object of a block may continue in the next block."""
 
     def __init__(self) -> None:
         self._rest = b""
@@ -137,10 +137,10 @@ class _Stream:
         return b"LOBJ" in self._rest
 
     def objects(self, block: bytes) -> Iterator[tuple[int, bytes, int]]:
-        """Type, whole object, and length of its header. Raises ValueError where none begins."""
+        """Yield type, bytes and header length of each object. Raises ValueError if no object begins where one must."""
         data, at = self._rest + block, 0
         while True:
-            # Up to three bytes of padding lie in between, by the type.
+            # Up to three bytes of padding come between objects, depending on their type.
             begin = data.find(b"LOBJ", at, at + 8)
             if begin < 0:
                 if len(data) - at >= 8:
@@ -169,7 +169,8 @@ def _unpacked(container: bytes) -> bytes:
 def _frame(
     time_s: float, channel: int, frame_id: int, code: int, data: bytes, flags: int, fd: int = 0
 ) -> can.Message | LogEvent:
-    """`flags` has the direction and the remote bit, `fd` those of `can_bridge.logs.entries.FD` and behind."""
+    """Return a frame. `flags` has the direction and the remote bit, `fd` the bits from
+    `can_bridge.logs.entries.FD_FRAME` on."""
     if flags & _DIRECTION == _TX_REQUEST:
         return LogEvent(REQUEST)
     length, is_rx = length_of(code, is_fd=bool(fd)), flags & _DIRECTION != _TX

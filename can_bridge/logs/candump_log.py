@@ -1,10 +1,10 @@
-"""Logs of can-utils: what `candump -L` writes to a file, and what plain candump shows on a screen.
+"""Logs of can-utils: the files of `candump -L`, and the screen output of candump.
 
     (1436509052.249713) can0 123##1112233           with -L or -l
      (1436509052.249713)  can0  123  [03]  11 22 33  without
 
-A screen's times are absolute (-t a, -t A in words), count from the first frame (-t z), or from the line before (-t d),
-which no line tells apart by itself: times that go back are of -t d.
+A screen's times are absolute (-t a, -t A in words), count from the first frame (-t z), or from the previous line
+(-t d). A single line does not show which; times that decrease are of -t d.
 """
 
 import re
@@ -34,7 +34,7 @@ from can_bridge.wire.frame import FD_LENGTHS
 from contract.printable import quoted
 
 _ERROR: Final = 0x20000000
-"""Bit 29: an error frame, whose classes are the lower bits (linux/can.h)."""
+"""Bit 29 marks an error frame, whose classes are the lower bits (linux/can.h)."""
 _LOG: Final = re.compile(r"\(([^)]*)\)\s+(\S+)\s+([0-9A-Fa-f]+)#(\S*)(?:\s+([RTrt]))?")
 _SCREEN: Final = re.compile(
     r"(?:\(([^)]*)\)\s+)?(\S+)\s+(?:(RX|TX) [B-] [E-]\s+)?([0-9A-Fa-f]+)\s+(?:\[(\d+)\]|\{([0-9A-Fa-f]+)\})(?:\s+(.*))?"
@@ -44,14 +44,14 @@ _FD: Final = re.compile(r"#([0-9A-Fa-f])(.*)")
 _DATA: Final = re.compile(r"((?:[0-9A-Fa-f]{2}\.?)*)(?:_[9A-Fa-f])?")
 _REMOTE: Final = re.compile(r"[Rr]([0-9])?(?:_[9A-Fa-f])?")
 _RELATIVE: Final = re.compile(r"\d{3}\.\d{6}")
-"""candump pads the seconds of -t z and -t d to three digits, and those since the epoch to ten."""
+"""A relative time: candump pads the seconds of -t z and -t d to three digits, and those since the epoch to ten."""
 _REMEDY: Final = "record with `candump -L`"
 _LATE: Final = 0.1
-"""Share of the frames of a channel that a driver may stamp with the time of the one before."""
+"""Largest share of a channel's frames that a driver may stamp with the time of the previous frame."""
 
 
 def read_candump(lines: Lines, since_epoch: SinceEpoch) -> Iterator[Entry]:
-    """What the lines hold. Raises ValueError, by the number of a line that is none of candump's."""
+    """Yield the entries of the lines. Raises ValueError with the number of a line that candump does not write."""
     clock = _Clock(since_epoch)
     after_error = False
     for number, line in lines:
@@ -60,7 +60,7 @@ def read_candump(lines: Lines, since_epoch: SinceEpoch) -> Iterator[Entry]:
             if text.startswith(("#", "//", ";")):
                 yield LogEvent(COMMENT)
             elif after_error and line.startswith(("\t", " ")) and not _SCREEN.fullmatch(text):
-                # `candump -e` explains an error frame in the lines below it.
+                # `candump -e` explains an error frame in the lines after it.
                 yield LogEvent("description of an error frame")
             else:
                 entry = _entry(text, clock, is_whole=line.endswith("\n"))
@@ -72,7 +72,7 @@ def read_candump(lines: Lines, since_epoch: SinceEpoch) -> Iterator[Entry]:
 
 
 class _Clock:
-    """Seconds of the text in the parentheses."""
+    """The clock of the times in parentheses, in s."""
 
     def __init__(self, since_epoch: SinceEpoch) -> None:
         self._since_epoch = since_epoch
@@ -98,7 +98,8 @@ class _Clock:
         return time_s
 
     def check(self) -> None:
-        """Raise ValueError where frames do not follow each other in time, as differences that are all alike do not."""
+        """Raise ValueError if too many frames are not later than the previous one, as with constant time
+        differences."""
         if self._not_later > _LATE * self._count:
             raise self._differences(f"{self._not_later} of {self._count} frames are not later than the one before")
 
@@ -122,7 +123,7 @@ def _entry(text: str, clock: _Clock, *, is_whole: bool) -> Entry:
     time_s, ident, is_rx, rest = clock.of(time, channel), _ident(digits), direction != "TX", rest or ""
     if ident[1] and ident[0] & _ERROR:
         return error_frame(time_s, channel, ident[0] & ~_ERROR)
-    # {} has the length code, [8] the bytes of classic CAN, [08] those of CAN FD.
+    # {1} has the length code, [8] the length of a classic frame, [08] the length of a CAN FD frame.
     fd = FD_FRAME if code is None and len(length) > 1 else 0
     count = length_of(int(code, 16), is_fd=False) if length is None else check_length(int(length), is_fd=bool(fd))
     if rest.startswith("remote request"):
@@ -152,7 +153,7 @@ def _logged(time_s: float, channel: str, ident: Ident, body: str, *, is_rx: bool
 
 
 def _ident(digits: str) -> Ident:
-    """candump writes three digits, or eight of an extended one."""
+    """Return the identifier, which has three digits, or eight if it is extended."""
     if len(digits) > 8:
         raise ValueError(f"identifier {digits}, must have at most 8 digits")
     return int(digits, 16), len(digits) > 3

@@ -1,4 +1,4 @@
-"""What every reader of logs yields, and what several of them read alike: text of any encoding, names, bytes."""
+"""The entries that every reader of logs yields, and common functions of the readers: encodings, names, bytes."""
 
 import io
 import re
@@ -15,39 +15,39 @@ from can_bridge.wire.message_specs import SPECS
 HEADER_LINE: Final = "header"
 COMMENT: Final = "comment"
 REQUEST: Final = "transmit request"
-"""A node has asked for a frame to be sent: the frame itself is another entry, or never came."""
+"""A node has requested to send a frame. The frame itself is another entry, or was never sent."""
 NOT_OURS: Final = "frame by a name that is not ours"
-"""The name of such a frame in a log with names in place of identifiers."""
+"""Event name of a frame whose name, in place of an identifier, is not one of our messages."""
 XL: Final = "CAN XL frame"
 
 IDS: Final = {spec.name: spec.frame_id for spec in SPECS}
-"""Identifiers of our messages, by the names that a log written with our DBC has for them."""
+"""Identifiers of our messages, by their names in a log that was written with our DBC."""
 FD_IDS: Final = frozenset(spec.frame_id for spec in SPECS if spec.is_fd)
 
 FD_FRAME, BRS, ESI = 1, 2, 4
-"""Bits of a frame: it is one of CAN FD, it switched the bit rate, its sender was error passive."""
+"""Bits of a frame: CAN FD format, bit-rate switch, error-passive sender."""
 PROTOCOL, NO_ACK = 0x8, 0x20
 _CLASSES: Final = ("transmit timeout", "arbitration lost", "controller", "protocol", "transceiver")
 ERROR_CLASSES: Final = (*_CLASSES, "no acknowledgement", "bus off", "bus error", "restarted", "error counters")
-"""Names of the bits, from the lowest, that say in an error frame's identifier what it reports (linux/can/error.h)."""
+"""Names of the bits in an error frame's identifier, from the lowest, which state the error (linux/can/error.h)."""
 
 _BYTE: Final = {16: re.compile("[0-9A-Fa-f]{2}"), 10: re.compile("[0-9]{1,3}")}
 
 Binary = BinaryIO | GzipFile
-"""An open file, packed or not."""
+"""An open file, plain or gzip."""
 SinceEpoch = Callable[[datetime], float]
-"""Makes s since the epoch of a start that a file has in local time, without its zone."""
+"""Returns a local start time, which a file states without time zone, as s since the epoch."""
 
 
 class LogEvent(NamedTuple):
-    """One or more lines, or objects of a binary file, that are no frame, by what they are."""
+    """One or more lines, or objects of a binary file, that are no frame, and their name."""
 
     name: str
     lines: int = 1
 
 
 class CutOffError(Exception):
-    """The end of a file is missing; the message says by what that shows."""
+    """The end of a file is missing; the message states the evidence."""
 
 
 Entry = can.Message | LogEvent
@@ -56,20 +56,20 @@ Ident = tuple[int, bool]
 
 
 def error_class(message: can.Message) -> str:
-    """What an error frame reports, in words."""
+    """Return an error frame's errors in words."""
     names = [name for bit, name in enumerate(ERROR_CLASSES) if message.arbitration_id >> bit & 1]
     return " and ".join(names) or "not stated"
 
 
 def error_frame(time_s: float, channel: str, classes: int = 0) -> can.Message:
-    """An error frame; of formats that do not state its class the identifier is 0."""
+    """Return an error frame; `classes` is 0 for formats that do not state them."""
     return can.Message(timestamp=time_s, is_error_frame=True, arbitration_id=classes, channel=channel)
 
 
 def frame(
     time_s: float, channel: str, ident: Ident, data: bytes | None, *, fd: int = 0, is_rx: bool = True, dlc: int = 0
 ) -> can.Message:
-    """A data frame, or without data a remote frame of a length. Raises ValueError for an identifier that is none.
+    """Return a data frame, or a remote frame if `data` is None. Raises ValueError for an impossible identifier.
 
     Args:
         fd: bits of `FD_FRAME`, `BRS` and `ESI`; 0 for classic CAN.
@@ -92,23 +92,23 @@ def frame(
 
 
 def length_of(code: int, *, is_fd: bool) -> int:
-    """Bytes that a length code stands for; the codes 9 to 15 of a classic frame are 8 bytes (ISO 11898-1). Raises
-    ValueError for a code that is none."""
+    """Return the number of bytes of a length code; the codes 9 to 15 of a classic frame are 8 bytes (ISO 11898-1).
+    Raises ValueError for an invalid code."""
     if not 0 <= code < len(FD_LENGTHS):
         raise ValueError(f"length code {code}, must be in 0..15")
     return FD_LENGTHS[code] if is_fd else min(code, 8)
 
 
 def check_length(length: int, *, is_fd: bool) -> int:
-    """The length itself. Raises ValueError for one that no frame has."""
+    """Return the length. Raises ValueError for a length that no frame has."""
     if length not in (FD_LENGTHS if is_fd else CLASSIC_LENGTHS):
         raise ValueError(f"{length} bytes are no length of {'CAN FD' if is_fd else 'classic CAN'}")
     return length
 
 
 def bytes_of(words: list[str], length: int, base: int = 16) -> bytes:
-    """The first `length` words as bytes. Raises ValueError where they are fewer, or one is no byte: a hexadecimal byte
-    has two digits, so that one cut in half is seen."""
+    """Return the first `length` words as bytes. Raises ValueError if there are fewer words or one is no byte. A
+    hexadecimal byte must have two digits, so that a truncated byte is detected."""
     there = [word for word in words[:length] if _BYTE[base].fullmatch(word)]
     if len(there) < length:
         raise ValueError(f"{length} bytes announced, {len(there)} there")
@@ -116,13 +116,13 @@ def bytes_of(words: list[str], length: int, base: int = 16) -> bytes:
 
 
 class Lines:
-    """The lines of a text log, numbered from 1, with their ends.
+    """The lines of a text log with their ends, numbered from 1.
 
-    Bytes that the encoding does not have are kept as escapes: in headers and comments they matter to no one, and a
-    frame's line that has one is refused by its reader.
+    Bytes that are invalid in the encoding become escapes. They do no harm in headers and comments; a frame's line with
+    an escape is rejected by its reader.
 
     Attributes:
-        count: lines that hold anything, so far.
+        count: number of lines so far that are not empty.
     """
 
     def __init__(self, file: Binary) -> None:
@@ -140,7 +140,7 @@ class Lines:
 
 
 def _encoding(head: bytes) -> str:
-    """The encoding, by the mark of the byte order or by the zeros between the characters of UTF-16."""
+    """Return the encoding, found by the byte order mark or by the zeros between the characters of UTF-16."""
     if head[:3] == b"\xef\xbb\xbf":
         return "utf-8-sig"
     if head[:2] in (b"\xff\xfe", b"\xfe\xff"):

@@ -1,4 +1,4 @@
-"""Captured frames in candump's format, which can-utils, python-can, cantools or a plain editor can read.
+"""Captured frames in candump's format, which can-utils, python-can, cantools and any editor can read.
 
 Times are absolute, in microseconds. `python -m can.logconvert frames.log frames.blf` writes another format.
 """
@@ -16,10 +16,10 @@ from contract.atomic import replacing
 
 @contextmanager
 def recording(path: Path) -> Iterator[Callable[[Frame], None]]:
-    """Yield a function that appends a frame; the file appears when the block succeeds, and not otherwise.
+    """Yield a function that appends a frame. The file is created only if the block succeeds.
 
-    Frames must come in the order of their timestamps: the writer stamps an earlier one with the time before it. Raises
-    StillwakeError if the place cannot be written.
+    Frames must come in the order of their timestamps: the writer stamps an earlier frame with the previous frame's
+    time. Raises StillwakeError if the file cannot be written.
     """
     with replacing(path) as temporary, can.CanutilsLogWriter(temporary) as writer:
         yield lambda frame: writer.on_message_received(to_message(frame))

@@ -1,7 +1,8 @@
-"""Recorded CAN traffic, whatever wrote it: candump, Vector ASC and BLF, PEAK TRC, ASAM MDF, python-can's tables.
+"""Recorded CAN traffic in any of these formats: candump, Vector ASC and BLF, PEAK TRC, ASAM MDF, python-can's tables.
 
-Every line, or object, is a message, an event that is counted by its name, or the end of the reading with its number:
-the counts add up to the lines. Times are those of the file: since the epoch, but of an ASC since its beginning.
+Every line or object is a message, an event that is counted by its name, or an error with its number that ends the
+reading, so that the counts add up to the lines. Times are those of the file: since the epoch, or in ASC since its
+beginning.
 """
 
 from collections import Counter
@@ -26,25 +27,25 @@ from contract.errors import BusError
 LOG_SUFFIXES: Final = (".log", ".asc", ".blf", ".trc", ".mf4", ".csv", ".db")
 PACKED: Final = ".gz"
 _UNPACKED: Final = (".mf4", ".db")
-"""Read by libraries that need the file itself."""
+"""Endings of files that are read by libraries, which need the file itself and not its unpacked content."""
 
 GREATEST_TIME_S: Final = 2**63 / 1e9
-"""What 64 bits of nanoseconds hold: 292 years on both sides of the epoch."""
+"""Largest time: 64 bits of nanoseconds, 292 years before and after the epoch."""
 
 
 def suffix_of(path: Path) -> str:
-    """The ending that tells a log's format: the one before .gz, in small letters."""
+    """Return the ending that shows a log's format, before .gz, in lower case."""
     name = path.name.lower()
     return Path(name.removesuffix(PACKED)).suffix
 
 
 def stem_of(path: Path) -> str:
-    """The file's name without its endings."""
+    """Return the file's name without its endings."""
     return Path(path.stem).stem if path.suffix.lower() == PACKED else path.stem
 
 
 def is_log(path: Path) -> bool:
-    """Whether this is a log, by its name; a CSV by its first line, which python-can's logger writes always alike."""
+    """Return whether the file is a log, by its name, or for a CSV by the first line that python-can's logger writes."""
     suffix = suffix_of(path)
     if suffix != ".csv" or path.suffix.lower() == PACKED:
         return suffix in LOG_SUFFIXES
@@ -56,7 +57,7 @@ def is_log(path: Path) -> bool:
 
 
 def check_suffix(path: Path) -> None:
-    """Refuse what no reader knows by its name. Raises BusError for another ending."""
+    """Raise BusError if no reader reads files with this ending."""
     if suffix_of(path) not in LOG_SUFFIXES:
         raise BusError(
             f"{path}: a log must end in {', '.join(LOG_SUFFIXES)}, or one of them and {PACKED}; "
@@ -67,21 +68,22 @@ def check_suffix(path: Path) -> None:
 
 
 class CanLog:
-    """A log, to be read once, from its first message to its last. Timestamps are in s, channels as the file has them.
+    """A log that can be read once, from its first message to its last. Timestamps are in s, channels named as in the
+    file.
 
     Attributes:
-        events: what was no message so far, by its name.
-        messages: how many were; with the events, as many as lines that hold anything.
-        channels: messages of each channel; an empty name where the format has none.
-        is_local: its times are since the epoch, of a start in local time; without its zone taken for UTC.
+        events: numbers of entries so far that are no messages, by name.
+        messages: number of messages so far; with the events, the number of non-empty lines.
+        channels: numbers of messages by channel; an empty name if the format has no channels.
+        is_local: times are since the epoch, from a local start time, which counts as UTC if no zone is given.
     """
 
     def __init__(self, path: Path, *, zone: tzinfo | None = None, channels: Collection[str] = ()) -> None:
-        """Raises BusError for a file that is not there, or of a kind that is not read.
+        """Open a log. Raises BusError for a file that does not exist or has no supported format.
 
         Args:
-            zone: of starts that a file has in local time.
-            channels: to read; without any, all of them.
+            zone: time zone of local start times in files.
+            channels: channels to read; all of them by default.
         """
         check_suffix(path)
         if not path.is_file():
@@ -94,8 +96,8 @@ class CanLog:
         self._zone, self._only = zone, frozenset(channels)
 
     def __iter__(self) -> Iterator[can.Message]:
-        """The messages in the order of the file. Raises BusError naming the file, if it is damaged or a line of it is
-        neither message nor event, after what could be read."""
+        """Yield the messages in the order of the file. Raises BusError with the file's name, after the readable part,
+        if it is damaged or has a line that is neither message nor event."""
         with ExitStack() as stack:
             try:
                 source, entries = self._opened(stack)
@@ -126,7 +128,7 @@ class CanLog:
             raise BusError(f"{self.path}: --channel {', '.join(sorted(self._only))}: it has {names}")
 
     def _opened(self, stack: ExitStack) -> tuple[Lines | Objects | TableRows | Records, Iterator[Entry]]:
-        """What counts its lines, and what they hold."""
+        """Return the object that counts the lines, and their entries."""
         suffix = suffix_of(self.path)
         if suffix == ".mf4":
             records = Records(self.path)

@@ -1,6 +1,5 @@
-"""Bus logging in ASAM MDF 4, read by asammdf: groups CAN_DataFrame, CAN_ErrorFrame and CAN_RemoteFrame ("ASAM MDF,
-Bus Logging", 1.0), as Vector's programs, CANedge loggers and python-can write them.
-"""
+"""Bus logging in ASAM MDF 4, read by asammdf: groups CAN_DataFrame, CAN_ErrorFrame and CAN_RemoteFrame ("ASAM MDF, Bus
+Logging", 1.0), as written by Vector's programs, CANedge loggers and python-can."""
 
 from collections.abc import Iterator, Mapping
 from heapq import merge
@@ -29,14 +28,14 @@ _DATA, _ERROR, _REMOTE = "CAN_DataFrame", "CAN_ErrorFrame", "CAN_RemoteFrame"
 _NAMES: Final = {"CAN_OverloadFrame": "overload frame"}
 _EXTENDED: Final = 0x80000000
 _ERROR_TYPES: Final = {**dict.fromkeys((1, 2, 3, 4), PROTOCOL), 5: NO_ACK}
-"""Linux' classes, by the standard's types (bit, form, stuff, CRC, acknowledgement)."""
+"""Linux's error classes, by the standard's error types (bit, form, stuff, CRC, acknowledgement)."""
 
 
 class Records:
     """The records of a measurement.
 
     Attributes:
-        count: so far, of all groups.
+        count: number of records so far, of all groups.
     """
 
     def __init__(self, path: Path) -> None:
@@ -44,7 +43,7 @@ class Records:
         self._path = path
 
     def read(self, since_epoch: SinceEpoch) -> Iterator[Entry]:
-        """What they hold, in the order of time. Raises BusError without asammdf."""
+        """Yield the entries of the records in the order of time. Raises BusError if asammdf is missing."""
         try:
             from asammdf import MDF
         except ImportError as error:

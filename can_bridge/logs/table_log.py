@@ -1,5 +1,5 @@
-"""The tables that python-can's logger writes: CSV, and an SQLite database. Neither has channels, nor tells CAN FD from
-classic CAN: what is ours or longer than 8 bytes is known all the same."""
+"""The tables of python-can's logger: CSV and an SQLite database. They have no channels and do not state CAN FD, but
+messages of ours and those longer than 8 bytes are recognised."""
 
 import base64
 import binascii
@@ -14,11 +14,11 @@ from can_bridge.logs.entries import BRS, FD_FRAME, FD_IDS, HEADER_LINE, Entry, L
 from contract.printable import quoted
 
 TABLE_COLUMNS: Final = "timestamp,arbitration_id,extended,remote,error,dlc,data"
-"""First line of such a CSV."""
+"""First line of a CSV file of python-can's logger."""
 
 
 def read_csv(lines: Lines) -> Iterator[Entry]:
-    """What the lines hold. Raises ValueError, by the number of a line that is no such row."""
+    """Yield the entries of the lines. Raises ValueError with the number of a line that is no row of the table."""
     for number, line in lines:
         text = line.strip()
         try:
@@ -37,10 +37,10 @@ def read_csv(lines: Lines) -> Iterator[Entry]:
 
 
 class TableRows:
-    """The rows of such a database.
+    """The rows of an SQLite database.
 
     Attributes:
-        count: so far.
+        count: number of rows so far.
     """
 
     def __init__(self, path: Path) -> None:
@@ -48,7 +48,8 @@ class TableRows:
         self._path = path
 
     def read(self) -> Iterator[Entry]:
-        """What they hold. Raises ValueError, by the number of a row that is none; sqlite3.Error for another file."""
+        """Yield the entries of the rows. Raises ValueError with the number of a bad row; sqlite3.Error for another
+        file."""
         with closing(sqlite3.connect(f"file:{quote(str(self._path))}?mode=ro", uri=True)) as database:
             columns = TABLE_COLUMNS.replace("timestamp", "ts")
             for row in database.execute(f"SELECT {columns} FROM messages ORDER BY rowid"):

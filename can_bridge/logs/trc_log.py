@@ -31,7 +31,7 @@ _COLUMNS: Final = {"1.0": "NOIL", "1.1": "NOTIL", "1.2": "NOBTIL", "1.3": "NOBTI
 """The columns in front of the data: number, time, bus, type or direction, identifier, reserved, length code."""
 _DAY_ZERO: Final = datetime(1899, 12, 30)
 _WARNING: Final = "FFFFFFFF"
-"""A warning has this in place of an identifier."""
+"""Value in place of the identifier that marks a warning."""
 _STATUS: Final = "hardware status"
 _EVENTS: Final = {
     "ST": _STATUS,
@@ -41,11 +41,11 @@ _EVENTS: Final = {
     "OV": "overload frame",
 }
 _FD: Final = {"FD": FD_FRAME, "FB": FD_FRAME | BRS, "FE": FD_FRAME | ESI, "BI": FD_FRAME | BRS | ESI}
-"""Types of CAN FD frames."""
+"""Bits of each type of CAN FD frame."""
 
 
 def read_trc(lines: Lines, since_epoch: SinceEpoch) -> Iterator[Entry]:
-    """What the lines hold. Raises ValueError, by the number of a line that is not of the file's version."""
+    """Yield the entries of the lines. Raises ValueError with the number of a line that is not of the file's version."""
     columns, start_s = list(_COLUMNS["1.0"]), 0.0
     for number, line in lines:
         text = line.strip()
@@ -98,7 +98,7 @@ def _entry(text: str, columns: list[str], start_s: float, *, is_whole: bool) -> 
         length = check_length(int(values["l"]), is_fd=is_fd)
     else:
         code = int(values["L"])
-        # Some write the length there; where a line may be cut off, its bytes do not tell.
+        # Some writers put the length there. In a line that may be truncated, the number of its bytes proves nothing.
         is_length = is_fd and code in FD_LENGTHS and (code > 15 or (is_whole and len(rest) == code))
         length = code if is_length else length_of(code, is_fd=is_fd)
     direction = values.get("d", kind).upper()

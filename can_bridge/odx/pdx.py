@@ -40,34 +40,34 @@ CODED: Final = (
 
 
 def named(tag: str, name: str, *parts: str, prefix: str = "") -> str:
-    """An element with a short name, whose identifier is that name behind a prefix."""
+    """Return an element with a short name; its identifier is this name after a prefix."""
     return f'<{tag} ID="{prefix}{name}"><SHORT-NAME>{name}</SHORT-NAME>{"".join(parts)}</{tag}>'
 
 
 def constant(name: str, value: int, bits: int = 8) -> str:
-    """A parameter that always has this value."""
+    """Return a parameter with a constant value."""
     inner = f"<SHORT-NAME>{name}</SHORT-NAME><CODED-VALUE>{value}</CODED-VALUE>{CODED.format(bits)}"
     return f'<PARAM xsi:type="CODED-CONST">{inner}</PARAM>'
 
 
 def value(name: str, of: str) -> str:
-    """A parameter of a type."""
+    """Return a parameter of a type."""
     return f'<PARAM xsi:type="VALUE"><SHORT-NAME>{name}</SHORT-NAME><DOP-REF ID-REF="{of}"/></PARAM>'
 
 
 def repeated(name: str) -> str:
-    """A parameter that repeats the first byte of the request."""
+    """Return a parameter that repeats the first byte of the request."""
     inner = f"<SHORT-NAME>{name}</SHORT-NAME><REQUEST-BYTE-POS>0</REQUEST-BYTE-POS><BYTE-LENGTH>1</BYTE-LENGTH>"
     return f'<PARAM xsi:type="MATCHING-REQUEST-PARAM">{inner}</PARAM>'
 
 
 def message(tag: str, name: str, parts: Iterable[str]) -> str:
-    """A structure, a request or an answer, of parameters."""
+    """Return a structure, a request or an answer with these parameters."""
     return named(tag, name, f"<PARAMS>{''.join(parts)}</PARAMS>", prefix=f"{tag}." if tag != "STRUCTURE" else "")
 
 
 def texts(name: str, by_number: Mapping[int, str]) -> str:
-    """A type of one byte whose values have names."""
+    """Return a one-byte type whose values have names."""
     scales = "".join(
         f"<COMPU-SCALE><LOWER-LIMIT>{number}</LOWER-LIMIT><UPPER-LIMIT>{number}</UPPER-LIMIT>"
         f"<COMPU-CONST><VT>{escape(text)}</VT></COMPU-CONST></COMPU-SCALE>"
@@ -83,7 +83,7 @@ def texts(name: str, by_number: Mapping[int, str]) -> str:
 
 
 def service(name: str, semantic: str, states: Iterable[str]) -> str:
-    """A service with the request and the answer of this name, in states that it may be asked for in."""
+    """Return a service with the request and the answer of this name, for the states in which it is allowed."""
     needed = "".join(f'<PRE-CONDITION-STATE-REF ID-REF="{state}"/>' for state in states)
     return (
         f'<DIAG-SERVICE ID="service.{name}" SEMANTIC="{semantic}" ADDRESSING="PHYSICAL">'
@@ -94,7 +94,7 @@ def service(name: str, semantic: str, states: Iterable[str]) -> str:
 
 
 def chart(name: str, semantic: str, states: Iterable[str]) -> str:
-    """A state chart that begins in the first of its states."""
+    """Return a state chart that begins in the first of its states."""
     first, *_ = listed = list(states)
     inner = "".join(named("STATE", state) for state in listed)
     return named(
@@ -118,7 +118,7 @@ DID_TYPES: Final[Mapping[Did, str]] = {
     Did.CALIBRATION_LIMITS: "calibration_limits",
     Did.CALIBRATION_STORED: "u8",
 }
-"""The type of each identifier as it is read. All but the key list are written in the same form."""
+"""Type of each identifier's value when read. All identifiers but the key list are written in the same format."""
 _OPTIONS: Final = {Routine.ERASE: (value("length", "u32"), value("sha256", "bytes_32"))}
 _STATUSES: Final = {Routine.ERASE: (value("offset", "u32"),), Routine.CHECK: (value("verdict", "verdict"),)}
 
@@ -127,8 +127,8 @@ class Described(NamedTuple):
     """One service with one sub-function or identifier.
 
     Attributes:
-        constants: numbers and their bits, behind the service's in the request, and in the answer again.
-        request, answer: parameters behind those.
+        constants: numbers and their bits, after the service's number in the request, and repeated in the answer.
+        request, answer: parameters after these constants.
     """
 
     name: str
@@ -140,7 +140,7 @@ class Described(NamedTuple):
 
 
 def described() -> Iterator[Described]:
-    """All of them, by the tables that the server works with."""
+    """Yield all services, from the server's own tables."""
 
     def one(
         name: str,
@@ -207,12 +207,12 @@ _SNAPSHOT_TYPES: Final = {
 
 
 def pdx(bus: BusConfig, because: Mapping[Reason, str]) -> bytes:
-    """The file's content, for an ECU on this bus; `because` has the texts of the trouble codes."""
+    """Return the file's content for an ECU on this bus; `because` has the texts of the trouble codes."""
     packed = io.BytesIO()
     listed = {file.name: file.read_text(encoding="utf-8") for file in files(__package__).joinpath("files").iterdir()}
     with zipfile.ZipFile(packed, "w") as archive:
         for name, text in sorted(listed.items()):
-            # Equal descriptions are equal bytes: the time of every file is that of the format's beginning.
+            # Equal descriptions give equal bytes, because every file's time is the earliest that the format can state.
             filled = Template(text).substitute(_filling(bus, because)) if name.endswith(".odx-d") else text
             archive.writestr(zipfile.ZipInfo(name), filled, zipfile.ZIP_DEFLATED)
     return packed.getvalue()

@@ -1,1 +1,1 @@
-"""The tester's side of diagnosis: what a workshop or a fleet uses to flash and to calibrate an ECU (extra `flash`)."""
+"""The tester's side of diagnosis, with which a workshop or a fleet flashes and calibrates an ECU (extra `flash`)."""

@@ -1,4 +1,4 @@
-"""Requests to an ECU by udsoncan's client, each asked again where no answer came."""
+"""Requests to an ECU by udsoncan's client; a request without an answer is repeated."""
 
 from __future__ import annotations
 
@@ -17,44 +17,44 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 KeyOf = Callable[[Level, bytes], bytes]
-"""The key that answers a seed of a security level."""
+"""Returns the key for a seed of a security level."""
 
 P2_S: Final = 1.0
-"""The wait for a first answer: the ECU's 50 ms, and what adapters and a busy bus add."""
+"""Longest wait for a first answer in s: the ECU's 50 ms, and the delay of adapters and a busy bus."""
 P2_EXTENDED_S: Final = 6.0
-"""The wait after a response-pending."""
+"""Longest wait in s after a response-pending."""
 LONGEST_PENDING_S: Final = 60.0
-"""Seconds of response-pending or busy in a row, after which an ECU counts as gone."""
+"""Longest time in s of consecutive response-pending or busy answers, after which the ECU counts as gone."""
 TIMES: Final = 5
-"""That a request is sent before there is no answer to it."""
+"""Largest number of attempts at a request that gets no answer."""
 READ_TIMES: Final = 25
-"""The same for identifiers: the store's report has 150 classic frames, of which none may be lost. An ECU that has
-never answered is asked `TIMES` only: it is not there."""
+"""Largest number of attempts to read an identifier: no frame of the store's report, 150 classic frames, may be lost. A
+request to an ECU that has never answered has `TIMES` attempts only, because the ECU is probably absent."""
 BUSY: Final = 0x21
 """busyRepeatRequest (ISO 14229-1, table A.1)."""
 BUSY_WAIT_S: Final = 0.1
 PRESENT_S: Final = 2.0
-"""Between two messages that keep a session: of those, one may be lost within `S3_MS`."""
+"""Time in s between two messages that keep a session: one of two may be lost within `S3_MS`."""
 DELAY_S: Final = 15.0
-"""The wait where the ECU takes no key for a while after wrong ones: its 10 s and some."""
+"""Longest wait in s while the ECU accepts no key after wrong keys: more than its delay of 10 s."""
 
 
 class Asking:
-    """One tester's conversation.
+    """A tester's connection to an ECU.
 
     Attributes:
-        unanswered: requests that were sent again for want of an answer.
+        unanswered: number of requests that were repeated because no answer came.
     """
 
     def __init__(
         self, client: Client, *, key: KeyOf | None, clock: Callable[[], float], sleep: Callable[[float], None]
     ) -> None:
-        """Sets the client up; its connection must be open.
+        """Configure the client, whose connection must be open.
 
         Args:
-            key: None if nothing is to be unlocked.
-            clock: seconds.
-            sleep: waits so many seconds.
+            key: returns the key for a seed; None if no level is to be unlocked.
+            clock: returns the time in s.
+            sleep: waits a number of seconds.
         """
         self._client = client
         self._clock = clock
@@ -70,7 +70,7 @@ class Asking:
         self._in_good_state(step, lambda: self._client.change_session(session))
 
     def read(self, did: Did, *, times: int = READ_TIMES) -> bytes:
-        """The value of an identifier."""
+        """Return the value of an identifier."""
         found = self._ask(
             f"read {did.name.lower()}", lambda: self._client.read_data_by_identifier(int(did)), times=times
         )
@@ -81,13 +81,13 @@ class Asking:
         self._ask(f"write {did.name.lower()}", lambda: self._client.write_data_by_identifier(int(did), value))
 
     def routine(self, routine: Routine, option: bytes = b"") -> bytes:
-        """Start a routine; returns its status record. Raises NotNowError for CONDITIONS_NOT_CORRECT."""
+        """Start a routine and return its status record. Raises NotNowError for CONDITIONS_NOT_CORRECT."""
         step = f"run {routine.name.lower()}"
         found = self._in_good_state(step, lambda: self._client.start_routine(int(routine), option or None))
         return bytes(found.service_data.routine_status_record)
 
     def unlock(self, level: Level) -> None:
-        """Unlock a security level; waits once where the ECU takes no key for a while. Raises AccessError if the key is
+        """Unlock a security level; waits up to `DELAY_S` while the ECU accepts no key. Raises AccessError if the key is
         wrong, or was wrong too often."""
         step = f"unlock {level.name.lower()}"
         until = self._clock() + DELAY_S
@@ -95,12 +95,12 @@ class Asking:
         while True:
             unanswered = self.unanswered
             try:
-                # A lost answer to the key: ask for another seed, which is zero where the first key was good.
+                # If the answer to the key is lost, another seed is requested, which is zero if the first key was right.
                 self._ask(step, lambda: self._client.unlock_security_access(int(level)))
                 return
             except RefusedError as refused:
                 if refused.code == Nrc.INVALID_KEY and self.unanswered > unanswered and not refused_keys:
-                    # The seed may have been of a request before: the ECU's answer to it came late.
+                    # The seed may belong to an earlier request, whose answer was late.
                     refused_keys += 1
                     continue
                 if refused.code == Nrc.INVALID_KEY:
@@ -121,7 +121,7 @@ class Asking:
             self.wait(1.0)
 
     def download(self, offset: int, length: int) -> int:
-        """Ask to send so many bytes of the announced image; returns the longest transfer request, in bytes."""
+        """Request to send `length` bytes of the announced image; return the ECU's largest transfer request in bytes."""
         from udsoncan import MemoryLocation
 
         location = MemoryLocation(offset, length, address_format=32, memorysize_format=32)
@@ -129,7 +129,7 @@ class Asking:
         return int(found.service_data.max_length)
 
     def transfer(self, counter: int, data: bytes) -> None:
-        """Send a block of the image, again where no answer came: the ECU writes a block once."""
+        """Send a block of the image, repeated if no answer comes: the ECU writes a block once."""
         self._ask("take a block of the image", lambda: self._client.transfer_data(counter, data))
 
     def exit(self) -> None:
@@ -137,25 +137,25 @@ class Asking:
         self._ask("end the transfer", self._client.request_transfer_exit)
 
     def faults(self, report: str, *args: int, **others: int) -> Any:
-        """The codes in a report of the fault memory, by the name of the client's method."""
+        """Return the codes in a report of the fault memory, by the name of the client's method."""
         return self._ask("report its faults", lambda: getattr(self._client, report)(*args, **others)).service_data.dtcs
 
     def clear_faults(self) -> None:
-        """Have the ECU forget its faults."""
+        """Clear the ECU's fault memory."""
         self._ask("clear its faults", self._client.clear_dtc)
 
     def quieten(self) -> None:
-        """Before programming: no new faults, and no frames of the control; an ECU that knows neither stays as it is."""
+        """Stop the detection of faults and the control's frames before programming; an ECU may support neither."""
         for call in (lambda: self._client.control_dtc_setting(2), lambda: self._client.communication_control(1, 1)):
             with suppress(RefusedError, NoAnswerError):
                 self._ask("fall silent", call, times=2)
 
     def reset(self, *, times: int = TIMES) -> None:
-        """Ask for a hard reset; raises NotNowError if it would stop a control that runs."""
+        """Request a hard reset; raises NotNowError if it would interrupt active control."""
         self._in_good_state("reset", lambda: self._client.ecu_reset(1), times=times)
 
     def wait(self, seconds: float, *, keep_session: bool = True) -> None:
-        """Let time pass, the session kept meanwhile."""
+        """Wait, and keep the session meanwhile."""
         left = seconds
         while left > 0:
             if keep_session:
@@ -164,12 +164,12 @@ class Asking:
             left -= PRESENT_S
 
     def present(self) -> None:
-        """Report that the tester is there; no answer is wanted."""
+        """Send a tester-present message that asks for no answer."""
         with self._client.suppress_positive_response:
             self._client.tester_present()
 
     def wait_until_there(self, seconds: float, step: str) -> Session:
-        """Wait for an ECU that is starting; returns the session it is in. Raises NoAnswerError after `seconds`."""
+        """Wait for an ECU that is starting, and return its session. Raises NoAnswerError after `seconds`."""
         until = self._clock() + seconds
         while True:
             try:
@@ -191,8 +191,8 @@ class Asking:
             ) from refused
 
     def _ask(self, step: str, call: Callable[[], T | None], *, times: int = TIMES) -> Any:
-        """What the ECU answers. Raises RefusedError for a negative response; NoAnswerError for none, as often as it was
-        asked."""
+        """Return the ECU's answer. Raises RefusedError for a negative response; NoAnswerError without one to `times`
+        attempts."""
         from udsoncan import exceptions
 
         sent = 0
@@ -227,7 +227,7 @@ class Asking:
 
 
 def _settings(key: KeyOf | None, pending: Callable[[], None]) -> Any:
-    """Settings of udsoncan's client."""
+    """Return the settings of udsoncan's client."""
     from udsoncan import DidCodec
 
     class AsItIs(DidCodec):
@@ -249,7 +249,7 @@ def _settings(key: KeyOf | None, pending: Callable[[], None]) -> Any:
         "data_identifiers": {"default": AsItIs()} | {int(did): form for did, form in SNAPSHOT_FORMATS.items()},
         "security_algo": algorithm,
         "nrc78_callback": pending,
-        # Its own measure of a whole request's time is of the real clock.
+        # The client would measure a whole request's time with the real clock.
         "request_timeout": None,
         "p2_timeout": P2_S,
         "p2_star_timeout": P2_EXTENDED_S,

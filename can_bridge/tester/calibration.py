@@ -1,4 +1,4 @@
-"""Calibrating an ECU by diagnosis, as steps over an open client: read, change, read back, store."""
+"""Calibration of an ECU by diagnosis, in steps over an open client: read, change, read back, store."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -16,13 +16,13 @@ _REVERT: Final = b"\x00"
 
 @dataclass(frozen=True, kw_only=True)
 class Calibrated:
-    """What an ECU reports of its calibration; all values as float32.
+    """An ECU's report of its calibration; all values as float32.
 
     Attributes:
-        in_force: from its next control period on.
-        limits: that it keeps.
+        in_force: values from its next control period on.
+        limits: limits of the values.
         release: the values of the release itself.
-        is_stored: whether it has one that outlives a loss of power.
+        is_stored: whether values are stored in non-volatile memory.
     """
 
     in_force: Calibration
@@ -32,7 +32,7 @@ class Calibrated:
 
 
 def read(asking: Asking) -> Calibrated:
-    """What there is, in any session; raises FlashError for an ECU that has nothing to calibrate."""
+    """Read the calibration, in any session; raises FlashError for an ECU without values to calibrate."""
     try:
         in_force, of_release = asking.read(Did.CALIBRATION), asking.read(Did.CALIBRATION_LIMITS)
         is_stored = asking.read(Did.CALIBRATION_STORED) == _STORE
@@ -58,24 +58,24 @@ def read(asking: Asking) -> Calibrated:
 
 
 def unlock(asking: Asking) -> None:
-    """Be allowed to write: the extended session, and the level of calibration."""
+    """Enter the extended session and unlock the calibration level, which allows writing."""
     asking.session(Session.EXTENDED)
     asking.unlock(Level.CALIBRATION)
 
 
 def write(asking: Asking, wanted: Calibration) -> None:
-    """Put values in force; after `unlock`. Raises FlashError if the ECU refuses them, or has others afterwards."""
+    """Put values in force, after `unlock`. Raises FlashError if the ECU refuses them or then reports other values."""
     asking.write(Did.CALIBRATION, wanted.pack())
     _check_in_force(asking, wanted.pack())
 
 
 def store(asking: Asking) -> None:
-    """Let the values in force outlive a loss of power; after `unlock`. Raises NotNowError while jets are enabled."""
+    """Store the values in force in non-volatile memory, after `unlock`. Raises NotNowError while jets are enabled."""
     _keep(asking, _STORE, "store the calibration")
 
 
 def revert(asking: Asking, release: Calibration) -> None:
-    """The release's own values, and nothing stored; after `unlock`. Raises NotNowError as `store`."""
+    """Put the release's own values in force and delete stored ones, after `unlock`. Raises NotNowError as `store`."""
     _keep(asking, _REVERT, "drop the stored calibration")
     _check_in_force(asking, release.pack())
 

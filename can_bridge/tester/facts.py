@@ -1,4 +1,4 @@
-"""What an ECU reports of itself over UDS, its fault memory, and whether a bundle fits it."""
+"""An ECU's report of itself over UDS, its fault memory, and the check that a bundle fits it."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ class EcuFacts:
     """One ECU.
 
     Attributes:
-        dbc_sha256: of the DBC whose messages it sends, in hex.
+        dbc_sha256: SHA-256 of the DBC whose messages it sends, in hex.
         period_ns: its control period.
-        capacity: bytes of the greatest image.
+        capacity: size of the largest image in bytes.
     """
 
     hardware: str
@@ -38,7 +38,7 @@ class EcuFacts:
 
 
 def read_facts(asking: Asking) -> EcuFacts:
-    """Ask for all of it; raises RefusedError for what the ECU does not report, BusError for a damaged report."""
+    """Read all facts; raises RefusedError for a fact that the ECU does not report, BusError for a damaged report."""
     return EcuFacts(
         hardware=_text(asking, Did.HARDWARE),
         serial_number=_text(asking, Did.SERIAL_NUMBER),
@@ -51,7 +51,7 @@ def read_facts(asking: Asking) -> EcuFacts:
 
 
 def read_store(asking: Asking) -> StoreReport:
-    """What its slots hold; raises BusError for a damaged report."""
+    """Read the report on the ECU's slots; raises BusError if it is damaged."""
     return report.decode(asking.read(Did.STORE))
 
 
@@ -60,11 +60,11 @@ def _text(asking: Asking, did: Did) -> str:
 
 
 def check_fits(release: Bundle, length: int, facts: EcuFacts) -> None:
-    """Raises WrongReleaseError for the first thing that does not fit.
+    """Raise WrongReleaseError for the first property of the release that does not fit the ECU.
 
     Args:
-        release: of this version's DBC, as every bundle that was loaded.
-        length: of its image, bytes.
+        release: made with this version's DBC, as is every bundle that was loaded.
+        length: of the release's image, bytes.
     """
     for line in _misfits(release, length, facts):
         raise WrongReleaseError(f"bundle {release.manifest.name} {line}; nothing was written")
@@ -96,12 +96,12 @@ _ENTERED = Status.PENDING | Status.CONFIRMED | Status.TEST_FAILED
 
 @dataclass(frozen=True, kw_only=True)
 class StoredFault:
-    """One code that is or was present.
+    """One trouble code that is or was present.
 
     Attributes:
         code: three bytes.
-        age: operation cycles without it since it was found last.
-        time_ms, mode_before, missed, overruns, pressures_cp: of the moment in which it was found; None without.
+        age: number of operation cycles without the fault since it was last found.
+        time_ms, mode_before, missed, overruns, pressures_cp: from the moment when it was found; None without snapshot.
     """
 
     code: int
@@ -116,13 +116,13 @@ class StoredFault:
 
 
 def read_faults(asking: Asking) -> list[StoredFault]:
-    """All codes that are pending, confirmed or present; raises FlashError for codes of another version."""
+    """Return all codes that are pending, confirmed or present; raises FlashError for codes of another version."""
     found = asking.faults("get_dtc_by_status_mask", int(_ENTERED))
     return [_read_one(asking, int(dtc.id), int(dtc.status.get_byte_as_int())) for dtc in found]
 
 
 def clear_faults(asking: Asking) -> None:
-    """Forget all of them; raises NotNowError while a jet may run."""
+    """Clear all codes; raises NotNowError while a jet may run."""
     try:
         asking.clear_faults()
     except RefusedError as refused:

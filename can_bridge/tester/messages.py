@@ -1,8 +1,8 @@
-"""The ways in which flashing can end badly: one line each, and the exit status that goes with it.
+"""The errors of flashing: a one-line message each, and its exit status.
 
-A status names the remedy: 3 mend the connection, 4 take the right key, 5 try again when the vehicle stands,
-6 take another release or key list, 7 look into the ECU, 8 the new release did not pass and the one before runs. 1 is
-for everything else, such as a key file that cannot be read, and 2 for how a command was called.
+A status states the remedy: 3 repair the connection, 4 use the right key, 5 try again when the vehicle stands, 6 use
+another release or key list, 7 examine the ECU, 8 the new release failed and the one before runs. 1 is for all other
+errors, such as a key file that cannot be read, and 2 for wrong use of a command.
 """
 
 from typing import ClassVar, Final
@@ -33,7 +33,7 @@ class NoAnswerError(FlashError):
 
 
 class LostError(NoAnswerError):
-    """The connection was lost in a transfer, which can be continued."""
+    """The connection was lost during a transfer, which can be continued."""
 
     def __init__(self, received: int, length: int) -> None:
         FlashError.__init__(
@@ -50,13 +50,13 @@ class AccessError(FlashError):
 
 
 class NotNowError(FlashError):
-    """The vehicle is not in a state in which its ECU may be programmed."""
+    """The vehicle's state does not allow its ECU to be programmed."""
 
     status: ClassVar[int] = NOT_NOW
 
 
 class WrongReleaseError(FlashError):
-    """The release is not for this ECU, or not one that it may take."""
+    """The release is not for this ECU, or the ECU may not take it."""
 
     status: ClassVar[int] = WRONG_RELEASE
 
@@ -68,7 +68,7 @@ class WrongKeysError(FlashError):
 
 
 class ImageRefusedError(WrongReleaseError):
-    """The ECU's verdict on a transferred image; `verdict` holds it."""
+    """The ECU rejected a transferred image, for the reason `verdict`."""
 
     def __init__(self, verdict: Verdict) -> None:
         super().__init__(f"the ECU refused the release: {verdict.in_words}; it keeps the one it has")
@@ -76,13 +76,13 @@ class ImageRefusedError(WrongReleaseError):
 
 
 class NotPassedError(FlashError):
-    """The new release did not pass its trial."""
+    """The new release failed its trial."""
 
     status: ClassVar[int] = _NOT_PASSED
 
 
 class RefusedError(FlashError):
-    """A negative response; `code` holds it."""
+    """The ECU sent a negative response, with `code`."""
 
     status: ClassVar[int] = REFUSED
 
@@ -93,6 +93,6 @@ class RefusedError(FlashError):
 
 
 def in_words(code: int) -> str:
-    """A negative response code for people: its name in ISO 14229-1 and its number."""
+    """Return a negative response code for people: its name in ISO 14229-1 and its number."""
     name = Nrc(code).name.lower().replace("_", " ") if code in Nrc.__members__.values() else "unknown code"
     return f"{name} (0x{code:02X})"

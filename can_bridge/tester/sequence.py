@@ -1,8 +1,7 @@
-"""Flashing an ECU, as steps over an open udsoncan client: the same code for a bus, a bench in virtual time, and a test.
+"""Flashing of an ECU, in steps over an open udsoncan client: one code for a bus, a bench in virtual time, and a test.
 
-Nothing here prints, sleeps or reads a clock by itself. Whatever interrupts it leaves an ECU with the release that it
-had; running it again goes on where the ECU stands: a half-transferred image, one that was not activated, one that runs
-on trial.
+Nothing here prints, sleeps or reads a clock by itself. After any interruption the ECU still has its old release. A
+further run continues at the ECU's state: a half-transferred or not yet activated image, or a release on trial.
 """
 
 from __future__ import annotations
@@ -39,17 +38,17 @@ if TYPE_CHECKING:
     from udsoncan.client import Client
 
 RESTART_S: Final = 30.0
-"""The wait for an ECU to come back from a reset."""
+"""Longest wait in s for an ECU after a reset."""
 THERE_S: Final = 3.0
-"""The wait for the first answer."""
+"""Longest wait in s for the first answer."""
 RESET_S: Final = 0.5
-"""The time from the answer to a reset until the ECU is gone."""
+"""Time in s from the answer to a reset until the ECU has stopped."""
 RESETS: Final = 3
-"""That are asked for before an ECU counts as one that does not start the new release."""
+"""Number of resets after which the ECU counts as unable to start the new release."""
 
 
 class Step(Enum):
-    """What is being done, for whoever shows it."""
+    """The steps of flashing, for display."""
 
     IDENTIFY = auto()
     PRECONDITIONS = auto()
@@ -61,24 +60,24 @@ class Step(Enum):
 
 
 class End(Enum):
-    """How it ended."""
+    """The result of flashing without an error."""
 
     WOULD_FLASH = auto()
-    """Dry run: nothing stands against it."""
+    """A dry run found no obstacle."""
     ALREADY = auto()
-    """The release ran before, and was confirmed."""
+    """The release was already running and confirmed."""
     ON_TRIAL = auto()
-    """It runs and was not confirmed, as was asked for."""
+    """The release runs and was not confirmed, as requested."""
     CONFIRMED = auto()
 
 
 @dataclass(frozen=True, kw_only=True)
 class FlashOptions:
-    """What to leave out.
+    """Options that leave out steps.
 
     Attributes:
-        dry_run: everything that writes nothing.
-        confirm: whether to, after the self-test.
+        dry_run: leave out everything that writes.
+        confirm: whether to confirm the release after its self-test.
     """
 
     dry_run: bool = False
@@ -87,12 +86,12 @@ class FlashOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class Flashed:
-    """How it went.
+    """The report of a run of flashing.
 
     Attributes:
-        transferred: None if nothing had to be.
-        unanswered: requests that were sent again for want of an answer.
-        seconds: by the clock that was given.
+        transferred: None if no image had to be transferred.
+        unanswered: number of requests that were repeated because no answer came.
+        seconds: duration by the given clock.
     """
 
     end: End
@@ -115,17 +114,17 @@ def flash(
     clock: Callable[[], float] = time.monotonic,
     sleep: Callable[[float], None] = time.sleep,
 ) -> Flashed:
-    """Bring an image into an ECU, start it, test it and confirm it. Raises FlashError, by its kinds in
+    """Transfer an image to an ECU, start it, test it and confirm it. Raises a FlashError of
     `can_bridge.tester.messages`; BusError if the bus failed.
 
     Args:
-        client: open; its settings are made here.
-        image: as `contract.release.image` makes it.
-        key: answers a seed of the programming level; a dry run needs none.
-        judge: raises FlashError if the ECU, by what it reports of itself, must not be flashed with this image.
+        client: open; its settings are set here.
+        image: as built by `contract.release.image`.
+        key: returns the key for a seed of the programming level; a dry run needs none.
+        judge: raises FlashError if an ECU with these facts must not be flashed with this image.
         progress: called with every block.
         on_step: called with every step.
-        clock, sleep: seconds.
+        clock, sleep: in s.
     """
     began = clock()
     asking = Asking(client, key=key, clock=clock, sleep=sleep)
@@ -133,12 +132,12 @@ def flash(
 
 
 def reset_and_wait(asking: Asking) -> None:
-    """Restart an ECU that is in the programming session, and wait until it answers in the default session."""
+    """Reset an ECU that is in the programming session, and wait until it answers in the default session."""
     for _ in range(RESETS):
-        # The answer may be lost, or the ECU be busy with the reset already.
+        # The answer may be lost, or the ECU may already be resetting.
         with suppress(NoAnswerError, RefusedError):
             asking.reset(times=1)
-        # It answers before it does it.
+        # The ECU answers before it resets.
         asking.wait(RESET_S, keep_session=False)
         if asking.wait_until_there(RESTART_S, "start again after the reset") is Session.DEFAULT:
             return
@@ -212,7 +211,7 @@ class _Flashing:
                     raise
 
     def _bring(self) -> Transferred:
-        """The image into the ECU, and started on trial."""
+        """Transfer the image and start it on trial."""
         try:
             self._asking.quieten()
             self._on_step(Step.TRANSFER)
@@ -227,18 +226,18 @@ class _Flashing:
         return transferred
 
     def _activate(self) -> bool:
-        """Have the image booted from the next reset on; whether it runs already."""
+        """Activate the image for the next reset; return whether it already runs."""
         try:
             in_programming(self._asking, Routine.ACTIVATE)
         except RefusedError as refused:
-            # Power may be lost as soon as the request was carried out, and the next boot be that of the new release.
+            # If the ECU lost power right after the request was carried out, it has booted the new release already.
             if refused.code != Nrc.SEQUENCE_ERROR or not self._is_ours(read_store(self._asking).running_slot):
                 raise
             return True
         return False
 
     def _start(self) -> None:
-        """Reset until the activated image runs."""
+        """Reset the ECU until the activated image runs."""
         for _ in range(RESETS):
             self._on_step(Step.RESET)
             reset_and_wait(self._asking)
@@ -251,7 +250,7 @@ class _Flashing:
         raise NotPassedError(f"the ECU did not start the new release; {_runs(store)}")
 
     def _try_out(self) -> StoreReport:
-        """Self-test of the release that runs on trial; where it does not pass, back to the one before."""
+        """Run the self-test of the release on trial; if it fails, return to the release before."""
         self._on_step(Step.SELF_TEST)
         try:
             enter_programming(self._asking)
@@ -267,7 +266,7 @@ class _Flashing:
         return read_store(self._asking)
 
     def _confirm(self) -> StoreReport:
-        """Keep the release that runs; the store afterwards."""
+        """Confirm the running release; return the store's report afterwards."""
         for left in reversed(range(TRIES)):
             try:
                 in_programming(self._asking, Routine.CONFIRM)
@@ -277,24 +276,25 @@ class _Flashing:
                 running = store.running_slot
                 if refused.code != Nrc.SEQUENCE_ERROR or running is None or not self._is_ours(running):
                     raise
-                # Power may be lost as soon as the request was carried out: then there is no trial any more.
+                # If power was lost right after the request was carried out, there is no trial any more.
                 if store.running == store.active:
                     return store
-                # Or before it: an ECU confirms what passed its self-test since it booted.
+                # If power was lost before, the self-test is repeated: an ECU confirms only what it tested since its
+                # boot.
                 if running.phase is not SlotPhase.TRIAL or not left:
                     raise
             self._try_out()
         return read_store(self._asking)
 
     def _go_back(self) -> StoreReport:
-        """Go back from a trial to the confirmed release."""
+        """Return from a trial to the confirmed release."""
         enter_programming(self._asking)
         in_programming(self._asking, Routine.REVERT)
         reset_and_wait(self._asking)
         return read_store(self._asking)
 
     def _leave(self) -> None:
-        """Let the ECU go back to the release it has: once a transfer has begun only a reset leads out."""
+        """Reset the ECU to its old release, since only a reset ends a begun transfer."""
         with suppress(FlashError):
             self._asking.session(Session.PROGRAMMING)
             self._asking.reset(times=1)
@@ -304,7 +304,7 @@ class _Flashing:
 
 
 def digest_of(image: bytes) -> str:
-    """The digest of the release in an image; empty for what is none, so that the ECU's own verdict on it can be had."""
+    """Return the digest of an image's release; empty for an invalid image, so that the ECU can give its own verdict."""
     with suppress(StillwakeError):
         return controller_image.read(image).digest
     with suppress(KeyError, StillwakeError):

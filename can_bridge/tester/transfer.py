@@ -1,7 +1,7 @@
-"""Bringing an image into an ECU: announce, send from where it is wanted, check; begun again where it was interrupted.
+"""Transfer of an image to an ECU: announce it, send it from the requested byte, check it; continued if interrupted.
 
-Whatever interrupts a transfer, be it lost frames, a session that ended or an ECU that lost its supply, the next attempt
-begins with a new session and a new announcement, whose answer has the byte from which on the image is wanted.
+After any interruption, such as lost frames, a session that ended or a loss of power, the next attempt begins with a new
+session and a new announcement; its answer has the byte from which the image is to be sent.
 """
 
 import hashlib
@@ -18,10 +18,10 @@ from can_bridge.uds.services import MAX_BLOCK, Did, Nrc, Routine, Session
 from contract.errors import FlashError
 
 BLOCK_STEP: Final = 32
-"""Blocks begin at multiples of this, a word of flash memory."""
+"""Blocks begin at multiples of this number of bytes, a word of flash memory."""
 _HEADER: Final = 2
 _IN_A_ROW: Final = 16
-"""Blocks that arrive at once before a longer one is tried."""
+"""Number of blocks that arrive at the first attempt before a longer block is sent."""
 
 
 class BlockLength:
@@ -32,38 +32,39 @@ class BlockLength:
         self._good = 0
 
     def allow(self, longest_request: int) -> None:
-        """What the ECU takes in one request, in bytes."""
+        """Set the ECU's largest request, in bytes."""
         self._limit = max(BLOCK_STEP, (min(longest_request, MAX_BLOCK) - _HEADER) // BLOCK_STEP * BLOCK_STEP)
 
     def next_from(self, offset: int) -> int:
-        """Bytes of a block that begins at this offset of the image."""
+        """Return the length in bytes of the block that begins at this offset of the image."""
         return min(self._longest, self._limit) - offset % BLOCK_STEP
 
     def arrived(self) -> None:
-        """A block did at once."""
+        """Count a block that arrived at the first attempt."""
         self._good += 1
         if self._good >= _IN_A_ROW:
             self._good = 0
             self._longest = min(2 * self._longest, self._limit)
 
     def lost(self) -> None:
-        """A block was, or its answer."""
+        """Shorten the blocks after a block or its answer was lost."""
         self._good = 0
         self._longest = max(BLOCK_STEP, self._longest // 2 // BLOCK_STEP * BLOCK_STEP)
 
 
 OnProgress = Callable[[int, int], None]
-"""Called with the bytes that the ECU has, and those of the image."""
+"""Called with the number of bytes that the ECU has, and the length of the image."""
 
 STALLS: Final = 5
-"""Attempts in a row of which none brought a byte further, after which it is given up."""
+"""Largest number of consecutive attempts without progress."""
 TRIES: Final = 3
-"""Tries of a step that is begun again because its session ended: the ECU fell silent for long, or lost its supply."""
+"""Largest number of attempts at a step. A step is repeated if its session ended because the ECU did not answer for a
+long time or lost its supply."""
 SESSION_ENDED: Final = frozenset(
     {Nrc.SERVICE_NOT_IN_SESSION, Nrc.SUB_FUNCTION_NOT_IN_SESSION, Nrc.SECURITY_ACCESS_DENIED}
 )
 STARTING_S: Final = 15.0
-"""The wait for an ECU that may be starting."""
+"""Longest wait in s for an ECU that may be starting."""
 
 _AGAIN: Final = SESSION_ENDED | frozenset(
     {
@@ -72,7 +73,7 @@ _AGAIN: Final = SESSION_ENDED | frozenset(
         Nrc.TRANSFER_SUSPENDED,
         Nrc.PROGRAMMING_FAILURE,
         Nrc.WRONG_BLOCK_COUNTER,
-        # A routine or download in a session that ended meanwhile.
+        # The ECU answers so to a routine or download whose session has ended.
         Nrc.OUT_OF_RANGE,
         Nrc.CONDITIONS_NOT_CORRECT,
     }
@@ -84,11 +85,11 @@ _COUNTERS: Final = 256
 
 @dataclass(frozen=True, kw_only=True)
 class Transferred:
-    """How it went.
+    """The report of a transfer.
 
     Attributes:
-        resumed_from: bytes that the ECU had from before.
-        attempts: announcements that it took.
+        resumed_from: number of bytes that the ECU had before.
+        attempts: number of announcements.
     """
 
     resumed_from: int
@@ -96,7 +97,7 @@ class Transferred:
 
 
 class Transfer:
-    """One image's way into an ECU."""
+    """Transfer of one image to an ECU."""
 
     def __init__(self, asking: Asking, image: bytes, progress: OnProgress) -> None:
         self._asking = asking
@@ -106,13 +107,12 @@ class Transfer:
         self._received = 0
 
     def run(self) -> Transferred:
-        """Go on until the ECU has the image and its verdict is good; it is in the programming session then, and
-        unlocked.
+        """Transfer the image until the ECU's verdict is good. The ECU is then in the programming session and unlocked.
 
         Raises:
-            ImageRefusedError: the verdict is not.
+            ImageRefusedError: the verdict is not good.
             LostError: the ECU no longer answers.
-            RefusedError, NotNowError, AccessError: as the ECU answers.
+            RefusedError, NotNowError, AccessError: the ECU refused a request.
         """
         resumed_from, attempts, stalls = 0, 0, 0
         while True:
@@ -140,7 +140,7 @@ class Transfer:
                 raise failure
 
     def announce(self) -> int:
-        """Announce in a new session which image comes; the offset from which it is wanted."""
+        """Announce the image in a new session; return the offset of the first byte to send."""
         enter_programming(self._asking)
         option = _ANNOUNCEMENT.pack(len(self._image), hashlib.sha256(self._image).digest())
         answer = self._asking.routine(Routine.ERASE, option)
@@ -185,7 +185,7 @@ class Transfer:
 
 
 def enter_programming(asking: Asking) -> None:
-    """Begin the programming session and unlock it, again if the ECU restarts in between."""
+    """Begin the programming session and unlock it; repeat both if the ECU restarts in between."""
     for left in reversed(range(TRIES)):
         asking.session(Session.PROGRAMMING)
         try:
@@ -197,7 +197,7 @@ def enter_programming(asking: Asking) -> None:
 
 
 def in_programming(asking: Asking, routine: Routine) -> None:
-    """Run a routine in the programming session, which is begun again if it ended by itself."""
+    """Run a routine in the programming session; begin the session again if it has ended."""
     for left in reversed(range(TRIES)):
         try:
             asking.routine(routine)
@@ -209,8 +209,8 @@ def in_programming(asking: Asking, routine: Routine) -> None:
 
 
 def bring(asking: Asking, raw: bytes) -> tuple[int, int]:
-    """Replace the key list; returns the version of the one before, 0 without one, and of the new one. Raises
-    WrongKeysError if the ECU does not take it; FlashError if not now, or it does not answer."""
+    """Replace the key list; return the versions of the old list (0 without one) and the new list. Raises WrongKeysError
+    if the ECU rejects it; FlashError if it may not be written now or the ECU does not answer."""
     before = _version(asking)
     enter_programming(asking)
     try:

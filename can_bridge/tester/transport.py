@@ -1,8 +1,7 @@
-"""A connection of udsoncan to a CAN bus: ISO-TP by can-isotp over the buses of `can_bridge.bus`. Needs the extra
-`flash`.
+"""A CAN connection for udsoncan: ISO-TP by can-isotp over the buses of `can_bridge.bus`. Needs the extra `flash`.
 
-There is no thread here: frames are taken off the bus while a request is sent and while its answer is waited for, as
-nothing comes unasked. Responses that answer another request, because they are late or doubled, are dropped.
+There is no thread: the bus is read only while a request is sent and its answer is awaited, because an ECU sends nothing
+unrequested. Responses to another request, which are late or repeated, are dropped.
 """
 
 import logging
@@ -38,13 +37,13 @@ _SAME: Final = {
     Service.TESTER_PRESENT: slice(1, 2),
     Service.FAULT_SETTING: slice(1, 2),
 }
-"""Bytes that a positive response repeats of its request: sub-function, identifier or block counter."""
+"""Number of bytes that a positive response repeats of its request: sub-function, identifier or block counter."""
 _OF_ONE_CODE: Final = frozenset({FaultReport.SNAPSHOT, FaultReport.EXTENDED})
-"""Reports of faults that repeat the code, too."""
+"""Fault reports that also repeat the trouble code."""
 
 
 def answers(request: bytes, response: bytes) -> bool:
-    """Whether a response can be to this request."""
+    """Return whether a response can belong to this request."""
     if not request or not response:
         return False
     if response[0] == NEGATIVE:
@@ -56,13 +55,12 @@ def answers(request: bytes, response: bytes) -> bool:
 
 
 SEND_S: Final = 10.0
-"""The time for all frames of a request: 4 kB take 0.3 s on classic CAN at 500 kbit/s, and more next to other
-traffic."""
+"""Longest time in s to send a request: 4 kB take 0.3 s on classic CAN at 500 kbit/s, and more with other traffic."""
 FRAME_S: Final = 1.0
-"""The time for one frame: the queue of a CAN controller may be full for as long as others send."""
+"""Longest time in s to send a frame: a CAN controller's queue may be full as long as other nodes send."""
 _TURN_S: Final = 0.02
 FLOW_CONTROL_MS: Final = 1000
-"""N_Bs and N_Cr (ISO 15765-2)."""
+"""N_Bs and N_Cr in ms (ISO 15765-2)."""
 _MOST_WAITS: Final = 100
 _ENDS_SENDING: Final = (
     isotp.FlowControlTimeoutError,
@@ -72,14 +70,14 @@ _ENDS_SENDING: Final = (
 
 
 def silence() -> None:
-    """Keep what the libraries log from stderr, where Python prints warnings that no handler takes."""
+    """Keep the libraries' log off stderr, to which Python prints warnings without a handler."""
     for name in ("UdsClient", "Connection", "isotp"):
         logging.getLogger(name).addHandler(logging.NullHandler())
 
 
 @contextmanager
 def open_client(config: BusConfig) -> Iterator[Client]:
-    """A client for the ECU on a bus; raises BusError as `PythonCanBus.open` does."""
+    """Yield a client for the ECU on a bus; raises BusError as `PythonCanBus.open` does."""
     silence()
     with (
         PythonCanBus.open(config, accept={config.diagnosis.response}) as bus,
@@ -89,7 +87,7 @@ def open_client(config: BusConfig) -> Iterator[Client]:
 
 
 class BusConnection(BaseConnection):
-    """ISO-TP over a bus that is open, and that is closed by whoever opened it."""
+    """An ISO-TP connection over an open bus; whoever opened the bus closes it."""
 
     def __init__(self, bus: PythonCanBus, config: BusConfig, *, clock: Callable[[], float] = time.monotonic) -> None:
         super().__init__()
@@ -121,24 +119,24 @@ class BusConnection(BaseConnection):
         )
 
     def open(self) -> "BusConnection":
-        """Begin."""
+        """Open the connection."""
         self._is_open = True
         return self
 
     def close(self) -> None:
-        """End; the bus stays open."""
+        """Close the connection; the bus stays open."""
         self._is_open = False
 
     def is_open(self) -> bool:
         return self._is_open
 
     def empty_rxqueue(self) -> None:
-        """Drop what has come so far."""
+        """Drop all received data."""
         self._bus.receive_all()
         self._layer.reset()
 
     def specific_send(self, payload: bytes, timeout: float | None = None) -> None:
-        """Raises TimeoutException if the ECU does not let the request's frames come, BusError if the bus does not."""
+        """Send a request. Raises TimeoutException if the ECU's flow control stops it, BusError if the bus does."""
         self._request, self._failed = payload, False
         self._layer.send(payload)
         until = self._clock() + SEND_S
@@ -151,7 +149,7 @@ class BusConnection(BaseConnection):
             raise TimeoutException("the ECU took a part of the request only")  # type: ignore[no-untyped-call]
 
     def specific_wait_frame(self, timeout: float | None = None) -> bytes:
-        """The next payload that can answer the request; raises TimeoutException after `timeout` seconds."""
+        """Return the next payload that can answer the request; raises TimeoutException after `timeout` seconds."""
         until = self._clock() + (timeout or 0.0)
         while True:
             while self._layer.available():
@@ -164,7 +162,7 @@ class BusConnection(BaseConnection):
             self._layer.process(rx_timeout=min(left, _TURN_S))
 
     def _receive_frame(self, timeout: float) -> isotp.CanMessage | None:
-        # A whole payload is used before more is waited for.
+        # A complete payload is returned before the bus is read again.
         frame = None if self._layer.available() else self._bus.receive(timeout)
         if frame is None:
             return None
@@ -187,9 +185,9 @@ class BusConnection(BaseConnection):
             except BusError:
                 if self._clock() >= until:
                     raise
-                # Some drivers do not wait where the queue is full.
+                # Some drivers return at once if the queue is full.
                 time.sleep(0.001)
 
     def _note(self, error: Exception) -> None:
-        # Others, such as a doubled flow control frame, do not end what is being sent.
+        # Other errors, such as a repeated flow control frame, do not end the transmission.
         self._failed |= isinstance(error, _ENDS_SENDING)

@@ -1,1 +1,1 @@
-"""Messages in time: periodic traffic, worst-case response times, the load of a bus."""
+"""The timing of messages: periodic traffic, worst-case response times, the load of a bus."""

@@ -1,8 +1,8 @@
-"""The background traffic that other nodes put on the bus: made up, or that of a DBC file.
+"""The background traffic of other nodes on the bus: generated, or from a DBC file.
 
-Made-up messages fill a share of the bus at their worst-case frame length, whatever they contain: a background of 0.9
-leaves a tenth of the bus free in every case, and no queue grows without end. Random contents need fewer stuff bits, so
-a meter on the bus shows about 15 per cent less than the share.
+Generated messages fill a share of the bus at their worst-case frame length: a background of 0.9 leaves at least a tenth
+of the bus free, so no queue grows without bound. Random contents need fewer stuff bits, so a meter on the bus shows
+about 15 per cent less than the share.
 """
 
 from collections.abc import Collection, Iterator
@@ -28,11 +28,11 @@ _OURS: Final = {(spec.name, spec.frame_id) for spec in SPECS}
 
 @dataclass(frozen=True, kw_only=True)
 class BackgroundTraffic:
-    """What other nodes send.
+    """The traffic of other nodes.
 
     Attributes:
-        messages: to be sent, the highest priority first.
-        left_out: the others that a file describes, each as "name (why)".
+        messages: to be sent, highest priority first.
+        left_out: other messages of the file, each as "name (why)".
     """
 
     messages: tuple[PeriodicMessage, ...]
@@ -40,16 +40,16 @@ class BackgroundTraffic:
 
 
 def read_traffic(path: Path, bus: BusConfig, taken: Collection[int], *, seed: int) -> BackgroundTraffic:
-    """The messages of a file at their cycle times (`GenMsgCycleTime` in a DBC), their phases drawn from the seed.
+    """Return a file's messages at their cycle times (`GenMsgCycleTime` in a DBC), with phases drawn by the seed.
 
-    Left out are messages without a cycle time, those that no CAN frame of ours can carry, and stillwake's own, which a
-    vehicle's whole description holds too. Raises BusError if cantools is missing; the file is missing or damaged; no
-    message can be sent; two have one identifier; or one does not go with this bus.
+    Left out are messages without a cycle time, messages that no CAN frame here can carry, and stillwake's own, which a
+    whole vehicle's description also has. Raises BusError if cantools or the file is missing; the file is damaged; no
+    message can be sent; two messages have one identifier; or a message does not fit this bus.
 
     Args:
-        path: its ending gives its format.
-        bus: whether CAN FD is spoken.
-        taken: 11-bit identifiers that other messages may not have, besides ours.
+        path: its ending states its format.
+        bus: states whether CAN FD is used.
+        taken: 11-bit identifiers that these messages may not have, besides ours.
     """
     database = load_network(path)
     random = Random(seed)
@@ -85,7 +85,7 @@ def read_traffic(path: Path, bus: BusConfig, taken: Collection[int], *, seed: in
 
 
 def _why_not(message: "Message", database: "Database") -> str | None:
-    """Why this message cannot be sent, or None."""
+    """Return why this message cannot be sent, or None."""
     if (message.name, message.frame_id) in _OURS:
         return "stillwake's own"
     if not message.cycle_time or round(message.cycle_time * NS_PER_MS) <= 0:
@@ -98,7 +98,7 @@ def _why_not(message: "Message", database: "Database") -> str | None:
 
 
 def _switches_rate(message: "Message", database: "Database") -> bool:
-    """Whether it does, by the attribute `CANFD_BRS` or its default, if the file has it."""
+    """Return whether the message switches its bit rate, by the file's attribute `CANFD_BRS` or its default."""
     if message.dbc is None or database.dbc is None:
         return True
     given = message.dbc.attributes.get("CANFD_BRS")
@@ -118,22 +118,22 @@ def _check(path: Path, message: "Message", bus: BusConfig, taken: Collection[int
 
 
 PERIODS_MS: Final = (5, 10, 20, 50, 100, 200, 500, 1000)
-"""Periods of made-up messages: the usual ones in vehicles."""
+"""Periods in ms of generated messages: the usual ones in vehicles."""
 _PERIOD_WEIGHTS: Final = (1, 6, 6, 3, 8, 3, 2, 3)
-"""How often each is drawn: mostly 10, 20 and 100 ms, as in the body and powertrain sets published for benchmarks."""
+"""Relative frequency of each period: mostly 10, 20 and 100 ms, as in published benchmarks of body and powertrain."""
 _CLASSIC_LENGTHS: Final = (8, 8, 8, 8, 6, 4, 2)
 _FD_LENGTHS: Final = (8, 8, 16, 24, 32, 48, 64, 64)
 _IDS: Final = range(0x010, 0x700)
-"""Identifiers of made-up messages: below lies network management of high priority, above diagnostics."""
+"""Identifiers of generated messages: lower ones are for network management, higher ones for diagnostics."""
 
 
 def background(config: BackgroundConfig, bus: BusConfig, taken: Collection[int]) -> BackgroundTraffic:
-    """What other nodes send; nothing where no background is set. Raises ConfigError for a share that no set of messages
-    fills; BusError for a file that cannot be read, or that does not go with this bus.
+    """Return the traffic of other nodes; empty if no background is configured. Raises ConfigError for a share that no
+    set of messages fills; BusError for a file that cannot be read or does not fit this bus.
 
     Args:
-        bus: the bit rates, and whether CAN FD is spoken.
-        taken: 11-bit identifiers that are in use already, besides ours.
+        bus: states the bit rates and whether CAN FD is used.
+        taken: 11-bit identifiers that are already in use, besides ours.
     """
     if config.dbc:
         return read_traffic(Path(config.dbc), bus, taken, seed=config.seed)
@@ -141,11 +141,11 @@ def background(config: BackgroundConfig, bus: BusConfig, taken: Collection[int])
 
 
 def made_up(load: float, bus: BusConfig, taken: Collection[int], *, seed: int) -> tuple[PeriodicMessage, ...]:
-    """Messages that take the share `load` of the bus at their worst-case length, short of it by one rare message.
+    """Return messages that fill the share `load` of the bus at their worst-case length, less one rare message at most.
 
-    Shorter periods have higher priorities, as designers assign them. With two messages or more, the first is above all
-    taken identifiers in priority and the last below them, where there is room. Raises ConfigError if the share is less
-    than one message takes, or more than all identifiers can fill.
+    Shorter periods have higher priorities, as designers assign them. Of two or more messages, the first has a higher
+    priority than all taken identifiers and the last a lower one, if identifiers are free there. Raises ConfigError if
+    the share is less than one message needs, or more than all identifiers can fill.
     """
     random = Random(seed)
     drawn = sorted(_draw(load, bus, random))
@@ -170,7 +170,7 @@ def made_up(load: float, bus: BusConfig, taken: Collection[int], *, seed: int) -
 
 
 def _draw(load: float, bus: BusConfig, random: Random) -> Iterator[tuple[int, int]]:
-    """Periods in ns and lengths, until the next would exceed the share; at most one more than there are identifiers."""
+    """Yield periods in ns and lengths until the next would exceed the share; at most one more than identifiers."""
     lengths = _CLASSIC_LENGTHS if bus.frames == "classic" else _FD_LENGTHS
     left = load
     for _ in range(len(_IDS) + 1):
@@ -178,7 +178,7 @@ def _draw(load: float, bus: BusConfig, random: Random) -> Iterator[tuple[int, in
         (asked,) = random.choices(PERIODS_MS, _PERIOD_WEIGHTS)
         probe = PeriodicMessage(name="", frame_id=0, is_fd=bus.frames == "fd", length=length, period_ns=1)
         busy_ns = probe.worst_ns(bus)
-        # The rest of the share is filled with rarer messages.
+        # Messages with longer periods fill the rest of the share.
         periods = (ms * NS_PER_MS for ms in PERIODS_MS if ms >= asked)
         period_ns = next((period for period in periods if busy_ns <= left * period), None)
         if period_ns is None:
@@ -188,7 +188,7 @@ def _draw(load: float, bus: BusConfig, random: Random) -> Iterator[tuple[int, in
 
 
 def _identifiers(count: int, taken: Collection[int], random: Random) -> list[int]:
-    """So many free identifiers in rising order, or all there are."""
+    """Return `count` free identifiers in rising order, or all free ones."""
     taken = {*taken, *OUR_IDS}
     free = [frame_id for frame_id in _IDS if frame_id not in taken]
     if count >= len(free):

@@ -1,4 +1,4 @@
-"""What the messages of the control loop, and the background traffic, do to the bus."""
+"""The bus load by the messages of the control loop and the background traffic."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -16,7 +16,7 @@ from contract.config.vehicle import BusConfig
 from contract.errors import ConfigError
 
 _CONTENTS: Final = 16
-"""Random contents whose lengths are averaged, a message; the standard error of one mean is below half a per cent."""
+"""Number of random contents for a message's mean length; the mean's standard error is below half a per cent."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -24,11 +24,11 @@ class MessageLoad:
     """One message on the bus.
 
     Attributes:
-        ours: of the control loop, not of the background.
-        worst_ns: its longest frame, the intermission included.
-        mean_ns: its frame with random contents, on average.
-        response: at worst. Those of the ECU's answers count from the sampling of the pressures plus the ECU's compute
-            time, so that of the command is all that the bus adds to the age of the jets' command.
+        ours: it belongs to the control loop, not to the background.
+        worst_ns: time of its longest frame, including the intermission.
+        mean_ns: mean time of its frame with random contents.
+        response: worst-case response time. For the ECU's answers it counts from the sampling of the pressures plus the
+            ECU's compute time, so that for the command it is the bus's whole share of the age of the jets' command.
     """
 
     message: PeriodicMessage
@@ -43,8 +43,8 @@ class BusLoad:
     """All messages of a bus.
 
     Attributes:
-        messages: the highest priority first.
-        mean, worst: shares of the bus's time, with random contents and with the longest.
+        messages: highest priority first.
+        mean, worst: shares of the bus's time, with random contents and with the longest frames.
         left_out: messages of the background's file that are not sent, each as "name (why)".
     """
 
@@ -55,14 +55,13 @@ class BusLoad:
 
     @property
     def late(self) -> tuple[MessageLoad, ...]:
-        """Those that can miss their deadlines."""
+        """The messages that can miss their deadlines."""
         return tuple(one for one in self.messages if not one.response.in_time)
 
 
 def bus_load(config: Config) -> BusLoad:
-    """Loads and worst-case response times with these settings. Raises ConfigError if the ECU computes for a whole
-    control period or longer, or no background fills the share; BusError for the background's file, as `read_traffic`
-    has it."""
+    """Return loads and worst-case response times with these settings. Raises ConfigError if the ECU computes for a
+    whole control period or longer, or no background fills the share; BusError as `read_traffic` does."""
     bus = config.bus
     others = background(bus.background, bus, ())
     ours = loop_messages(config, others.messages)
@@ -87,12 +86,11 @@ def bus_load(config: Config) -> BusLoad:
 
 
 def loop_messages(config: Config, others: Sequence[PeriodicMessage] = ()) -> tuple[PeriodicMessage, ...]:
-    """The four messages of the control loop, the highest priority first.
+    """Return the four messages of the control loop, highest priority first.
 
-    The vehicle queues its speed together with the pressures. The ECU answers a pressure frame, so its frames come as
-    irregularly as that frame arrives: the worst-case response time of the pressures is the jitter of the answers. The
-    command has to arrive within the control period, of which the ECU's compute time is gone. Raises ConfigError if the
-    ECU computes for a whole control period or longer.
+    The vehicle queues its speed together with the pressures. The ECU answers a pressure frame, so the jitter of its
+    frames is the worst-case response time of the pressures. The command has to arrive within the control period less
+    the ECU's compute time. Raises ConfigError if the ECU computes for a whole control period or longer.
     """
     period_ns = config.period_ns
     if config.ecu.compute_time_ms * NS_PER_MS >= period_ns:
@@ -104,7 +102,7 @@ def loop_messages(config: Config, others: Sequence[PeriodicMessage] = ()) -> tup
     pressure, speed, command, status = (_periodic(spec, period_ns) for spec in message_set(config.bus).specs)
     everyone = _by_priority((pressure, speed, command, status, *others))
     arrival = message_response_times(everyone, config.bus)[everyone.index(pressure)]
-    # Without bound there is none for the answers either, whatever their jitter: their priority is lower.
+    # If the pressures have no bound, the answers have none either, since their priority is lower.
     jitter_ns = period_ns if arrival.response_ns is None else arrival.response_ns
     return (
         pressure,
@@ -115,7 +113,7 @@ def loop_messages(config: Config, others: Sequence[PeriodicMessage] = ()) -> tup
 
 
 def mean_ns(message: PeriodicMessage, bus: BusConfig) -> float:
-    """Average length of its frame over random contents, always the same ones."""
+    """Return the mean time of its frame over random contents, which are the same in each call."""
     random = Random(message.frame_id)
     rates = {"nominal_bitrate": bus.nominal_bitrate, "data_bitrate": bus.data_bitrate}
     frames = (message.frame(random.randbytes(message.length)) for _ in range(_CONTENTS))

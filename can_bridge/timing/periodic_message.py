@@ -1,4 +1,4 @@
-"""A message that a node sends periodically, and what it asks of the bus."""
+"""A message that a node sends periodically, and its timing."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -11,20 +11,19 @@ from contract.config.vehicle import BusConfig
 NS_PER_MS: Final = 10**6
 
 OUR_IDS: Final = frozenset(spec.frame_id for spec in SPECS)
-"""Identifiers of all sets, also those not in use: other nodes never have them."""
+"""Identifiers of all message sets, used or not: other nodes never have them."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class PeriodicMessage:
-    """A message that a node sends again and again. Raises ValueError for a frame that no controller could send, or a
-    time that makes no sense.
+    """A periodic message of a node. Raises ValueError for a frame that no controller can send, or a meaningless time.
 
     Attributes:
         frame_id: of 11 bits, or 29 if it is extended.
-        period_ns: time between two releases, at least.
-        offset_ns: of the first one.
-        jitter_ns: most by which the node queues a frame late.
-        deadline_ns: after its release a frame has to have arrived; 0 stands for the period.
+        period_ns: least time between two releases.
+        offset_ns: of the first release.
+        jitter_ns: largest delay from a release until the frame is queued.
+        deadline_ns: time after its release by which a frame has to arrive; 0 stands for the period.
     """
 
     name: str
@@ -48,15 +47,15 @@ class PeriodicMessage:
 
     @property
     def priority(self) -> Priority:
-        """The smaller wins arbitration."""
+        """The priority; the smaller value wins arbitration."""
         return priority(self.frame(bytes(self.length)))
 
     def frame(self, data: bytes) -> Frame:
-        """One frame of it, `length` bytes long."""
+        """Return a frame of the message, `length` bytes long."""
         return Frame(frame_id=self.frame_id, data=data, is_fd=self.is_fd, is_extended=self.is_extended)
 
     def worst_ns(self, bus: BusConfig) -> int:
-        """How long its frame occupies the bus at worst."""
+        """Return the longest time in ns for which its frame occupies the bus."""
         return worst_case_ns(
             self.frame(bytes(self.length)), nominal_bitrate=bus.nominal_bitrate, data_bitrate=bus.data_bitrate
         )

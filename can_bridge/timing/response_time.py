@@ -2,16 +2,16 @@
 
 Davis, Burns, Bril and Lukkien, "Controller Area Network (CAN) schedulability analysis: refuted, revisited and revised",
 Real-Time Systems 35 (2007), section 3: a frame cannot be interrupted, so a message waits for one frame of lower
-priority at most (blocking, B), and for every frame of higher priority that comes before its own turn. Its worst frame
-need not be the first after all messages came at once: every frame within the priority level's busy period is looked at.
+priority at most (blocking, B), and for every frame of higher priority that comes before its own turn. The slowest frame
+need not be the first after all messages were queued at once, so every frame of the priority level's busy period counts.
 
-It holds where each node always offers its most urgent frame and queues the frames of one message in turn, no frame is
-sent twice, and messages keep to their periods and jitters; phases do not matter.
+The analysis holds if each node always offers its most urgent frame and queues the frames of one message in order, no
+frame is sent twice, and messages keep their periods and jitters. Phases do not matter.
 
-With CAN FD the same equations hold: whoever loses does so in the arbitration phase, which is at the nominal bit rate,
-and is out for one whole frame. A frame of higher priority can still win if it is queued at most one nominal bit after
-the bus got free: the tau_bit of the paper. The bits of the data phase are shorter, and a longer tau_bit can only count
-more frames.
+With CAN FD the same equations hold: a node loses in the arbitration phase, which has the nominal bit rate, and then
+waits for one whole frame. A frame of higher priority can still win if it is queued at most one nominal bit after the
+bus became free: the paper's tau_bit. The bits of the data phase are shorter; a longer tau_bit can only count more
+frames.
 """
 
 from collections.abc import Sequence
@@ -24,18 +24,18 @@ from can_bridge.timing.periodic_message import PeriodicMessage
 from contract.config.vehicle import BusConfig
 
 LONGEST_BUSY_NS: Final = 60 * 10**9
-"""A priority level that can be busy for longer counts as without bound; only loads just below 100 % come there."""
+"""Longest busy period in ns that is examined; a longer one counts as unbounded. Only loads near 100 % reach it."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class MessageTiming:
-    """A message as the analysis sees it: the paper's C, T, D and J.
+    """A message's parameters in the analysis: the paper's C, T, D and J.
 
     Attributes:
-        frame_ns: the frame on the bus at worst, C.
+        frame_ns: longest time of the frame on the bus, C.
         period_ns: T.
         deadline_ns: after the release, D.
-        jitter_ns: most by which a frame is queued after its release, J.
+        jitter_ns: largest delay from the release until the frame is queued, J.
     """
 
     frame_ns: int
@@ -46,12 +46,12 @@ class MessageTiming:
 
 @dataclass(frozen=True, kw_only=True)
 class Response:
-    """What can happen to a message at worst.
+    """The worst case of a message.
 
     Attributes:
-        blocking_ns: the longest frame of lower priority, B.
-        response_ns: from release to the end of the frame, the intermission included; None without bound.
-        instance: which frame of the busy period takes so long; 0 is the first.
+        blocking_ns: time of the longest frame of lower priority, B.
+        response_ns: from release to the end of the frame, including the intermission; None if unbounded.
+        instance: index in the busy period of the frame that takes this time; 0 is the first.
         deadline_ns: after the release.
     """
 
@@ -67,11 +67,11 @@ class Response:
 
 
 def response_times(timings: Sequence[MessageTiming], *, bit_ns: int) -> list[Response]:
-    """Response times of all messages.
+    """Return the response times of all messages.
 
     Args:
-        timings: the highest priority first.
-        bit_ns: one bit at the nominal rate, rounded up.
+        timings: highest priority first.
+        bit_ns: time of a bit at the nominal rate, rounded up.
     """
     blocking = [0, *accumulate((one.frame_ns for one in reversed(timings[1:])), max)][::-1]
     higher: _Rhythms = {}
@@ -83,8 +83,8 @@ def response_times(timings: Sequence[MessageTiming], *, bit_ns: int) -> list[Res
 
 
 def message_response_times(messages: Sequence[PeriodicMessage], bus: BusConfig) -> list[Response]:
-    """Response times of all messages, in the order given, which is that of their priorities. Raises ValueError if the
-    messages are not in falling priority, each with its own."""
+    """Return the response times of all messages in the given order. Raises ValueError if the messages are not in the
+    order of falling priority, or two have one priority."""
     for one, other in pairwise(messages):
         if one.priority >= other.priority:
             raise ValueError(f"{one.name} before {other.name}: messages must be in falling priority, each with its own")
@@ -101,8 +101,8 @@ def message_response_times(messages: Sequence[PeriodicMessage], bus: BusConfig) 
 
 
 _Rhythms = dict[tuple[int, int], int]
-"""Bus time that messages take each time they come, by period and jitter: the analysis uses no more of them, and
-thousands of messages have a dozen rhythms."""
+"""Sum of the frame times of all messages with a period and jitter: the analysis needs no more, and thousands of
+messages have about a dozen such pairs."""
 
 
 def _with(rhythms: _Rhythms, one: MessageTiming) -> _Rhythms:
@@ -115,7 +115,7 @@ def _response(own: MessageTiming, higher: _Rhythms, blocking: int, bit_ns: int) 
     if busy is None:
         return Response(blocking_ns=blocking, response_ns=None, instance=0, deadline_ns=own.deadline_ns)
     worst, worst_instance = 0, 0
-    # Of the first frame, then of those after it: none waits less than the one before and its transmission.
+    # The search for each frame begins at the previous frame's time and transmission, since no frame waits less.
     queued = blocking
     for instance in range(_ceil(busy + own.jitter_ns, own.period_ns)):
         while True:
@@ -131,9 +131,9 @@ def _response(own: MessageTiming, higher: _Rhythms, blocking: int, bit_ns: int) 
 
 
 def _busy_ns(rhythms: _Rhythms, blocking: int) -> int | None:
-    """The longest time for which the bus can be busy with these messages after a blocking frame; None without bound."""
+    """Return the longest time in ns for which these messages keep the bus busy after a blocking frame, or None."""
     load = sum((Fraction(busy, period) for (period, _), busy in rhythms.items()), Fraction(0))
-    # At a load of 1 it ends only if nothing adds to it; below, always, but near 1 late.
+    # With a load of 1 the busy period ends only if nothing adds to it; below 1 always, but late near 1.
     if load > 1 or (load == 1 and (blocking or any(jitter for _, jitter in rhythms))):
         return None
     busy = blocking + sum(rhythms.values())
@@ -146,7 +146,7 @@ def _busy_ns(rhythms: _Rhythms, blocking: int) -> int | None:
 
 
 def _demand(rhythms: _Rhythms, within_ns: int, bit_ns: int) -> int:
-    """Bus time of all frames that can be queued within a time, at worst."""
+    """Return the largest bus time of all frames that can be queued within a time."""
     return sum(_ceil(within_ns + jitter + bit_ns, period) * busy for (period, jitter), busy in rhythms.items())
 
 

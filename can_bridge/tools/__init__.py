@@ -1,1 +1,1 @@
-"""What an engineer does at a bus: watch, record, replay, send, decode, make data of logs. Some needs extra `bus`."""
+"""An engineer's tools for a bus: watch, record, replay, send, decode, convert logs to data. Some need extra `bus`."""

@@ -1,7 +1,7 @@
-"""What is known of one message on a bus from the frames seen so far: count, rate, losses, end-to-end checks.
+"""Statistics of one message on a bus from its frames so far: count, rate, losses, end-to-end checks.
 
-Of a secured message the authentication is checked first, as a node does it: what it refuses, the end-to-end check never
-sees. Without a key there is the end-to-end check alone.
+A secured message's authentication is checked first, as in a node: the end-to-end check does not see frames that it
+rejects. Without a key only the end-to-end check is made.
 """
 
 from collections import deque
@@ -18,9 +18,9 @@ from can_bridge.wire.frame import Frame
 from contract.config.vehicle import E2eConfig
 
 RATE_OVER: Final = 20
-"""Intervals between frames that the rate is the mean of."""
+"""Number of intervals between frames over which the rate is averaged."""
 SILENT_AFTER: Final = 5.0
-"""Mean intervals without a frame after which the rate counts as zero."""
+"""Number of mean intervals without a frame after which the rate counts as zero."""
 
 CHECK_TEXT: Final = {
     FrameCheck.OK: "OK",
@@ -32,45 +32,45 @@ CHECK_TEXT: Final = {
 
 
 class Mac(Enum):
-    """The verdict on the authentication of a secured frame; the value is for people."""
+    """The result of authenticating a secured frame; the value is its text for people."""
 
     OK = "OK"
     NOT_AUTHENTIC = "not authentic"
     NOT_FRESH = "not fresh"
     NOT_CHECKED = "not checked"
-    """There is no key."""
+    """No key is available."""
 
 
 MAC_REFUSED: Final = (Mac.NOT_AUTHENTIC, Mac.NOT_FRESH)
 
 
 class Traffic:
-    """One message, by the frames so far.
+    """One message with the statistics of its frames so far.
 
     Attributes:
         latest: its newest frame.
-        decoded: the content of that; None of a message that is not ours.
-        channel: of the log that the frames are from; empty on a bus.
+        decoded: content of the newest frame; None for a message that is not ours.
+        channel: the log's channel of the frames; empty on a bus.
         first_ns: time of the first frame.
-        recent_ns: times of the newest, oldest first, at most RATE_OVER + 1.
-        check: of the newest, against the ones before it; None without end-to-end protection, or if its MAC was refused.
-        mac: of the newest; None for a message without authentication.
-        lost: frames missing by their counters, which do not show a loss of a whole counter period or more; a sender
-            that starts again counts as one.
-        receiver: what the checks must remember, and how often each came out.
-        verifier: the same of the authentication; its freshness begins with the first authentic frame.
+        recent_ns: times of the newest frames, oldest first, at most RATE_OVER + 1.
+        check: of the newest frame against earlier ones; None without end-to-end protection, or if its MAC was rejected.
+        mac: of the newest frame; None for a message without authentication.
+        lost: number of frames missing by their counters, which do not show the loss of a whole counter period or more;
+            a restart of the sender counts as one.
+        receiver: state of the end-to-end check, with the number of each result.
+        verifier: state of the authentication; its freshness begins with the first authentic frame.
     """
 
     latest: Frame
     decoded: Decoded | None
 
     def __init__(self, e2e: E2eConfig, key: Key | None = None, channel: str = "", *, carries: str = "") -> None:
-        """Without a frame yet.
+        """Begin without a frame.
 
         Args:
-            e2e: which steps of the counter still count as a loss, and not as a wrong sequence.
+            e2e: settings that distinguish a loss from a wrong sequence.
             key: of secured messages; without it their authentication is not checked.
-            carries: what other frames of this identifier are, for people.
+            carries: description of other frames with this identifier, for people.
         """
         self._e2e, self._key, self.channel, self._carries = e2e, key, channel, carries
         self.count = self.first_ns = self.lost = 0
@@ -81,7 +81,7 @@ class Traffic:
         self.verifier = VerifierState()
 
     def add(self, frame: Frame, time_ns: int | None = None) -> None:
-        """One more frame of the message, with the time it came: its own stamp, or a log's, which may lie before 0."""
+        """Add a frame of the message with its time: its own stamp, or a log's, which may be before 0."""
         time_ns = frame.timestamp_ns if time_ns is None else time_ns
         self.latest, self.decoded = frame, decode(frame)
         self.first_ns = self.first_ns if self.count else time_ns
@@ -91,7 +91,7 @@ class Traffic:
         if self.decoded is None:
             return
         spec = self.decoded.spec
-        # A frame of the other kind has nothing that could be checked.
+        # The data of a frame in the other format cannot be checked.
         whole = frame if frame.is_fd == spec.is_fd else replace(frame, data=b"")
         if spec.is_secured:
             before, self.verifier = self.verifier, verified(self.verifier, (whole,), spec=spec, key=self._key).state
@@ -112,12 +112,12 @@ class Traffic:
 
     @property
     def name(self) -> str:
-        """The name of the message, or what it carries; empty if unknown."""
+        """The name of the message, or a description of its content; empty if unknown."""
         return self._carries if self.decoded is None else self.decoded.spec.name
 
     @property
     def refused(self) -> int:
-        """Frames that a receiver would not have used."""
+        """The number of frames that a receiver would not have used."""
         return self.receiver.frames_rejected + self.verifier.refused
 
     @property
@@ -127,19 +127,19 @@ class Traffic:
 
     @property
     def is_good(self) -> bool:
-        """Whether nothing speaks against using the newest frame."""
+        """Whether a receiver would use the newest frame."""
         return self.mac not in MAC_REFUSED and self.check in (None, *GOOD)
 
     @property
     def verdict(self) -> str:
-        """The verdict on the newest frame, in words: what refused it, or its end-to-end check; empty without one."""
+        """The verdict on the newest frame, in words: a reason to reject it, or its end-to-end check; empty without."""
         if self.mac is not None and self.mac in MAC_REFUSED:
             return str(self.mac.value)
         return "" if self.check is None else CHECK_TEXT[self.check]
 
     @property
     def verdicts(self) -> dict[str, int]:
-        """How often each verdict came out; those that never did are left out."""
+        """The number of frames for each verdict that occurred."""
         counts = {CHECK_TEXT[check]: self.receiver.count(check) for check in CHECK_TEXT}
         counts[Mac.NOT_AUTHENTIC.value] = self.verifier.not_authentic
         counts[Mac.NOT_FRESH.value] = self.verifier.not_fresh
@@ -147,15 +147,15 @@ class Traffic:
 
     @property
     def last_ns(self) -> int:
-        """Time of the newest frame."""
+        """The time of the newest frame."""
         return self.recent_ns[-1]
 
     def age_ns(self, now_ns: int) -> int:
-        """Time since the newest frame."""
+        """Return the time since the newest frame."""
         return max(0, now_ns - self.last_ns)
 
     def rate_hz(self, now_ns: int) -> float:
-        """Frames a second, over the newest; 0 with fewer than two, or when none came for long."""
+        """Return the newest frames' rate in 1/s; 0 with fewer than two frames, or when none came for a long time."""
         span = self.recent_ns[-1] - self.recent_ns[0]
         if span <= 0:
             return 0.0
@@ -164,6 +164,6 @@ class Traffic:
 
     @property
     def mean_rate_hz(self) -> float:
-        """Frames a second from the first to the newest; 0 with fewer than two."""
+        """The mean rate in 1/s from the first to the newest frame; 0 with fewer than two frames."""
         span = self.last_ns - self.first_ns
         return (self.count - 1) * 1e9 / span if span > 0 else 0.0

@@ -1,6 +1,6 @@
-"""A bus as a tool sees it: whatever is on the wire, as python-can's messages, remote and error frames among them.
+"""A bus for tools: all received data as python-can's messages, including remote and error frames.
 
-A node needs `can_bridge.bus.backends.python_can`, which lets nothing through but sound data frames that it asked for.
+A node needs `can_bridge.bus.backends.python_can`, which only delivers valid data frames that it asked for.
 """
 
 from copy import copy
@@ -16,23 +16,22 @@ from contract.errors import ConfigError
 
 
 class RawBus(OpenBus):
-    """One connection. Use as a context manager, or `close` it."""
+    """A tool's connection to a bus. Use it as a context manager, or call `close`."""
 
     def receive_message(self, timeout_s: float) -> can.Message | None:
-        """The next message of any kind, sound or not, or None if none that could be read came within `timeout_s`.
-        Raises BusError if the bus failed, or yields nothing but garbage."""
+        """Return the next message of any kind, valid or not, or None if no readable message came within `timeout_s`.
+        Raises BusError if the bus failed or delivers only garbage."""
         message = self._received(timeout_s)
         return None if isinstance(message, Rejection) else message
 
     def send_message(self, message: can.Message, *, timeout_s: float = 0.1) -> None:
-        """Send one message of any kind, waiting at most `timeout_s`. Raises BusError if the bus does not take it in
-        time, or failed."""
+        """Send one message of any kind within `timeout_s`. Raises BusError if the bus failed or the time is over."""
         self._send(message, id_text(message), timeout_s)
 
 
 def open_bus(config: BusConfig) -> RawBus:
-    """Connect to a bus that others are on. Raises ConfigError for the simulated bus, which no other process can join;
-    BusError naming interface and channel, if that cannot be opened."""
+    """Connect to a bus with other nodes. Raises ConfigError for the simulated bus, which no other process can join;
+    BusError with interface and channel if the bus cannot be opened."""
     if config.interface == SIMULATED:
         raise ConfigError(
             "bus.interface = simulated: that bus exists within a run only; name a real one, e.g. "
@@ -42,8 +41,8 @@ def open_bus(config: BusConfig) -> RawBus:
 
 
 def frame_of(message: can.Message) -> Frame | None:
-    """The frame in a message, its identifier of either length; None for remote, error and unsound frames. A time before
-    0, as logs have them before a trigger, becomes 0."""
+    """Return the frame in a message, with an 11- or 29-bit identifier; None for remote, error and invalid frames. A
+    negative time, which a log has before a trigger, becomes 0."""
     if message.timestamp < 0.0:
         message = copy(message)
         message.timestamp = 0.0
@@ -52,7 +51,7 @@ def frame_of(message: can.Message) -> Frame | None:
 
 
 def id_text(message: can.Message | Frame) -> str:
-    """An identifier as candump writes it: three hexadecimal digits, or eight if it is extended."""
+    """Return an identifier as candump writes it: three hexadecimal digits, or eight if it is extended."""
     if isinstance(message, Frame):
         return f"{message.frame_id:08X}" if message.is_extended else f"{message.frame_id:03X}"
     return f"{message.arbitration_id:08X}" if message.is_extended_id else f"{message.arbitration_id:03X}"

@@ -1,4 +1,4 @@
-"""Frames as named signals with units, and back: for people, where nodes use `can_bridge.wire.message_sets`.
+"""Frames as named signals with units, and back, for people; nodes use `can_bridge.wire.message_sets`.
 
 Names and units are those of `contract/stillwake.dbc`.
 """
@@ -31,14 +31,14 @@ if TYPE_CHECKING:
     from cantools.database.can.signal import Signal
 
 PROTECTION: Final = frozenset({"E2E_CRC", "E2E_Counter", "Freshness", "MAC"})
-"""Signals that only show whether to trust the others."""
+"""Signals that only protect the other signals."""
 
 STALE_MS: Final = 70
-"""The classic set's largest age: so much or more."""
+"""The classic set's largest age, which stands for this age or more, in ms."""
 INVALID_PA: Final = -INT12_MAX - 1
 """The classic set's pressure of a sensor whose own diagnosis failed, Pa."""
 NO_SPEED: Final = SPEED_UNKNOWN * SPEED_RESOLUTION_M_PER_S
-"""The speed of a vehicle that does not know it, m/s."""
+"""The value in the speed's field if the vehicle does not know its speed, m/s."""
 
 
 class SignalValue(NamedTuple):
@@ -46,7 +46,7 @@ class SignalValue(NamedTuple):
 
     Attributes:
         value: in `unit`.
-        text: what people know it by: its name in the table of values, or a hash's digits; empty without one.
+        text: the value's name in the table of values, or a hash's digits; empty without one.
     """
 
     name: str
@@ -56,7 +56,7 @@ class SignalValue(NamedTuple):
 
     @property
     def shown(self) -> str:
-        """The value for people: its name where it has one, no digits that the wire does not carry."""
+        """The value for people: its name if it has one, otherwise only digits that the message carries."""
         return self.text or (str(self.value) if isinstance(self.value, int) else f"{self.value:.10g}")
 
 
@@ -64,7 +64,7 @@ class Decoded(NamedTuple):
     """The content of one of our messages.
 
     Attributes:
-        signals: in the order of the frame; empty if it has no meaning: a value outside its table, a wrong length.
+        signals: in the order of the frame; empty if a value is outside its table or the length is wrong.
     """
 
     spec: MessageSpec
@@ -77,7 +77,7 @@ _OWN: Final[Mapping[int, Message[Pressure] | Message[VehicleSpeed] | Message[Jet
 
 
 def decode(frame: Frame) -> Decoded | None:
-    """One of stillwake's own messages, by our own codec; None for any other."""
+    """Return the content of one of stillwake's messages, decoded by our own codec; None for any other message."""
     message = None if frame.is_extended else _OWN.get(frame.frame_id)
     if message is None:
         return None
@@ -127,7 +127,7 @@ def _of_speed(value: VehicleSpeed) -> Iterator[SignalValue]:
 
 
 def _or_word(name: str, value: float | None, unit: str, without: float, word: str) -> SignalValue:
-    """A value that may be missing: then the wire has another number for it, with a name in the table."""
+    """Return a value that may be missing; its field then has a special number with a name in the table."""
     return SignalValue(name, without, unit, word) if value is None else SignalValue(name, value, unit)
 
 
@@ -165,11 +165,11 @@ _read_once = cache(load_network)
 
 
 def encode(name: str, assignments: Sequence[str]) -> tuple[MessageSpec, bytes]:
-    """The message's specification and its bytes with an empty E2E header. Raises BusError for an unknown message or
-    signal, or a value that the wire cannot carry; or cantools is missing.
+    """Return the message's specification and its bytes with an empty E2E header. Raises BusError for an unknown message
+    or signal, a value out of range, or if cantools is missing.
 
     Args:
-        name: of one of our messages, as the DBC has it.
+        name: of one of our messages, as in the DBC.
         assignments: "signal=value"; a value is a number in the signal's unit, or a name from its table.
     """
     if name not in _SPECS:
@@ -197,7 +197,7 @@ def encode(name: str, assignments: Sequence[str]) -> tuple[MessageSpec, bytes]:
 
 
 def _value(text: str, signal: "Signal", value: str) -> float | str:
-    """A name as it is, or the number."""
+    """Return a name unchanged, or the number."""
     names = [str(one) for one in (signal.choices or {}).values()]
     if value in names:
         return value

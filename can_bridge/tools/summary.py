@@ -1,4 +1,4 @@
-"""The traffic of a log or a bus, message by message: what `stillwake can decode` and `can monitor` show."""
+"""A summary of a log's or a bus's traffic by message, which `stillwake can decode` and `can monitor` show."""
 
 from collections import Counter
 from dataclasses import dataclass, field
@@ -15,7 +15,7 @@ from can_bridge.wire.frame_bits import frame_ns
 from contract.config.vehicle import BusConfig
 
 MOST_MESSAGES: Final = 1000
-"""That are listed: more than a vehicle's bus has, and a bound where someone sends random identifiers of 29 bits."""
+"""Largest number of listed messages: more than a vehicle's bus has, and a bound for random 29-bit identifiers."""
 
 SignalCell = tuple[str, str, str]
 """A signal, its value and its unit."""
@@ -23,18 +23,18 @@ SignalCell = tuple[str, str, str]
 
 @dataclass(kw_only=True)
 class Summary:
-    """What was seen so far.
+    """The traffic so far.
 
     Attributes:
-        config: bit rates, for the load, and how counters are judged. A frame without bit-rate switch is charged the
-            nominal rate throughout.
+        config: bit rates, for the load, and the rules for counters. A frame without bit-rate switch has the nominal
+            rate.
         key: of secured messages; without it their authentication is not checked.
-        most: messages that are kept; of more identifiers only the frames are counted, as `unlisted`.
-        messages: by (channel, extended, identifier): counters of two buses have nothing to do with each other.
-        errors: error frames, by what they report.
-        remote, unsound: frames that carry no data, and such as no wire carries.
-        first_s, last_s: earliest and latest time of a frame of any kind, wherever it stands; None without one.
-        busy_ns: how long the data frames occupied each bus, their stuff bits counted, intermissions included.
+        most: largest number of messages listed; frames of further identifiers are only counted, as `unlisted`.
+        messages: by (channel, extended, identifier), because two buses have independent counters.
+        errors: numbers of error frames, by the reported error.
+        remote, unsound: numbers of remote frames and of impossible frames.
+        first_s, last_s: earliest and latest time of a frame of any kind, in any order; None without one.
+        busy_ns: time for which the data frames occupied each bus, including stuff bits and intermissions.
     """
 
     config: BusConfig
@@ -51,22 +51,22 @@ class Summary:
 
     @property
     def frames(self) -> int:
-        """Data frames."""
+        """The number of data frames."""
         return self.unlisted + sum(one.count for one in self.messages.values())
 
     @property
     def lost(self) -> int:
-        """Frames missing by their counters."""
+        """The number of frames missing by their counters."""
         return sum(one.lost for one in self.messages.values())
 
     @property
     def refused(self) -> int:
-        """Frames that a receiver would not have used."""
+        """The number of frames that a receiver would not have used."""
         return sum(one.refused for one in self.messages.values())
 
     @property
     def unchecked_macs(self) -> int:
-        """Frames of secured messages, if there was no key to check them with."""
+        """The number of frames of secured messages, if there was no key to check them."""
         return sum(one.count for one in self.messages.values() if one.mac is Mac.NOT_CHECKED)
 
     @property
@@ -76,16 +76,16 @@ class Summary:
 
     @property
     def loads(self) -> dict[str, float]:
-        """Share of the time that data frames occupied each bus, by its channel; nothing where all have one time."""
+        """The share of time for which data frames occupied each bus, by channel; empty if all frames have one time."""
         return {name: ns / 1e9 / self.span_s for name, ns in sorted(self.busy_ns.items())} if self.span_s > 0 else {}
 
     @property
     def load(self) -> float | None:
-        """The same of the busiest; None where all frames have one time."""
+        """The load of the busiest bus; None if all frames have one time."""
         return max(self.loads.values(), default=None)
 
     def figures(self) -> dict[str, Any]:
-        """Figures for `--json`: rates in 1/s, times in s."""
+        """Return the figures for `--json`: rates in 1/s, times in s."""
         return {
             "frames": self.frames,
             "remote_frames": self.remote,
@@ -114,7 +114,7 @@ class Summary:
         }
 
     def add(self, message: can.Message) -> Traffic | None:
-        """One more, stamped with the time it came; what is known of its message then, None if it is not listed."""
+        """Add a frame, stamped with its time; return its message's statistics, or None if the message is not listed."""
         time_s = message.timestamp
         self.first_s = time_s if self.first_s is None else min(time_s, self.first_s)
         self.last_s = time_s if self.last_s is None else max(time_s, self.last_s)
@@ -144,11 +144,11 @@ class Summary:
 
 
 def rows(summary: Summary, *, matching: str = "") -> list[tuple[Traffic, list[SignalCell]]]:
-    """The messages with their signals, ordered by channel and identifier; of one that is not known, or not readable,
-    its bytes.
+    """Return the messages with their signals, sorted by channel and identifier; an unknown or unreadable one has its
+    bytes.
 
     Args:
-        matching: words that message, identifier, channel or signal must contain, all of them; case does not count.
+        matching: words that message, identifier, channel or signal must contain, all of them; case is ignored.
     """
     words = matching.lower().split()
     shown = []

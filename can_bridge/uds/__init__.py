@@ -1,1 +1,1 @@
-"""Unified Diagnostic Services (ISO 14229-1): the ECU's side, as state machines of time and requests."""
+"""Unified Diagnostic Services (ISO 14229-1) on the ECU's side, as state machines of time and requests."""

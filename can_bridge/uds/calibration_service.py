@@ -1,7 +1,7 @@
-"""The calibration by diagnosis: its identifiers, and the values that outlive a loss of power.
+"""Calibration by diagnosis: its identifiers, and the values in non-volatile memory.
 
-What is stored goes with the release it was made for: the store gives it back for that release alone. Values that the
-vehicle's settings no longer allow are not used.
+Stored values belong to the release for which they were stored: the store returns them for that release only. Stored
+values that the vehicle's settings no longer allow are not used.
 """
 
 from collections.abc import Callable
@@ -15,19 +15,19 @@ from contract.controller.calibration import PACKED_BYTES, Calibration
 from contract.errors import ConfigError
 
 DIDS: Final = frozenset({Did.CALIBRATION, Did.CALIBRATION_LIMITS, Did.CALIBRATION_STORED})
-"""What it answers for."""
+"""Identifiers that this service reads and writes."""
 _REVERT: Final = b"\x00"
 _STORE: Final = b"\x01"
 
 
 class CalibrationService:
-    """Reads and writes the identifiers; the server checks session, security level and length.
+    """A service for the identifiers `DIDS`; the server checks session, security level and length.
 
     Args:
-        kept: what is stored for that release, if anything.
-        keep: stores it, or nothing; may raise MediumError, or OutOfOrderError while the release's slot is written.
-        refusal: why nothing may be stored now, for instance because the jets are enabled: writing a flash memory can
-            take longer than a control period. Changing the values in force is always possible.
+        kept: returns the values stored for the running release, or None.
+        keep: stores values or (None) deletes them; may raise MediumError, or OutOfOrderError while the slot is written.
+        refusal: returns why nothing may be stored now, for example because the jets are enabled: writing a flash memory
+            can take longer than a control period. Changing the values in force is always possible.
     """
 
     def __init__(
@@ -42,7 +42,7 @@ class CalibrationService:
         self._kept, self._keep, self._refusal = kept, keep, refusal
 
     def restore(self) -> ConfigError | None:
-        """Put the stored values in force, after power-on. Returns why they are not, if some are stored."""
+        """Put stored values in force after power-on. Returns an error if values are stored and not allowed."""
         raw = self._kept()
         if raw is None:
             return None
@@ -57,13 +57,13 @@ class CalibrationService:
         self._keep_if_allowed(calibration.pack())
 
     def revert(self) -> None:
-        """The release's own values in force, and nothing stored; raises Refused."""
+        """Put the release's own values in force and delete stored values; raises Refused."""
         if self._kept() is not None:
             self._keep_if_allowed(None)
         self._segment.revert()
 
     def read(self, did: Did) -> bytes:
-        """One of `DIDS`; raises Refused for others."""
+        """Return the value of one of `DIDS`; raises Refused for others."""
         segment = self._segment
         if did is Did.CALIBRATION:
             return segment.in_force.pack()
@@ -75,7 +75,7 @@ class CalibrationService:
         raise Refused(Nrc.OUT_OF_RANGE)
 
     def write(self, did: Did, value: bytes) -> Long[None]:
-        """One of `DIDS`; raises Refused for others, and for values that are not allowed."""
+        """Write one of `DIDS`; raises Refused for others, and for values that are not allowed."""
         yield from ()
         if did is Did.CALIBRATION:
             try:

@@ -1,4 +1,4 @@
-"""What the server of `can_bridge.uds.server` needs of the ECU around it."""
+"""The interface from the server in `can_bridge.uds.server` to the ECU."""
 
 from typing import Protocol
 
@@ -8,18 +8,18 @@ from can_bridge.uds.services import Did, Routine, Session
 
 
 class Diagnostics(Protocol):
-    """Every method may raise `Refused` with the negative response code; the server has checked session, security level,
-    and lengths where `services` states them."""
+    """The ECU's services. Every method may raise `Refused` with a negative response code. The server has already
+    checked session, security level, and the lengths stated in `services`."""
 
     def enter(self, session: Session) -> None:
-        """Before a session begins: CONDITIONS_NOT_CORRECT for PROGRAMMING while the jets are enabled or the vehicle
-        asks for control."""
+        """Prepare for a session; CONDITIONS_NOT_CORRECT for PROGRAMMING while jets are enabled or control is
+        requested."""
 
     def leave(self) -> None:
-        """The session ended, for whatever reason: drop a transfer that is under way (it can be resumed)."""
+        """Drop a transfer that is under way, because the session ended; the transfer can be resumed."""
 
     def read(self, did: Did) -> bytes:
-        """The value of an identifier; OUT_OF_RANGE if it has none."""
+        """Return the value of an identifier; OUT_OF_RANGE if it has none."""
         ...
 
     def write(self, did: Did, value: bytes) -> Long[None]:
@@ -27,30 +27,30 @@ class Diagnostics(Protocol):
         ...
 
     def routine(self, routine: Routine, option: bytes) -> Long[bytes]:
-        """Run a routine; returns its status record."""
+        """Run a routine and return its status record."""
         ...
 
     def download(self, offset: int, length: int) -> None:
-        """Bytes of the announced image from `offset` on will come, `length` of them."""
+        """Expect `length` bytes of the announced image from `offset` on."""
 
     def transfer(self, data: bytes) -> Long[None]:
-        """The next bytes."""
+        """Take the next bytes of the image."""
         ...
 
     def exit(self) -> Long[None]:
-        """No more bytes come."""
+        """End the transfer after its last byte."""
         ...
 
     def failed_attempts(self, level: Level) -> int:
-        """Wrong keys in a row, over resets."""
+        """Return the number of consecutive wrong keys, which survives resets."""
         ...
 
     def keep_failed_attempts(self, level: Level, count: int) -> None:
-        """Keep them before the answer goes out."""
+        """Store the number of wrong keys before the answer is sent."""
 
     def before_reset(self) -> None:
-        """Before a reset, and before the ECU falls silent: CONDITIONS_NOT_CORRECT while that would stop a control that
-        runs; a session may have begun before it."""
+        """Prepare for a reset or for silence. Raises CONDITIONS_NOT_CORRECT if that would interrupt active control,
+        which may have begun after the session did."""
 
     def reset(self) -> None:
-        """A reset was asked for and has been answered."""
+        """Reset the ECU; the request has been answered."""

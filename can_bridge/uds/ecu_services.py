@@ -1,7 +1,7 @@
-"""What a tester may ask of an ECU, over its store of releases: `Diagnostics` of the UDS server.
+"""The ECU's diagnostic services over its store of releases: `Diagnostics` for the UDS server.
 
-Answers of the routines: ERASE has the wanted offset (4), CHECK a `Verdict` (1); the others are empty. A request that
-was carried out already is answered alike when it comes again, because the tester may have missed the first answer.
+Answers of the routines: ERASE has the wanted offset (4), CHECK a `Verdict` (1); the others are empty. A repeated
+request that was already carried out gets the same answer, because the tester may have missed the first one.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -20,7 +20,7 @@ from can_bridge.uds.services import Did, Nrc, Refused, Routine, Session
 from contract.errors import ConfigError, KeyFileError, StillwakeError
 
 WRITTEN: Final = 512
-"""Bytes of an image that are written in one piece of work."""
+"""Number of bytes of an image that one piece of work writes."""
 _DONE: Final = {
     Routine.ERASE: ("update", "a release is to be written: jets shut until a reset"),
     Routine.ACTIVATE: (
@@ -30,19 +30,19 @@ _DONE: Final = {
     Routine.CONFIRM: ("confirmed", "the release that runs is confirmed"),
     Routine.REVERT: ("given_up", "the release before is booted from the next reset on"),
 }
-"""Events of the log, and their lines."""
+"""Events of the log with their text, by routine."""
 
 
 class EcuServices:
-    """`Diagnostics` after a boot.
+    """The `Diagnostics` of an ECU after a boot.
 
     Args:
-        identification: values of the identifiers that do not change.
+        identification: values of the constant identifiers.
         calibration: None without a release.
         self_test: runs the release on test windows; raises StillwakeError. None without a release.
-        refusal: why the ECU may not be programmed now; None if it may.
+        refusal: returns why the ECU may not be programmed now; None if it may.
         on_reset: called when a reset is due.
-        log: called with an event's name, its line, and its fields.
+        log: called with an event's name, its text, and its fields.
         resets_when_left: whether the end of a session after an announcement resets the ECU.
 
     Attributes:
@@ -77,8 +77,8 @@ class EcuServices:
     def leave(self) -> None:
         self._store.drop()
         if self._resets_when_left and self.is_updating:
-            # A tester that goes away amid a transfer would leave the jets shut until the next power-on; the release
-            # that ran before is in order, and a transfer that was interrupted goes on after a reset.
+            # If a tester left during a transfer, the jets would stay shut until the next power-on. After a reset the
+            # old release, which is intact, runs again, and the interrupted transfer can be continued.
             self._on_reset()
 
     def read(self, did: Did) -> bytes:
@@ -99,7 +99,7 @@ class EcuServices:
             return
         if value == self._taken_keys:
             return
-        # To verify a signature, here and before a way back, takes a good part of a control period.
+        # Verifying a signature, here and before a revert, takes a large part of a control period.
         self._check_preconditions()
         with _as_refusals():
             self._store.take_keys(value)
@@ -141,11 +141,11 @@ class EcuServices:
     def transfer(self, data: bytes) -> Long[None]:
         with _as_refusals():
             self._store.append(data)
-        # The store took it at once; a flash memory, which takes milliseconds, is written in so many pieces.
+        # The store has written the data at once. A flash memory needs milliseconds, so it writes this number of pieces.
         yield from repeat(None, (len(data) - 1) // WRITTEN)
 
     def exit(self) -> Long[None]:
-        # All bytes came, as the server has seen to; CHECK finds out whether they are the announced ones.
+        # The server has checked that all bytes came; CHECK finds out whether they are the announced bytes.
         yield from ()
 
     def failed_attempts(self, level: Level) -> int:
@@ -198,7 +198,7 @@ class EcuServices:
             self._store.confirm()
             self._has_confirmed = True
         elif not self._has_confirmed:
-            # A tester that confirms what does not run on trial takes another release for its own.
+            # A tester that confirms a release that is not on trial mistakes another release for its own.
             raise Refused(Nrc.SEQUENCE_ERROR, "no release runs on trial")
 
     def _revert(self) -> Long[None]:

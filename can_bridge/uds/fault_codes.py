@@ -1,7 +1,7 @@
-"""The diagnostic trouble codes of this ECU (SAE J2012-DA): one for each reason that is a fault, and what goes with one.
+"""This ECU's diagnostic trouble codes (SAE J2012-DA): one for each reason that is a fault, and their snapshots.
 
-The first two bytes have the reason's number behind a letter and a 1, which marks a maker's own code: U for the bus, P
-for the ECU and its sensors. The third byte is the type of failure.
+The first two bytes have a letter, a 1, which marks a maker's own code, and the reason's number. The letter is U for the
+bus, P for the ECU and its sensors. The third byte is the type of failure.
 """
 
 import struct
@@ -32,27 +32,27 @@ CODES: Final[Mapping[Reason, int]] = {
         (Reason.NO_SPEED, _U, 0x87),
     )
 }
-"""Three bytes each. Other reasons are states of an ECU that is in order."""
+"""Trouble codes of three bytes. Reasons without a code are states of an ECU without a fault."""
 REASON_BY_CODE: Final[Mapping[int, Reason]] = {code: reason for reason, code in CODES.items()}
 CODE_BYTES: Final = 3
 J2012_FORMAT: Final = 0x00
-"""Identifier of this format in the answer to service 19 01."""
+"""Number of this code format in the answer to service 19 01."""
 _LETTERS: Final = "PCBU"
 
 
 class Snapshot(IntEnum):
-    """Identifiers of what is kept of the moment in which a fault was found; they cannot be read by service 22."""
+    """Identifiers of a snapshot's values from the moment when a fault was found; service 22 cannot read them."""
 
     TIME_MS = 0xFD20
-    """Since power-on (4)."""
+    """Time in ms since power-on (4)."""
     MODE_BEFORE = 0xFD21
-    """`Mode` in the control period before (1)."""
+    """`Mode` in the previous control period (1)."""
     MISSED = 0xFD22
-    """Control periods without usable pressures since power-on, at most 65535 (2)."""
+    """Number of control periods without usable pressures since power-on, at most 65535 (2)."""
     OVERRUNS = 0xFD23
-    """Control periods left out since power-on, at most 65535 (2)."""
+    """Number of control periods left out since power-on, at most 65535 (2)."""
     PRESSURES_CP = 0xFD24
-    """The newest pressure coefficients of the period before, as float32 (4 each)."""
+    """Newest pressure coefficients of the previous period, as float32 (4 each)."""
 
 
 SNAPSHOT_FORMATS: Final[Mapping[Snapshot, str]] = {
@@ -62,10 +62,10 @@ SNAPSHOT_FORMATS: Final[Mapping[Snapshot, str]] = {
     Snapshot.OVERRUNS: ">H",
     Snapshot.PRESSURES_CP: f">{SENSORS}f",
 }
-"""Their forms, in the order in which they are kept."""
+"""Formats of a snapshot's values, in the order in which they are stored."""
 SNAPSHOT_BYTES: Final = sum(struct.calcsize(form) for form in SNAPSHOT_FORMATS.values())
 
 
 def in_letters(code: int) -> str:
-    """A code as workshops write it, for example U1101-87."""
+    """Return a code as workshops write it, for example U1101-87."""
     return f"{_LETTERS[code >> 22]}{code >> 8 & 0x3FFF:04X}-{code & 0xFF:02X}"

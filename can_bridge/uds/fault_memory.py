@@ -1,13 +1,13 @@
 """The fault memory: for each trouble code its status (ISO 14229-1, annex D), its age and one snapshot, over resets.
 
-A fault is debounced by the ECU's state machine: its test fails in the period in which a fault begins to stand, and all
-tests pass in the period in which control begins. An operation cycle lasts from power-on to the next reset. A confirmed
-fault whose test passed, and did not fail, in `AGED_CYCLES` cycles is forgotten. What is kept in the memory:
+The ECU's state machine debounces faults: a fault's test fails in the period in which the fault begins, and all tests
+pass in the period in which control begins. An operation cycle lasts from power-on to the next reset. A confirmed fault
+is forgotten after `AGED_CYCLES` cycles in which its test passed and did not fail. Format of the memory's record:
 
     "SWF1" (4); for each code, in the order of `CODES`: status (1), age (1), 1 with a snapshot (1), snapshot; CRC-32 (4)
 
-It is written only while no jet can run, and only where it differs: at most once for each code that fails in a cycle,
-once for the first pass, and once for a clearing.
+The record is written only while no jet can run, and only if it differs: at most once for each code that fails in a
+cycle, once for the first pass, and once when codes are cleared.
 """
 
 import struct
@@ -50,11 +50,11 @@ _UNTESTED: Final = _S.NOT_COMPLETED_SINCE_CLEAR | _S.NOT_COMPLETED_THIS_CYCLE
 
 @dataclass(frozen=True)
 class KeptFault:
-    """What is remembered of one code.
+    """The stored state of one code.
 
     Attributes:
-        age: operation cycles in which the test passed and did not fail, since it failed last; of a confirmed fault.
-        snapshot: of the first failure in the latest cycle that had one; empty without.
+        age: of a confirmed fault: number of operation cycles since its last failure in which the test only passed.
+        snapshot: of the first failure in the latest cycle with a failure; empty without.
     """
 
     status: Status = _UNTESTED
@@ -62,16 +62,16 @@ class KeptFault:
     snapshot: bytes = b""
 
     def failed(self, snapshot: bytes) -> "KeptFault":
-        """The fault after a test that failed."""
+        """Return the fault after a failed test."""
         is_first = not self.status & _S.FAILED_THIS_CYCLE
         return KeptFault((self.status | _AT_FAILURE) & ~_UNTESTED, 0, snapshot if is_first else self.snapshot)
 
     def passed(self) -> "KeptFault":
-        """The fault after a test that passed."""
+        """Return the fault after a passed test."""
         return KeptFault(self.status & ~(_S.TEST_FAILED | _UNTESTED), self.age, self.snapshot)
 
     def next_cycle(self) -> "KeptFault":
-        """The fault after the next power-on."""
+        """Return the fault after the next power-on."""
         status, age, snapshot = self.status, self.age, self.snapshot
         if not status & (_S.FAILED_THIS_CYCLE | _S.NOT_COMPLETED_THIS_CYCLE):
             status &= ~_S.PENDING
@@ -82,7 +82,7 @@ class KeptFault:
         return KeptFault(status, age, snapshot)
 
     def packed(self) -> bytes:
-        """The bytes for the record, without what the next power-on changes in any case."""
+        """Return the bytes for the record, without the bits that each power-on changes."""
         status = self.status & ~_S.TEST_FAILED
         if not status & (_S.PENDING | _S.CONFIRMED):
             status |= _S.NOT_COMPLETED_THIS_CYCLE
@@ -90,16 +90,16 @@ class KeptFault:
 
 
 class FaultMemory:
-    """The memory from one power-on to the next. `note` may be called by another thread than everything else.
+    """The memory from one power-on to the next. Only `note` may be called by another thread.
 
     Args:
-        record: as kept before; one that is damaged counts as none.
-        keep: keeps a record; raises MediumError.
-        refusal: why nothing may be written now; None if it may.
+        record: the stored record; a damaged record counts as none.
+        keep: stores a record; raises MediumError.
+        refusal: returns why nothing may be written now; None if it may.
 
     Attributes:
-        faults: all of them, in the order of `CODES`.
-        is_on: whether what is noted is taken (service 0x85).
+        faults: the state of all codes, in the order of `CODES`.
+        is_on: whether test results are recorded (service 0x85).
     """
 
     def __init__(
@@ -116,13 +116,13 @@ class FaultMemory:
         self.is_on = True
 
     def note(self, reason: Reason | None, snapshot: bytes = b"") -> None:
-        """The test of this reason failed just now; None: all tests passed."""
+        """Note that the test of this reason failed now, or for None that all tests passed."""
         self._noted.append((reason, snapshot))
 
     def settle(self) -> None:
-        """Take what was noted, and keep it if that is allowed now; raises MediumError, and does not try that again."""
+        """Record the noted results; store them if that is allowed now. Raises MediumError, and does not try again."""
         while self._noted and (self.is_on or len(self._noted) > 1):
-            # While it is off the latest alone waits: it is how the tests stand once it is on.
+            # While recording is off only the latest result waits: the tests' state when recording is on again.
             reason, snapshot = self._noted.popleft()
             if not self.is_on:
                 continue
@@ -136,7 +136,7 @@ class FaultMemory:
             self._keep_if_different()
 
     def clear(self, reasons: Collection[Reason]) -> None:
-        """Forget faults; raises Refused while nothing may be written, or where the memory fails."""
+        """Clear faults; raises Refused while nothing may be written, or if the memory fails."""
         if (code := self._refusal()) is not None:
             raise Refused(code)
         self.faults |= dict.fromkeys(reasons, KeptFault())
@@ -152,13 +152,13 @@ class FaultMemory:
 
 
 def encode(faults: Mapping[Reason, KeptFault]) -> bytes:
-    """The record."""
+    """Return the record of the faults."""
     raw = _MAGIC + b"".join(faults[reason].packed() for reason in CODES)
     return raw + _CRC.pack(zlib.crc32(raw))
 
 
 def decode(record: bytes) -> dict[Reason, KeptFault]:
-    """The faults in a record, none in one that is damaged or that no ECU writes."""
+    """Return the faults in a record; no faults for a record that is damaged or that no ECU writes."""
     body, crc = record[len(_MAGIC) : -_CRC.size], record[-_CRC.size :]
     is_whole = record[: len(_MAGIC)] == _MAGIC and crc == _CRC.pack(zlib.crc32(record[: -_CRC.size]))
     if not is_whole or len(body) != _FAULT.size * len(CODES):
@@ -172,7 +172,7 @@ def decode(record: bytes) -> dict[Reason, KeptFault]:
 
 ALL_GROUPS: Final = 0xFFFFFF
 RECORD: Final = 0x01
-"""Number of a code's one snapshot, and of its one extended record, which holds the age."""
+"""Number of a code's only snapshot, and of its only extended record, which holds the age."""
 _ALL_RECORDS: Final = 0xFF
 
 
@@ -193,11 +193,11 @@ LENGTHS: Final = {
     FaultReport.EXTENDED: 4,
     FaultReport.SUPPORTED: 0,
 }
-"""Bytes behind the sub-function."""
+"""Number of bytes after the sub-function."""
 
 
 def report(memory: FaultMemory, kind: FaultReport, option: bytes) -> bytes:
-    """What follows the sub-function in the answer; raises Refused for an unknown code or record."""
+    """Return the answer's bytes after the sub-function; raises Refused for an unknown code or record."""
     if kind in (FaultReport.SNAPSHOT, FaultReport.EXTENDED):
         return _record(memory, kind, REASON_BY_CODE.get(int.from_bytes(option[:CODE_BYTES], "big")), option[-1])
     mask = option[0] & AVAILABLE if option else None
@@ -212,7 +212,7 @@ def report(memory: FaultMemory, kind: FaultReport, option: bytes) -> bytes:
 
 
 def cleared(group: int) -> Collection[Reason]:
-    """Which faults a group of codes names: all, or one; raises Refused for others."""
+    """Return the faults in a group of codes: all faults, or one; raises Refused for other groups."""
     if group == ALL_GROUPS:
         return CODES.keys()
     if group not in REASON_BY_CODE:

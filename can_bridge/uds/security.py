@@ -1,11 +1,11 @@
 """Security access (ISO 14229-1, service 0x27): the shared secret, seeds, keys, wrong attempts and the delay after them.
 
-Each security level has a key of its own, AES-CMAC of the shared key over a label and the level's number, so that an
-answer for one level is none for another. The answer to a seed is AES-CMAC of the level's key over the seed.
+Each security level has its own key, the AES-CMAC with the shared key of a label and the level's number, so that an
+answer for one level is wrong for the others. The answer to a seed is the AES-CMAC of the seed with the level's key.
 
-A seed is good for one answer. An attempt is counted, in memory that outlives a reset, before the answer is looked at:
-cutting the supply at the right moment gains no attempt. After `MAX_ATTEMPTS` wrong ones in a row no seed is given for
-`DELAY_NS`, and again after each further one; a power-on in between restarts the delay.
+A seed is valid for one answer. An attempt is counted in non-volatile memory before the answer is checked, so that
+cutting the supply gains no attempt. After `MAX_ATTEMPTS` consecutive wrong answers, and after each further one, no seed
+is sent for `DELAY_NS`; a power-on restarts the delay.
 """
 
 from collections.abc import Callable
@@ -21,28 +21,28 @@ from can_bridge.uds.services import Nrc, Refused
 
 SEED_LENGTH: Final = 16
 ANSWER_LENGTH: Final = 16
-"""Bytes of a seed, and of the key that the tester sends for it."""
+"""Length in bytes of a seed, and of the tester's answer to it."""
 MAX_ATTEMPTS: Final = 3
 DELAY_NS: Final = 10_000_000_000
 LABEL: Final = b"stillwake access"
-"""What a level's key is made over, with the level's number."""
+"""Label from which, with the level's number, a level's key is computed."""
 
 
 class AccessKey:
-    """A 128-bit key for security access, ready for use. Raises ValueError as `Key` does."""
+    """A 128-bit key for security access. Raises ValueError as `Key` does."""
 
     def __init__(self, secret: bytes) -> None:
         self._take(Key(secret))
 
     @classmethod
     def read(cls, path: Path) -> Self:
-        """Read a key from a file as `stillwake keygen --secret` writes it; raises KeyFileError as `read_key` does."""
+        """Read a key from a file of `stillwake keygen --secret`; raises KeyFileError as `read_key` does."""
         made = cls.__new__(cls)
         made._take(read_key(path))
         return made
 
     def answer(self, level: Level, seed: bytes) -> bytes:
-        """What unlocks this level after this seed."""
+        """Return the answer that unlocks this level after this seed."""
         return self._levels[level].cmac(seed)
 
     def _take(self, key: Key) -> None:
@@ -50,11 +50,11 @@ class AccessKey:
 
 
 class SecurityAccess:
-    """Which level is unlocked, and how the next one becomes so.
+    """The unlocked level, and the procedure to unlock a level.
 
     Args:
-        random_bytes: gives so many unpredictable bytes.
-        attempts: keeps the counts over resets; may refuse with the code to answer by.
+        random_bytes: returns a number of unpredictable bytes.
+        attempts: stores the counts of wrong attempts; may raise Refused.
     """
 
     def __init__(self, key: AccessKey, random_bytes: Callable[[int], bytes], attempts: Diagnostics) -> None:
@@ -66,17 +66,17 @@ class SecurityAccess:
         self._closed_until_ns: dict[Level, int] = {}
 
     def power_on(self, now_ns: int) -> None:
-        """A level with too many wrong attempts before gets its delay again: how long the power was off is unknown."""
+        """Restart the delay of a level with too many wrong attempts, because the time without power is unknown."""
         for level in Level:
             if self._attempts.failed_attempts(level) >= MAX_ATTEMPTS:
                 self._closed_until_ns[level] = now_ns + DELAY_NS
 
     def lock(self) -> None:
-        """Lock all levels, at the end of a session."""
+        """Lock all levels at the end of a session."""
         self.unlocked = self._asked = None
 
     def seed(self, now_ns: int, level: Level) -> bytes:
-        """A new seed; zeros if the level is unlocked already. Raises Refused during the delay."""
+        """Return a new seed; zeros if the level is already unlocked. Raises Refused during the delay."""
         if self.unlocked is level:
             return bytes(SEED_LENGTH)
         self._asked = None
@@ -89,8 +89,7 @@ class SecurityAccess:
         return seed
 
     def unlock(self, now_ns: int, level: Level, answer: bytes) -> None:
-        """Unlock the level whose seed was given last. Raises Refused if no seed of this level was asked for, or the
-        answer is wrong."""
+        """Unlock the level whose seed was sent last. Raises Refused for a wrong answer or a level without a seed."""
         if self._asked is None or self._asked[0] is not level:
             raise Refused(Nrc.SEQUENCE_ERROR)
         (_, seed), self._asked = self._asked, None

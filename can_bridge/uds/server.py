@@ -1,8 +1,8 @@
-"""The ECU's side of UDS (ISO 14229-1): requests in, answers out, time as an argument.
+"""The ECU's side of UDS (ISO 14229-1): it takes requests and returns answers; the time is an argument.
 
-Every request is checked in the order of the standard's figures: is the service there, is it in this session, is the
-length right, is the sub-function there and in this session, is the level unlocked, is it its turn; then the ECU behind
-it may refuse for reasons of its own. One request is worked on at a time, in pieces, one for each `tick`.
+Every request is checked in the order of the standard's figures: service known, allowed in this session, valid length,
+sub-function known and allowed in this session, level unlocked, valid sequence. Then the ECU may refuse it for reasons
+of its own. One request is processed at a time, in pieces, one piece for each `tick`.
 """
 
 from collections.abc import Callable, Mapping
@@ -34,47 +34,47 @@ from can_bridge.uds.services import (
 from can_bridge.uds.under_way import Download, Job, SessionTimer, negative, timing_record
 
 MAX_DIDS: Final = 16
-"""Identifiers that one request may read."""
+"""Largest number of identifiers that one request may read."""
 _SUPPRESS: Final = 0x80
 _HARD_RESET: Final = 1
 _START: Final = 1
 _ENABLE: Final = 0
 _DISABLE_SENDING: Final = 1
 _NORMAL: Final = frozenset({0x01, 0x03})
-"""Kinds of communication that comprise JetCommand and EcuStatus: normal messages, and these with network management."""
+"""Kinds of communication that include JetCommand and EcuStatus: normal messages, with or without network management."""
 _FAULTS_ON: Final = 1
 _FAULTS_OFF: Final = 2
 _PLAIN: Final = 0x00
 """Data format of a download: neither compressed nor encrypted."""
 _FOUR_AND_FOUR: Final = 0x44
-"""Bytes of length and of address in a download request."""
+"""Format byte of a download request: four bytes of length and four of address."""
 _TWO_BYTES: Final = 0x20
-"""Format of the block length in its answer."""
+"""Format byte of the block length in the answer to a download request."""
 _SUB_FUNCTIONS: Final[Mapping[int, frozenset[int]]] = {
     Service.SESSION: frozenset(Session),
     Service.RESET: frozenset({_HARD_RESET}),
     Service.REPORT_FAULTS: frozenset(FaultReport),
-    # A level's seed has its number, the answer to the seed the next one.
+    # A level's number requests its seed; the next number sends the answer to the seed.
     Service.SECURITY: frozenset(level + is_answer for level in Level for is_answer in (0, 1)),
     Service.COMMUNICATION: frozenset({_ENABLE, _DISABLE_SENDING}),
     Service.ROUTINE: frozenset({_START}),
     Service.TESTER_PRESENT: frozenset({0}),
     Service.FAULT_SETTING: frozenset({_FAULTS_ON, _FAULTS_OFF}),
 }
-"""The first byte of the services that have a sub-function, without the bit that suppresses the answer."""
+"""Sub-functions of the services that have one in their first byte, without the bit that suppresses the answer."""
 _DIDS: Final[frozenset[int]] = frozenset(Did)
 
 
 class UdsServer:
-    """A server after power-on. It takes any bytes, and raises nothing that `diagnostics` does not.
+    """A server after power-on. It takes any bytes, and raises nothing but the exceptions of `diagnostics`.
 
     Args:
-        diagnostics: the ECU around it.
-        random_bytes: gives so many unpredictable bytes, for seeds.
-        faults: the ECU's fault memory; None for one that outlives nothing.
+        diagnostics: the ECU's services.
+        random_bytes: returns a number of unpredictable bytes, for seeds.
+        faults: the ECU's fault memory; None for a memory that no reset survives.
 
     Attributes:
-        is_silent: whether a tester wants JetCommand and EcuStatus not to be sent: while no jet can run, and no longer.
+        is_silent: whether a tester has switched off JetCommand and EcuStatus; only possible while no jet can run.
     """
 
     def __init__(
@@ -105,17 +105,17 @@ class UdsServer:
 
     @property
     def is_busy(self) -> bool:
-        """Whether a request or a reset is under way: `tick` goes on with it."""
+        """Whether a request or a reset is under way, which `tick` continues."""
         return self._job is not None or self._reset_is_due
 
     @property
     def is_writing(self) -> bool:
-        """Whether a block is on its way into the memory."""
+        """Whether a block is being written to the memory."""
         return self._job is not None and self._job.service == Service.TRANSFER
 
     def look(self, now_ns: int, *, in_transit: bool) -> None:
-        """Before each look at the bus: end a session in which no tester was heard for S3. The tester is there while a
-        request is worked on, and while a message is on its way in either direction, `in_transit` (ISO 14229-2)."""
+        """End a session without a request for S3; call this before each reading of the bus. The session continues while
+        a request is processed, or a message is `in_transit` in either direction (ISO 14229-2)."""
         now_ns = self._at(now_ns)
         if in_transit:
             self._timer.hear(now_ns)
@@ -124,9 +124,9 @@ class UdsServer:
     def request(
         self, now_ns: int, payload: bytes, *, is_functional: bool = False, is_occupied: bool = False
     ) -> list[bytes]:
-        """Take a whole request, perhaps one to every ECU; its answers, none if it is suppressed or not ready yet. One
-        that comes before a long answer to another one is on the bus, `is_occupied`, is not begun: the tester has to
-        send it again."""
+        """Take a complete request; return its answers, none if the answer is suppressed or not ready. If another long
+        answer is still being sent, `is_occupied`, the request is refused as busy, and the tester has to repeat it. A
+        functional request goes to every ECU."""
         now_ns = self._at(now_ns)
         if not payload:
             return []
@@ -141,9 +141,9 @@ class UdsServer:
         return self._go_on(now_ns)
 
     def tick(self, now_ns: int) -> list[bytes]:
-        """Go on with what is under way: one piece of it, or the reset that was answered before.
+        """Do the next piece of the request under way, or the reset that was answered before.
 
-        Call it as often as there is time for a piece, at least every 20 ms while `is_busy`.
+        Call it whenever there is time for a piece, at least every 20 ms while `is_busy`.
         """
         now_ns = self._at(now_ns)
         if self._reset_is_due:
@@ -153,7 +153,7 @@ class UdsServer:
         return self._go_on(now_ns)
 
     def _at(self, now_ns: int) -> int:
-        """A clock that goes back stands still here."""
+        """Return the time, which stands still if the clock goes back."""
         if self._now_ns is None:
             self._security.power_on(now_ns)
         self._now_ns = now_ns if self._now_ns is None else max(now_ns, self._now_ns)
@@ -184,7 +184,7 @@ class UdsServer:
         self._timer.begin(now_ns, session)
 
     def _answer(self, payload: bytes) -> Long[bytes]:
-        """What follows the first byte of the positive answer."""
+        """Return the positive answer's bytes after the first."""
         service, body = payload[0], payload[1:]
         permission = SERVICES.get(service)
         if permission is None:
@@ -228,7 +228,7 @@ class UdsServer:
         if body[1] not in _NORMAL:
             raise Refused(Nrc.OUT_OF_RANGE)
         if body[0] == _DISABLE_SENDING:
-            # Under the conditions of a reset: no control is interrupted.
+            # The conditions are those of a reset, so that no control is interrupted.
             self._diagnostics.before_reset()
         self.is_silent = body[0] == _DISABLE_SENDING
         return body[:1]
@@ -249,7 +249,7 @@ class UdsServer:
             try:
                 answer += number + self._value(int.from_bytes(number, "big"))
             except Refused as refusal:
-                # The standard leaves out what is not there, if anything else is.
+                # The standard omits unknown identifiers if any other is known.
                 if refusal.code is not Nrc.OUT_OF_RANGE:
                     raise
         if not answer:
@@ -323,7 +323,7 @@ class UdsServer:
             raise Refused(Nrc.SEQUENCE_ERROR)
         if self._transfer.is_new(counter, data):
             transfer, self._transfer = self._transfer, None
-            # If it fails there is no transfer any more: what the memory holds is known only after a new announcement.
+            # If writing fails the transfer ends, since only a new announcement shows the memory's content.
             yield from self._diagnostics.transfer(data)
             transfer.taken(counter, data)
             self._transfer = transfer
@@ -369,4 +369,4 @@ _HANDLERS: Final[Mapping[int, Callable[[UdsServer, bytes], bytes | Long[bytes]]]
     Service.TESTER_PRESENT: lambda server, body: server._hear_tester(body),
     Service.FAULT_SETTING: lambda server, body: server._set_faults(body),
 }
-"""Not bound to a server: one that refers to itself is never freed where the collector is off."""
+"""Handlers of the services. A server that holds bound methods would never be freed without the garbage collector."""

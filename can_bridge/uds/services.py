@@ -1,4 +1,4 @@
-"""The numbers of UDS that this ECU uses (ISO 14229-1:2020), its own identifiers and routines, and who may use them."""
+"""The UDS numbers of this ECU (ISO 14229-1:2020), its own identifiers and routines, and the permissions for them."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -9,23 +9,23 @@ from can_bridge.flashing.access_level import Level
 from contract.controller.calibration import PACKED_BYTES
 
 P2_MS: Final = 50
-"""The most until the first answer to a request."""
+"""Longest time in ms from a request to its first answer."""
 P2_EXTENDED_MS: Final = 5000
-"""The most after a response-pending."""
+"""Longest time in ms from a response-pending to the next answer."""
 S3_MS: Final = 5000
-"""Without any request after which a session ends by itself."""
+"""Time in ms without a request after which a session ends."""
 MAX_REQUEST: Final = 4095
-"""Bytes of one request: what ISO-TP's 12-bit length carries."""
+"""Largest length in bytes of a request, which ISO-TP's 12-bit length can state."""
 LONGEST_ANSWER: Final = 768
-"""Bytes of an answer with several identifiers; a longer one is refused as too long. One alone is always answered."""
+"""Largest length in bytes of an answer with several identifiers; a single identifier is always answered."""
 BESIDE: Final = 24
-"""Bytes of other answers that may wait when a request is begun; behind more it is refused as busy."""
+"""Largest number of bytes of waiting answers with which a request is begun; otherwise it is refused as busy."""
 POSITIVE: Final = 0x40
-"""A positive response begins with the service's identifier and so much more."""
+"""Difference between a positive response's first byte and the service's identifier."""
 NEGATIVE: Final = 0x7F
-"""The first byte of a negative response."""
+"""First byte of a negative response."""
 MAX_BLOCK: Final = 4080
-"""Bytes of a TransferData request, its two of header included."""
+"""Largest length in bytes of a TransferData request, including two header bytes."""
 
 
 class Service(IntEnum):
@@ -88,25 +88,25 @@ UNSENT_TO_ALL: Final = frozenset(
         Nrc.SERVICE_NOT_IN_SESSION,
     }
 )
-"""Refusals of functional requests that are not sent (section 7.5): each ECU would send what others answer."""
+"""Negative responses that are not sent to functional requests (section 7.5), because each ECU would send one."""
 
 
 class Routine(IntEnum):
     """RoutineControl identifiers, all started by sub-function 1. Results are in `can_bridge.uds.ecu_services`."""
 
     PRECONDITIONS = 0x0203
-    """Whether the ECU may be programmed now; refused with CONDITIONS_NOT_CORRECT if not."""
+    """Check whether the ECU may be programmed now; CONDITIONS_NOT_CORRECT if not."""
     SELF_TEST = 0x0204
-    """Run the controller of the release that runs on what must lead to a finite plan."""
+    """Run the running release's controller on input that must give a finite plan."""
     ACTIVATE = 0x0205
     """Boot the checked image from the next reset on, on trial."""
     CONFIRM = 0x0206
-    """Keep the release that runs; it is no longer on trial."""
+    """Confirm the release on trial."""
     REVERT = 0x0207
-    """Go back to the release before from the next reset on."""
+    """Return to the release before from the next reset on."""
     ERASE = 0xFF00
-    """Announce an image, and make room for it: option record length (4), SHA-256 (32); the answer has the offset (4)
-    from which it is wanted, more than zero if an earlier transfer of it was interrupted."""
+    """Announce an image and prepare a slot for it. Option record: length (4), SHA-256 (32). The answer has the offset
+    (4) of the first byte to send, more than zero if an earlier transfer of this image was interrupted."""
     CHECK = 0xFF01
     """Check the transferred image; the answer has a `Verdict` (1)."""
 
@@ -121,26 +121,26 @@ class Did(IntEnum):
     SOFTWARE_VERSION = 0xF195
     """Version of stillwake, UTF-8."""
     DBC_SHA256 = 0xFD00
-    """(32)"""
+    """SHA-256 of the DBC (32)."""
     STORE = 0xFD01
-    """What the slots hold: `can_bridge.flashing.report`."""
+    """State of the slots: `can_bridge.flashing.report`."""
     KEY_LIST = 0xFD02
-    """A signed key list, to be written. Read: its version (4)."""
+    """Signed key list for writing; its version (4) for reading."""
     CAPACITY = 0xFD03
-    """Bytes of the greatest image (4)."""
+    """Size in bytes of the largest image (4)."""
     PERIOD_NS = 0xFD04
-    """Control period (8)."""
+    """Control period in ns (8)."""
     CALIBRATION = 0xFD10
-    """The whole calibration as `contract.controller.calibration` packs it: reading gives the one in force; writing
-    changes it at the next control period, until reset."""
+    """All values of the calibration, packed by `contract.controller.calibration`. Reading returns the values in force;
+    writing changes them from the next control period until a reset."""
     CALIBRATION_LIMITS = 0xFD11
-    """Least and greatest allowed value of each, then the release's own: three calibrations, packed."""
+    """Least allowed, greatest allowed and the release's own values: three packed calibrations."""
     CALIBRATION_STORED = 0xFD12
-    """1: store the one in force; 0: back to the release's own. Read: whether one is stored (1)."""
+    """Writing 1 stores the values in force, 0 restores the release's own. Reading: whether values are stored (1)."""
 
 
 class Refused(Exception):  # noqa: N818  (a negative response is an answer, no error)
-    """The request is answered by this code."""
+    """The request is refused with this negative response code."""
 
     def __init__(self, code: Nrc, why: str = "") -> None:
         super().__init__(why or code.name)
@@ -155,11 +155,11 @@ _EXTENDED: Final = frozenset({Session.EXTENDED})
 
 @dataclass(frozen=True)
 class Permission:
-    """Who may, and with how many bytes.
+    """The conditions for a request.
 
     Attributes:
-        level: that must be unlocked; None if none need be.
-        length: of the value or option record in bytes; None for any.
+        level: level that must be unlocked; None if none need be.
+        length: of the value or option record in bytes; None for any length.
     """
 
     sessions: frozenset[Session] = _ALL
@@ -169,7 +169,7 @@ class Permission:
 
 SERVICES: Final[Mapping[int, Permission]] = {
     Service.SESSION: Permission(),
-    # The programming session begins only while the jets are shut; `Diagnostics.before_reset` looks again.
+    # The programming session begins only while the jets are shut; `Diagnostics.before_reset` checks that again.
     Service.RESET: Permission(_PROGRAMMING),
     Service.CLEAR_FAULTS: Permission(),
     Service.REPORT_FAULTS: Permission(),

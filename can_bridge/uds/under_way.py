@@ -1,4 +1,4 @@
-"""What a tester has under way: its session, the request that is worked on, and a download (ISO 14229-1 and -2)."""
+"""A tester's session, the request being processed, and a download (ISO 14229-1 and -2)."""
 
 from collections.abc import Collection
 from typing import Final
@@ -11,12 +11,11 @@ _S3_NS: Final = S3_MS * _MS
 _P2_EXTENDED_UNIT_MS: Final = 10
 _FIRST_NS: Final = P2_MS * _MS // 2
 _NEXT_NS: Final = P2_EXTENDED_MS * _MS // 2
-"""Times after which a tester hears that its request takes longer: half the limits, which are for the last moment on
-the bus."""
+"""Times after which a response-pending is sent: half the limits, which hold for the last bit on the bus."""
 
 
 class SessionTimer:
-    """Which session it is, and since when the tester has been silent."""
+    """The session, and the time since the tester's last sign of life."""
 
     def __init__(self) -> None:
         self.session = Session.DEFAULT
@@ -26,7 +25,7 @@ class SessionTimer:
         self.session, self._heard_ns = session, now_ns
 
     def hear(self, now_ns: int) -> None:
-        """A request was answered or needs no answer, or a message is on its way."""
+        """Note a sign of life: a request was answered or needs no answer, or a message is under way."""
         self._heard_ns = now_ns
 
     def is_over(self, now_ns: int) -> bool:
@@ -34,18 +33,18 @@ class SessionTimer:
 
 
 def timing_record() -> bytes:
-    """P2 in ms and P2* in 10 ms, as the answer to DiagnosticSessionControl has them."""
+    """Return P2 in ms and P2* in units of 10 ms, as in the answer to DiagnosticSessionControl."""
     return P2_MS.to_bytes(2, "big") + (P2_EXTENDED_MS // _P2_EXTENDED_UNIT_MS).to_bytes(2, "big")
 
 
 def negative(service: int, code: Nrc) -> bytes:
-    """A negative response."""
+    """Return a negative response."""
     return bytes([NEGATIVE, service, code])
 
 
 class Job:
-    """Work whose return value is the answer after its first byte. `is_quiet`: the tester wants no positive answer.
-    `passed_over`: codes of refusals that it does not want, either."""
+    """A request being processed. The return value of its work is the answer after the first byte. `is_quiet`: no
+    positive answer is sent. `passed_over`: negative response codes that are not sent either."""
 
     def __init__(
         self, now_ns: int, service: int, work: Long[bytes], *, is_quiet: bool, passed_over: Collection[Nrc] = ()
@@ -57,10 +56,10 @@ class Job:
         self.is_done = False
 
     def go_on(self, now_ns: int) -> list[bytes]:
-        """One piece; what is to be sent now."""
+        """Do one piece of the work; return the responses to send now."""
         sent = []
         if now_ns >= self._pending_ns:
-            # A tester that received response-pending waits for the answer, even if it wanted none.
+            # After a response-pending a tester waits for the answer, even if it wanted none.
             self._is_quiet, self._passed_over = False, ()
             self._pending_ns = now_ns + _NEXT_NS
             sent.append(negative(self.service, Nrc.RESPONSE_PENDING))
@@ -78,11 +77,11 @@ class Job:
 
 
 class Download:
-    """A download that was asked for.
+    """A requested download.
 
     Args:
         offset: of its first byte in the image.
-        length: bytes that will come, in all its blocks.
+        length: number of bytes in all its blocks.
 
     Attributes:
         is_closed: it was exited; only a repeated exit is still answered.
@@ -101,8 +100,7 @@ class Download:
         return self._last is not None
 
     def is_new(self, counter: int, data: bytes) -> bool:
-        """Whether to write this block; False if it is the last one again. Raises Refused with the code of what is
-        wrong with it."""
+        """Return whether to write this block; False if it repeats the last one. Raises Refused for a wrong block."""
         if self._last == (counter, data) and not self.is_closed:
             return False
         if self._missing == 0:
@@ -114,12 +112,12 @@ class Download:
         return True
 
     def taken(self, counter: int, data: bytes) -> None:
-        """This block was written."""
+        """Note that this block was written."""
         self._missing -= len(data)
         self._expected = (counter + 1) % 256
         self._last = counter, data
 
     def check_complete(self) -> None:
-        """Raises Refused if bytes are missing."""
+        """Raise Refused if bytes are missing."""
         if self._missing:
             raise Refused(Nrc.SEQUENCE_ERROR)

@@ -1,1 +1,1 @@
-"""What is on the wire: frames, the DBC's messages as values, their bytes, and how long they take."""
+"""The contents of the bus: frames, the DBC's messages as values and as bytes, and the time of frames on the bus."""

@@ -1,11 +1,11 @@
-"""The messages of the CAN FD set to data bytes and back, as laid out in `contract/stillwake.dbc`.
+"""Conversion of the CAN FD set's messages to data bytes and back, as defined in `contract/stillwake.dbc`.
 
 `emit_*` returns the protected part of a message with an empty E2E header (`can_bridge.e2e` fills it) and raises
-ValueError for what the wire cannot carry. `parse_*` looks at the meaning only, not at the header, and returns None
-for data of another length or with a value outside a table; no bytes make it raise. Values are rounded to the
-nearest step of the wire; bits without a signal are sent as zero and ignored when received.
+ValueError for a value out of range. `parse_*` reads the values, not the header, and returns None for data of another
+length or with a value outside a table; it never raises. Values are rounded to the nearest multiple of the resolution;
+bits without a signal are sent as zero and ignored when received.
 
-Each runs for every frame, so emitting packs first and looks for the culprit only where packing fails.
+These functions run for every frame, so `emit_*` searches for the invalid value only after packing has failed.
 """
 
 import struct
@@ -63,7 +63,7 @@ _STATE_MASK: Final = 0b1111
 
 
 def emit_pressure(message: Pressure) -> bytes:
-    """16 bytes. Raises ValueError for a wrong count, a value that is not finite or out of the wire's range."""
+    """Return 16 bytes. Raises ValueError for a wrong count, or a value that is not finite or out of range."""
     pressure_pa, valid, enable_request, age_ns = message
     try:
         p0, p1, p2, p3 = pressure_pa
@@ -85,7 +85,7 @@ def emit_pressure(message: Pressure) -> bytes:
 
 
 def parse_pressure(data: bytes) -> Pressure | None:
-    """The message in 16 bytes, or None if there are not 16."""
+    """Return the message in 16 bytes, or None for another length."""
     if len(data) != 16:
         return None
     flags, p0, p1, p2, p3, age = _PRESSURE.unpack(data)
@@ -106,7 +106,7 @@ def parse_pressure(data: bytes) -> Pressure | None:
 
 
 def emit_vehicle_speed(message: VehicleSpeed) -> bytes:
-    """8 bytes. Raises ValueError for a value that is not finite or out of the wire's range."""
+    """Return 8 bytes. Raises ValueError for a value that is not finite or out of range."""
     density, speed = speed_steps(message)
     try:
         return _VEHICLE_SPEED.pack(density, speed, _age_steps(message.age_ns))
@@ -115,7 +115,7 @@ def emit_vehicle_speed(message: VehicleSpeed) -> bytes:
 
 
 def parse_vehicle_speed(data: bytes) -> VehicleSpeed | None:
-    """The message in 8 bytes, or None if there are not 8."""
+    """Return the message in 8 bytes, or None for another length."""
     if len(data) != 8:
         return None
     density, speed, age = _VEHICLE_SPEED.unpack(data)
@@ -123,7 +123,7 @@ def parse_vehicle_speed(data: bytes) -> VehicleSpeed | None:
 
 
 def emit_jet_command(message: JetCommand) -> bytes:
-    """8 bytes. Raises ValueError for a flow that is not finite or out of the wire's range, or a bad counter."""
+    """Return 8 bytes. Raises ValueError for a flow that is not finite or out of range, or an invalid counter."""
     flow, mode, enable, counter, next_period = message
     try:
         flags = mode_of(mode) | (_ENABLE if enable else 0) | (_NEXT_PERIOD if next_period else 0)
@@ -137,7 +137,7 @@ def emit_jet_command(message: JetCommand) -> bytes:
 
 
 def parse_jet_command(data: bytes) -> JetCommand | None:
-    """The message in 8 bytes, or None if there are not 8 or the mode is not in its table."""
+    """Return the message in 8 bytes, or None for another length or a mode outside its table."""
     if len(data) != 8:
         return None
     flags, flow, counter = _JET_COMMAND.unpack(data)
@@ -157,7 +157,7 @@ def parse_jet_command(data: bytes) -> JetCommand | None:
 
 
 def emit_ecu_status(message: EcuStatus) -> bytes:
-    """24 bytes. Raises ValueError for a count or hash that does not fit."""
+    """Return 24 bytes. Raises ValueError for a count or hash that does not fit."""
     state, reason, overruns, missed, crc, bus_off, bundle_hash, refused, not_authentic, tx_errors, rx_errors, aside = (
         message
     )
@@ -190,7 +190,7 @@ def emit_ecu_status(message: EcuStatus) -> bytes:
 
 
 def parse_ecu_status(data: bytes) -> EcuStatus | None:
-    """The message in 24 bytes, or None if there are not 24 or state or reason is not in its table."""
+    """Return the message in 24 bytes, or None for another length, or a state or reason outside its table."""
     if len(data) != 24:
         return None
     state, reason, bus_off, overruns, missed, crc, bundle_hash, refused, forged, tx, rx, aside = _ECU_STATUS.unpack(
@@ -204,7 +204,7 @@ def parse_ecu_status(data: bytes) -> EcuStatus | None:
 
 
 def _age_steps(age_ns: int) -> int:
-    # Half a step up, in whole numbers: ages are exact.
+    # The division rounds half up, in integers because ages are exact.
     return (age_ns + AGE_RESOLUTION_NS // 2) // AGE_RESOLUTION_NS
 
 

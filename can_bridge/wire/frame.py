@@ -1,4 +1,4 @@
-"""One CAN frame, as every part of this room passes it around."""
+"""One CAN frame."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -8,22 +8,22 @@ from contract.config.diagnosis import MOST_EXTENDED, MOST_STANDARD, CanId
 MAX_FRAME_ID: Final = MOST_STANDARD
 """Largest 11-bit identifier."""
 MAX_EXTENDED_ID: Final = MOST_EXTENDED
-"""Largest 29-bit identifier; no message of the DBC has one, diagnosis and other traffic may."""
+"""Largest 29-bit identifier. No message of the DBC has 29 bits; diagnosis and other traffic may."""
 
 CLASSIC_LENGTHS: Final = tuple(range(9))
 FD_LENGTHS: Final = (*CLASSIC_LENGTHS, 12, 16, 20, 24, 32, 48, 64)
-"""Data lengths a CAN FD length code can name, bytes (ISO 11898-1:2015, data length code)."""
+"""Data lengths in bytes that a CAN FD length code can state (ISO 11898-1:2015, data length code)."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Frame:
-    """A data frame. CAN FD frames switch to the data bit rate. Raises ValueError for anything a controller could not
-    put on the wire, or a negative time.
+    """A data frame. CAN FD frames switch to the data bit rate. Raises ValueError for an impossible frame or a negative
+    time.
 
     Attributes:
         frame_id: 0 to 0x7FF, or to 0x1FFFFFFF if it is extended; the smaller wins arbitration.
         data: 0 to 8 bytes, or a CAN FD length.
-        timestamp_ns: when it was sent or received, in the clock of its sender or receiver.
+        timestamp_ns: time of sending or reception, in the clock of the sender or receiver.
         is_extended: the identifier has 29 bits rather than 11.
     """
 
@@ -54,14 +54,13 @@ class Frame:
 EXTENSION_BITS: Final = 18
 
 Priority = tuple[int, bool, int]
-"""The smaller wins arbitration."""
+"""Priority of a frame; the smaller value wins arbitration."""
 
 
 def priority(frame: Frame) -> Priority:
-    """The priority in the order of the bits: the leading 11 of the identifier, then SRR and IDE, which are recessive in
-    the long format, then its other 18. Frames of equal priority have the same identifier; their contents do not
-    arbitrate.
-    """
+    """Return the priority in the order of the bits: the identifier's first 11 bits, then SRR and IDE, which are
+    recessive in a 29-bit format, then the other 18 bits. Frames with one identifier have equal priority, whatever their
+    data."""
     if frame.is_extended:
         return frame.frame_id >> EXTENSION_BITS, True, frame.frame_id & (1 << EXTENSION_BITS) - 1
     return frame.frame_id, False, 0

@@ -1,10 +1,9 @@
-"""How many bits a frame has on the wire, its stuff bits counted from its content (ISO 11898-1:2015).
+"""The number of bits of a frame on the bus, with the stuff bits of its content (ISO 11898-1:2015).
 
-A stuff bit of the other value follows five equal bits and counts as the first of the next run. Classic CAN stuffs from
-the start of frame to the end of the CRC. CAN FD stuffs so to the end of the data only; its stuff count and CRC carry
-fixed stuff bits, as many for every content. The first of those stands between the data and the stuff count in any case,
-so that five equal bits at the end of the data need no other one. `worst_case_bits` bounds the same lengths for all
-contents.
+A stuff bit of the opposite value follows five equal bits and counts as the first of the next run. Classic CAN stuffs
+from the start of frame to the end of the CRC. CAN FD does so up to the end of the data; its stuff count and CRC have
+fixed stuff bits, in equal number for every content. The first fixed stuff bit always follows the data, so that five
+equal bits at the end of the data need no other one. `worst_case_bits` bounds these lengths for all contents.
 """
 
 import re
@@ -19,23 +18,24 @@ _RUN_INSIDE: Final = re.compile("(?:0{5}|1{5})(?=.)")
 _CRC15: Final = 0x4599
 
 TAIL: Final = 13
-"""CRC delimiter, acknowledge and its delimiter, end of frame (7), intermission (3); never stuffed."""
+"""Bits after the CRC: its delimiter, acknowledge and its delimiter, end of frame (7), intermission (3); never
+stuffed."""
 FD_CRC_SHORT: Final = 4 + 17 + 6
 """Stuff count with parity, CRC-17, fixed stuff bits: up to 16 data bytes."""
 FD_CRC_LONG: Final = 4 + 21 + 7
-"""The same with CRC-21, for more than 16."""
+"""Stuff count with parity, CRC-21, fixed stuff bits: more than 16 data bytes."""
 FD_LONGEST_SHORT: Final = 16
 
 
 @dataclass(frozen=True, kw_only=True)
 class SentBits:
-    """A frame as it goes out.
+    """The bits of a frame as sent.
 
     Attributes:
-        stuffed: of the part with stuff bits by content, "0" dominant and "1" recessive: up to the end of the CRC for
+        stuffed: the part with stuff bits by content, "0" dominant and "1" recessive: up to the end of the CRC for
             classic CAN, of the data for CAN FD.
-        nominal: bits at the nominal rate before the tail.
-        data: bits at the data bit rate.
+        nominal: number of bits at the nominal rate before the tail.
+        data: number of bits at the data bit rate.
     """
 
     stuffed: str
@@ -44,18 +44,18 @@ class SentBits:
 
     @property
     def total(self) -> tuple[int, int]:
-        """Bits at the nominal and at the data bit rate, from the start of frame to the end of the intermission."""
+        """The number of bits at the nominal and at the data rate, from start of frame to end of intermission."""
         return self.nominal + TAIL, self.data
 
     def through(self, position: int) -> tuple[int, int]:
-        """Bits at each rate up to and including the bit at a position, the start of frame being 0."""
+        """Return the number of bits at each rate up to and including a position; the start of frame is 0."""
         before_tail = self.nominal + self.data
         fast = min(max(position + 1 - self.nominal, 0), self.data)
         return min(position + 1, self.nominal) + max(position + 1 - before_tail, 0), fast
 
 
 def sent_bits(frame: Frame, *, error_passive: bool = False) -> SentBits:
-    """A frame's bits; in CAN FD the bit ESI shows that the sender is error-passive."""
+    """Return a frame's bits; in CAN FD the bit ESI shows that the sender is error-passive."""
     if not frame.is_fd:
         head = _classic_head(frame) + _bits_of(frame.data)
         sent = stuffed(head + _to_bits(crc15(head), 15))
@@ -63,38 +63,38 @@ def sent_bits(frame: Frame, *, error_passive: bool = False) -> SentBits:
     arbitration = _fd_arbitration(frame)
     rest = str(int(error_passive)) + _to_bits(FD_LENGTHS.index(len(frame.data)), 4) + _bits_of(frame.data)
     sent = stuffed(arbitration + rest, at_end=False)
-    # BRS follows a dominant bit, so no stuff bit stands between it and the first bit at the data bit rate.
+    # BRS follows a dominant bit, so no stuff bit comes between it and the first bit at the data bit rate.
     nominal = len(stuffed(arbitration))
     return SentBits(stuffed=sent, nominal=nominal, data=len(sent) - nominal + _fd_crc_bits(frame))
 
 
 def frame_bits(frame: Frame) -> tuple[int, int]:
-    """Bits at the nominal and at the data bit rate, from the start of frame to the end of the intermission.
+    """Return the number of bits at the nominal and at the data rate, from start of frame to end of intermission.
 
-    An FD frame changes its rate at the sample points of BRS and of the CRC delimiter; both bits are counted at the
-    nominal rate as a whole, as the bound does.
+    An FD frame changes its rate at the sample points of BRS and of the CRC delimiter; both bits are counted completely
+    at the nominal rate, as in the bound.
     """
     return sent_bits(frame).total
 
 
 def frame_ns(frame: Frame, *, nominal_bitrate: int, data_bitrate: int) -> int:
-    """The same as a time, rounded up to whole ns. Bit rates in bit/s; classic frames ignore the second."""
+    """Return the frame's time in ns, rounded up. Bit rates are in bit/s; classic frames ignore the data bit rate."""
     nominal, data = frame_bits(frame)
     return bits_ns(nominal, data, nominal_bitrate=nominal_bitrate, data_bitrate=data_bitrate)
 
 
 def bits_ns(nominal: int, data: int, *, nominal_bitrate: int, data_bitrate: int) -> int:
-    """The time of so many bits at each rate, rounded up to whole ns. Raises ValueError for a bit rate that is not
+    """Return the time of these numbers of bits in ns, rounded up. Raises ValueError unless the bit rates are
     positive."""
     for name, rate in (("nominal", nominal_bitrate), ("data", data_bitrate)):
         if rate <= 0:
             raise ValueError(f"{name} bit rate {rate}: must be positive")
-    # In whole numbers: -(-a // b) rounds up.
+    # The integer expression -(-a // b) rounds up.
     return -(-(10**9) * (nominal * data_bitrate + data * nominal_bitrate) // (nominal_bitrate * data_bitrate))
 
 
 def stuffed(bits: str, *, at_end: bool = True) -> str:
-    """A sequence of "0" and "1" with its stuff bits, also behind the last bit if it needs one there and `at_end`."""
+    """Return a sequence of "0" and "1" with its stuff bits; with `at_end`, also with a stuff bit after the last bit."""
     pattern, sent, rest = _RUN if at_end else _RUN_INSIDE, "", bits
     while run := pattern.search(rest):
         end = run.end()
@@ -105,19 +105,19 @@ def stuffed(bits: str, *, at_end: bool = True) -> str:
 
 
 def is_arbitration_stuff_bit(frame: Frame, position: int) -> bool:
-    """Whether the bit at a position is a stuff bit of the identifier, that is before RTR or RRS."""
+    """Return whether the bit at a position is a stuff bit of the identifier, that is before RTR or RRS."""
     return position in _stuff_positions(_identifier_bits(frame))
 
 
 def is_arbitration_bit(frame: Frame, position: int) -> bool:
-    """Whether a recessive bit at a position may be overruled without error, because a smaller identifier does so."""
+    """Return whether a recessive bit at a position may be overwritten without error by a smaller identifier."""
     return 0 < position < len(stuffed(_identifier_bits(frame)))
 
 
 def crc15(bits: str) -> int:
-    """The CRC of a classic frame over a sequence of "0" and "1" (polynomial 0x4599, start 0)."""
+    """Return a classic frame's CRC of a sequence of "0" and "1" (polynomial 0x4599, start 0)."""
     table, crc = _crc15_table(), 0
-    # Leading zeros leave a CRC that starts at 0 as it is.
+    # Leading zeros do not change a CRC that starts at 0.
     for byte in int(bits or "0", 2).to_bytes(len(bits) // 8 + 1):
         crc = (crc << 8 & 0x7FFF) ^ table[crc >> 7 ^ byte]
     return crc
@@ -135,7 +135,7 @@ def _crc15_table() -> tuple[int, ...]:
 
 
 def _stuff_positions(bits: str) -> list[int]:
-    """Where the stuff bits stand in the bits as sent."""
+    """Return the positions of the stuff bits in the bits as sent."""
     positions, run, last, sent = [], 0, "", 0
     for bit in bits:
         run = run + 1 if bit == last else 1
@@ -147,19 +147,19 @@ def _stuff_positions(bits: str) -> list[int]:
 
 
 def _identifier_bits(frame: Frame) -> str:
-    """The bits from the start of frame to the one before RTR or RRS."""
+    """Return the bits from the start of frame to the bit before RTR or RRS."""
     if frame.is_extended:
         return "0" + _to_bits(frame.frame_id >> 18, 11) + "11" + _to_bits(frame.frame_id & 0x3FFFF, 18)
     return "0" + _to_bits(frame.frame_id, 11)
 
 
 def _classic_head(frame: Frame) -> str:
-    """The bits from the start of frame to DLC; RTR, IDE and r0, or RTR, r1 and r0, stand before that."""
+    """Return the bits from the start of frame to DLC, with RTR, IDE and r0 before DLC, or RTR, r1 and r0."""
     return _identifier_bits(frame) + "000" + _to_bits(len(frame.data), 4)
 
 
 def _fd_arbitration(frame: Frame) -> str:
-    """Up to BRS: RRS, IDE, FDF, res, BRS, or without IDE, which stands ahead of the extension."""
+    """Return the bits up to BRS: identifier, RRS, IDE (within the identifier if it is extended), FDF, res, BRS."""
     return _identifier_bits(frame) + ("0101" if frame.is_extended else "00101")
 
 
@@ -168,26 +168,26 @@ def _to_bits(value: int, width: int) -> str:
 
 
 def _bits_of(data: bytes) -> str:
-    # The most significant bit of each byte goes first.
+    # The most significant bit of each byte is sent first.
     return _to_bits(int.from_bytes(data), 8 * len(data)) if data else ""
 
 
 _FD_CONTROL: Final = 5
-"""ESI and DLC."""
+"""Number of bits of ESI and DLC."""
 
 
 def worst_case_bits(frame: Frame) -> tuple[int, int]:
-    """Bits at the nominal and at the data bit rate, with the most stuff bits any content could need.
+    """Return the numbers of bits at the nominal and at the data bit rate, with the most stuff bits of any content.
 
     Classic CAN: the bound of Davis, Burns, Bril and Lukkien, "Controller Area Network (CAN) schedulability analysis:
-    refuted, revisited and revised", Real-Time Systems 35 (2007), equation 1. CAN FD: the same reasoning. The CRC
-    delimiter, during which an FD frame switches back, is charged at the nominal rate as a whole.
+    refuted, revisited and revised", Real-Time Systems 35 (2007), equation 1. CAN FD has an equivalent bound. The CRC
+    delimiter, during which an FD frame switches back, is charged completely at the nominal rate.
     """
     payload = 8 * len(frame.data)
     if not frame.is_fd:
         sent = len(_classic_head(frame)) + payload + 15
         return sent + _most_stuff_bits(sent) + TAIL, 0
-    # As many of the stuff bits as can fall into the arbitration phase are charged there, where they cost most.
+    # The largest possible number of stuff bits is charged to the arbitration phase, where they take longest.
     arbitration = len(_fd_arbitration(frame))
     early = _most_stuff_bits(arbitration)
     late = _most_stuff_bits(arbitration + _FD_CONTROL + payload) - early
@@ -195,14 +195,14 @@ def worst_case_bits(frame: Frame) -> tuple[int, int]:
 
 
 def worst_case_ns(frame: Frame, *, nominal_bitrate: int, data_bitrate: int) -> int:
-    """The same as a time, rounded up to whole ns. Bit rates in bit/s; classic frames ignore the second. Raises
-    ValueError for a bit rate that is not positive."""
+    """Return the worst-case time in ns, rounded up. Bit rates are in bit/s; classic frames ignore the data bit rate.
+    Raises ValueError for a bit rate that is not positive."""
     nominal, data = worst_case_bits(frame)
     return bits_ns(nominal, data, nominal_bitrate=nominal_bitrate, data_bitrate=data_bitrate)
 
 
 def _most_stuff_bits(bits: int) -> int:
-    """One after the first five equal bits and then after every fourth."""
+    """Return the largest number of stuff bits: one after the first five equal bits and then after every fourth."""
     return (bits - 1) // 4
 
 

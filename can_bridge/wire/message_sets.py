@@ -1,7 +1,7 @@
-"""The sets of messages that a bus can carry, and what both nodes must know of the one in use.
+"""The sets of messages that a bus can carry, and the properties of each set for both nodes.
 
-One set at a time: `bus.frames` chooses CAN FD or classic CAN, `bus.key` the authenticated form of the CAN FD set. Each
-set has identifiers of its own, so that a node of another set is seen on the bus and not misread.
+A bus has one set: `bus.frames` selects CAN FD or classic CAN, `bus.key` the authenticated form of the CAN FD set. Each
+set has its own identifiers, so that a node of another set is recognised and not misread.
 """
 
 from collections.abc import Callable, Sequence
@@ -23,8 +23,8 @@ class Message(Generic[T]):
     """One message of a set.
 
     Attributes:
-        emit: value to the protected bytes with an empty E2E header; raises ValueError.
-        parse: protected bytes to the value, or None; never raises.
+        emit: converts a value to the protected bytes with an empty E2E header; raises ValueError.
+        parse: converts protected bytes to a value, or None; never raises.
     """
 
     spec: MessageSpec
@@ -34,10 +34,10 @@ class Message(Generic[T]):
 
 @dataclass(frozen=True, kw_only=True)
 class MessageSet:
-    """What the two nodes exchange.
+    """The messages between the two nodes.
 
     Attributes:
-        pressure_resolution_pa: step of a pressure on the wire.
+        pressure_resolution_pa: resolution of a pressure.
         pressure_limit_pa: largest magnitude of a valid pressure.
     """
 
@@ -56,7 +56,7 @@ class MessageSet:
 
 
 def _set(name: str, by: ModuleType, named: Sequence[MessageSpec], resolution_pa: float, most_steps: int) -> MessageSet:
-    """A set by its codec, from the specifications in the order of `MessageSet.specs`."""
+    """Return the set of a codec, from the specifications in the order of `MessageSet.specs`."""
     pressure, speed, command, status = named
     return MessageSet(
         name=name,
@@ -85,7 +85,7 @@ SETS: Final = (FD, CLASSIC, SECURED)
 
 
 def message_set(config: BusConfig) -> MessageSet:
-    """The set that these settings choose."""
+    """Return the set that these settings select."""
     if config.frames == "classic":
         return CLASSIC
     return SECURED if config.key else FD

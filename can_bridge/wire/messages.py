@@ -1,31 +1,31 @@
 """The four messages in engineering units. `contract/stillwake.dbc` defines each signal.
 
-They are named tuples and not dataclasses because they are made for every frame: a frozen dataclass takes several times
-as long to build. Name the fields where you build one.
+They are named tuples, because a message is built for every frame, and building a frozen dataclass takes several times
+longer. Name the fields where you build one.
 """
 
 from enum import IntEnum
 from typing import Final, NamedTuple
 
 SENSORS: Final = 4
-"""Pressures in a Pressure message."""
+"""Number of pressures in a Pressure message."""
 
 COUNT_LIMIT: Final = 0xFFFF
 """Largest value of the 16-bit event counts of EcuStatus, at which they stay."""
 
 BUS_OFF_LIMIT: Final = 0xFF
-"""Largest value of its bus-off count, likewise."""
+"""Largest value of EcuStatus's bus-off count, at which it stays."""
 
 ERROR_LIMIT: Final = 0xFF
-"""Largest value of the CAN controller's error counters on the wire; 256, which is bus-off, shows as this."""
+"""Largest sent value of the CAN controller's error counters; also sent for 256, which is bus-off."""
 
 
 SET_ASIDE_LIMIT: Final = 0b1111
-"""All four pressures."""
+"""Bits of all four pressures."""
 
 
 class Mode(IntEnum):
-    """State of the control loop on the wire, and how a jet command came about."""
+    """State of the control loop in EcuStatus, and origin of the command in JetCommand."""
 
     OFF = 0
     WARMUP = 1
@@ -36,7 +36,7 @@ class Mode(IntEnum):
 
 
 class Reason(IntEnum):
-    """Why the jets may not follow the controller."""
+    """The reason why the jets do not follow the controller."""
 
     NONE = 0
     STREAM_LOST = 1
@@ -55,7 +55,7 @@ class Reason(IntEnum):
     UPDATING = 14
     NOT_HELPING = 15
     NO_SPEED = 16
-    """No trusted speed of the vehicle."""
+    """The vehicle's speed is unknown or not trusted."""
     OFF_SPEED = 17
     """The vehicle's speed is outside the release's range."""
 
@@ -65,9 +65,9 @@ class Pressure(NamedTuple):
 
     Attributes:
         pressure_pa: relative to the free stream, (4,), in the order of the bundle's sensors.
-        valid: the sensors' own diagnosis, (4,).
+        valid: results of the sensors' own diagnosis, (4,).
         enable_request: the vehicle requests control.
-        age_ns: from sampling to handing the frame to the bus.
+        age_ns: time from sampling until the frame is passed to the bus.
     """
 
     pressure_pa: tuple[float, ...]
@@ -80,9 +80,9 @@ class VehicleSpeed(NamedTuple):
     """The vehicle's speed and the density of its air.
 
     Attributes:
-        speed_m_per_s: at least 0; None where the vehicle does not know it.
-        age_ns: from measuring the speed to handing the frame to the bus.
-        density_kg_per_m3: of the air, above 0; None where it is not known.
+        speed_m_per_s: at least 0; None if the vehicle does not know it.
+        age_ns: time from measuring the speed until the frame is passed to the bus.
+        density_kg_per_m3: of the air, above 0; None if unknown.
     """
 
     speed_m_per_s: float | None
@@ -96,8 +96,8 @@ class JetCommand(NamedTuple):
     Attributes:
         flow_m2_per_s: out of the upper slot and into the lower, per unit span.
         enable: False shuts the jets whatever the flow is.
-        pressure_counter: E2E counter of the newest pressure frame behind it; None before the first.
-        next_period: the jets begin to move at the next sampling instant, and not when the command arrives.
+        pressure_counter: E2E counter of the newest pressure frame used; None before the first.
+        next_period: the jets begin to move at the next sampling instant, not when the command arrives.
     """
 
     flow_m2_per_s: float
@@ -108,16 +108,16 @@ class JetCommand(NamedTuple):
 
 
 class EcuStatus(NamedTuple):
-    """Health of the controller; events since power-on.
+    """Health of the controller, and events since power-on.
 
     Attributes:
         overruns, missed, crc_errors: up to COUNT_LIMIT; the sender limits them.
-        bus_off: up to BUS_OFF_LIMIT, likewise.
+        bus_off: up to BUS_OFF_LIMIT; the sender limits it.
         bundle_hash: 32 bits, `contract.release.bundle.Bundle.short_hash`.
-        refused: pressure frames with a right CRC that were repeated or out of sequence; up to COUNT_LIMIT.
-        not_authentic: pressure frames refused by their MAC or freshness; up to COUNT_LIMIT.
+        refused: pressure frames with a valid CRC that were repeated or out of sequence; up to COUNT_LIMIT.
+        not_authentic: pressure frames rejected for their MAC or freshness; up to COUNT_LIMIT.
         tx_errors, rx_errors: the CAN controller's error counters, up to ERROR_LIMIT.
-        set_aside: the pressures that the controller does without, bit i for Pressure i; up to SET_ASIDE_LIMIT.
+        set_aside: pressures that the controller does not use, bit i for Pressure i; up to SET_ASIDE_LIMIT.
     """
 
     state: Mode

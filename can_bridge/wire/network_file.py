@@ -1,6 +1,6 @@
-"""The messages of a bus, as a file describes them: DBC, or what else cantools reads (ARXML, KCD, SYM).
+"""The messages of a bus from a file: DBC, or another format of cantools (ARXML, KCD, SYM).
 
-cantools comes with the extra `bus`; a node needs none of it.
+cantools is in the extra `bus`; a node does not need it.
 """
 
 import re
@@ -14,30 +14,30 @@ if TYPE_CHECKING:
     from cantools.database.can.database import Database
 
 LONGEST_MESSAGE: Final = 65_536
-"""Bytes, or bits where a format counts them, of a message: CAN XL has 2048 bytes. cantools lays out every bit."""
+"""Largest length of a message in bytes, or bits in some formats: CAN XL has 2048 bytes. cantools lays out every bit."""
 _LENGTH: Final = re.compile(rb'(?:^ *BO_ +\d+ +\w+ *: *|\blength="|^ *Len=|LENGTH>)(\d+)', re.MULTILINE)
 NEEDS_CANTOOLS = f"reading it needs cantools: {install('bus')}"
 
 
 def load_network(path: Path) -> "Database":
-    """The description in a file, whose ending gives its format. Raises BusError in one line, if cantools or the file is
-    missing, or the file does not have the format of its name."""
+    """Return the description in a file, whose ending states its format. Raises BusError with one line if cantools or
+    the file is missing, or the file is invalid in its format."""
     try:
         from cantools.database import load_file
         from cantools.database.can.database import Database
     except ModuleNotFoundError as error:
         raise BusError(f"{path}: {NEEDS_CANTOOLS}") from error
-    # A device may have no end, and a pipe no writer.
+    # A device may be endless, and a pipe may have no writer.
     if path.exists() and not path.is_file():
         raise BusError(f"{path}: is a {'directory' if path.is_dir() else 'device or pipe'}, must be a file")
     try:
         _check_lengths(path)
-        # The file may be of any age and encoding; stricter tools report its mistakes to its author.
+        # The file may be of any age and encoding; its author has stricter tools to find its mistakes.
         database = load_file(path, strict=False)
     except OSError as error:
         raise BusError(f"{path}: {error.strerror or error}") from error
     except Exception as error:
-        # cantools and the parsers below it raise errors of many kinds.
+        # cantools and its parsers raise errors of many kinds.
         reason = " ".join(str(error).split()) or type(error).__name__
         raise BusError(f"{path}: no description of a CAN bus that cantools can read: {reason}") from error
     if not isinstance(database, Database):

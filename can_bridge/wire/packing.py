@@ -1,4 +1,4 @@
-"""What the codecs share: numbers to the integers of the wire, the tables, and what is refused on the way."""
+"""Common parts of the codecs: conversion of values to the integers of a frame, tables, and rejected values."""
 
 import math
 import struct
@@ -14,41 +14,40 @@ from can_bridge.wire.message_specs import (
 from can_bridge.wire.messages import SENSORS, Mode, Pressure, Reason, VehicleSpeed
 
 UNPACKABLE: Final = (ValueError, OverflowError, TypeError, struct.error)
-"""What packing or rounding raises for a value that the wire cannot carry."""
+"""Exceptions of packing or rounding for a value out of range."""
 
 made: Final = tuple.__new__
-"""A named tuple from all of its values in order: without the Python function that takes them by name, which costs a
-sixth of a parser's time. Types are not checked: the parsers' tests are."""
+"""Builds a named tuple from all of its values in order, without the Python function for named arguments, which takes a
+sixth of a parser's time. Types are checked by the parsers' tests only."""
 
 _BYTE: Final = range(256)
 MODES: Final = tuple(Mode(value) if value in frozenset(Mode) else None for value in _BYTE)
 REASONS: Final = tuple(Reason(value) if value in frozenset(Reason) else None for value in _BYTE)
-"""Members by the value on the wire; None for one that is not in the DBC's table. Looking up is faster than building an
-enum."""
+"""Members by their raw value; None for a value outside the DBC's table. The lookup is faster than building an enum."""
 
 VALIDITIES: Final = tuple(bits[::-1] for bits in product((False, True), repeat=SENSORS))
-"""Valid flags of the sensors, by their bits on the wire."""
+"""Valid flags of the sensors, by their raw bits."""
 
 
 def mode_of(mode: Mode) -> Mode:
-    """The mode itself; raises ValueError for a number that is none."""
+    """Return the mode; raises ValueError for a number that is no mode."""
     return mode if mode.__class__ is Mode else Mode(mode)
 
 
 def reason_of(reason: Reason) -> Reason:
-    """The reason itself; raises ValueError for a number that is none."""
+    """Return the reason; raises ValueError for a number that is no reason."""
     return reason if reason.__class__ is Reason else Reason(reason)
 
 
 def check_pressure_counts(message: Pressure) -> None:
-    """Raises ValueError unless there is a pressure and a validity for each sensor of the wire."""
+    """Raise ValueError unless the message has a pressure and a validity for each sensor."""
     for name, values in (("pressure_pa", message.pressure_pa), ("valid", message.valid)):
         if len(values) != SENSORS:
             raise ValueError(f"Pressure.{name} has {len(values)} values: must have {SENSORS}")
 
 
 def speed_steps(message: VehicleSpeed) -> tuple[int, int]:
-    """Density and speed in steps of the wire; raises ValueError for one that is not finite or out of its range."""
+    """Return raw density and speed; raises ValueError for a value that is not finite or out of range."""
     speed, _, density = message
     most = SPEED_UNKNOWN - 1
     return (
@@ -62,7 +61,7 @@ def speed_steps(message: VehicleSpeed) -> tuple[int, int]:
 
 
 def vehicle_speed(density: int, speed: int, age_ns: int) -> VehicleSpeed:
-    """The message from density and speed in steps of the wire."""
+    """Return the message for raw density and speed."""
     return made(
         VehicleSpeed,
         (
@@ -74,10 +73,10 @@ def vehicle_speed(density: int, speed: int, age_ns: int) -> VehicleSpeed:
 
 
 def signed(name: str, value: float, resolution: float, low: int, high: int) -> int:
-    """The nearest step of the wire; raises ValueError if it is beyond `low` or `high` steps, or there is none."""
+    """Return the nearest raw value; raises ValueError if it is not within `low` to `high`, or not finite."""
     if not math.isfinite(value):
         raise ValueError(f"{name} = {value}: must be finite")
-    # Of a huge value the quotient is infinite, and infinity has no nearest whole number.
+    # For a huge value the quotient is infinite, and has no nearest integer.
     steps = value / resolution
     if not (math.isfinite(steps) and low <= round(steps) <= high):
         raise ValueError(f"{name} = {value}: must be in {low * resolution:g}..{high * resolution:g}")
@@ -85,7 +84,7 @@ def signed(name: str, value: float, resolution: float, low: int, high: int) -> i
 
 
 def unsigned(name: str, value: int, largest: int) -> int:
-    """The value itself; raises ValueError if it is not in 0..largest."""
+    """Return the value; raises ValueError if it is not in 0..largest."""
     if not 0 <= value <= largest:
         raise ValueError(f"{name} = {value}: must be in 0..{largest}")
     return value

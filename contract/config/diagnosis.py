@@ -66,6 +66,8 @@ class DiagnosisConfig(
     """Identifier of the calibration tool's commands."""
     xcp_response_id: Annotated[int | str, _ID, ours("free beside the others", page=_PAGE)] = "0x7D8"
     """Identifier of the ECU's packets to the calibration tool."""
+    xcp: Annotated[bool, ours("a tool for tuning finds it", page=_PAGE)] = True
+    """Whether the ECU answers a calibration tool (XCP). If false, the ECU in C contains no code for it."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -103,7 +105,7 @@ class DiagnosisConfig(
     @property
     def heard(self) -> frozenset[CanId]:
         """The diagnosis and calibration identifiers that an ECU receives."""
-        return frozenset(filter(None, (self.request, self.functional, self.xcp_command)))
+        return frozenset(filter(None, (self.request, self.functional, self.xcp_command if self.xcp else None)))
 
     @property
     def names(self) -> Mapping[CanId, str]:

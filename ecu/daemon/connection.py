@@ -1,7 +1,7 @@
-"""The ECU's connection to a bus that may go and come back: an adapter pulled out, an interface taken down.
+"""The ECU's connection to a bus that may be lost and return, such as an unplugged adapter or an interface set down.
 
-Opening takes time, a serial adapter seconds, so a thread of its own does it; the control steps go on meanwhile and
-report BUS_OFF, so that control returns by an enable edge only.
+A thread opens the bus, because that takes time, with a serial adapter seconds. The control steps continue meanwhile and
+report BUS_OFF, so that control returns only after an enable edge.
 """
 
 import time
@@ -21,36 +21,36 @@ from ecu.real_time.privileges import step_back
 
 FIRST_PAUSE_S: Final = 0.1
 LONGEST_PAUSE_S: Final = 5.0
-"""Between two attempts to open a bus again: each pause is twice the one before."""
+"""Longest pause in s between two attempts to open a bus again; each pause is twice the previous one."""
 SEND_TIMEOUT_S: Final = 0.003
-"""The most time to send a frame. The two of a period leave two thirds of it to all else, whatever the bus does."""
+"""Longest time in s to send a frame. A period has two sends, so two thirds of it remain even if both time out."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Lost:
-    """The bus is gone."""
+    """The bus was lost."""
 
     why: str
 
 
 @dataclass(frozen=True, kw_only=True)
 class Back:
-    """It is there again."""
+    """The bus is connected again."""
 
     after_s: float
 
 
 class Connection:
-    """Open while the `with` block lasts; entering it raises BusError if the bus cannot be opened.
+    """A connection that is open in its `with` block; entering the block raises BusError if the bus cannot be opened.
 
     Args:
-        open_bus: opens it; raises BusError.
+        open_bus: opens the bus; raises BusError.
         deliver: called in a thread with every frame received.
         first_pause_s: before the first attempt to open a lost bus again.
 
     Attributes:
-        not_sent: frames that it did not take; those while it is lost are among them.
-        why_not_sent: of the latest frame, empty if it was sent.
+        not_sent: number of frames that the bus did not take, including those while it was lost.
+        why_not_sent: reason for the latest frame; empty if it was sent.
     """
 
     def __init__(
@@ -88,7 +88,7 @@ class Connection:
         self._bus = None
 
     def look(self) -> Lost | Back | None:
-        """What has changed; call it once a period. Never waits."""
+        """Return a change of the connection, if any; call this once a period. Never waits."""
         if self._bus is None:
             if not self._opened:
                 return None
@@ -98,18 +98,18 @@ class Connection:
         return None if fault is None else self._lose(self._bus, str(fault))
 
     def health(self) -> BusHealth:
-        """Counters of the CAN controller since the start; a lost bus is one that is off."""
+        """Return the CAN controller's counters since the start; a lost bus counts as bus-off."""
         if self._bus is not None:
             now = self._bus.bus.health()
             self._health = replace(now, bus_off=self._before.bus_off + now.bus_off)
         return self._health
 
     def rejected(self) -> Mapping[Rejection, int]:
-        """Receptions of the open bus that were no frame of this node's kind, by reason."""
+        """Return the numbers of receptions on the open bus that were no frame of this node's kind, by reason."""
         return {} if self._bus is None else self._bus.bus.rejected
 
     def send(self, frames: Sequence[Frame]) -> bool:
-        """Hand frames over; whether the bus took all of them. A thread waits for one frame of another one at most."""
+        """Send frames; return whether the bus took all of them. A thread waits for one frame of another at most."""
         sent = True
         for frame in frames:
             with self._sending:
@@ -162,6 +162,6 @@ class _Read:
         self.receiver = ReceiveThread(bus, deliver).__enter__()
 
     def close(self) -> None:
-        """End the thread, then the bus."""
+        """End the thread, then close the bus."""
         self.receiver.__exit__(None, None, None)
         self.bus.close()

@@ -1,7 +1,7 @@
-"""Control steps at absolute deadlines: wake, take what came, step, send.
+"""Control steps at absolute deadlines: wake, take received frames, step, send.
 
-What the step needs of the outside comes to it: the reception is filled by the thread that reads the bus, and whoever
-wants to know of a step is given its counters. Deadlines follow the arrival of the pressures that were used.
+The loop does not read the bus: a thread fills the reception, and an observer gets the counters after each step.
+Deadlines follow the arrival of the pressures that were used.
 """
 
 import gc
@@ -28,30 +28,30 @@ from ecu.real_time.stage_times import NOTHING, EcuStage, PlanTimes, StageTimes
 from ecu.stepped import SteppedEcu
 
 GRACE: Final = 4
-"""A step is still begun late by up to a period divided by this; a later one is left out."""
+"""Divisor of the period: a step may begin late by up to a period / GRACE; otherwise it is left out."""
 SHUT_FRAMES: Final = 3
-"""Periods in which the jets are shut on the bus at the end: one frame may be lost, and another."""
+"""Number of final periods that send shut jets, since single frames may be lost."""
 _PASSING: Final = (Mode.HOLD, Mode.DECAY)
-"""Modes too short-lived for a line."""
+"""Modes that are too short for a line in the log."""
 
 Tell = Callable[..., None]
 
 
 @dataclass(frozen=True, kw_only=True)
 class RealTime:
-    """The clock that the loop lives by, in ns."""
+    """The clock of the loop, in ns."""
 
     now_ns: Callable[[], int] = clock.now_ns
     sleep_until: Callable[[int], None] = clock.sleep_until
 
 
 class ControlLoop:
-    """One ECU on one bus. Raises ConfigError if the step's offset is no shorter than the period.
+    """One ECU on one bus. Raises ConfigError if the step's offset is not shorter than the period.
 
     Args:
-        tell: called with an event's name, its line, and its fields.
+        tell: called with an event's name, its text, and its fields.
         after_step: called with the time and the counters after each step.
-        stage_times: where each stage is noted; None for nowhere.
+        stage_times: table for the times of each stage, or None.
     """
 
     def __init__(
@@ -85,12 +85,12 @@ class ControlLoop:
         self.counters = Counters(state=ecu.state)
 
     def run(self, is_stopped: Callable[[], bool], periods: int | None = None) -> None:
-        """Step until asked to stop, or so often."""
+        """Step until asked to stop, or for a number of periods."""
         while not is_stopped() and (periods is None or self.counters.steps < periods):
             self.period()
 
     def period(self) -> None:
-        """Wait for the deadline, step, and set the next one."""
+        """Wait for the deadline, do a step, and set the next deadline."""
         due_ns = self._deadlines.due_ns
         self._clock.sleep_until(due_ns)
         woke_ns = self._clock.now_ns()
@@ -106,7 +106,7 @@ class ControlLoop:
         if self._stages is not None:
             self._note(self._stages, pressures, due_ns, woke_ns, began_ns, ended_ns, sent_ns if sent else 0)
         if self._ecu.state.missed == before.missed:
-            # Only what was used leads the deadlines: a stranger's frames do not draw them away.
+            # Only pressures that were used move the deadlines, so that another node's frames do not.
             counters = [self._counter(frame) for frame in pressures]
             if (used := self._ecu.state.pressure_counter) in counters:
                 self._used += 1
@@ -123,7 +123,7 @@ class ControlLoop:
             self._deadlines = self._deadlines.slewed(expected_ns + self._offset_ns)
 
     def shut(self) -> None:
-        """The last frames: jets at zero and not enabled, as at power-on."""
+        """Send the last frames, in which the jets are at zero and not enabled, as at power-on."""
         self._ecu.restore(replace(self._ecu.state, fail_safe=FailSafe()))
         for _ in range(SHUT_FRAMES):
             self._clock.sleep_until(self._deadlines.due_ns)
@@ -176,7 +176,7 @@ class ControlLoop:
         )
 
     def _counter(self, frame: Frame) -> int:
-        """Counter in a pressure frame's E2E header; NOTHING if it has another length."""
+        """Return the counter in a pressure frame's E2E header; NOTHING if the frame has another length."""
         if len(frame.data) != self._pressure.length:
             return NOTHING
         return profile_of(self._pressure).counter_of(frame.data)
@@ -205,7 +205,7 @@ class ControlLoop:
 
 
 def check_offset(config: Config) -> int:
-    """`ecu.step_offset_ms` in ns; raises ConfigError if it is a period or longer."""
+    """Return `ecu.step_offset_ms` in ns; raises ConfigError if it is a period or longer."""
     offset_ns = round(config.ecu.step_offset_ms * 1e6)
     if offset_ns >= config.period_ns:
         raise ConfigError(
@@ -216,7 +216,7 @@ def check_offset(config: Config) -> int:
 
 
 def _usage() -> tuple[int, int, int, int]:
-    """Garbage collections of the process; minor faults, major faults and involuntary switches of this thread."""
-    # Linux counts them for a thread, other systems for the process.
+    """Return the process's garbage collections, and this thread's minor and major faults and involuntary switches."""
+    # Linux counts them for a thread, other systems only for the process.
     used = resource.getrusage(getattr(resource, "RUSAGE_THREAD", resource.RUSAGE_SELF))
     return sum(item["collections"] for item in gc.get_stats()), used.ru_minflt, used.ru_majflt, used.ru_nivcsw

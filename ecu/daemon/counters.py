@@ -1,4 +1,4 @@
-"""The ECU's counters as of one control step, and as Prometheus reads them from a file (text format 0.0.4)."""
+"""The ECU's counters after a control step, and their file for Prometheus (text format 0.0.4)."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -10,14 +10,14 @@ from ecu.ecu_state import EcuState
 
 @dataclass(frozen=True, kw_only=True)
 class Counters:
-    """The counters after a control step; counts are since the start.
+    """The counters after a control step, counted since the start.
 
     Attributes:
-        dropped: pressures for which there was no room.
+        dropped: pressure frames that were dropped because the queue was full.
         not_sent: frames that the bus did not take.
-        action: in force on the wire, U_inf W.
-        busy_ns: all steps together, from waking to having sent.
-        latest_wake_ns: most that a step began behind its deadline.
+        action: last action sent, U_inf W.
+        busy_ns: total time of all steps, from waking until frames were sent.
+        latest_wake_ns: largest time from a deadline to the start of its step.
     """
 
     state: EcuState
@@ -35,7 +35,7 @@ class Counters:
 
 
 def text(counters: Counters, *, bundle: str) -> str:
-    """The file's content; `bundle` names the release."""
+    """Return the file's content; `bundle` names the release."""
     return "".join(_lines(counters, bundle))
 
 

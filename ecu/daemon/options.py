@@ -1,4 +1,4 @@
-"""What is no setting of the ECU but of its process."""
+"""Options of the ECU's process, which are no settings of the ECU."""
 
 import os
 from collections.abc import Callable, Mapping
@@ -15,7 +15,7 @@ from ecu.daemon.reporter import DatedEvent, plain
 from ecu.real_time.privileges import Wanted
 
 FRESHNESS: Final = "freshness.json"
-"""The file's name in the state directory that systemd gives a service."""
+"""Name of the file in the state directory that systemd gives a service."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -23,11 +23,11 @@ class ProcessOptions:
     """Options of one process.
 
     Attributes:
-        spin_ns: `clock.sleep_until`.
-        periods: after which it ends by itself; None for never.
+        spin_ns: see `clock.sleep_until`.
+        periods: number of periods after which it ends by itself; None for no limit.
         stage_times: file for the stages of each period, written at the end.
         metrics: file of counters for Prometheus.
-        freshness: file that outlives a power cycle, needed with `bus.key`.
+        freshness: file for freshness values over a power cycle, needed with `bus.key`.
     """
 
     wanted: Wanted = field(default_factory=Wanted)
@@ -41,7 +41,7 @@ class ProcessOptions:
 
 
 def freshness_file(options: ProcessOptions) -> Path:
-    """Where freshness values outlive a power cycle; raises ConfigError if no setting gives it."""
+    """Return the file that stores freshness values over a power cycle; raises ConfigError if no setting gives it."""
     if options.freshness is not None:
         return options.freshness
     folder = options.environment.get("STATE_DIRECTORY", "").partition(":")[0]
@@ -51,7 +51,7 @@ def freshness_file(options: ProcessOptions) -> Path:
 
 
 def authentication_of(config: Config, options: ProcessOptions) -> tuple[FreshnessStore | None, Authentication | None]:
-    """Open what the settings name: none without a key; raises KeyFileError for one that cannot be read."""
+    """Open the store and the key of the settings, None without a key; raises KeyFileError if one cannot be read."""
     if not config.bus.key:
         return None, None
     key = read_key(Path(config.bus.key))

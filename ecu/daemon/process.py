@@ -1,4 +1,4 @@
-"""An ECU's process around its control loop: bus, privileges, log, counters, systemd; the jets are shut at its end."""
+"""An ECU's process around its control loop: bus, privileges, log, counters, systemd; it shuts the jets at its end."""
 
 import os
 from collections.abc import Callable, Mapping
@@ -30,11 +30,11 @@ Beside = Callable[[Connection, Reporter], AbstractContextManager[object]]
 
 @dataclass(frozen=True, kw_only=True)
 class ServedEcu:
-    """What the process steps.
+    """An ECU for a process.
 
     Attributes:
-        hears: who else takes frames, by identifier; called by the thread that reads the bus.
-        beside: runs next to the control while the bus is open.
+        hears: other receivers of frames, by identifier; called by the thread that reads the bus.
+        beside: runs parallel to the control while the bus is open.
     """
 
     ecu: SteppedEcu
@@ -47,7 +47,7 @@ class ServedEcu:
 
 
 def check(config: Config, options: ProcessOptions) -> None:
-    """Raises StillwakeError for what would come to nothing: a step's offset, a file that cannot be written."""
+    """Raise StillwakeError for options that would fail later: a step's offset, a file that cannot be written."""
     check_offset(config)
     for path in (options.stage_times, options.metrics):
         if path is not None:
@@ -63,7 +63,7 @@ def run(
     write: Callable[[str], object],
     freshness: FreshnessStore | None,
 ) -> Counters:
-    """Run until stopped; the jets are shut on the bus at the end, whatever ended it. Raises StillwakeError if the bus
+    """Run until stopped; the jets are shut on the bus at the end, whatever the cause. Raises StillwakeError if the bus
     cannot be opened, or a file cannot be written."""
     messages = message_set(config.bus)
     pressure, speed = messages.pressure.spec, messages.speed.spec
@@ -73,7 +73,7 @@ def run(
         stages = StageTimes(EcuStage, USUAL_PERIODS if options.periods is None else options.periods)
 
     def opened() -> PythonCanBus:
-        # The other sets' frames show why none of its own come.
+        # Frames of the other sets show why no frame of the ECU's own set arrives.
         accept = [spec.frame_id for known in SETS for spec in known.specs] + list(served.hears)
         return PythonCanBus.open(config.bus, accept=accept)
 

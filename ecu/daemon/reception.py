@@ -1,7 +1,7 @@
-"""What the bus delivers between two control steps, in the time of the ECU.
+"""Frames received between two control steps, with times in the ECU's clock.
 
-Backends stamp a reception with the date, which NTP sets: a step of it must not make fresh pressures old, nor old ones
-fresh. Only the age of a frame when it is taken from the bus is believed of it, and that within bounds; the rest is
+Backends stamp a reception with the date, which NTP sets. A step of the date must neither make fresh pressures old nor
+old pressures fresh. So the stamp only gives the age of a frame when it is read, within bounds; the time is
 CLOCK_MONOTONIC.
 """
 
@@ -15,21 +15,21 @@ from can_bridge.wire.message_sets import MessageSet
 from ecu.real_time.inbox import Inbox
 
 LONGEST_AGE_NS: Final = 1_000_000_000
-"""Largest age of a frame when it is taken from the bus: an older one is of no use, and its clock may have been set."""
+"""Largest age in ns of a frame when it is read from the bus. An older frame is useless, or the clock was set."""
 STAMPED_WITH_THE_DATE: Final = frozenset({"socketcan", "udp_multicast", "slcan"})
-"""Interfaces whose stamps are known to be of the reception, in the computer's date. A `virtual` bus passes on the
-sender's, and vendors' drivers have clocks of their own: there a frame counts as received when it is taken."""
+"""Interfaces that stamp the reception with the computer's date. A `virtual` bus passes on the sender's stamp, and
+vendors' drivers have their own clocks: there a frame counts as received when it is read."""
 ROOM: Final = 256
-"""Frames kept for a step: with one pressure frame in a period, what a flood of others of its name may bring. Looking
-at all of them takes 2 ms."""
+"""Largest number of frames stored for a step. A period has one pressure frame; the others may be a flood with its
+identifier. Checking all of them takes 2 ms."""
 
 
 class Taken(NamedTuple):
-    """What came since the last step.
+    """The frames received since the last step.
 
     Attributes:
         pressures: oldest first, stamped in the ECU's clock.
-        others: the vehicle's speed, and frames by the names of what the ECU sends: those only another ECU can send.
+        others: VehicleSpeed frames, and frames with identifiers of the ECU itself, which only another ECU can send.
     """
 
     pressures: list[Frame]
@@ -37,14 +37,14 @@ class Taken(NamedTuple):
 
 
 def received_ns(stamp_ns: int, *, monotonic_ns: int, date_ns: int) -> int:
-    """When a frame was received, in the monotonic clock. `stamp_ns` is of the reception, in ns of the date."""
+    """Return when a frame was received, in the monotonic clock. `stamp_ns` is the date of its reception in ns."""
     age_ns = min(max(0, date_ns - stamp_ns), LONGEST_AGE_NS)
     return max(0, monotonic_ns - age_ns)
 
 
 class FrameReception:
-    """Frames of the ECU's messages for the control step. `heard` has everything received since it was set, for a silent
-    bus's line."""
+    """The received frames of the ECU's messages, for the control step. `heard` counts all frames since it was set, for
+    the report on a bus without usable frames."""
 
     def __init__(
         self,
@@ -62,16 +62,16 @@ class FrameReception:
 
     @property
     def received(self) -> int:
-        """Frames of the ECU's messages so far."""
+        """The number of frames of the ECU's messages so far."""
         return self._pressures.received + self._others.received
 
     @property
     def dropped(self) -> int:
-        """Pressures for which there was no room; the oldest ones give way."""
+        """The number of pressure frames dropped because the queue was full; the oldest are dropped."""
         return self._pressures.dropped
 
     def put(self, frame: Frame) -> None:
-        """Leave a frame; called where the bus is read, by one thread at a time."""
+        """Add a frame; called by the code that reads the bus, in one thread at a time."""
         self.heard.add([frame])
         if self._pressure.names(frame):
             self._pressures.put(frame)
@@ -79,7 +79,7 @@ class FrameReception:
             self._others.put(frame)
 
     def take(self) -> Taken:
-        """Everything, once."""
+        """Return all frames and remove them."""
         return Taken(self._pressures.take(), self._others.take())
 
     def _stamp(self, frame: Frame) -> int:

@@ -1,7 +1,6 @@
-"""The thread that reports to the outside: log lines for people or as JSON, the file of counters, the freshness file.
+"""The thread for reports: log lines for people or as JSON, the file of counters, the freshness file.
 
-The control loop never waits. Writing may block on a slow disk or a full pipe, and may fail on a full one; neither
-reaches the control steps.
+The control loop never waits for it: writing may block on a slow disk or a full pipe, or fail on a full disk.
 """
 
 import json
@@ -23,7 +22,7 @@ from ecu.real_time.privileges import step_back
 
 @dataclass(frozen=True, kw_only=True)
 class DatedEvent:
-    """One of them; `date_ns` counts from the epoch."""
+    """An event with its date; `date_ns` counts from the epoch."""
 
     date_ns: int
     name: str
@@ -32,13 +31,13 @@ class DatedEvent:
 
 
 def plain(event: DatedEvent) -> str:
-    """A line for people: `12:34:56.789 ecu: bus lost: ...`, UTC."""
+    """Return a line for people: `12:34:56.789 ecu: bus lost: ...`, UTC."""
     text = " ".join(event.text.split())
     return f"{_moment(event):%H:%M:%S}.{event.date_ns // 1_000_000 % 1000:03d} ecu: {text}"
 
 
 def as_json(event: DatedEvent) -> str:
-    """A line of JSON: `time` (RFC 3339, UTC), `event`, `text`, and the event's fields."""
+    """Return a line of JSON: `time` (RFC 3339, UTC), `event`, `text`, and the event's fields."""
     stamp = f"{_moment(event):%Y-%m-%dT%H:%M:%S}.{event.date_ns // 1000 % 1_000_000:06d}Z"
     return json.dumps({"time": stamp, "event": event.name, "text": event.text, **event.fields})
 
@@ -48,21 +47,21 @@ def _moment(event: DatedEvent) -> datetime:
 
 
 INTERVAL_S: Final = 1.0
-"""Between two versions of the file of counters."""
+"""Time in s between two versions of the file of counters."""
 
 
 class Reporter:
-    """Works while its `with` block does; at the end everything is reported.
+    """A reporter that works in its `with` block; at the block's end everything is reported.
 
     Args:
-        write: writes one line of the log; may raise OSError or ValueError, which costs that line.
-        metrics: the file of counters; None for none.
-        keep: called with the counters once per interval; may raise StillwakeError.
-        interval_s: between two looks at the counters.
+        write: writes one line of the log; may raise OSError or ValueError, which loses that line.
+        metrics: the file of counters; None for no file.
+        keep: called with the counters once an interval; may raise StillwakeError.
+        interval_s: between two readings of the counters.
 
     Attributes:
         counters: set by the control loop after each step.
-        bundle: what the release is called, in the file of counters.
+        bundle: name of the release in the file of counters.
     """
 
     def __init__(
@@ -85,7 +84,7 @@ class Reporter:
         self.counters: Counters | None = None
 
     def tell(self, name: str, line: str, **fields: str | int | float) -> None:
-        """An event, now; returns at once."""
+        """Report an event that happens now; returns at once."""
         self._events.put(DatedEvent(date_ns=time.time_ns(), name=name, text=line, fields=fields))
 
     def __enter__(self) -> Self:
@@ -122,7 +121,7 @@ class Reporter:
         counters = self.counters
         if counters is None:
             return
-        # However often it happens, a line a second.
+        # A line a second is written at most.
         if (more := counters.left_out - self._left_out) > 0:
             self._left_out = counters.left_out
             self.tell("left_out", f"{more} periods left out, {counters.left_out} in all", more=more)
@@ -133,7 +132,7 @@ class Reporter:
         self._attempt("freshness", lambda: self._keep(counters))
 
     def _attempt(self, name: str, work: Callable[[], None]) -> None:
-        """Tell once that it fails, and once that it works again."""
+        """Do the work; report once when it fails, and once when it succeeds again."""
         try:
             work()
         except StillwakeError as error:

@@ -1,4 +1,4 @@
-"""Make an ECU that runs of a release and settings: everything is opened and tried before the first frame goes out."""
+"""The service of an ECU from a release and settings: everything is opened and tested before the first frame is sent."""
 
 from collections.abc import Callable
 from typing import Final
@@ -18,7 +18,7 @@ from ecu.real_time.stage_times import TimedController
 __all__ = ["WARM_UP_STEPS", "ProcessOptions", "freshness_file", "serve"]
 
 WARM_UP_STEPS: Final = 50
-"""Warm-up steps of the controller on zeros, and of the ECU without frames; half a second in all."""
+"""Number of warm-up steps of the controller on zeros, and of the ECU without frames; half a second in all."""
 
 
 def serve(
@@ -32,13 +32,13 @@ def serve(
     signature: str,
     calibration: Calibration | None = None,
 ) -> Counters:
-    """Run until stopped; the jets are shut on the bus at the end, whatever ended it. Raises StillwakeError if the
+    """Run until stopped; the jets are shut on the bus at the end, whatever the cause. Raises StillwakeError if the
     release does not fit the vehicle, the bus cannot be opened, or a file cannot be written.
 
     Args:
-        config: of the vehicle; its bus is a real one.
-        signature: what the release's is worth, in words.
-        calibration: that the ECU gets before its first step; its own values without one.
+        config: of the vehicle; its bus is a real bus.
+        signature: result of verifying the release's signature, in words.
+        calibration: values for the ECU before its first step; its own values by default.
     """
     check_vehicle(release, config)
     check(config, options)

@@ -1,8 +1,8 @@
 """The ECU with a store of releases as a process: its control loop, and a thread that serves a tester.
 
-Neither a slow disk nor a long check comes into a control period. The thread takes the frames of diagnosis, does a piece
-of work and sends what is due, at once while there is work, else when a frame comes. A reset boots here too; the control
-goes on with what was booted from its next period on.
+Slow disks and long checks do not delay a control period. The thread takes the frames of diagnosis, does a piece of work
+and sends frames that are due, at once while there is work, otherwise when a frame arrives. It also boots after a reset;
+the control runs the booted release from its next period on.
 """
 
 import secrets
@@ -34,19 +34,19 @@ from ecu.real_time.privileges import step_back
 from ecu.real_time.stage_times import PlanTimes, TimedController
 
 _ROOM: Final = 1024
-"""Frames that wait: seven longest requests of CAN FD. In a flood the oldest give way."""
+"""Largest number of waiting frames: seven longest requests of CAN FD. In a flood the oldest are dropped."""
 PAUSE_S: Final = 0.05
-"""Without a frame between two looks: what time alone ends is seen so late."""
+"""Largest time in s between two calls without a frame, and so the delay of timeouts."""
 SENDING_S: Final = 0.001
-"""Between two portions of an answer of many frames."""
+"""Between two portions of an answer of many frames, and between two looks while a tool measures."""
 
 
 class DiagnosisThread:
-    """Works while its `with` block does.
+    """A thread that works in its `with` block.
 
     Args:
-        ecu: whose diagnosis it serves; its control is another thread's.
-        failed: called with the error that ends the thread before its time, if one does.
+        ecu: the ECU whose diagnosis the thread serves; another thread does its control.
+        failed: called with an error that ends the thread early.
     """
 
     def __init__(
@@ -63,7 +63,7 @@ class DiagnosisThread:
         self._thread = Thread(target=self._run, name="diagnosis", daemon=True)
 
     def put(self, frame: Frame) -> None:
-        """Leave a frame; called by the thread that reads the bus."""
+        """Add a frame; called by the thread that reads the bus."""
         self._inbox.put(frame)
         self._wakes.set()
 
@@ -80,7 +80,7 @@ class DiagnosisThread:
         step_back()
         try:
             while not self._stop.is_set():
-                self._wakes.wait(SENDING_S if self._ecu.is_busy else PAUSE_S)
+                self._wakes.wait(SENDING_S if self._ecu.is_busy or self._ecu.is_measuring else PAUSE_S)
                 self._wakes.clear()
                 frames = self._inbox.take()
                 for first in range(0, max(1, len(frames)), MOST_FRAMES):
@@ -90,15 +90,14 @@ class DiagnosisThread:
 
 
 SWITCH_INTERVAL_S: Final = 0.0005
-"""The time for which a thread may keep the interpreter from the control that has just woken; Python's own is 5 ms."""
+"""Time in s after which a thread must hand the interpreter to the control when it wakes; Python's default is 5 ms."""
 NO_RELEASE: Final = "none"
 
 _Fields = str | int | float
 
 
 class _EarlyLog:
-    """Keeps events from before there is a log, and knows what was booted last. `release` is what is booted, in
-    words."""
+    """Storage of events until there is a log, and of the name of the booted `release`."""
 
     def __init__(self) -> None:
         self._early: list[tuple[str, str, dict[str, _Fields]]] = []
@@ -118,7 +117,7 @@ class _EarlyLog:
             self._reporter.tell(event, line, **fields)
 
     def begin(self, reporter: Reporter) -> None:
-        """Tell it all, and from now on at once."""
+        """Report the stored events, and later events at once."""
         self._reporter = reporter
         for event, line, fields in self._early:
             reporter.tell(event, line, **fields)
@@ -134,14 +133,14 @@ def serve_store(
     is_stopped: Callable[[], bool],
     write: Callable[[str], object],
 ) -> Counters:
-    """Run until stopped; the jets are shut on the bus at the end, whatever ended it. Raises StillwakeError if another
-    process runs this ECU, the bus cannot be opened, a file cannot be written, or a reset failed within the process:
-    whoever starts it again boots again.
+    """Run until stopped; the jets are shut on the bus at the end, whatever the cause. Raises StillwakeError if another
+    process runs this ECU, the bus cannot be opened, a file cannot be written, or a reset within the process failed: the
+    next start of the process boots again.
 
     Args:
-        access: shared with the tester.
-        config: of the vehicle; its bus is a real one.
-        is_stopped, write: as for `ecu.daemon.service.serve`.
+        access: key shared with the tester.
+        config: of the vehicle; its bus is a real bus.
+        is_stopped, write: see `ecu.daemon.service.serve`.
     """
     check(config, options)
     times, log = PlanTimes(), _EarlyLog()
@@ -170,7 +169,7 @@ def serve_store(
         def failed(error: BaseException) -> None:
             goes_on = "the control goes on"
             if ecu.needs_reset:
-                # No tester is heard any more, and only a reset would end the update.
+                # The tester is no longer served, and only a reset would end the update.
                 goes_on = "and with it the process"
                 fatal.append(error)
             log.tell("diagnosis_ended", f"diagnosis ended, {goes_on}: {type(error).__name__}: {error}")

@@ -1,6 +1,6 @@
-"""Reports to systemd, by datagrams to a socket that it names: sd_notify(3), without its library.
+"""Reports to systemd, by datagrams to the socket that it names: sd_notify(3), without its library.
 
-The watchdog hears of control steps that came through, and of nothing else: a loop that hangs is restarted.
+Only completed control steps feed the watchdog, so that systemd restarts a process whose loop hangs.
 """
 
 import socket
@@ -9,12 +9,12 @@ from contextlib import suppress
 from typing import Final
 
 PER_INTERVAL: Final = 4
-"""Signs of life in the time after which systemd restarts the process; sd_watchdog_enabled(3) recommends 2."""
+"""Number of watchdog signals within systemd's timeout; sd_watchdog_enabled(3) recommends 2."""
 
 
 class Notifier:
-    """Says nothing where systemd did not ask. Of the environment NOTIFY_SOCKET, WATCHDOG_USEC and WATCHDOG_PID are
-    looked at."""
+    """A sender of notifications; it sends nothing if systemd did not ask for them, by NOTIFY_SOCKET, WATCHDOG_USEC and
+    WATCHDOG_PID in the environment."""
 
     def __init__(self, environment: Mapping[str, str], pid: int) -> None:
         self._address = environment.get("NOTIFY_SOCKET", "")
@@ -28,26 +28,26 @@ class Notifier:
         self._due_ns = 0
 
     def ready(self, status: str) -> None:
-        """The jets can be controlled from now on."""
+        """Report that the jets can be controlled from now on."""
         self._tell(f"READY=1\nSTATUS={status}")
 
     def status(self, text: str) -> None:
-        """One line for `systemctl status`."""
+        """Set the line in `systemctl status`."""
         # A line break would begin another assignment.
         self._tell(f"STATUS={' '.join(text.split())}")
 
     def came_through(self, now_ns: int) -> None:
-        """Note a control step; report it now and then."""
+        """Note a control step; report it to the watchdog when due."""
         if self._interval_ns and now_ns >= self._due_ns:
             self._due_ns = now_ns + self._interval_ns
             self._tell("WATCHDOG=1")
 
     def stopping(self) -> None:
-        """The process is about to end by itself."""
+        """Report that the process is about to end by itself."""
         self._tell("STOPPING=1")
 
     def close(self) -> None:
-        """Tell no more."""
+        """Stop reporting."""
         if self._socket is not None:
             self._socket.close()
             self._socket = None
@@ -56,6 +56,6 @@ class Notifier:
         if self._socket is None:
             return
         address = "\0" + self._address[1:] if self._address.startswith("@") else self._address
-        # Whether systemd hears it must not matter to the control loop; without signs of life it acts by itself.
+        # A failed notification must not affect the control loop; without signals systemd restarts the process.
         with suppress(OSError):
             self._socket.sendto(text.encode(), address)

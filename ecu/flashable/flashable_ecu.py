@@ -101,7 +101,14 @@ class FlashableEcu:
     @property
     def is_busy(self) -> bool:
         """Whether `service` has something to do without another frame."""
-        return self._wants_reset or self._serviced.link.is_busy
+        cycle = self._serviced
+        is_sending = cycle.calibration is not None and cycle.calibration.is_sending
+        return self._wants_reset or cycle.link.is_busy or is_sending
+
+    @property
+    def is_measuring(self) -> bool:
+        """Whether `service` has something to send for each control period."""
+        return self._serviced.calibration is not None and self._serviced.calibration.is_measuring
 
     @property
     def needs_reset(self) -> bool:
@@ -146,6 +153,8 @@ class FlashableEcu:
         after = self._ecu.state
         self._request = self._request.seen(before, after, now_ns)
         self._controlled.watch.seen(before, after, now_ns)
+        if self._controlled.calibration is not None:
+            self._controlled.calibration.sample(after)
         return [] if self._controlled.is_silent and not self._request.drives_jets else sent
 
     def service(self, now_ns: int, frames: Sequence[Frame]) -> list[Frame]:
@@ -163,7 +172,7 @@ class FlashableEcu:
         log_access(self._equipment.log, before, cycle.access)
         if cycle.calibration is not None:
             for_xcp = [frame for frame in frames if frame.identifier == self._xcp_command]
-            sent += cycle.calibration.xcp(now_ns, for_xcp)
+            sent += cycle.calibration.xcp(now_ns, for_xcp, room=cycle.link.room, may_store=not cycle.link.is_working)
         return sent
 
     # Between the two.

@@ -7,6 +7,7 @@ control. It is another conversation than the physical one, of which it interrupt
 from collections.abc import Callable, Iterator, Sequence
 from typing import Final
 
+from can_bridge.calibration.measured import measured_bytes
 from can_bridge.calibration.segment import Segment
 from can_bridge.calibration.xcp_slave import XcpSlave
 from can_bridge.flashing.store import Store
@@ -21,9 +22,12 @@ from contract.config.tree import Config
 from contract.config.vehicle import BusConfig
 from contract.release.checks import Bundle
 from ecu.calibrating import limits_of
+from ecu.ecu_state import EcuState
 from ecu.flashable.equipment import Equipment
 from ecu.stepped import CalibratedEcu
 
+XCP_PLACES: Final = 4
+"""Packets to a calibration tool that wait. A tool waits for each answer; commands that find no place are lost."""
 MOST_FRAMES: Final = 128
 """That an ECU looks at in one call. A control period of CAN FD at 2 Mbit/s holds a third of them; the rest of a flood
 is lost."""
@@ -50,12 +54,22 @@ class DiagnosticLink:
         self._functional = config.diagnosis.functional
         self._endpoint = Endpoint(self._settings)
         self._server = server
-        self._is_sending = False
+        self._sent = 0
+
+    @property
+    def is_working(self) -> bool:
+        """Whether a request is under way."""
+        return self._server.is_busy
+
+    @property
+    def room(self) -> int:
+        """Frames that others may send beside those of the latest call."""
+        return self._settings.burst - self._sent
 
     @property
     def is_busy(self) -> bool:
         """Whether there is something to do at once, without another frame; time alone may end a reception later."""
-        return self._server.is_busy or self._is_sending
+        return self._server.is_busy or self._sent > 0
 
     def service(self, now_ns: int, frames: Sequence[Frame]) -> list[Frame]:
         """Take frames, do at most one piece of long work, and give out what is to be sent now."""
@@ -72,7 +86,7 @@ class DiagnosticLink:
         if was_busy or not (requests and self._server.is_busy):
             self._send(self._server.tick(now_ns))
         sent = self._endpoint.poll(now_ns)
-        self._is_sending = bool(sent)
+        self._sent = len(sent)
         return sent
 
     def _requests(self, now_ns: int, frames: Sequence[Frame]) -> Iterator[tuple[bytes, bool]]:
@@ -113,8 +127,13 @@ class CalibrationLink:
     ) -> None:
         self._ecu = ecu
         self._segment = Segment(ecu.calibration, limits_of(bundle, config))
-        self._is_fd, self._response = config.bus.frames == "fd", config.bus.diagnosis.xcp_response
-        self._xcp = XcpSlave(self._segment, equipment.access, equipment.random_bytes)
+        diagnosis = config.bus.diagnosis
+        self._is_fd, self._response = config.bus.frames == "fd", diagnosis.xcp_response
+        self._xcp: XcpSlave | None = None
+        if diagnosis.xcp:
+            self._xcp = XcpSlave(self._segment, equipment.access, equipment.random_bytes, period_ns=config.period_ns)
+        self._waiting = list[bytes]()
+        self.is_sending = False
         self.service = CalibrationService(
             self._segment,
             kept=lambda: store.records.calibration(bundle.digest),
@@ -129,10 +148,36 @@ class CalibrationLink:
         if (calibration := self._segment.take()) is not None:
             self._ecu.calibrate(calibration)
 
-    def xcp(self, now_ns: int, frames: Sequence[Frame]) -> list[Frame]:
-        """Take the tool's frames; those to it. Storing that is asked for waits until it is allowed."""
-        packets = [packet for frame in frames for packet in self._xcp.command(now_ns, frame.data)]
-        if (calibration := self._xcp.to_store(now_ns)) is not None:
+    @property
+    def is_measuring(self) -> bool:
+        """Whether a tool is sent each control period."""
+        return self._xcp is not None and self._xcp.daq.is_running
+
+    def sample(self, state: EcuState) -> None:
+        """Show a control period that has ended to the tool; by the thread of the control."""
+        if self._xcp is None:
+            return
+        measured = measured_bytes(
+            state.memory.window[-1],
+            self._ecu.trace.action,
+            mode=state.fail_safe.mode.on_wire,
+            reason=state.fail_safe.reason,
+            gated=self._ecu.trace.interventions.value,
+            calibration=self._ecu.calibration,
+        )
+        self._xcp.daq.sample(measured)
+
+    def xcp(self, now_ns: int, frames: Sequence[Frame], *, room: int, may_store: bool) -> list[Frame]:
+        """Take the tool's frames; those to it, no more than there is room for. Storing that is asked for waits until it
+        is allowed, and for what UDS works on."""
+        if self._xcp is None:
+            return []
+        self._xcp.daq.look()
+        for frame in frames:
+            if len(self._waiting) < XCP_PLACES:
+                self._waiting += self._xcp.command(now_ns, frame.data)
+        calibration = self._xcp.to_store(now_ns)
+        if calibration is not None and may_store and len(self._waiting) < XCP_PLACES:
             try:
                 self.service.store(calibration)
             except Refused as refused:
@@ -140,7 +185,10 @@ class CalibrationLink:
                     # To try again in every period would wear out a memory that fails.
                     self._xcp.not_stored()
             else:
-                packets += self._xcp.stored()
+                self._waiting += self._xcp.stored()
+        packets, self._waiting = self._waiting[:room], self._waiting[room:]
+        packets += self._xcp.daq.packets(room - len(packets))
+        self.is_sending = bool(packets)
         number, is_extended = self._response
         return [
             Frame(

@@ -10,6 +10,7 @@ from typing import Final
 
 import numpy as np
 
+from can_bridge.calibration.daq import cycle_of
 from can_bridge.command_gate import GateLimits
 from can_bridge.e2e.profiles import profile_of
 from can_bridge.wire import message_specs as wire
@@ -100,7 +101,7 @@ def _definitions(bundle: Bundle, config: Config) -> dict[str, int | float | str]
         found |= {f"SW_{name}_ID": spec.frame_id, f"SW_{name}_BYTES": spec.length, f"SW_{name}_DATA_ID": spec.data_id}
     spec = messages.pressure.spec
     return found | {
-        **_of_diagnosis(config.bus.diagnosis),
+        **_of_diagnosis(config.bus.diagnosis, config.period_ns),
         "SW_FRAMES_FD": int(spec.is_fd),
         "SW_E2E_PROFILE": spec.profile,
         "SW_E2E_COUNTERS": profile_of(spec).counter_period,
@@ -188,14 +189,21 @@ def _of_release(numbers: Numbers) -> dict[str, int | float | str]:
     }
 
 
-def _of_diagnosis(config: DiagnosisConfig) -> dict[str, int | float | str]:
-    """SW_FUNCTIONAL is 0 where nothing is heard under a functional identifier."""
+def _of_diagnosis(config: DiagnosisConfig, period_ns: int) -> dict[str, int | float | str]:
+    """SW_FUNCTIONAL is 0 where nothing is heard under a functional identifier, SW_XCP where no tool is answered."""
+    cycle, unit = cycle_of(period_ns)
     return {
         "SW_DIAGNOSIS_EXTENDED": int(config.request.is_extended),
         "SW_REQUEST_ID": f"{config.request.number:#x}u",
         "SW_RESPONSE_ID": f"{config.response.number:#x}u",
         "SW_FUNCTIONAL": int(config.functional is not None),
         "SW_FUNCTIONAL_ID": f"{config.functional.number if config.functional else 0:#x}u",
+        "SW_XCP": int(config.xcp),
+        "SW_XCP_EXTENDED": int(config.xcp_command.is_extended),
+        "SW_XCP_COMMAND_ID": f"{config.xcp_command.number:#x}u",
+        "SW_XCP_RESPONSE_ID": f"{config.xcp_response.number:#x}u",
+        "SW_XCP_CYCLE": f"{cycle}u",
+        "SW_XCP_CYCLE_UNIT": f"{unit}u",
     }
 
 

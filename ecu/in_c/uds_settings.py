@@ -5,6 +5,9 @@ from enum import IntEnum
 from struct import calcsize
 from typing import Any, Final
 
+from can_bridge.calibration import daq, xcp, xcp_slave
+from can_bridge.calibration.measured import MEASURED_ADDRESS
+from can_bridge.calibration.segment import ADDRESS
 from can_bridge.flashing.access_level import Level
 from can_bridge.isotp import endpoint
 from can_bridge.uds import fault_codes, fault_memory, security, server, services
@@ -12,7 +15,7 @@ from can_bridge.uds.fault_memory import FaultReport
 from can_bridge.uds.services import Did, Nrc, Routine, Service, Session
 from contract.config.vehicle import BusConfig
 from contract.release.checks import dbc_sha256
-from ecu.flashable.links import MOST_FRAMES, isotp_settings
+from ecu.flashable.links import MOST_FRAMES, XCP_PLACES, isotp_settings
 from ecu.flashable.watched_control import REMEMBERED_NS
 
 UDS_SETTINGS: Final = "sw_uds_settings.h"
@@ -47,6 +50,7 @@ def uds_settings() -> bytes:
         "FAULTS_FORMAT": fault_codes.J2012_FORMAT,
         "AGED_CYCLES": fault_memory.AGED_CYCLES,
         "SNAPSHOT_BYTES": fault_codes.SNAPSHOT_BYTES,
+        **_of_xcp(),
         **{f"{kind}_{item.name}": item.value for kind, items in _NUMBERED.items() for item in items},
     }
     texts = {
@@ -56,6 +60,10 @@ def uds_settings() -> bytes:
         "REMEMBERED_NS": f"INT64_C({REMEMBERED_NS})",
         "FAULT_CODES": _pairs(fault_codes.CODES),
         "SNAPSHOT_PARTS": _pairs({one: calcsize(form) for one, form in fault_codes.SNAPSHOT_FORMATS.items()}),
+        "XCP_COMMANDS": "{" + ", ".join(map(_command, xcp.Command)) + "}",
+        "XCP_IDLE_NS": f"INT64_C({xcp_slave.IDLE_NS})",
+        "XCP_A2L_NAME": f'"{xcp_slave.A2L_NAME.decode()}"',
+        "XCP_EVENT_NAME": f'"{daq.EVENT_NAME.decode()}"',
         "DBC_SHA256_BYTES": "{" + ", ".join(map(str, bytes.fromhex(dbc_sha256()))) + "}",
     }
     found = {name: f"{value:#x}u" for name, value in numbers.items()} | texts
@@ -64,6 +72,38 @@ def uds_settings() -> bytes:
         "/* Generated: the numbers of diagnosis. */\n"
         f"#ifndef SW_UDS_SETTINGS_H\n#define SW_UDS_SETTINGS_H\n\n{lines}\n\n#endif\n"
     ).encode()
+
+
+def _of_xcp() -> dict[str, int]:
+    named = (
+        *("RESOURCES", "CAL_PAG", "COMM_MODE", "MAX_CTO", "PROTOCOL_VERSION", "TRANSPORT_VERSION", "DRIVER_VERSION"),
+        *("RESPONSE", "EVENT", "ERROR", "STORED_EVENT", "STORE_REQUEST", "DAQ_RUNNING", "CRC_32"),
+        *("ECU_MODE", "XCP_MODE", "ALL_MODE"),
+    )
+    numbers: dict[str, int] = {name: getattr(xcp, name) for name in named}
+    numbers |= {item.name: item.value for item in xcp.Command}
+    numbers |= {f"ERROR_{item.name}": item.value for item in xcp.Error}
+    numbers |= {
+        # No error has this number.
+        "DONE": 0xFF,
+        "SEED_LENGTH": xcp.XCP_SEED_LENGTH,
+        "CONNECT_BYTES": xcp.SHORTEST_COMMAND[xcp.Command.CONNECT],
+        "WORKING_PROPERTIES": xcp_slave.WORKING_PROPERTIES,
+        "REFERENCE_PROPERTIES": xcp_slave.REFERENCE_PROPERTIES,
+        "ADDRESS": ADDRESS,
+        "MEASURED": MEASURED_ADDRESS,
+        "PLACES": XCP_PLACES,
+        "ODTS": daq.MOST_ODTS,
+        "ENTRIES": daq.MOST_ENTRIES,
+        "DAQ_PROPERTIES": daq.DYNAMIC,
+        "EVENT_PROPERTIES": daq.OF_DAQ,
+    }
+    return {f"XCP_{name}": number for name, number in numbers.items()}
+
+
+def _command(one: xcp.Command) -> str:
+    """A row of C: number, bytes at least, and whether it needs a key."""
+    return f"{{{one:#x}u, {xcp.SHORTEST_COMMAND.get(one, 1)}u, {int(one in xcp.PROTECTED)}u}}"
 
 
 def _pairs(numbers: Mapping[Any, int]) -> str:

@@ -1,1 +1,1 @@
-"""A control period on a computer's own clock: deadlines, sleeping, privileges, and when each stage happened."""
+"""A control period on a computer's own clock: deadlines, sleeping, privileges, and the times of stages."""

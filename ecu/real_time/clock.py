@@ -1,8 +1,8 @@
-"""The clock of everything in real time: CLOCK_MONOTONIC, which no one sets, and sleeping until an instant of it.
+"""The clock for all real time, CLOCK_MONOTONIC, which cannot be set, and sleeping until an instant of it.
 
-`time.sleep` takes a duration: a process that loses the processor between computing it and falling asleep wakes late by
-as much. `clock_nanosleep` takes the instant itself; Python does not have it, so it is called in the C library. Where
-that is not possible, sleeping is by duration.
+`time.sleep` takes a duration: a process that loses the processor between computing the duration and falling asleep
+wakes too late. `clock_nanosleep` takes the instant itself. Python does not have it, so it is called in the C library;
+where that is not possible, sleeping is by duration.
 """
 
 import ctypes
@@ -13,9 +13,9 @@ from collections.abc import Callable
 from typing import Any, Final
 
 TIMER_ABSTIME: Final = 1
-"""time.h: the time is an instant, not a duration."""
+"""Flag of time.h: the time is an instant, not a duration."""
 LONGEST_NAP_NS: Final = 100_000_000
-"""Excess of a sleep by duration: what a computer that was asleep as a whole may be late by."""
+"""Longest sleep by duration in ns, and so the largest delay after the whole computer was suspended."""
 
 
 class _Timespec(ctypes.Structure):
@@ -23,14 +23,14 @@ class _Timespec(ctypes.Structure):
 
 
 def now_ns() -> int:
-    """CLOCK_MONOTONIC: since some instant before the start; neither the date nor NTP's steps touch it."""
+    """Return CLOCK_MONOTONIC, since an instant before the start; neither the date nor NTP changes it."""
     return time.monotonic_ns()
 
 
 def sleep_until(due_ns: int, *, spin_ns: int = 0) -> None:
-    """Return at `due_ns` of `now_ns`, or at once if it has passed. `spin_ns` states how long before it the process
-    stays awake and looks at the clock: for less lateness than the operating system's, at the price of so much of a
-    processor. Other threads of this process stand meanwhile."""
+    """Return at `due_ns` of `now_ns`, or at once if it has passed. For the last `spin_ns` the process polls the clock,
+    which is more precise than the operating system's wake-up and uses the processor. This process's other threads wait.
+    """
     until_ns = due_ns - spin_ns
     if until_ns > now_ns():
         _sleep(until_ns)
@@ -44,7 +44,7 @@ def _sleep_by_duration(until_ns: int) -> None:
 
 
 def _absolute_sleep() -> Callable[[int], None]:
-    """What sleeps until an instant on this system."""
+    """Return this system's function that sleeps until an instant."""
     if sys.platform != "linux":
         return _sleep_by_duration
     try:
@@ -56,7 +56,7 @@ def _absolute_sleep() -> Callable[[int], None]:
 
     def sleep(until_ns: int) -> None:
         until = ctypes.byref(_Timespec(*divmod(until_ns, 1_000_000_000)))
-        # A signal ends it early; Python's handler has then run, or raised.
+        # A signal ends the sleep early; Python's handler has then run, or raised an exception.
         while (failed := clock_nanosleep(time.CLOCK_MONOTONIC, TIMER_ABSTIME, until, None)) == errno.EINTR:
             pass
         if failed:

@@ -1,8 +1,8 @@
-"""When the next period begins, on an absolute clock: no error adds up, and nothing is ever caught up.
+"""The start of the next period, on an absolute clock: errors do not add up, and no period is caught up.
 
-A deadline that work on the one before ran past is left out and counted. An ECU also follows the vehicle's sampling,
-whose clock is another: it looks when pressures arrive and moves its deadlines a little each period until they lie a
-fixed time behind.
+A deadline that passed during the previous period's work is left out and counted. An ECU also follows the vehicle's
+sampling, which has another clock: it notes when pressures arrive and moves its deadlines a little each period until
+they are a fixed time after the arrivals.
 """
 
 from dataclasses import dataclass, replace
@@ -10,22 +10,22 @@ from statistics import median_low
 from typing import Final, Self
 
 LARGEST_SLEW: Final = 32
-"""A deadline is moved by at most a period divided by this: half of the lateness at which `ecu.timing`
-begins to see periods left out. From the worst phase, half a period, the way is 16 periods long."""
+"""Divisor of the period for the largest move of a deadline: half of the lateness at which `ecu.timing` begins to see
+periods left out. From the worst phase, half a period, it takes 16 periods."""
 REMEMBERED: Final = 15
-"""Arrivals whose median is the expected one: a few that are late in a burst do not move it. It lags 7 periods behind,
-in which clocks that differ by 100 ppm come apart by 14 us at 20 ms."""
+"""Number of arrivals whose median is the expected arrival, so that a few late frames in a burst do not move it. It lags
+7 periods, in which clocks that differ by 100 ppm drift by 14 us at 20 ms."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Deadlines:
-    """The period to come; times in ns of one clock that never goes back.
+    """The next period; times in ns of one clock that never goes back.
 
     Attributes:
         period_ns: from one deadline to the next.
-        number: of the period, those left out counted.
-        left_out: periods so far that were not begun, since work on an earlier one was not done.
-        grace_ns: by how much a deadline may have passed when the work before it is done, and still be kept, late.
+        number: of the period, including those left out.
+        left_out: number of periods so far that were not begun, because work on an earlier one was not done.
+        grace_ns: how late a period may begin after the previous period's work; a later period is left out.
     """
 
     period_ns: int
@@ -41,7 +41,7 @@ class Deadlines:
             raise ValueError(f"grace_ns = {self.grace_ns}: must be in 0..{self.period_ns - 1}")
 
     def after(self, now_ns: int) -> Self:
-        """The next deadline that can still be kept, now that the work on this one is done."""
+        """Return the next deadline that can still be met, after the work on this one."""
         late_ns = now_ns - self.grace_ns - (self.due_ns + self.period_ns)
         missed = max(0, -(-late_ns // self.period_ns))
         steps = 1 + missed
@@ -53,7 +53,7 @@ class Deadlines:
         )
 
     def slewed(self, target_ns: int) -> Self:
-        """Moved towards the phase of `target_ns`, the shorter way round and at most a period / LARGEST_SLEW."""
+        """Move towards the phase of `target_ns`, the shorter way round, at most by a period / LARGEST_SLEW."""
         most = self.period_ns // LARGEST_SLEW
         error_ns = wrapped(target_ns - self.due_ns, self.period_ns)
         return replace(self, due_ns=self.due_ns + min(max(error_ns, -most), most))
@@ -64,24 +64,24 @@ class Arrivals:
     """The latest arrivals of a periodic message.
 
     Attributes:
-        period_ns: between two.
-        latest_ns: up to REMEMBERED of them, oldest first.
+        period_ns: between two arrivals.
+        latest_ns: up to REMEMBERED arrivals, oldest first.
     """
 
     period_ns: int
     latest_ns: tuple[int, ...] = ()
 
     def seen(self, arrival_ns: int) -> Self:
-        """Add one more."""
+        """Add an arrival."""
         return replace(self, latest_ns=(*self.latest_ns, arrival_ns)[-REMEMBERED:])
 
     def forgotten(self) -> Self:
-        """Without any: what comes next is another sender's, or the same one's after a restart."""
+        """Forget all arrivals, because the next frames come from another or a restarted sender."""
         return replace(self, latest_ns=())
 
     @property
     def expected_ns(self) -> int | None:
-        """An instant in the phase of their median; None before there are REMEMBERED of them."""
+        """An instant in the phase of the arrivals' median; None before there are REMEMBERED arrivals."""
         if len(self.latest_ns) < REMEMBERED:
             return None
         newest = self.latest_ns[-1]
@@ -89,5 +89,5 @@ class Arrivals:
 
 
 def wrapped(difference_ns: int, period_ns: int) -> int:
-    """The difference of two phases, in -period / 2 up to period / 2."""
+    """Return the difference of two phases, from -period / 2 to period / 2."""
     return (difference_ns + period_ns // 2) % period_ns - period_ns // 2

@@ -1,4 +1,4 @@
-"""Frames between the thread that reads a bus and the loop that takes them once a period."""
+"""A queue of frames between the thread that reads a bus and the loop that takes them once a period."""
 
 from collections import deque
 from collections.abc import Callable
@@ -9,11 +9,12 @@ from can_bridge.wire.frame import Frame
 
 
 class Inbox:
-    """Stamps frames on arrival and hands them over in order; neither side waits for more than a few instructions.
+    """A queue that stamps frames on arrival and returns them in order. Neither side waits longer than a few
+    instructions.
 
     Args:
-        stamp: called in the reading thread with each frame: when it arrived, in ns of the loop's clock.
-        room: frames kept. In a flood the oldest give way.
+        stamp: called in the reading thread with each frame; returns its arrival in ns of the loop's clock.
+        room: largest number of frames. In a flood the oldest are dropped.
     """
 
     def __init__(self, stamp: Callable[[Frame], int], *, room: int) -> None:
@@ -24,7 +25,7 @@ class Inbox:
         self.received = self.dropped = 0
 
     def put(self, frame: Frame) -> None:
-        """Leave a frame."""
+        """Add a frame."""
         stamped = replace(frame, timestamp_ns=self._stamp(frame))
         with self._lock:
             self.received += 1
@@ -32,14 +33,14 @@ class Inbox:
             self._frames.append(stamped)
 
     def take(self) -> list[Frame]:
-        """Take out everything, oldest first."""
+        """Remove and return all frames, oldest first."""
         with self._lock:
             taken = list(self._frames)
             self._frames.clear()
         return taken
 
     def before(self, until_ns: int) -> list[Frame]:
-        """Take out what arrived before an instant, oldest first."""
+        """Remove and return the frames that arrived before an instant, oldest first."""
         taken: list[Frame] = []
         with self._lock:
             while self._frames and self._frames[0].timestamp_ns < until_ns:

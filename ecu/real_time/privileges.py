@@ -1,6 +1,6 @@
-"""What an operating system gives to a process that must be on time: used where it is granted, reported where it is not.
+"""Privileges of the operating system for a process with deadlines: used if granted, reported if not.
 
-Without any of them everything works, and is late more often.
+Without a privilege everything works, but is late more often.
 """
 
 import ctypes
@@ -14,18 +14,18 @@ from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
 
 PRIORITY: Final = 50
-"""Priority under SCHED_FIFO, 1 to 99: above every ordinary process, and no more than the equal of most of the
-kernel's interrupt threads (they have 50), so that the CAN driver's still come through."""
+"""Priority under SCHED_FIFO, 1 to 99: above every ordinary process, and equal to most of the kernel's interrupt threads
+(50), so that those of the CAN driver still run."""
 LOWEST_PRIORITY: Final = 1
 TIMER_SLACK_NS: Final = 1
-"""Linux wakes ordinary processes up to 50 us late, to wake several at once."""
+"""Timer slack in ns. By default Linux wakes ordinary processes up to 50 us late, to wake several at once."""
 
 _MCL_CURRENT, _MCL_FUTURE = 1, 2
 _PR_SET_TIMERSLACK, _PR_GET_TIMERSLACK = 29, 30
 
 
 class Privilege(NamedTuple):
-    """One of them. `why` states why the process has it not; empty if it has."""
+    """One privilege. `why` states why the process does not have it; empty if it has."""
 
     what: str
     granted: bool
@@ -34,7 +34,7 @@ class Privilege(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class Wanted:
-    """What to ask for.
+    """The requested privileges.
 
     Attributes:
         priority: of SCHED_FIFO, 1 to 99; 0 to stay an ordinary process.
@@ -50,9 +50,9 @@ class Wanted:
 
 @contextmanager
 def taken(wanted: Wanted) -> Iterator[list[Privilege]]:
-    """Ask for privileges, yield what came of it, and give them back at the end.
+    """Request privileges, yield the results, and give the privileges back at the end.
 
-    The priority and the processor are this thread's and those of the threads that it starts afterwards.
+    Priority and processor hold for this thread and the threads that it starts afterwards.
     """
     with ExitStack() as undo:
         found = [_attempt("timer slack 1 ns", _timer_slack, undo)]
@@ -70,23 +70,23 @@ def taken(wanted: Wanted) -> Iterator[list[Privilege]]:
 
 
 def in_words(privileges: list[Privilege]) -> str:
-    """All of them in one line."""
+    """Return all privileges in one line."""
     granted = ", ".join(item.what for item in privileges if item.granted) or "none"
     refused = ", ".join(f"{item.what} ({item.why})" for item in privileges if not item.granted)
     return f"{granted}; not granted: {refused}" if refused else granted
 
 
 def stay_ordinary() -> None:
-    """Make this thread an ordinary one, whatever the thread that started it is: for work that takes long."""
+    """Make this thread an ordinary one, for long work, even if the thread that started it is not."""
     if hasattr(os, "sched_setscheduler"):
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
 
 
 def step_back() -> None:
-    """Let this thread make way for the one that started it, where that one has a real-time priority.
+    """Give this thread a lower priority than the thread that started it, if that has a real-time priority.
 
-    It gets the lowest one and not none: while it holds the interpreter's lock, an ordinary process that took its
-    processor would keep the control loop waiting.
+    It gets the lowest real-time priority: while an ordinary thread holds the interpreter's lock, any process could take
+    its processor and so delay the control loop.
     """
     if hasattr(os, "sched_getscheduler") and os.sched_getscheduler(0) == os.SCHED_FIFO:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(LOWEST_PRIORITY))
@@ -135,13 +135,13 @@ def _timer_slack(undo: ExitStack) -> None:
 def _lock_memory(undo: ExitStack) -> None:
     _call("mlockall", _MCL_CURRENT)
     undo.callback(_call, "munlockall")
-    # Under a limit, what is allocated later may not fit; it would fail there instead of being in memory or not.
+    # Under a limit, memory that is allocated later may not fit, and the allocation would fail.
     if os.geteuid() == 0 or resource.getrlimit(resource.RLIMIT_MEMLOCK)[0] == resource.RLIM_INFINITY:
         _call("mlockall", _MCL_CURRENT | _MCL_FUTURE)
 
 
 def _call(name: str, *arguments: int) -> int:
-    """A function of the C library; raises OSError if it returns -1, AttributeError if there is none."""
+    """Call a function of the C library; raises OSError if it returns -1, AttributeError if there is none."""
     if sys.platform != "linux":
         raise AttributeError(name)
     function: Any = getattr(ctypes.CDLL(None, use_errno=True), name)

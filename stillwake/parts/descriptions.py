@@ -21,6 +21,7 @@ def a2l_of(release: Bundle, config: Config) -> bytes:
         Segment(release_calibration(release, config), limits_of(release, config)),
         release=release.manifest.name,
         bus=config.bus,
+        period_ns=config.period_ns,
     ).encode()
 
 

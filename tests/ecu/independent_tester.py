@@ -3,7 +3,7 @@
 from collections import deque
 from collections.abc import Callable
 from itertools import count
-from typing import Final
+from typing import Any, Final
 
 import isotp
 from udsoncan.client import Client
@@ -16,10 +16,15 @@ from tests.can_bridge.tester.direct_connection import DirectConnection
 _NORMAL: Final = isotp.AddressingMode.Normal_11bits
 _FIXED: Final = isotp.AddressingMode.NormalFixed_29bits
 _NAMES: Final = ("request_id", "response_id", "functional_id", "xcp_command_id", "xcp_response_id")
-_SHORT: Final = DiagnosisConfig(**dict(zip(_NAMES, (0x6A1, 0x6A9, 0x7DF, 0x6B1, 0x6B9), strict=True)))
-_LONG: Final = DiagnosisConfig(
-    **dict(zip(_NAMES, (0x18DA5AF1, 0x18DAF15A, 0x18DB33F1, 0x18EF5AF1, 0x18EFF15A), strict=True))
-)
+
+
+def _ids(*numbers: int) -> DiagnosisConfig:
+    given: dict[str, Any] = dict(zip(_NAMES, numbers, strict=True))
+    return DiagnosisConfig(**given)
+
+
+_SHORT: Final = _ids(0x6A1, 0x6A9, 0x7DF, 0x6B1, 0x6B9)
+_LONG: Final = _ids(0x18DA5AF1, 0x18DAF15A, 0x18DB33F1, 0x18EF5AF1, 0x18EFF15A)
 ADDRESSED: Final = (
     (_SHORT, isotp.Address(_NORMAL, txid=0x6A1, rxid=0x6A9), isotp.Address(_NORMAL, txid=0x7DF, rxid=0x6A9)),
     # can-isotp makes the identifiers of ISO 15765-2's normal fixed addressing out of addresses.

@@ -1,1 +1,1 @@
-"""What python-can's backends need so that nothing on the wire stops them."""
+"""Additions to python-can's backends, so that no received data can stop a backend."""

@@ -1,4 +1,4 @@
-"""A connection to an open python-can bus: one reception at a time, and an end whatever has become of the bus."""
+"""A connection to an open python-can bus: receives one message at a time, and closes even if the bus has failed."""
 
 import struct
 from collections.abc import Mapping
@@ -13,28 +13,28 @@ from contract.errors import BusError, install
 from contract.runtime.copies import NeverCopied
 
 QUEUE_SIZE: Final = 1024
-"""Frames a virtual bus holds for a reader, and the most one `receive_all` returns."""
+"""Largest number of frames that a virtual bus stores for a reader, and that one call of `receive_all` returns."""
 
 SETTLE_S: Final = 2.0
-"""What a serial adapter is given to start after its port was opened; many reset then."""
+"""Time in s that a serial adapter gets to start after its port was opened; many adapters reset then."""
 
 OWN_CONFIGURATION: Final = "python-can"
-"""The interface's name that stands for the one that python-can's configuration names (can.conf, environment)."""
+"""Name in our settings of the interface that python-can's own configuration selects (can.conf, environment)."""
 
 _SAMPLE_POINT: Final = 80.0
-"""Percent, for both bit rates, where this adapter sets the bit timing."""
+"""Sample point in percent for both bit rates, for the adapter whose bit timing is set here."""
 _CLOCK_HZ: Final = 80_000_000
 
 _OF_EXTRA_BUS: Final = ("udp_multicast", "slcan")
-"""Interfaces whose packages the base install leaves out."""
+"""Interfaces that need packages of the extra `bus`."""
 
 
 def open_backend(config: BusConfig, *, settle_s: float = SETTLE_S) -> tuple[can.BusABC, str]:
-    """Connect as configured: an open bus, and python-can's name of its interface, also where that chose it. Raises
-    BusError naming interface and channel, if that cannot be opened. `settle_s` is what a serial adapter is given to
-    start, in s."""
+    """Open the configured bus. Returns the bus and python-can's name of its interface, even if python-can chose the
+    interface. Raises BusError with interface and channel if the bus cannot be opened. `settle_s` is the time in s that
+    a serial adapter gets to start."""
     _check_known(config.interface)
-    # Vendors' drivers raise what they like, also where their library is missing.
+    # Vendors' drivers raise exceptions of any type, also if their library is missing.
     try:
         interface, options = _settings(config, settle_s)
         return _constructed(interface, options), interface
@@ -47,7 +47,7 @@ def open_backend(config: BusConfig, *, settle_s: float = SETTLE_S) -> tuple[can.
 
 
 def one_line(error: BaseException) -> str:
-    """An error's message on one line, or else its kind."""
+    """Return an error's message on one line, or the name of its type if it has no message."""
     return " ".join(str(error).split()) or type(error).__name__
 
 
@@ -61,7 +61,7 @@ def _check_known(interface: str) -> None:
 
 
 def _settings(config: BusConfig, settle_s: float) -> tuple[str, dict[str, Any]]:
-    """The interface's name, and what to open it with."""
+    """Return the interface's name and the options to open it with."""
     if config.interface == OWN_CONFIGURATION:
         options: dict[str, Any] = {**can.util.load_config(context=config.channel)}
         return options.pop("interface"), {name: value for name, value in options.items() if value is not None}
@@ -94,7 +94,7 @@ def _options(config: BusConfig, settle_s: float) -> Mapping[str, Any]:
 
 
 def _constructed(interface: str, options: dict[str, Any]) -> can.BusABC:
-    """Ours where python-can's own backend does not survive what may come over the wire."""
+    """Open our own backend where python-can's fails on some received data; otherwise open python-can's."""
     if interface == "udp_multicast":
         from can_bridge.bus.backends.udp_multicast import UdpMulticastBus
 
@@ -107,27 +107,27 @@ def _constructed(interface: str, options: dict[str, Any]) -> can.BusABC:
 
 
 GARBAGE_LIMIT: Final = 1000
-"""Errors of a backend's parser in a row, without an idle moment or a good frame between them, after which the bus
-counts as failed: a dead backend that raises on every call would otherwise look like endless noise. Our own backends
-raise `UnusableReceptionError` for what they refuse, without a limit."""
+"""Number of consecutive parser errors of a backend, without an idle moment or a valid frame between them, after which
+the bus counts as failed. Without this limit, a dead backend that raises on every call would look like endless noise.
+Our own backends raise `UnusableReceptionError` for data that they reject, without a limit."""
 
 _UNREADABLE: Final = (ValueError, IndexError, struct.error)
-"""What the parsers of backends raise on what they were sent."""
+"""Exceptions that the backends' parsers raise for invalid data."""
 
 
 class OpenBus(NeverCopied):
-    """Holds an open python-can bus. Use as a context manager, or `close` it."""
+    """Owner of an open python-can bus. Use it as a context manager, or call `close`."""
 
     INSTEAD: ClassVar = "it is open on this process alone; open another one"
 
     def __init__(self, bus: can.BusABC) -> None:
-        """Take over an open bus, which is closed together with this object."""
+        """Take over an open bus, which `close` closes."""
         self._bus = bus
         self._unreadable_in_a_row = 0
 
     def close(self) -> None:
-        """Disconnect; closing twice does nothing more, nor does closing what has vanished."""
-        # An adapter that was unplugged takes no command; its error would hide the one that ended the work.
+        """Disconnect. A second call does nothing, and an adapter that was removed raises no error."""
+        # An unplugged adapter takes no command, and the error of closing it would hide the error that ended the work.
         with suppress(can.CanError, OSError):
             self._bus.shutdown()
 
@@ -138,22 +138,21 @@ class OpenBus(NeverCopied):
         self.close()
 
     def _send(self, message: can.Message, name: str, timeout_s: float) -> None:
-        """Send once, waiting at most `timeout_s`. Raises BusError naming the frame if the bus does not take it in time,
-        or failed."""
+        """Send once within `timeout_s`. Raises BusError with the frame's name if the bus fails or the time is over."""
         try:
             self._bus.send(message, timeout=timeout_s)
         except (can.CanError, OSError, ValueError) as error:
             raise BusError(f"frame {name} was not sent: {one_line(error)}") from error
 
     def _received(self, timeout_s: float) -> can.Message | Rejection | None:
-        """Receive once: a message, why there is none, or None if nothing came. Raises BusError if the bus failed, or
-        yields nothing but garbage."""
+        """Receive once. Returns a message, the reason why a reception is no message, or None if nothing was received.
+        Raises BusError if the bus failed or delivers only garbage."""
         try:
             message = self._bus.recv(timeout=timeout_s)
         except UnusableReceptionError as refused:
             return refused.reason
         except (can.CanError, OSError, *_UNREADABLE) as error:
-            # Backends wrap what went wrong: a CanError by garbage has one of these as its cause.
+            # Backends wrap the original error: a CanError that garbage caused has one of these exceptions as its cause.
             if not isinstance(error.__cause__ or error, _UNREADABLE):
                 raise BusError(f"CAN bus failed: {one_line(error)}") from error
             self._unreadable_in_a_row += 1

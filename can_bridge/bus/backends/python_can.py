@@ -1,8 +1,8 @@
-"""A bus of python-can behind this room's own frames and errors.
+"""A python-can bus with this package's frames and errors.
 
-The adapter exists for the traps: `virtual` blocks for ever in `send` without a timeout when a peer stops reading,
-one garbage datagram ends python-can's own Notifier, and garbage on a serial line comes out as a bare ValueError.
-Here sending always ends, and every reception is either handed over or counted under the reason why not.
+python-can has traps: `virtual` blocks for ever in `send` without a timeout when a peer stops reading, one garbage
+datagram ends python-can's Notifier, and garbage on a serial line raises a bare ValueError. In this adapter sending
+always ends, and each reception is either returned or counted under the reason for its rejection.
 """
 
 import os
@@ -26,36 +26,36 @@ from contract.config.vehicle import BusConfig
 from contract.errors import BusError
 
 _CONTROLLER: Final = 0x004
-"""CAN_ERR_CRTL: the state is in data byte 1."""
+"""CAN_ERR_CRTL: data byte 1 has the controller's state."""
 _BUS_OFF: Final = 0x040
 """CAN_ERR_BUSOFF."""
 _RESTARTED: Final = 0x100
-"""CAN_ERR_RESTARTED: back from bus-off."""
+"""CAN_ERR_RESTARTED: the controller has returned from bus-off."""
 _COUNTERS: Final = 0x200
 """CAN_ERR_CNT: data bytes 6 and 7 hold the transmit and receive error counters. Kernels before 6.0 do not set it."""
 
 _RX_OVERFLOW: Final = 0x01
-"""CAN_ERR_CRTL_RX_OVERFLOW, in data byte 1 like the next two."""
+"""CAN_ERR_CRTL_RX_OVERFLOW, a bit of data byte 1, as are `_PASSIVE` and `_ACTIVE`."""
 _PASSIVE: Final = 0x10 | 0x20
 """CAN_ERR_CRTL_RX_PASSIVE and TX_PASSIVE."""
 _ACTIVE: Final = 0x40
 """CAN_ERR_CRTL_ACTIVE: recovered from error-passive."""
 
 _LENGTH: Final = 8
-"""CAN_ERR_DLC."""
+"""Length of an error frame's data in bytes (CAN_ERR_DLC)."""
 
 
 def health_after(health: BusHealth, classes: int, data: bytes) -> BusHealth:
-    """What is known of the controller after one error frame.
+    """Return the controller's health after one error frame.
 
     Args:
         classes: the frame's identifier without its flags.
-        data: its eight bytes; another length is ignored.
+        data: the frame's eight bytes; data of another length is ignored.
     """
     if len(data) != _LENGTH:
         return health
     controller = data[1] if classes & _CONTROLLER else 0
-    # Older kernels leave the bytes zero where a driver does not know the counters.
+    # Older kernels have no such flag, and leave the bytes zero if a driver cannot read the counters.
     if classes & _COUNTERS or (classes & _CONTROLLER and any(data[6:8])):
         health = replace(health, tx_errors=data[6], rx_errors=data[7])
     if classes & _BUS_OFF:
@@ -73,39 +73,35 @@ def health_after(health: BusHealth, classes: int, data: bytes) -> BusHealth:
 
 
 def lost_frames(classes: int, data: bytes) -> bool:
-    """Whether the controller reports that it dropped received frames."""
+    """Return whether the controller reports that it dropped received frames."""
     return len(data) == _LENGTH and bool(classes & _CONTROLLER and data[1] & _RX_OVERFLOW)
 
 
 _SO_MEMINFO: Final = 55
-"""Linux: `SK_MEMINFO_VARS` numbers of 32 bits, of which the last one counts the drops (linux/sock_diag.h)."""
+"""Linux: `SK_MEMINFO_VARS` numbers of 32 bits, the last of which counts the dropped receptions (linux/sock_diag.h)."""
 _MEMINFO: Final = struct.Struct("=9I")
 
 
 def _dropped(fileno: int) -> int:
-    """Receptions that found a socket's queue full since it was opened; 0 where the system does not count them."""
+    """Return how many receptions were dropped because a socket's queue was full; 0 if they are not counted."""
     if sys.platform != "linux":
         return 0
     try:
         with socket.socket(fileno=os.dup(fileno)) as sock:
             return int(_MEMINFO.unpack(sock.getsockopt(socket.SOL_SOCKET, _SO_MEMINFO, _MEMINFO.size))[-1])
     except (OSError, struct.error):
-        # No socket, or a kernel before 4.12.
+        # The descriptor is no socket, or the kernel is older than 4.12.
         return 0
 
 
 RECEPTION_LIMIT: Final = 4 * QUEUE_SIZE
-"""Most receptions that one `receive_all` looks at, so that it ends also in a flood of what is to be refused."""
+"""Largest number of receptions that one `receive_all` reads, so that a flood of unusable frames cannot keep it busy."""
 
 _IS_FD: Final = {CanId(spec.frame_id): spec.is_fd for spec in SPECS}
 
 
 class PythonCanBus(OpenBus):
-    """One node's connection. Use as a context manager, or `close` it.
-
-    One thread may send while another receives. `received` counts receptions so far: `accepted` ones and the sum of
-    those `rejected`.
-    """
+    """One thread may send while another one receives. `received` counts all receptions, accepted and rejected."""
 
     def __init__(
         self,
@@ -119,10 +115,10 @@ class PythonCanBus(OpenBus):
 
         Args:
             bus: closed together with this object.
-            accept: identifiers to receive, a number for one of 11 bits; None for all of 11 bits. python-can's own
-                filter would make a reception without waiting stop at the first frame it drops.
+            accept: identifiers to receive, a number for an 11-bit identifier; None for all 11-bit identifiers.
+                python-can's own filter would end a reception without waiting at the first frame that it drops.
             is_classic: send and receive no CAN FD frames.
-            linux_error_frames: error frames are as in `linux/can/error.h`, and about this node's controller.
+            linux_error_frames: error frames are as in `linux/can/error.h` and report on this node's controller.
         """
         super().__init__(bus)
         self._accept = None if accept is None else {CanId(one) if isinstance(one, int) else one for one in accept}
@@ -140,15 +136,15 @@ class PythonCanBus(OpenBus):
     def open(
         cls, config: BusConfig, *, accept: Collection[CanId | int] | None = None, settle_s: float = SETTLE_S
     ) -> Self:
-        """Connect as configured.
+        """Open the configured bus.
 
-        A `virtual` bus keeps the timestamps that frames are sent with; the others stamp on reception, in ns since the
-        epoch, to the resolution of a float. `socketcan` takes the bit rates that its network device was set up with.
-        `udp_multicast` stays on this machine. Raises BusError naming interface and channel, if that cannot be opened.
+        A `virtual` bus keeps the senders' timestamps. The others stamp frames on reception, in ns since the epoch, with
+        the resolution of a float. `socketcan` uses the bit rates of its network device. `udp_multicast` stays on this
+        machine. Raises BusError with interface and channel if the bus cannot be opened.
 
         Args:
-            accept: as of the constructor.
-            settle_s: what a serial adapter is given to start after its port was opened, in s.
+            accept: see the constructor.
+            settle_s: time in s that a serial adapter gets to start after its port was opened.
         """
         bus, interface = open_backend(config, settle_s=settle_s)
         return cls(
@@ -160,15 +156,15 @@ class PythonCanBus(OpenBus):
 
     @property
     def rejected(self) -> Mapping[Rejection, int]:
-        """Receptions that were not handed over, by reason; all reasons, also those that did not occur."""
+        """The number of rejected receptions for each reason, including reasons that did not occur."""
         return dict(self._rejected)
 
     @property
     def overflows(self) -> int:
-        """Receptions known to be lost as a queue was full.
+        """The number of receptions that are known to be lost because a queue was full.
 
-        Linux counts them for `udp_multicast` and `socketcan`, and a SocketCAN controller reports its own. Those lost in
-        a serial adapter or driver, or on another system, are not counted: their gaps show in the end-to-end counters.
+        Linux counts the losses of `udp_multicast` and `socketcan`, and a SocketCAN controller reports its own. Losses
+        in a serial adapter or driver, or on another system, are not counted; the end-to-end counters show them as gaps.
         """
         try:
             in_kernel = _dropped(self._bus.fileno())
@@ -177,11 +173,11 @@ class PythonCanBus(OpenBus):
         return in_kernel + self._overflow_reports
 
     def health(self) -> BusHealth:
-        """What is known of the CAN controller; without knowledge, healthy.
+        """The known health of the CAN controller; healthy if nothing is known.
 
-        SocketCAN reports it by error frames, which have to be received. Of python-can's `state` only a failed one,
-        bus-off, means the same for all drivers: their _PASSIVE is a node that may listen only. Bus-off counts as often
-        as it is seen here.
+        SocketCAN reports it by error frames, which have to be received. Of python-can's `state` only ERROR (bus-off)
+        means the same for all drivers: for some, PASSIVE is a node that only listens. `bus_off` counts each bus-off
+        seen here.
         """
         try:
             is_off = self._bus.state is can.BusState.ERROR
@@ -199,8 +195,8 @@ class PythonCanBus(OpenBus):
     def send(self, frame: Frame, *, timeout_s: float = 0.005) -> None:
         """Send one frame, waiting at most `timeout_s`.
 
-        On a virtual bus, peers other than the one that does not read have received the frame even if this fails. Raises
-        BusError if the bus does not take the frame in time, failed, or is for classic CAN and the frame is not;
+        If sending fails on a virtual bus because one peer does not read, the other peers have received the frame.
+        Raises BusError if the bus failed, does not take the frame in time, or is classic CAN and the frame is CAN FD;
         ValueError for a negative timeout.
         """
         if timeout_s < 0:
@@ -210,8 +206,7 @@ class PythonCanBus(OpenBus):
         self._send(to_message(frame), f"{frame.frame_id:#05x}", timeout_s)
 
     def receive(self, timeout_s: float) -> Frame | None:
-        """The next frame, or None if none came within `timeout_s`. Raises BusError if the bus failed, or yields nothing
-        but garbage."""
+        """Return the next frame, or None after `timeout_s`. Raises BusError if the bus failed or sends only garbage."""
         deadline = time.monotonic() + timeout_s
         while True:
             left = max(0.0, deadline - time.monotonic())
@@ -221,8 +216,7 @@ class PythonCanBus(OpenBus):
                 return frame
 
     def receive_all(self) -> list[Frame]:
-        """Frames that have already arrived, oldest first, at most QUEUE_SIZE; never waits. Raises BusError as
-        `receive`."""
+        """Return up to QUEUE_SIZE arrived frames, oldest first, without waiting. Raises BusError as `receive` does."""
         frames: list[Frame] = []
         for _ in range(RECEPTION_LIMIT):
             message = self._received(0.0)
@@ -236,7 +230,7 @@ class PythonCanBus(OpenBus):
         return frames
 
     def _taken(self, message: can.Message | Rejection | None) -> Frame | None:
-        """The frame of a reception, if it is accepted; counts it."""
+        """Count a reception; return its frame if it is accepted."""
         if message is None:
             return None
         frame = message if isinstance(message, Rejection) else self._judged(message)
@@ -250,7 +244,7 @@ class PythonCanBus(OpenBus):
     def _judged(self, message: can.Message) -> Frame | Rejection:
         frame = frame_of(message)
         if isinstance(frame, Rejection):
-            # An error frame need not have an identifier of its type.
+            # An error frame may have an identifier that is no int.
             is_report = frame is Rejection.ERROR_FRAME and isinstance(message.arbitration_id, int)
             if is_report and self._linux_error_frames:
                 data = bytes(message.data)

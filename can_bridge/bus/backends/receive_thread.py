@@ -1,4 +1,4 @@
-"""A thread that reads a bus and delivers its frames. What ends it early is kept as a fault, never lost."""
+"""A thread that reads a bus and delivers its frames. An error that ends it early is stored in `fault`."""
 
 from collections.abc import Callable
 from threading import Event, Thread
@@ -9,15 +9,15 @@ from can_bridge.wire.frame import Frame
 from contract.errors import BusError
 
 POLL_S: Final = 0.05
-"""How long one reception may wait, and with it how long stopping may take."""
+"""Longest wait in s of one reception, and so the longest time that stopping takes."""
 
 
 class ReceiveThread:
-    """Runs while the `with` block does. Stop it before closing the bus. `fault` is the error that ended the thread
-    before it was stopped; None without one."""
+    """A thread that runs while its `with` block does. End the block before closing the bus. `fault` is the error that
+    ended the thread before it was stopped, or None."""
 
     def __init__(self, bus: PythonCanBus, deliver: Callable[[Frame], None]) -> None:
-        """Args: deliver: called in the thread with each frame; must not wait."""
+        """Prepare the thread. It calls `deliver` with each frame; `deliver` must not wait."""
         self._bus = bus
         self._deliver = deliver
         self._stop = Event()
@@ -25,7 +25,7 @@ class ReceiveThread:
         self.fault: BaseException | None = None
 
     def check(self) -> None:
-        """Raises BusError if the thread died; call it wherever its frames are used."""
+        """Raise BusError if the thread ended by an error. Call it wherever the thread's frames are used."""
         if self.fault is not None:
             raise BusError(f"CAN reception ended: {self.fault}") from self.fault
 

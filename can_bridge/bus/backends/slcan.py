@@ -1,8 +1,8 @@
 """Serial CAN adapters (slcan, the Lawicel protocol): python-can's backend with a reader and a writer of our own.
 
-python-can 4.6 keeps an undecodable line for ever, reads cut-off and foreign lines as frames, takes each answer to a
-sent frame for a moment of silence, and reports a frame as not sent that was. Opening, and what a sound line means, are
-its own.
+python-can 4.6 stores an undecodable line for ever, reads truncated and foreign lines as frames, takes each
+acknowledgement of a sent frame for silence, and reports frames as not sent that were sent. Its code to open an adapter
+and to parse a valid line is used as it is.
 """
 
 import os
@@ -19,25 +19,25 @@ from can_bridge.bus.interface import Rejection, UnusableReceptionError
 from can_bridge.wire.frame import FD_LENGTHS
 
 _LINE: Final = re.compile(rb"(?:([tdbr])[0-7][0-9A-Fa-f]{2}|([TDBRx])[01][0-9A-Fa-f]{7})([0-9A-Fa-f])([0-9A-Fa-f]*)")
-"""Kind, identifier, length code, digits behind it. `x` is CANDapter's `T`."""
+"""Groups of a received line: frame kind, identifier, length code, data digits. A CANDapter sends `x` for `T`."""
 _ANSWER: Final = re.compile(rb"[zZ]?")
 _STAMP_DIGITS: Final = 4
-"""A time stamp that adapters append on request; it is ignored, as it counts to a minute only."""
+"""Digits of the time stamp that adapters append on request. It is ignored because it wraps every minute."""
 
 _ENDS: Final = re.compile(rb"[\r\a]")
 _BEL: Final = 0x07
 _CR: Final = b"\r"
 
 LINE_LIMIT: Final = 256
-"""Bytes without an end after which they count as one unreadable line; the longest line has 143."""
+"""Number of bytes without a line end after which they count as one unreadable line; the longest valid line has 143."""
 _CHUNK: Final = 4096
 
 OPENING_TIMEOUT_S: Final = 2.0
-"""The time limit of commands, to which python-can gives none."""
+"""Time limit of commands in s; python-can sets none."""
 
 
 def why_refused(line: bytes) -> Rejection | None:
-    """Why one line without its end is no frame; None if it is one. Never raises."""
+    """Return why a line without its end is no frame; None if it is a frame. Never raises."""
     match = _LINE.fullmatch(line)
     if match is None:
         return Rejection.GARBAGE
@@ -49,7 +49,7 @@ def why_refused(line: bytes) -> Rejection | None:
 
 
 class SlcanBus(slcanBus):
-    """One adapter. A line that cannot be used is raised as `UnusableReceptionError`; nothing else is lost with it."""
+    """A connection to one adapter. It raises `UnusableReceptionError` for an unusable line and loses no other line."""
 
     _line_cut = False
 
@@ -70,7 +70,7 @@ class SlcanBus(slcanBus):
             self._fill(wait=not over)
 
     def _fill(self, *, wait: bool) -> None:
-        """Read what has arrived; or wait for it, at most as long as the port was opened with."""
+        """Read the bytes that have arrived; with `wait`, wait for bytes at most for the port's time limit."""
         port = self.serialPortOrig
         if not port.is_open:
             raise can.CanOperationError("the serial port is closed")
@@ -79,7 +79,7 @@ class SlcanBus(slcanBus):
             self._buffer += port.read(min(max(1, waiting), _CHUNK))
 
     def _next_line(self) -> bytes | None:
-        """The next whole line without its end; None if none has arrived."""
+        """Return the next complete line without its end; None if there is none."""
         end = _ENDS.search(self._buffer)
         if end is None:
             if len(self._buffer) > LINE_LIMIT:
@@ -93,11 +93,11 @@ class SlcanBus(slcanBus):
         return line
 
     def _write(self, string: str) -> None:
-        """Write one line; the time limit is the port's.
+        """Write one line within the port's time limit.
 
-        A line is either written whole, whatever time has passed by then, or cut off at the time limit. The end of a cut
-        line goes out before the next one, so that the adapter refuses the one and takes the other. Raises
-        can.CanTimeoutError if the port did not take the whole line in time; can.CanOperationError if it failed.
+        A line is either written completely, however long that took, or truncated at the time limit. The end of a
+        truncated line is sent before the next line, so that the adapter rejects the truncated line only. Raises
+        can.CanTimeoutError if the port did not take the whole line in time; can.CanOperationError if the port failed.
         """
         port = self.serialPortOrig
         if not port.is_open:
@@ -128,7 +128,7 @@ class SlcanBus(slcanBus):
             raise can.CanOperationError(f"the serial port failed: {error}") from error
 
     def shutdown(self) -> None:
-        """Close the channel and the port; the port also if it no longer takes the command."""
+        """Close the channel, and the port even if it no longer takes the command to close the channel."""
         if self._is_shutdown:
             return
         try:

@@ -1,11 +1,11 @@
 """CAN over UDP multicast: python-can's backend with a parser of our own.
 
-python-can 4.6 gives a datagram's values to `can.Message` whatever their type: `{"data": 2**30}` in 20 bytes allocates
-a gigabyte. It hears its own frames and, on Linux, the groups that others on the machine have joined. It is silent on
-those that found the kernel's queue full.
+python-can 4.6 passes a datagram's values to `can.Message` whatever their type: `{"data": 2**30}` in 20 bytes allocates
+a gigabyte. It receives its own frames and, on Linux, those of groups that other processes have joined. It does not
+report datagrams that were lost because the kernel's queue was full.
 
-Equal datagrams are no copies: others send them without a time, and ISO-TP numbers frames from 0 again every 16. A
-datagram that stays on this machine comes once; where one comes twice, the end-to-end counters show it.
+Equal datagrams are not taken for copies: some senders send no time, and ISO-TP numbers repeat every 16 frames. A
+datagram that stays on this machine arrives once; the end-to-end counters would show a second arrival.
 """
 
 import socket
@@ -23,22 +23,22 @@ from can_bridge.bus.interface import Rejection, UnusableReceptionError
 from can_bridge.wire.frame import CLASSIC_LENGTHS, FD_LENGTHS
 
 try:
-    # The library's C parser (1.1.2) leaks what it had read of a map that is cut off: up to 4 KB a datagram.
+    # The library's C parser (1.1.2) leaks up to 4 KB for each truncated map that it has read.
     from msgpack import fallback  # type: ignore[import-untyped]  # ships none
 except ModuleNotFoundError:
-    # Of extra `bus`. Without it python-can refuses to open this bus, so that nothing is ever parsed.
+    # msgpack is in the extra `bus`. Without it python-can does not open this bus, so nothing is ever parsed.
     fallback = None
 
 RECEIVE_QUEUE: Final = 1 << 22
-"""Bytes asked of the kernel: about 5,000 datagrams, where its default holds 256 of them."""
+"""Receive buffer in bytes asked of the kernel: about 5,000 datagrams; the default holds 256."""
 
 _ECHOES: Final = 4096
-"""Own datagrams that have not been heard yet; more than the kernel's queue is asked to hold."""
+"""Largest number of own datagrams to remember until they are received back; more than the kernel's queue holds."""
 
 _SO_RCVBUFFORCE: Final = 33
 _IP_MULTICAST_ALL: Final = 49
 _IPV6_MULTICAST_ALL: Final = 29
-"""Linux: whether a socket hears each group that anyone on the machine has joined (ip(7)); by default it does."""
+"""Linux: whether a socket receives every group that any process on the machine has joined (ip(7)); default: yes."""
 
 _FLAGS: Final = (
     "is_extended_id",
@@ -52,8 +52,8 @@ _FIELDS: Final = frozenset({"timestamp", "arbitration_id", "channel", "dlc", "da
 
 
 def parse_datagram(datagram: bytes, *, timestamp: float = 0.0) -> can.Message | Rejection:
-    """The message in a datagram as python-can packs it; never raises, and allocates no more than the datagram has.
-    `timestamp` is that of the reception, in s; the sender's is dropped."""
+    """Return the message in a datagram packed by python-can, or why there is none. Never raises, and allocates no more
+    than the datagram's size. `timestamp` is the time of reception in s; the sender's time is dropped."""
     try:
         fields = fallback.unpackb(datagram)
     except Exception:  # noqa: BLE001 - bytes from outside: whatever the library finds wrong with them
@@ -83,19 +83,19 @@ def parse_datagram(datagram: bytes, *, timestamp: float = 0.0) -> can.Message | 
 
 
 class UdpMulticastBus(PythonCanUdpMulticastBus):
-    """One node on this machine's group. What cannot be used is raised as `UnusableReceptionError`."""
+    """A node in this machine's multicast group. It raises `UnusableReceptionError` for unusable datagrams."""
 
     def __init__(self, channel: str = PythonCanUdpMulticastBus.DEFAULT_GROUP_IPv6, **options: Any) -> None:
         """Join the group at the multicast address `channel`.
 
         Args:
             channel: an IPv4 or IPv6 multicast address.
-            options: of python-can's backend; it takes part in CAN FD always, the caller separates the formats.
+            options: of python-can's backend. The backend always takes CAN FD frames; the caller separates the formats.
         """
         try:
             super().__init__(channel, **(options | {"fd": True}))
         except BaseException:
-            # There is nothing to close, and python-can would complain of that later.
+            # There is nothing to close, but python-can would warn later that the bus was not shut down.
             can.BusABC.shutdown(self)
             raise
         sock = self._multicast._socket
@@ -134,13 +134,13 @@ class UdpMulticastBus(PythonCanUdpMulticastBus):
         message = parse_datagram(datagram, timestamp=timestamp)
         if isinstance(message, Rejection):
             raise UnusableReceptionError(message)
-        # The port does not identify a node: all on this machine share it.
+        # The port does not identify a node, since all nodes on this machine share it.
         if self._is_echo(datagram):
             raise UnusableReceptionError(Rejection.OWN)
         return message, False
 
     def _is_echo(self, datagram: bytes) -> bool:
-        """Whether this node sent the datagram and has not heard it before; forgets it then."""
+        """Return whether this node sent the datagram and has not received it back before; if so, forget it."""
         with self._lock:
             try:
                 self._echoes.remove(datagram)

@@ -1,4 +1,4 @@
-"""What all faults have in common: when they act and on which frames, and the bus around a bus where they do."""
+"""The common part of all faults: when they act, on which frames, and the bus that applies them to another bus."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Sequence
@@ -14,7 +14,7 @@ from contract.config.rules import NonNegative, Rule, Settings, require
 T = TypeVar("T", int, float)
 
 NowNs = Callable[[], int]
-"""The time in ns since the start of the run: a simulated bus's time, or a monotonic clock's less what it began with."""
+"""Returns the time in ns since the start of the run, by a simulated bus or by a monotonic clock."""
 
 Probability = Annotated[T, Rule(wording="in [0, 1]", holds=lambda value: 0 <= value <= 1)]
 
@@ -25,7 +25,7 @@ Receive = Callable[[], list[Frame]]
 
 
 class WrappedBus:
-    """Passes everything on to the bus beneath."""
+    """A bus that passes all calls on to another bus."""
 
     def __init__(self, beneath: Bus) -> None:
         self._bus = beneath
@@ -39,14 +39,14 @@ class WrappedBus:
         return self._bus.receive_all()
 
     def health(self) -> BusHealth:
-        """The health of the CAN controller beneath; healthy if the bus does not know it."""
+        """Return the health of the CAN controller of `beneath`; healthy if that bus does not report it."""
         health: Callable[[], BusHealth] | None = getattr(self._bus, "health", None)
         return HEALTHY if health is None else health()
 
 
 class FrameArrivals:
-    """Tells when frames arrived: at their time stamp, if that lies between the node's last two looks at the bus, as it
-    does where stamps and looks have one clock; otherwise at the look that found them. Never before the frame ahead.
+    """Arrival times of frames. A frame arrives at its time stamp if that lies between the node's last two looks at the
+    bus, as it does if both use one clock; otherwise at the look that found it. No frame arrives before an earlier one.
     """
 
     def __init__(self) -> None:
@@ -54,11 +54,11 @@ class FrameArrivals:
         self._latest_ns = 0
 
     def of(self, frames: Iterable[Frame], now_ns: int) -> list[tuple[int, Frame]]:
-        """The frames found now, each with the time of its arrival."""
+        """Return the frames found now, each with the time of its arrival."""
         arrived: list[tuple[int, Frame]] = []
         for frame in frames:
             stamp_ns = frame.timestamp_ns
-            # The bus returns the oldest first, whatever their stamps are.
+            # The bus returns the oldest frame first, whatever its stamp is.
             self._latest_ns = max(self._latest_ns, stamp_ns if self._looked_ns <= stamp_ns <= now_ns else now_ns)
             arrived.append((self._latest_ns, frame))
         self._looked_ns = now_ns
@@ -67,7 +67,7 @@ class FrameArrivals:
 
 @dataclass(frozen=True, kw_only=True)
 class Span(Settings, section="span"):
-    """A span from start_s until before end_s of the clock; raises ConfigError for a parameter out of its bounds."""
+    """A time span from `start_s` until before `end_s`. Raises ConfigError for a parameter out of its bounds."""
 
     start_s: NonNegative[float] = 0.0
     end_s: float = inf
@@ -77,33 +77,33 @@ class Span(Settings, section="span"):
         require(self.end_s >= self.start_s, self, "end_s", f"start_s = {self.start_s!r} or later")
 
     def is_active(self, now_ns: int) -> bool:
-        """Whether the fault acts at this time."""
+        """Return whether the fault acts at this time."""
         return round(self.start_s * NS) <= now_ns and (self.end_s == inf or now_ns < round(self.end_s * NS))
 
 
 @dataclass(frozen=True, kw_only=True)
 class Instant(Span, section="instant"):
-    """What happens once, at start_s; its text ends in @TIME."""
+    """An event that happens once, at `start_s`; its text ends in @TIME."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class BusFault(Span, ABC, section="fault"):
-    """What acts in a span on one port."""
+    """A fault that acts on one port for a time span."""
 
     @abstractmethod
     def acting(self, port: "Injector") -> tuple[Send, Receive]:
-        """How the port sends and receives with this fault, from its power-on; `port.acted` is to be counted."""
+        """Return how the port sends and receives with this fault from power-on; both count in `port.acted`."""
 
 
 class Injector(WrappedBus):
-    """A port with one fault. `acted` counts how often the fault did something; each fault defines what it counts."""
+    """A port with one fault. `acted` counts the fault's effects; each fault states what it counts."""
 
     def __init__(self, bus: Bus, fault: "BusFault", clock: NowNs, random: Random) -> None:
         """Put a fault around a bus.
 
         Args:
-            clock: the time in ns that the fault's span refers to.
-            random: all of the fault's draws come from it; no one else may use it.
+            clock: returns the time in ns that the fault's span refers to.
+            random: source of all random numbers of the fault; nothing else may use it.
         """
         super().__init__(bus)
         self.beneath, self.clock, self.random = bus, clock, random
@@ -112,7 +112,7 @@ class Injector(WrappedBus):
         self._send, self._receive = fault.acting(self)
 
     def arrived(self, now_ns: int) -> list[tuple[int, Frame]]:
-        """What the bus beneath received since the last look, each frame with the time of its arrival."""
+        """Return the frames that the bus beneath received since the last call, each with the time of its arrival."""
         return self._arrivals.of(self.beneath.receive_all(), now_ns)
 
     def send(self, frame: Frame) -> None:
@@ -129,10 +129,10 @@ class FrameFault(BusFault, section="frame_fault"):
     """A fault of single frames."""
 
     frame_ids: tuple[int, ...] = ()
-    """Identifiers of the frames that it concerns; empty for all."""
+    """Identifiers of the frames that the fault concerns; empty for all frames."""
 
     def concerns(self, frame: Frame) -> bool:
-        """Whether the fault is meant for this frame."""
+        """Return whether the fault concerns this frame."""
         return not self.frame_ids or frame.frame_id in self.frame_ids
 
 
@@ -141,15 +141,15 @@ class SidedFault(FrameFault, section="sided_fault"):
     """A fault of single frames on one side of the port."""
 
     at: Literal["send", "receive"] = "send"
-    """What the node sends, and so all the others get, or what this node alone receives."""
+    """Side of the fault: frames that this node sends, for all receivers, or frames that this node receives."""
 
     @abstractmethod
     def change(self, random: Random) -> Change:
-        """What a frame turns into; all draws come from `random`."""
+        """Return a function from a frame to the frames that replace it; all random numbers come from `random`."""
 
     def acting(self, port: Injector) -> tuple[Send, Receive]:
-        """See `BusFault.acting`: frames of the one side that were sent or arrived in the span turn into others. `acted`
-        counts those that came out otherwise than they went in."""
+        """See `BusFault.acting`: replaces the frames of one side that are sent or arrive in the span. `acted` counts
+        the frames that were changed, lost or copied."""
         change = self.change(port.random)
 
         def changed(frame: Frame, t_ns: int) -> list[Frame]:
@@ -170,8 +170,7 @@ class SidedFault(FrameFault, section="sided_fault"):
 
 
 class FaultyBus(WrappedBus):
-    """A port with faults; made by `wrap`. `injectors` has one for each fault, in the order of the faults; read `acted`
-    there."""
+    """A port with faults, built by `wrap`. `injectors` has one for each fault, in the faults' order."""
 
     def __init__(self, bus: Bus, injectors: Sequence[Injector]) -> None:
         super().__init__(injectors[-1] if injectors else bus)
@@ -179,14 +178,14 @@ class FaultyBus(WrappedBus):
 
 
 def wrap(bus: Bus, faults: Sequence[BusFault], clock: NowNs, *, seed: int = 0, first: int = 0) -> FaultyBus:
-    """The port with these faults around it.
+    """Return the port with these faults around it.
 
     Args:
-        faults: from the wire to the node: a received frame meets the first one first, a sent frame the last one.
-        clock: the time in ns that the faults' spans refer to.
-        seed: same faults, frames, times and seed: same outcome. Each fault draws from a generator of its own, so that
-            the draws of one do not depend on what another does.
-        first: place of the first fault, where others stand before it that were wrapped before.
+        faults: ordered from the bus to the node: a received frame meets the first fault first, a sent frame the last.
+        clock: returns the time in ns that the faults' spans refer to.
+        seed: equal faults, frames, times and seed give equal results. Each fault has a random generator of its own, so
+            that its draws do not depend on the other faults.
+        first: index of the first fault, if other faults were wrapped before.
     """
     injectors: list[Injector] = []
     for place, fault in enumerate(faults, first):

@@ -1,7 +1,7 @@
-"""Faults of single frames: lost, doubled, late, out of order, with other data, or with wrong bits on the wire.
+"""Faults of single frames: lost, duplicated, late, out of order, with changed data, or with wrong bits on the bus.
 
-CAN's own CRC does not see changed data: that happens before the sender's CAN controller or behind the receiver's. It
-finds errors on the wire, and the frame is sent again: they cost time and raise the error counters up to bus-off.
+CAN's own CRC does not detect changed data, which change before the sender's CAN controller or after the receiver's. It
+detects wrong bits on the bus; the repetition of the frame takes time and raises the error counters, up to bus-off.
 """
 
 import heapq
@@ -23,7 +23,7 @@ from contract.errors import BusError
 
 @dataclass(frozen=True, kw_only=True)
 class Drop(SidedFault, section="drop"):
-    """Each frame is lost with the same probability, whatever became of the others. `acted` counts the lost."""
+    """Each frame is lost with the same probability, independently of the others. `acted` counts the lost frames."""
 
     probability: Probability[float]
 
@@ -34,17 +34,17 @@ class Drop(SidedFault, section="drop"):
 
 @dataclass(frozen=True, kw_only=True)
 class BurstLoss(SidedFault, section="burst_loss"):
-    """Frames are lost in bursts of geometrically distributed length. `acted` counts the lost.
+    """Frames are lost in bursts of geometrically distributed length. `acted` counts the lost frames.
 
-    A Markov chain of two states, good and bad; a frame in the bad state is lost, one in the good state is not (Gilbert,
+    A Markov chain has two states: a frame in the bad state is lost, a frame in the good state is not (Gilbert,
     "Capacity of a burst-noise channel", Bell System Technical Journal 39 (1960), with Elliott's (1963) error
-    probabilities of 0 and 1). The chain moves on with each frame and begins in its stationary distribution.
+    probabilities of 0 and 1). The chain makes a step with each frame and starts in its stationary distribution.
     """
 
     loss: Fraction[float]
-    """Share of the frames that are lost in the long run."""
+    """Long-term share of lost frames."""
     mean_burst: Annotated[float, at_least(1)]
-    """Mean number of frames lost in a row."""
+    """Mean number of consecutive lost frames."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -54,17 +54,17 @@ class BurstLoss(SidedFault, section="burst_loss"):
 
     @property
     def to_good(self) -> float:
-        """Probability that a lost frame is the last one of its burst."""
+        """Probability that a lost frame is the last of its burst."""
         return 1.0 / self.mean_burst
 
     @property
     def to_bad(self) -> float:
-        """Probability that a burst begins behind a frame that passed."""
+        """Probability that a burst begins after a frame that was not lost."""
         return self.to_good * self.loss / (1.0 - self.loss)
 
     def change(self, random: Random) -> Change:
         """See `SidedFault.change`."""
-        # A frame before the first was lost with the share of the lost: the stationary distribution, which stays.
+        # The chain starts in its stationary distribution: the frame before the first was lost with probability `loss`.
         bad = random.random() < self.loss
 
         def change(frame: Frame) -> list[Frame]:
@@ -77,15 +77,15 @@ class BurstLoss(SidedFault, section="burst_loss"):
 
 @dataclass(frozen=True, kw_only=True)
 class Duplicate(SidedFault, section="duplicate"):
-    """Copies follow a frame directly, time stamp included. `acted` counts the frames that were copied.
+    """Copies follow a frame directly, with its time stamp. `acted` counts the frames that were copied.
 
-    On CAN itself: a sender that sees an error in the last bit of the end of frame repeats what the receivers, which
-    accepted it one bit earlier, have already (ISO 11898-1, message validation).
+    This happens on CAN itself: if a sender sees an error in the last bit of the end of frame, it repeats the frame,
+    which the receivers accepted one bit earlier (ISO 11898-1, message validation).
     """
 
     probability: Probability[float] = 1.0
     copies: AtLeastOne[int] = 1
-    """Copies of each frame, without the frame itself."""
+    """Number of copies of each frame, without the frame itself."""
 
     def change(self, random: Random) -> Change:
         """See `SidedFault.change`."""
@@ -94,21 +94,21 @@ class Duplicate(SidedFault, section="duplicate"):
 
 @dataclass(frozen=True, kw_only=True)
 class Delay(FrameFault, section="delay"):
-    """Frames wait in a queue, in their order, and are received once their time has come. `acted` counts the late.
+    """Frames wait in a queue, in their order, until their delay has passed. `acted` counts the late frames.
 
-    The delay counts from the arrival (`can_bridge.bus.faults.fault.Arrivals`).
+    The delay counts from the arrival (`can_bridge.bus.faults.fault.FrameArrivals`).
     """
 
     delay_s: NonNegative[float]
-    """The least delay."""
+    """Smallest delay in s."""
     jitter_s: NonNegative[float] = 0.0
-    """The most that is added, uniformly distributed."""
+    """Largest additional delay in s, uniformly distributed."""
     restamp: bool = True
-    """The frame waits ahead of where its time stamp is made, as in a gateway, so that the stamp is late, too.
-    Otherwise it waits behind it, in a queue of the receiver, and the stamp shows it."""
+    """The frame waits before it is time-stamped, as in a gateway, so that the stamp is late, too. Otherwise it waits
+    after it is stamped, in a queue of the receiver, and the stamp shows the delay."""
 
     def acting(self, port: Injector) -> tuple[Send, Receive]:
-        """See `Fault.acting`: what is due is received, in the order of the times at which it became so."""
+        """See `BusFault.acting`: frames whose delay has passed are received, ordered by the time at which it did."""
         waiting: list[tuple[int, int, Frame]] = []  # due time, serial number
         serial, last_due_ns = count(), 0
 
@@ -120,7 +120,7 @@ class Delay(FrameFault, section="delay"):
                 if self.concerns(frame):
                     if self.is_active(arrived_ns):
                         due_ns += round((self.delay_s + port.random.random() * self.jitter_s) * NS)
-                    # A queue: no frame overtakes another, the frames after the fault's end included.
+                    # In a queue no frame overtakes another one; that includes frames after the fault's end.
                     due_ns = last_due_ns = max(due_ns, last_due_ns)
                 port.acted += due_ns > arrived_ns
                 stamp_ns = frame.timestamp_ns + (due_ns - arrived_ns if self.restamp else 0)
@@ -135,15 +135,15 @@ class Delay(FrameFault, section="delay"):
 
 @dataclass(frozen=True, kw_only=True)
 class Reorder(FrameFault, section="reorder"):
-    """So many frames are kept and then received together in a random order. `acted` counts those out of place.
+    """Groups of `window` frames are held back, then received in a random order. `acted` counts those out of place.
 
-    No frame moves by `window` places or more. What is kept when the span ends is received at the next look.
+    No frame moves by `window` places or more. Frames held back when the span ends are received at the next look.
     """
 
     window: Annotated[int, at_least(1)] = 2
 
     def acting(self, port: Injector) -> tuple[Send, Receive]:
-        """See `Fault.acting`: whole windows are received, shuffled; frames that it does not concern at once."""
+        """See `BusFault.acting`: complete groups are received, shuffled; frames that it does not concern never wait."""
         kept: list[Frame] = []
 
         def shuffled() -> list[Frame]:
@@ -176,19 +176,19 @@ _SPECS: Final = {spec.frame_id: spec for spec in SPECS}
 
 @dataclass(frozen=True, kw_only=True)
 class FlipBits(SidedFault, section="flip_bits"):
-    """Bits of the data change. `acted` counts the frames that were changed."""
+    """Bits of the data are inverted. `acted` counts the changed frames."""
 
     probability: Probability[float] = 1.0
-    """How many bits of a frame flip."""
+    """Probability that a frame is changed."""
     bits: AtLeastOne[int] = 1
-    """Different bits that change in one frame; all, if it has fewer."""
+    """Number of different bits that are inverted in one frame; all bits, if the frame has fewer."""
     before_crc: bool = False
-    """The bits change in the sender's memory before it protects the message, so that the end-to-end CRC fits what is
-    wrong; frames that are not ours pass as they are. Otherwise they change behind it: in a driver, a gateway or the
-    receiver's memory."""
+    """The bits change in the sender's memory before it protects the message, so that the end-to-end CRC fits the wrong
+    data; frames that are not stillwake's stay unchanged. Otherwise the bits change after the protection: in a driver, a
+    gateway or the receiver's memory."""
 
     def change(self, random: Random) -> Change:
-        """See `SidedFault.change`; with `before_crc`, passing on an authenticated frame raises BusError."""
+        """See `SidedFault.change`. With `before_crc`, an authenticated frame raises BusError."""
         return lambda frame: [self._flipped(frame, random) if random.random() < self.probability else frame]
 
     def _flipped(self, frame: Frame, random: Random) -> Frame:
@@ -205,15 +205,15 @@ class FlipBits(SidedFault, section="flip_bits"):
 
 @dataclass(frozen=True, kw_only=True)
 class StuckAt(SidedFault, section="stuck_at"):
-    """A node sends the data of the first frame in the span for ever, by identifier. `acted` counts the changed."""
+    """A node repeats its first frame's data in the span, for each identifier. `acted` counts the changed frames."""
 
     counter_runs: bool = False
-    """Counter and CRC go on, as when the application is stuck and the communication stack below it is not; frames that
-    are not ours pass as they are. Otherwise the whole frame is the same to the bit, as when a buffer is not refilled.
-    """
+    """Counter and CRC continue, as if the application were stuck and the communication stack below it were not; frames
+    that are not stillwake's stay unchanged. Otherwise the data stay equal bit for bit, as in a buffer that is not
+    refilled."""
 
     def change(self, random: Random) -> Change:
-        """See `SidedFault.change`; with `counter_runs`, passing on an authenticated frame raises BusError."""
+        """See `SidedFault.change`. With `counter_runs`, an authenticated frame raises BusError."""
         first: dict[tuple[bool, int], bytes] = {}
 
         def change(frame: Frame) -> list[Frame]:
@@ -227,8 +227,8 @@ class StuckAt(SidedFault, section="stuck_at"):
 
 
 def _spec_of(frame: Frame) -> MessageSpec | None:
-    """The message that a frame carries; None if it is none of ours. Raises BusError for an authenticated one, which
-    only the holder of the key could make again."""
+    """Return the specification of a frame's message; None if it is not stillwake's. Raises BusError for an
+    authenticated frame, because its MAC could not be recomputed without the key."""
     spec = _SPECS.get(frame.frame_id)
     if spec is None or not spec.names(frame) or len(frame.data) != spec.length:
         return None
@@ -238,12 +238,12 @@ def _spec_of(frame: Frame) -> MessageSpec | None:
 
 
 def payload_bits(spec: MessageSpec) -> range:
-    """The bits that the header leaves to the message, the least significant bit of a byte first."""
+    """Return the message's bits after the header; bits count from the least significant bit of a byte."""
     return range(profile_of(spec).header_bits, 8 * spec.protected)
 
 
 def _reprotected(frame: Frame, data: bytes, spec: MessageSpec) -> Frame:
-    """The frame with other data and a CRC that fits; the counter stays."""
+    """Return the frame with other data, its counter and a valid CRC."""
     profile = profile_of(spec)
     protected = profile.protect(data, data_id=spec.data_id, counter=profile.counter_of(frame.data))
     return replace(frame, data=protected)
@@ -254,19 +254,19 @@ _INTERMISSION: Final = 3
 
 @dataclass(frozen=True, kw_only=True)
 class WireErrors(Span, section="wire_errors"):
-    """Each bit is wrong with the same probability, independent of the others; the first one in a frame counts."""
+    """Each bit is wrong with the same probability, independently of the others; a frame's first wrong bit counts."""
 
     bit_error_rate: Probability[float]
-    """CAN FD's bits are shorter at the data rate and as likely to be wrong as the others."""
+    """Probability that a bit is wrong. CAN FD's shorter bits at the data rate have the same probability."""
     nodes: tuple[str, ...] = ()
-    """Names of the ports at which the bits are wrong; empty for all. `corrupts` asks with the sender's and is heard by
-    all nodes, `mishears` with a receiver's and is seen by this one alone."""
+    """Names of the ports at which the bits are wrong; empty for all. In `corrupts` it is the sender's port, and all
+    nodes see the error; in `mishears` it is a receiver's port, and only this receiver sees the error."""
     frame_ids: tuple[int, ...] = ()
-    """Identifiers of the frames that it concerns; empty for all."""
+    """Identifiers of the frames that the fault concerns; empty for all frames."""
 
     def hook(self, seed: int) -> Callable[[Frame, str, int], int | None]:
-        """A function for `corrupts` or `mishears` of a `can_bridge.bus.simulated.SimulatedBus`; each needs one of its
-        own."""
+        """Return a function for `corrupts` or `mishears` of a `can_bridge.bus.simulated.SimulatedBus`, to be used
+        once."""
         random = Random(f"{seed} {self.section}")
         rate = self.bit_error_rate
 
@@ -275,7 +275,7 @@ class WireErrors(Span, section="wire_errors"):
                 return None
             if rate == 0.0 or not self.is_active(begin_ns):
                 return None
-            # The place of the first success among independent trials is geometric; by inversion of a uniform draw.
+            # The index of the first success in independent trials is geometric, computed by inverting a uniform draw.
             draw = random.random()
             place = 0 if rate == 1.0 else int(log1p(-draw) / log1p(-rate))
             return place if place < sum(frame_bits(frame)) - _INTERMISSION else None

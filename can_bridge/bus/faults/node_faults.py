@@ -1,4 +1,4 @@
-"""A node without its bus or that does not keep up with it, clocks that run apart, a node that sends without end."""
+"""Faults of whole nodes: no bus, too slow a consumer, a clock that drifts, frames sent without end."""
 
 from collections import deque
 from dataclasses import dataclass, replace
@@ -10,22 +10,22 @@ from contract.config.rules import AtLeastOne, Finite, NonNegative, Positive, Rul
 from contract.errors import BusError
 
 MOST_BABBLED: Final = 1000
-"""Frames in one call: more than the deepest transmit queue here takes, and a bound on what a long pause leads to."""
+"""Largest number of frames in one call: more than a simulated port's transmit queue takes. It bounds a long pause."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Disconnect(BusFault, section="disconnect"):
     """The node sends and receives nothing. `acted` counts the frames lost in both directions.
 
-    What would have arrived in the span never comes; what a device that is gone had received before comes after it.
+    Frames that would have arrived in the span are lost. Those that a `device_gone` node had received come after it.
     """
 
     kind: Literal["open_wire", "device_gone"] = "open_wire"
-    """An open wire is silence: sending succeeds as far as the node can see. A device that is gone, such as an adapter
-    pulled out, makes every call raise BusError."""
+    """"open_wire": the bus is silent, and sending succeeds as far as the node can see. "device_gone", for example an
+    unplugged adapter: every call raises BusError."""
 
     def acting(self, port: Injector) -> tuple[Send, Receive]:
-        """See `BusFault.acting`; both raise BusError while the device is gone."""
+        """See `BusFault.acting`. Both functions raise BusError while the device is gone."""
         kept: list[Frame] = []
 
         def send(frame: Frame) -> None:
@@ -38,7 +38,7 @@ class Disconnect(BusFault, section="disconnect"):
 
         def receive() -> list[Frame]:
             now_ns = port.clock()
-            # The bus goes on without the node: what it would have received must not come later.
+            # Other nodes still use the bus. Frames that arrive during the fault must not be received later.
             for arrived_ns, frame in port.arrived(now_ns):
                 if self.is_active(arrived_ns):
                     port.acted += 1
@@ -57,13 +57,13 @@ class Disconnect(BusFault, section="disconnect"):
 class SlowConsumer(BusFault, section="slow_consumer"):
     """The node takes few frames at a time from a short queue. `acted` counts the frames lost to a full queue.
 
-    A full queue keeps what it has and loses the newest, as python-can's buses and CAN controllers in FIFO mode do. When
-    the span ends, all that is left is received at once.
+    A full queue loses the newest frame, as python-can's buses and CAN controllers in FIFO mode do. When the span ends,
+    all frames in the queue are received at once.
     """
 
     frames_per_call: AtLeastOne[int] = 1
     queue: AtLeastOne[int] = 16
-    """Frames that it holds."""
+    """Largest number of frames in the queue."""
 
     def acting(self, port: Injector) -> tuple[Send, Receive]:
         """See `BusFault.acting`: the oldest frames of the queue are received."""
@@ -85,21 +85,21 @@ class SlowConsumer(BusFault, section="slow_consumer"):
 
 @dataclass(frozen=True, kw_only=True)
 class ClockDrift(BusFault, section="clock_drift"):
-    """A clock that runs fast or slow, or is wrong by a constant; right again when the span ends, with a jump.
+    """A clock that runs fast or slow, or has a constant offset. At the span's end it jumps back to the true time.
 
-    As a fault of a bus it stamps what the node receives. A whole node whose clock drifts also reads its time through
-    `local_ns`. With only one of the two, stamps and time disagree, as where an adapter stamps by a clock of its own.
-    `acted` counts the frames with another stamp.
+    As a fault of a bus, the clock stamps the frames that the node receives. A node whose own clock drifts also reads
+    its time through `local_ns`. With only one of the two, stamps and time disagree, as with an adapter that has a clock
+    of its own. `acted` counts the frames with a changed stamp.
     """
 
     ppm: Annotated[float, Rule(wording="above -10^6", holds=lambda value: value > -1e6)] = 0.0
-    """Parts per million by which it is fast. A crystal is within some 100; CAN's resynchronisation bears 15,800 at
-    most (Bosch, CAN specification 2.0, oscillator tolerance)."""
+    """Drift in parts per million; positive if the clock is fast. A crystal has at most about 100; CAN's
+    resynchronisation tolerates at most 15,800 (Bosch, CAN specification 2.0, oscillator tolerance)."""
     offset_s: Finite[float] = 0.0
-    """The time by which it is ahead at the start of the span."""
+    """Time in s by which the clock is ahead at the start of the span."""
 
     def acting(self, port: Injector) -> tuple[Send, Receive]:
-        """See `BusFault.acting`: frames get stamps of the drifting clock; their own are taken for the true time."""
+        """See `BusFault.acting`: received frames get stamps of the drifting clock; their own count as the true time."""
 
         def receive() -> list[Frame]:
             received = port.beneath.receive_all()
@@ -110,7 +110,7 @@ class ClockDrift(BusFault, section="clock_drift"):
         return port.beneath.send, receive
 
     def local_ns(self, true_ns: int) -> int:
-        """What the clock shows at this time; never below zero."""
+        """Return the clock's time at a true time; never negative."""
         if not self.is_active(true_ns):
             return true_ns
         gained_ns = round(self.offset_s * NS + (true_ns - self.start_s * NS) * self.ppm / 1e6)
@@ -119,19 +119,19 @@ class ClockDrift(BusFault, section="clock_drift"):
 
 @dataclass(frozen=True, kw_only=True)
 class Babble(BusFault, section="babble"):
-    """The node sends frames of random content in addition to its own. `acted` counts those that the bus took.
+    """The node sends additional frames with random content. `acted` counts those that the bus took.
 
-    They are handed over at the node's next call, ahead of its own frame, as many as the rate makes due since the call
-    before, until the bus takes no more: what does not fit into the transmit queue is not sent later. A node that does
-    nothing but babble is a port of its own, which has to be called often.
+    The node's next call sends, before its own frame, the number of frames that the rate makes due since the previous
+    call, until the bus takes no more. Frames that do not fit into the transmit queue are not sent later. A node that
+    only babbles needs a port of its own, which has to be called often.
     """
 
     frame_id: NonNegative[int] = 0
-    """0 wins every arbitration."""
+    """Identifier of the additional frames; 0 wins every arbitration."""
     length: NonNegative[int] = 8
     is_fd: bool = False
     rate_hz: Positive[float] = 5000.0
-    """Frames a second; the default is more than 500 kbit/s carry of classic frames of 8 bytes (4,504 at most)."""
+    """Additional frames per s. The default exceeds what 500 kbit/s carry: 4,504 classic frames of 8 bytes at most."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -140,7 +140,7 @@ class Babble(BusFault, section="babble"):
         require(self.length in lengths, self, "length", f"one of {', '.join(map(str, lengths))}")
 
     def acting(self, port: Injector) -> tuple[Send, Receive]:
-        """See `BusFault.acting`: each call sends first what is due."""
+        """See `BusFault.acting`: each call first sends the frames that are due."""
         since_ns, due = round(self.start_s * NS), 0.0
 
         def babble() -> None:

@@ -5,8 +5,8 @@
     drop:probability=1,frame_ids=0x120+0x130
     disconnect
 
-A fault is called by its section, and its parameters by their fields. A parameter that is called as its fault is may
-stand alone: reynolds=700.
+A fault's name is its section; its parameters' names are its fields. A parameter with its fault's name may be given
+without the fault: reynolds=700.
 """
 
 from collections.abc import Mapping
@@ -37,19 +37,20 @@ BUS_FAULTS: Final[dict[str, type[BusFault]]] = {
         ClockDrift,
     )
 }
-"""Every fault of a port, by the name that texts use."""
+"""All faults of a port, by the name that texts use."""
 
 _SPAN: Final = ("start_s", "end_s")
 
 
 def parse_fault(text: str) -> BusFault:
-    """The fault that a text describes. Raises ConfigError naming the text, and what is not known, missing, of another
-    type or out of its bounds."""
+    """Return the fault that a text describes. Raises ConfigError with the text and the part that is unknown, missing,
+    of another type or out of its bounds."""
     return parse_described(text, BUS_FAULTS, "fault")
 
 
 def parse_described(text: str, kinds: Mapping[str, type[S]], noun: str) -> S:
-    """The one of these kinds that a text describes; errors as of `parse_fault`, which call it by this noun."""
+    """Return the value that a text describes, of one of these kinds. Raises ConfigError as `parse_fault` does; `noun`
+    names the kinds in its message."""
     described = f"{noun} {text!r}"
     head, at, span = text.partition("@")
     name, colon, parameters = head.partition(":")
@@ -76,7 +77,7 @@ def parse_described(text: str, kinds: Mapping[str, type[S]], noun: str) -> S:
 
 
 def text_of(described: Span) -> str:
-    """The shortest text that `parse_described` reads as this value."""
+    """Return the shortest text that `parse_described` reads as this value."""
     parts = []
     for field in fields(described):
         value = getattr(described, field.name)
@@ -108,7 +109,7 @@ def _span(text: str, described: str, kind: type[Span]) -> tuple[float, float]:
 
 
 def _value(text: str, hint: Any) -> Any:
-    """Raises ValueError if the text is not of the type."""
+    """Convert a parameter's text to its type. Raises ValueError if it has another type."""
     if get_origin(hint) is tuple:
         return tuple(_value(part, get_args(hint)[0]) for part in text.split("+"))
     if get_origin(hint) is Literal:

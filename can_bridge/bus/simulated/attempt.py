@@ -1,7 +1,7 @@
-"""What becomes of one attempt to send a frame: through, unacknowledged, collided or destroyed, and what it counts for.
+"""The result of one attempt to send a frame (sent, unacknowledged, collided or destroyed), and what it counts for.
 
-Pure: who sends what, and what is seen wrong, goes in; one verdict for each node and the bits it takes come out. The
-rules are those of `can_bridge.bus.simulated.fault_confinement`.
+The functions are pure: from the senders and the wrong bits they compute a verdict for each node and the bits that the
+attempt takes. The rules are in `can_bridge.bus.simulated.fault_confinement`.
 """
 
 from collections.abc import Mapping, Sequence
@@ -15,32 +15,32 @@ from can_bridge.wire.frame_bits import SentBits, is_arbitration_bit, is_arbitrat
 
 INTERMISSION: Final = 3
 AFTER_ACKNOWLEDGE: Final = 8
-"""Acknowledge delimiter and end of frame."""
+"""Bits of acknowledge delimiter and end of frame."""
 FLAG: Final = 6
-"""Bits of an error flag."""
+"""Number of bits of an error flag."""
 ERROR_FLAGS: Final = 12
-"""Bits of a flag and of those that answer it: they begin when it has broken the rule of stuff bits, at worst after its
-sixth bit. Every error but a missing acknowledgement is charged this much."""
+"""Bits of an error flag and of the flags that answer it. The answers begin when the flag has broken the rule of stuff
+bits, at worst after its sixth bit. Every error but a missing acknowledgement is charged this number."""
 DELIMITER: Final = 8
 
 T = TypeVar("T")
 
 
 class AttemptVerdict(Enum):
-    """What an attempt is to one node."""
+    """The result of an attempt for one node."""
 
     SENT = auto()
     HEARD = auto()
     TRANSMIT_ERROR = auto()
     UNACKNOWLEDGED = auto()
     ARBITRATION_STUFF = auto()
-    """Its own stuff bit was overruled: an error that counts for no node."""
+    """The sender's own stuff bit was overwritten: an error that no node counts."""
     RECEIVE_ERROR = auto()
     SIGNALLED_FIRST = auto()
-    """A receive error that the others did not see before its flag."""
+    """A receive error that the other nodes did not see before this node's error flag."""
 
     def applied(self, faults: FaultConfinement) -> FaultConfinement:
-        """The counters after it."""
+        """Return the counters after the attempt."""
         match self:
             case AttemptVerdict.SENT:
                 return faults.transmitted()
@@ -58,7 +58,7 @@ class AttemptVerdict(Enum):
 
     @property
     def is_senders(self) -> bool:
-        """Whether the node was transmitter: an error-passive one waits longer before its next frame."""
+        """Whether the node was transmitter: an error-passive transmitter waits longer before its next frame."""
         return self not in (AttemptVerdict.HEARD, AttemptVerdict.RECEIVE_ERROR, AttemptVerdict.SIGNALLED_FIRST)
 
 
@@ -73,11 +73,11 @@ class Sender(NamedTuple, Generic[T]):
 
 @dataclass(frozen=True, kw_only=True)
 class AttemptOutcome(Generic[T]):
-    """The end of an attempt.
+    """The outcome of an attempt.
 
     Attributes:
-        frame: for those with the verdict HEARD; None if it did not get to its end.
-        used: bits at the nominal and the data bit rate until it is decided: the end of frame, or the error.
+        frame: for the nodes with the verdict HEARD; None if the frame did not reach its end.
+        used: bits at the nominal and at the data bit rate until the end of frame or the error.
         rest: nominal bits from there until the bus is free.
     """
 
@@ -94,13 +94,13 @@ def resolve(
     misheard: Mapping[T, int],
     disturbed: int | None,
 ) -> AttemptOutcome[T]:
-    """The outcome for nodes that send frames of equal priority at once, one as a rule.
+    """Return the outcome for nodes that send frames of equal priority at once; usually there is one sender.
 
     Args:
-        receivers: the other nodes that work, and whether they are error-passive.
-        misheard: receivers that alone see a bit wrong, and its position.
-        disturbed: the bit that all nodes see inverted. Positions count from the start of frame; one beyond the end of
-            frame is its last bit.
+        receivers: the other active nodes, and whether they are error-passive.
+        misheard: receivers that alone see a wrong bit, and the bit's position.
+        disturbed: position of the bit that all nodes see inverted. Positions count from the start of frame; a position
+            after the end of frame stands for the last bit.
     """
     verdicts: dict[T, AttemptVerdict] = {}
     senders, position = _collide(list(senders), verdicts)
@@ -110,7 +110,7 @@ def resolve(
     last = sum(bits.total) - INTERMISSION - 1
     slot = last - AFTER_ACKNOWLEDGE
     acknowledged = any(misheard.get(node, last + 1) > slot for node in receivers)
-    # The flag of an error-passive receiver is recessive: no other node notices.
+    # The flag of an error-passive receiver is recessive, so no other node notices it.
     loud = {node: min(at, last) for node, at in misheard.items() if not receivers[node]}
     earliest = min(loud.values(), default=last + 1)
     everywhere = last + 1 if disturbed is None else min(disturbed, last)
@@ -129,10 +129,10 @@ def resolve(
 
 
 def _collide(senders: list[Sender[T]], verdicts: dict[T, AttemptVerdict]) -> tuple[list[Sender[T]], int | None]:
-    """Those left when contents differ, and the bit at which they end in an error flag; None where they agree.
+    """Return the remaining senders, and the bit at which they end in an error flag, or None if their contents agree.
 
-    At the first difference a recessive bit meets a dominant one, and its sender has a bit error. If that node is
-    error-passive, its flag is recessive and the others go on.
+    At the first difference a recessive bit meets a dominant bit, and the sender of the recessive bit has a bit error.
+    If that node is error-passive, its flag is recessive and the other nodes continue.
     """
     while len({sender.bits.stuffed for sender in senders}) > 1:
         position = next(
@@ -155,7 +155,7 @@ def _undisturbed(
     deaf: Mapping[T, int],
     acknowledged: bool,
 ) -> AttemptOutcome[T]:
-    """No error flag on the way. Nodes that send do not acknowledge."""
+    """Return the outcome without an error flag. Nodes that send do not acknowledge."""
     nominal, fast = senders[0].bits.total
     for node in receivers:
         verdicts[node] = AttemptVerdict.RECEIVE_ERROR if node in deaf else AttemptVerdict.HEARD
@@ -179,11 +179,11 @@ def _disturbed(
     last: int,
     deaf: Mapping[T, int],
 ) -> AttemptOutcome[T]:
-    """All nodes see the bit at the position inverted."""
+    """Return the outcome if all nodes see the bit at `position` inverted."""
     frame, bits = senders[0].frame, senders[0].bits
     used = bits.through(position)
     if position == last:
-        # Receivers take the frame at the bit before. The sender sends it again, and they get it twice.
+        # Receivers accept the frame one bit earlier. The sender repeats it, and they receive it twice.
         outcome = _destroyed(senders, receivers, verdicts, AttemptVerdict.TRANSMIT_ERROR, used)
         heard = {node: AttemptVerdict.HEARD for node in receivers if node not in deaf}
         return replace(outcome, frame=frame, verdicts={**outcome.verdicts, **heard})
@@ -191,7 +191,7 @@ def _disturbed(
         if is_arbitration_stuff_bit(frame, position):
             return _destroyed(senders, receivers, verdicts, AttemptVerdict.ARBITRATION_STUFF, used)
         if is_arbitration_bit(frame, position):
-            # The sender takes it for lost arbitration, and is a receiver when the error shows.
+            # The sender believes that it lost arbitration, and is a receiver when the error is detected.
             return _destroyed(senders, receivers, verdicts, AttemptVerdict.RECEIVE_ERROR, used)
     return _destroyed(senders, receivers, verdicts, AttemptVerdict.TRANSMIT_ERROR, used)
 
@@ -203,7 +203,7 @@ def _destroyed(
     verdict: Literal[AttemptVerdict.TRANSMIT_ERROR, AttemptVerdict.ARBITRATION_STUFF, AttemptVerdict.RECEIVE_ERROR],
     used: tuple[int, int],
 ) -> AttemptOutcome[T]:
-    """An error that every node knows of in the end."""
+    """Return the outcome of an error that every node detects in the end."""
     by_node = (
         dict.fromkeys(receivers, AttemptVerdict.RECEIVE_ERROR) | {sender.node: verdict for sender in senders} | verdicts
     )

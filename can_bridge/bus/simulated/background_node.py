@@ -1,7 +1,7 @@
-"""Other nodes' traffic on the simulated bus: periodic messages with random contents, for ever.
+"""Other nodes' traffic on the simulated bus: periodic messages with random contents.
 
-Each message has a clock of its own, as if a node of its own sent it: its phase against the loop moves in the course of
-a run. With one clock for all, a run would meet one set of phases, lucky or not, again and again.
+Each message has a clock of its own, as if a node of its own sent it, so that its phase against the control loop changes
+during a run. With one clock for all messages, a run would repeat one set of phases, favourable or not.
 """
 
 from collections.abc import Iterable
@@ -16,20 +16,19 @@ from can_bridge.timing.periodic_message import PeriodicMessage
 from contract.errors import BusError
 
 DRIFT_PPM: Final = 200
-"""Between two quartz clocks of 100 ppm each."""
+"""Largest drift between two quartz clocks of 100 ppm each."""
 
 
 class BackgroundNode:
-    """Sends each message at its offset and then at every period of its clock, late by up to its jitter.
+    """Sender of each message at its offset and then once a period of its clock, late by at most its jitter.
 
     A frame that the bus does not take is lost; `SimulatedPort.refused` counts it.
 
     Args:
         bus: at the time from which the offsets count.
-        seed: of contents, jitter and clocks. Every message draws from a sequence of its own, so that adding one leaves
-            the others as they are.
-        drift_ppm: clocks are slow by 0 to so much against the bus's time. None is fast: no period is shorter than its
-            message has it, which the analysis of response times assumes.
+        seed: of contents, jitter and clocks. Each message has its own random sequence, independent of the others.
+        drift_ppm: clocks are slower than the bus's time by 0 to this drift. None is faster, because the response-time
+            analysis assumes that no period is shorter than stated.
     """
 
     def __init__(

@@ -1,6 +1,6 @@
-"""What a CAN controller makes of errors: its two counters and three states, as pure functions of a frozen value.
+"""A CAN controller's fault confinement: its two counters and three states, as pure functions of a frozen value.
 
-ISO 11898-1:2015, fault confinement; the rules are numbered as in the Bosch specification they come from (CAN
+The source is ISO 11898-1:2015, fault confinement. The rules have the numbers of the Bosch specification (CAN
 Specification 2.0, part B, chapter 8), which is free to read. Each function is one rule:
 
     1  `receive_error`         REC + 1   a receiver detects an error
@@ -25,13 +25,13 @@ PASSIVE_FROM: Final = 128
 OFF_FROM: Final = 256
 ERROR_STEP: Final = 8
 RECOVERY: Final = 128
-"""Sequences of `RECESSIVE_BITS` recessive bits that end bus-off."""
+"""Number of sequences of `RECESSIVE_BITS` recessive bits that end bus-off."""
 RECESSIVE_BITS: Final = 11
 
 _RECEIVE_LIMIT: Final = 255
-"""A register of eight bits; the standard leaves open how far above 127 it counts."""
+"""Largest receive error count, of an 8-bit register; the standard does not say how far above 127 it counts."""
 _AFTER_PASSIVE: Final = 127
-"""The standard lets a controller choose from 119 to 127."""
+"""Receive error count after a successful reception above 127; the standard allows 119 to 127."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,7 +40,7 @@ class FaultConfinement:
 
     Attributes:
         tx_errors, rx_errors: TEC and REC.
-        is_off: it went bus-off and has not recovered.
+        is_off: the controller went bus-off and has not recovered.
         times_off: how often it went bus-off since power-on.
     """
 
@@ -51,7 +51,7 @@ class FaultConfinement:
 
     @property
     def state(self) -> BusState:
-        """Rules 9 to 11."""
+        """The controller's state by rules 9 to 11."""
         if self.is_off:
             return BusState.BUS_OFF
         passive = max(self.tx_errors, self.rx_errors) >= PASSIVE_FROM
@@ -59,39 +59,38 @@ class FaultConfinement:
 
     @property
     def health(self) -> BusHealth:
-        """The health that the node's software reads."""
+        """The health as the node's software reads it."""
         return BusHealth(state=self.state, tx_errors=self.tx_errors, rx_errors=self.rx_errors, bus_off=self.times_off)
 
     def receive_error(self) -> "FaultConfinement":
-        """Rule 1."""
+        """Apply rule 1."""
         return replace(self, rx_errors=min(self.rx_errors + 1, _RECEIVE_LIMIT))
 
     def dominant_after_flag(self) -> "FaultConfinement":
-        """Rule 2: the others answered a flag that this receiver was the first to send, so the fault may be its own."""
+        """Apply rule 2: the other nodes answered a flag that this receiver sent first, so the fault may be its own."""
         return replace(self, rx_errors=min(self.rx_errors + ERROR_STEP, _RECEIVE_LIMIT))
 
     def transmit_error(self) -> "FaultConfinement":
-        """Rule 3. Its second exception does not count at all: a stuff bit in the identifier was sent recessive and seen
-        dominant."""
+        """Apply rule 3. Its second exception counts nothing: a recessive stuff bit of the identifier seen dominant."""
         counted = self.tx_errors + ERROR_STEP
         goes_off = counted >= OFF_FROM and not self.is_off
         return replace(self, tx_errors=counted, is_off=self.is_off or goes_off, times_off=self.times_off + goes_off)
 
     def unacknowledged(self) -> "FaultConfinement":
-        """Rule 3 with its first exception: no node acknowledged, and no dominant bit was seen during the passive flag.
-        An error-passive controller then does not count: one that is alone on the bus never goes bus-off."""
+        """Apply rule 3 with its first exception: no node acknowledged, and no dominant bit was seen during the passive
+        flag. An error-passive controller then does not count, so that a node alone on the bus never goes bus-off."""
         return self if self.state is BusState.ERROR_PASSIVE else self.transmit_error()
 
     def transmitted(self) -> "FaultConfinement":
-        """Rule 7."""
+        """Apply rule 7."""
         return replace(self, tx_errors=self.tx_errors - 1) if self.tx_errors else self
 
     def received(self) -> "FaultConfinement":
-        """Rule 8."""
+        """Apply rule 8."""
         if self.rx_errors >= PASSIVE_FROM:
             return replace(self, rx_errors=_AFTER_PASSIVE)
         return replace(self, rx_errors=self.rx_errors - 1) if self.rx_errors else self
 
     def recovered(self) -> "FaultConfinement":
-        """Rule 12."""
+        """Apply rule 12."""
         return FaultConfinement(times_off=self.times_off)

@@ -1,20 +1,20 @@
-"""A CAN bus in virtual time: arbitration, exact frame lengths, errors and fault confinement; no clock, no thread.
+"""A CAN bus in virtual time: arbitration, exact frame lengths, errors and fault confinement, without a clock or thread.
 
-Every node holds a port with a queue (`can_bridge.bus.simulated.port`) and a controller's error counters
-(`can_bridge.bus.simulated.fault_confinement`). When the bus is free, the heads of all queues that have one compete,
-and the smallest identifier wins. Its frame takes as long as its bits (`can_bridge.wire.frame_bits`), the intermission
-of three bits included. At the end of frame, before the intermission, the other nodes have it, stamped with that time,
-and the sender knows that it is out. A frame that is destroyed is sent again.
+Every node has a port with a queue (`can_bridge.bus.simulated.port`) and a controller's error counters
+(`can_bridge.bus.simulated.fault_confinement`). When the bus is free, the first frames of all queues compete, and the
+smallest identifier wins. Its frame takes the time of its bits (`can_bridge.wire.frame_bits`), including the
+intermission of three bits. At the end of frame, before the intermission, the other nodes receive it, stamped with that
+time, and the sender knows that it was sent. A destroyed frame is sent again.
 
-Two nodes that send the same identifier with the same content do not notice each other. With different content the one
-that sends a recessive bit first against a dominant one has a bit error.
+Two nodes that send the same identifier with the same content do not notice each other. With different content, the
+first node to send a recessive bit against a dominant bit has a bit error.
 
-Time passes in `advance_to` and `advance_until` only, and jumps from event to event. What begins at the bus's time waits
-for time to pass it: until then others can still send at that instant, and take part in the arbitration.
+Time passes only in `advance_to` and `advance_until`, and jumps from event to event. A frame that begins at the present
+time waits until time passes, because other nodes can still send at that instant and take part in the arbitration.
 
-Physical errors come from two functions of the caller, so that a seed decides them. Left out, since controllers of today
-do not need or show them: remote frames, overload frames, and the phase of a bit between nodes: all begin a frame in the
-same nanosecond. Faults of other kinds wrap a port, which is a `can_bridge.bus.interface.Bus`.
+Physical errors come from two functions of the caller, so that a seed determines them. Remote frames and overload frames
+are left out, because today's controllers do not need them, and so is the phase of a bit between nodes: all nodes begin
+a frame in the same nanosecond. Other faults wrap a port, which is a `can_bridge.bus.interface.Bus`.
 """
 
 import heapq
@@ -33,20 +33,20 @@ from can_bridge.wire.frame_bits import bits_ns, frame_ns, sent_bits
 from contract.config.vehicle import BusConfig
 
 Corrupts = Callable[[Frame, str, int], int | None]
-"""(frame, name of the sender or receiver, begin of the frame in ns) to the bit that is inverted, from 0, or None."""
+"""Function of frame, sender's or receiver's name, and start in ns; returns the inverted bit's index or None."""
 
 SUSPEND: Final = 8
-"""Bits that an error-passive node waits after a frame of its own before the next one. If another node begins one
-meanwhile, it waits for that one and no longer, which every frame and error frame exceeds."""
+"""Bits that an error-passive node waits after its own frame before its next frame. If another node begins a frame
+meanwhile, the node waits for the end of that frame and no longer, which always exceeds these bits."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Transmission:
-    """A frame that went over the bus.
+    """A frame that was sent over the bus.
 
     Attributes:
         frame: stamped with `end_ns`.
-        begin_ns, end_ns: of the attempt that succeeded, the intermission not included.
+        begin_ns, end_ns: of the successful attempt, without the intermission.
     """
 
     frame: Frame
@@ -58,13 +58,13 @@ class Transmission:
 
 @dataclass(frozen=True, kw_only=True)
 class BusActivity:
-    """What happened on the bus so far.
+    """Activity on the bus so far.
 
     Attributes:
-        frames: sent with success.
-        error_frames: attempts that were destroyed.
-        busy_ns: taken by both, intermissions included.
-        now_ns: the time they are counted over.
+        frames: number of frames sent successfully.
+        error_frames: number of destroyed attempts.
+        busy_ns: time taken by both, including intermissions.
+        now_ns: time over which they are counted.
     """
 
     frames: int
@@ -74,17 +74,17 @@ class BusActivity:
 
     @property
     def load(self) -> float:
-        """Share of the time in which the bus was not free, 0 to 1."""
+        """The share of time in which the bus was not free, 0 to 1."""
         return min(self.busy_ns / self.now_ns, 1.0) if self.now_ns else 0.0
 
 
 class _Attempt(NamedTuple):
-    """What is on the bus.
+    """The attempt on the bus.
 
     Attributes:
-        end_ns: when it is decided.
-        free_ns: when the bus is free again, and the next frame can begin.
-        items: what the senders had in their queues.
+        end_ns: time of its outcome.
+        free_ns: time at which the bus is free again and the next frame can begin.
+        items: the senders' entries in their queues.
     """
 
     begin_ns: int
@@ -95,15 +95,15 @@ class _Attempt(NamedTuple):
 
 
 class SimulatedBus:
-    """The wire between ports, at virtual time 0.
+    """A bus that connects ports, at virtual time 0.
 
     Args:
-        config: the bit rates; interface and channel are those of real and python-can's virtual buses.
-        capture: called with every frame that went over the bus, stamped with the end of frame, in the order of time.
-        observe: called with more about the same frames.
-        corrupts: what disturbs the bus for all nodes; called once an attempt with the sender's name. A position beyond
-            the frame is its last bit, which receivers do not look at any more: they keep the frame, and get it twice.
-        mishears: what a single receiver sees wrong; called once an attempt with each receiver's name.
+        config: the bit rates; interface and channel are for real and python-can's virtual buses.
+        capture: called with every frame sent over the bus, stamped with the end of frame, in the order of time.
+        observe: called with a `Transmission` for each of these frames.
+        corrupts: returns the bit that is wrong for all nodes; called once an attempt with the sender's name. A position
+            after the frame stands for its last bit, which receivers no longer check: they accept the frame twice.
+        mishears: returns the bit that a single receiver sees wrong; called once an attempt with each receiver's name.
     """
 
     def __init__(
@@ -139,9 +139,9 @@ class SimulatedBus:
         """Connect one more node.
 
         Args:
-            name: in messages, and for `corrupts` and `mishears`.
-            transmit_capacity, receive_capacity: frames that its queues hold.
-            restarts: whether it recovers from bus-off by itself; else after `SimulatedPort.restart`.
+            name: the node's name in messages, and for `corrupts` and `mishears`.
+            transmit_capacity, receive_capacity: largest number of frames in its queues.
+            restarts: whether the node recovers from bus-off by itself; otherwise it does after `SimulatedPort.restart`.
         """
         port = SimulatedPort(
             name or f"node {len(self._ports)}",
@@ -154,35 +154,35 @@ class SimulatedBus:
         return port
 
     def frame_ns(self, frame: Frame) -> int:
-        """How long this very frame occupies the bus, the intermission included."""
+        """Return how long this frame occupies the bus in ns, including the intermission."""
         return frame_ns(frame, nominal_bitrate=self._config.nominal_bitrate, data_bitrate=self._config.data_bitrate)
 
     def under_way(self, frame_id: int) -> int:
-        """Frames of this 11-bit identifier that were handed over and have not arrived."""
+        """Return the number of frames with this 11-bit identifier that were sent by a node and have not arrived."""
         return sum(port.queue.count(frame_id) for port in self._ports)
 
     def activity(self) -> BusActivity:
-        """So far; an attempt that is on the bus is not in it."""
+        """Return the activity so far, without an attempt that is on the bus."""
         return BusActivity(
             frames=self._frames, error_frames=self._error_frames, busy_ns=self._busy_ns, now_ns=self.now_ns
         )
 
     def call_at(self, at_ns: int, action: Callable[[], None]) -> None:
-        """Run `action` when the bus's time gets there, behind what arrives then and before arbitration. Raises
-        ValueError for a time before the bus's."""
+        """Run `action` when the bus's time reaches `at_ns`, after frames that arrive then and before arbitration.
+        Raises ValueError for a time in the past."""
         if at_ns < self.now_ns:
             raise ValueError(f"cannot call at {at_ns} ns: the bus is at {self.now_ns} ns already")
         self._serial += 1
         heapq.heappush(self._calls, (at_ns, self._serial, action))
 
     def advance_to(self, t_ns: int) -> None:
-        """Let time pass: everything due up to and including `t_ns` happens, but for frames that begin then. Raises
-        ValueError for a time before the bus's."""
+        """Advance the time to `t_ns` and handle all events up to and including then, except frames that begin then.
+        Raises ValueError for a time in the past."""
         self.advance_until(t_ns, lambda: False)
 
     def advance_until(self, t_ns: int, stop: Callable[[], bool]) -> bool:
-        """The same, but stop behind the first event after which `stop()` is true; whether it was. Raises ValueError for
-        a time before the bus's."""
+        """Advance as `advance_to` does, but stop after the first event after which `stop()` is true. Returns whether it
+        stopped so. Raises ValueError for a time in the past."""
         if t_ns < self.now_ns:
             raise ValueError(f"cannot advance to {t_ns} ns: the bus is at {self.now_ns} ns already")
         while (due := self._next_event()) is not None and due[0] <= t_ns:
@@ -200,11 +200,9 @@ class SimulatedBus:
         self.now_ns = t_ns
         return False
 
-    # Events.
-
     def _next_event(self) -> tuple[int, Callable[[], None] | None] | None:
-        """(time, what happens) of the earliest one, a frame that begins being None; at one time in this order: a frame
-        ends, a node recovers, a call, a frame begins."""
+        """Return time and action of the earliest event; the action is None for a frame that begins. Events of one time
+        have this order: a frame ends, a node recovers, a call, a frame begins."""
         events: list[tuple[int, Callable[[], None] | None]] = []
         if self._attempt is not None:
             events.append((self._attempt.end_ns, self._end))
@@ -229,7 +227,7 @@ class SimulatedBus:
         port.faults = port.faults.recovered()
 
     def _begin(self, at_ns: int) -> None:
-        """Arbitration among the nodes that are ready, and what becomes of the winner."""
+        """Hold arbitration among the nodes that are ready, and begin the winner's attempt."""
         ready = [port for port in self._ports if port.queue and port.ready_ns <= at_ns]
         wins = min(port.queue.head.priority for port in ready)
         items = {port: port.queue.head for port in ready if port.queue.head.priority == wins}
@@ -266,7 +264,7 @@ class SimulatedBus:
         return {port: position for port, position in answers.items() if position is not None}
 
     def _end(self) -> None:
-        """The outcome takes effect."""
+        """Apply the outcome of the attempt."""
         assert self._attempt is not None
         attempt, self._attempt = self._attempt, None
         self._free_ns = attempt.free_ns
@@ -277,7 +275,7 @@ class SimulatedBus:
         for port in self._ports:
             port.settle(attempt.end_ns)
             if port.recovery is not None:
-                # Every frame and error frame ends in one sequence of recessive bits.
+                # Every frame and error frame ends with one sequence of recessive bits.
                 port.recovery = Recovery(port.recovery.left - 1, attempt.free_ns)
 
     def _conclude(self, attempt: _Attempt, outcome: AttemptOutcome[SimulatedPort]) -> None:
@@ -292,7 +290,7 @@ class SimulatedBus:
         for port in sent:
             port.queue.remove(attempt.items[port])
         if sent and frame is not None:
-            # Nodes that sent the same frame at once put it on the bus once.
+            # If several nodes sent the same frame at once, it was on the bus once.
             self._frames += 1
             self._capture(frame)
             for port in sent:

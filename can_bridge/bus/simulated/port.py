@@ -1,4 +1,4 @@
-"""A node's connection to the simulated bus: its two queues, and its controller's counters."""
+"""A node's connection to the simulated bus: its two queues and its controller's error counters."""
 
 import heapq
 from collections import deque
@@ -12,7 +12,7 @@ from contract.errors import BusError
 
 
 class Queued(NamedTuple):
-    """A frame that waits. `serial` counts the queue's frames, so that equals keep their order."""
+    """A waiting frame. `serial` numbers the queue's frames, so that frames of equal priority keep their order."""
 
     priority: Priority
     serial: int
@@ -21,10 +21,10 @@ class Queued(NamedTuple):
 
 
 class TransmitQueue:
-    """Bounded; what a controller with many mailboxes or a sorted FIFO does.
+    """A queue of limited length, as in a controller with many mailboxes or a sorted FIFO.
 
-    No frame in it waits for one of lower priority behind which it was queued, which is what the analysis of response
-    times assumes. A frame stays until it has been sent: one of higher priority may come before its repetition.
+    No frame in it waits for an earlier frame of lower priority, which the response-time analysis assumes. A frame stays
+    until it has been sent, so a frame of higher priority may be sent before its repetition.
     """
 
     def __init__(self, capacity: int) -> None:
@@ -36,7 +36,7 @@ class TransmitQueue:
         return len(self._waiting)
 
     def put(self, frame: Frame, now_ns: int) -> bool:
-        """Add a frame; False if the queue is full and the frame is not in it."""
+        """Add a frame; return False if the queue is full and the frame was not added."""
         if len(self._waiting) >= self._capacity:
             return False
         self._serial += 1
@@ -45,11 +45,11 @@ class TransmitQueue:
 
     @property
     def head(self) -> Queued:
-        """What goes next; IndexError if nothing waits."""
+        """Return the next frame to send; raises IndexError if the queue is empty."""
         return self._waiting[0]
 
     def remove(self, sent: Queued) -> None:
-        """Take out a frame that was sent."""
+        """Remove a frame that was sent."""
         if self._waiting[0] is sent:
             heapq.heappop(self._waiting)
         else:
@@ -57,30 +57,30 @@ class TransmitQueue:
             heapq.heapify(self._waiting)
 
     def clear(self) -> int:
-        """Empty it, and return how many frames were in it."""
+        """Empty the queue; return how many frames were in it."""
         count = len(self._waiting)
         self._waiting.clear()
         return count
 
     def count(self, frame_id: int) -> int:
-        """Frames of an 11-bit identifier in it."""
+        """Return the number of frames with an 11-bit identifier."""
         return sum(item.frame.frame_id == frame_id and not item.frame.is_extended for item in self._waiting)
 
 
 class Recovery(NamedTuple):
-    """Sequences of eleven recessive bits still to come, counted from a time on."""
+    """Number of sequences of eleven recessive bits still missing, counted from a time."""
 
     left: int
     since_ns: int
 
 
 class SimulatedPort:
-    """One node's connection to a simulated bus; made by `SimulatedBus.port`.
+    """A node's connection to a simulated bus, created by `SimulatedBus.port`.
 
     Attributes:
-        refused: frames that the bus did not take, the queue being full or the node bus-off.
+        refused: frames that the bus did not take because the queue was full or the node bus-off.
         discarded: frames in the queue when the node went bus-off.
-        overruns: frames that came while the receive queue was full; the newest are lost.
+        overruns: frames lost because they arrived while the receive queue was full.
     """
 
     def __init__(
@@ -92,15 +92,14 @@ class SimulatedPort:
         self._restarts = restarts
         self._receive_capacity = receive_capacity
         self._received: deque[Frame] = deque()
-        # What follows belongs to the bus.
+        # Only the bus uses the following attributes.
         self.queue = TransmitQueue(transmit_capacity)
         self.faults = FaultConfinement()
         self.ready_ns = 0
         self.recovery: Recovery | None = None
 
     def send(self, frame: Frame) -> None:
-        """Queue one frame at the bus's time; its own timestamp does not count. Raises BusError if the node is bus-off,
-        or its queue is full."""
+        """Queue one frame at the bus's time, not at its timestamp. Raises BusError if bus-off or the queue is full."""
         if self.faults.is_off:
             self.refused += 1
             raise BusError(f"{self.name} is bus-off: frame {frame.frame_id:#x} was not sent")
@@ -115,7 +114,7 @@ class SimulatedPort:
             self.ready_ns = max(self.ready_ns, self._clock())
 
     def receive_all(self) -> list[Frame]:
-        """Everything that has arrived by the bus's time, in order of arrival."""
+        """Return all frames that have arrived by the bus's time, in the order of arrival."""
         frames = list(self._received)
         self._received.clear()
         return frames
@@ -125,19 +124,19 @@ class SimulatedPort:
         return self.faults.health
 
     def restart(self) -> None:
-        """Let a node that is bus-off wait for its recovery; without effect on others."""
+        """Let a node that is bus-off begin its recovery; no effect on other nodes."""
         if self.faults.is_off and self.recovery is None:
             self.recovery = Recovery(left=RECOVERY, since_ns=self._clock())
 
     def deliver(self, frame: Frame) -> None:
-        """Put a frame into this node's receive queue; the bus does so."""
+        """Put a frame into this node's receive queue; called by the bus."""
         if len(self._received) < self._receive_capacity:
             self._received.append(frame)
         else:
             self.overruns += 1
 
     def settle(self, now_ns: int) -> None:
-        """Go bus-off if a counter is at its limit; the bus asks after every error."""
+        """Empty the queue of a node that went bus-off, and begin its recovery; called by the bus after every error."""
         if self.faults.is_off and self.recovery is None:
             self.discarded += self.queue.clear()
             if self._restarts:

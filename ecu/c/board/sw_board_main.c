@@ -65,7 +65,7 @@ static int64_t serve(const sw_frame *frames, int count, int64_t now_ns)
 {
     sw_frame answers[SW_ISOTP_BURST];
     for (int i = 0; i < count; i++) {
-        if (sw_isotp_is_request(&frames[i])) talks_until_ns = now_ns + TALKS_NS;
+        if (sw_node_is_request(&frames[i])) talks_until_ns = now_ns + TALKS_NS;
     }
     const int sent = sw_node_service(&node, now_ns, frames, count, sw_board_can_room(), answers);
     for (int i = 0; i < sent; i++) sw_board_can_queue(&answers[i]);
@@ -89,7 +89,7 @@ static int control(int64_t now_ns, int count, sw_frame *answers)
     return sw_ecu_step(&ecu, now_ns, received, count, answers);
 }
 
-static int sw_isotp_is_request(const sw_frame *frame)
+static int sw_node_is_request(const sw_frame *frame)
 {
     (void)frame;
     return 0;
@@ -117,6 +117,9 @@ static const uint32_t ids[] = {
 #if SW_FUNCTIONAL
     SW_FUNCTIONAL_ID | OF_DIAGNOSIS,
 #endif
+#if SW_XCP
+    SW_XCP_COMMAND_ID | (SW_XCP_EXTENDED != 0 ? SW_BOARD_EXTENDED : 0u),
+#endif
 #endif
 };
 
@@ -136,7 +139,7 @@ static void drop_requests(sw_board_period *period, int first)
 {
     int kept = first;
     for (int i = first; i < period->count; i++) {
-        if (!sw_isotp_is_request(&received[i])) received[kept++] = received[i];
+        if (!sw_node_is_request(&received[i])) received[kept++] = received[i];
     }
     period->count = kept;
 }

@@ -16,7 +16,7 @@ static void close(sw_access *access, uint32_t place, int64_t now_ns)
 }
 
 /* Each level has a key of its own, so that an answer for one is none for another. */
-static void expected(uint8_t level, const uint8_t key[SW_AES_BYTES], const uint8_t seed[SW_SEED_BYTES],
+static void expected(uint8_t level, const uint8_t key[SW_AES_BYTES], const uint8_t *seed, uint32_t length,
                      uint8_t answer[SW_ANSWER_BYTES])
 {
     static const char label[] = LABEL;
@@ -25,8 +25,16 @@ static void expected(uint8_t level, const uint8_t key[SW_AES_BYTES], const uint8
     for (uint32_t i = 0; i < LABEL_BYTES; i++) text[i] = (uint8_t)label[i];
     text[LABEL_BYTES] = level;
     sw_aes_cmac(key, text, LABEL_BYTES + 1u, own);
-    sw_aes_cmac(own, seed, SW_SEED_BYTES, answer);
+    sw_aes_cmac(own, seed, length, answer);
 }
+
+#if SW_XCP
+void sw_access_answer(uint8_t level, const uint8_t key[SW_AES_BYTES], const uint8_t *seed, uint32_t length,
+                      uint8_t answer[SW_ANSWER_BYTES])
+{
+    expected(level, key, seed, length, answer);
+}
+#endif
 
 void sw_access_power_on(sw_access *access, const sw_store *store, int64_t now_ns)
 {
@@ -71,7 +79,7 @@ uint8_t sw_access_unlock(sw_access *access, sw_store *store, int64_t now_ns, uin
     /* A full sector is not left with the jets on: there is no attempt until they are shut. */
     if (!sw_store_has_room(store)) return SW_NRC_CONDITIONS_NOT_CORRECT;
     if (sw_store_keep_failed_attempts(store, level, count) != SW_STORE_DONE) return SW_NRC_PROGRAMMING_FAILURE;
-    expected(level, key, access->seed, right);
+    expected(level, key, access->seed, SW_SEED_BYTES, right);
     if (!sw_bytes_equal(right, answer, SW_ANSWER_BYTES)) {
         if (count < SW_ACCESS_ATTEMPTS) return SW_NRC_INVALID_KEY;
         close(access, place_of(level), now_ns);

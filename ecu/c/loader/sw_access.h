@@ -10,6 +10,7 @@
 #include <stdint.h>
 
 #include "sw_crypto.h"
+#include "sw_ecu_settings.h"
 #include "sw_store.h"
 #include "sw_uds_settings.h"
 
@@ -36,6 +37,12 @@ void sw_access_lock(sw_access *access);
 /* Writes a new seed, zeros if the level is unlocked already. Returns 0 or the SW_NRC_ of the refusal. */
 uint8_t sw_access_seed(sw_access *access, int64_t now_ns, uint8_t level, sw_random random, void *context,
                        uint8_t seed[SW_SEED_BYTES]);
+
+#if SW_XCP
+/* What unlocks a level after a seed of `length` bytes, with the key that the tool shares. */
+void sw_access_answer(uint8_t level, const uint8_t key[SW_AES_BYTES], const uint8_t *seed, uint32_t length,
+                      uint8_t answer[SW_ANSWER_BYTES]);
+#endif
 
 /* Unlocks the level whose seed was given last, if the answer is right. Returns 0 or the SW_NRC_ of the refusal. */
 uint8_t sw_access_unlock(sw_access *access, sw_store *store, int64_t now_ns, uint8_t level,

@@ -46,6 +46,9 @@ int sw_node_init(sw_node *node, const sw_equipment *equipment, const sw_flash *f
     sw_bytes_fill((uint8_t *)node, 0, sizeof *node);
     sw_isotp_init(&node->isotp, message);
     sw_services_init(&node->services, equipment, &node->store, &node->isotp, &node->ecu);
+#if SW_XCP
+    sw_xcp_init(&node->xcp, &node->services.calibrating, equipment->access_key, equipment->random, equipment->context);
+#endif
     sw_store_open(&node->store, flash, equipment->rules, opens);
     sw_store_boot(&node->store);
     sw_faults_open(&node->services.faults);
@@ -94,6 +97,9 @@ int sw_node_control(sw_node *node, int64_t now_ns, const sw_frame *frames_in, in
     if (has_release) {
         sw_calibrating_hand_over(&services->calibrating);
         sent = sw_ecu_step(ecu, now_ns, frames_in, count, frames_out);
+#if SW_XCP
+        sw_daq_sample(&node->xcp.daq, ecu, sw_mode_on_wire(ecu->state.fail_safe.mode));
+#endif
     } else {
         sent = shut_step(node, now_ns, frames_out);
     }
@@ -152,11 +158,28 @@ static void care_for_records(sw_node *node)
     }
 }
 
+#if SW_XCP
+/* The calibration tool's frames; a store that it asked for waits for what UDS works on, and for the memory. */
+static void hear_tool(sw_node *node, int64_t now_ns, const sw_frame *frames_in, int count)
+{
+    const int may_store = !sw_uds_is_busy(&node->services.uds) && !sw_store_is_erasing(&node->store);
+    if (node->ecu.numbers.release == NULL) return;
+    for (int i = 0; i < count; i++) {
+        if (sw_xcp_is_command(&frames_in[i])) sw_xcp_command(&node->xcp, now_ns, &frames_in[i]);
+    }
+    sw_xcp_look(&node->xcp, now_ns, may_store);
+}
+#endif
+
 static int sent_now(sw_node *node, int64_t time_ns, int room, sw_frame *frames_out)
 {
-    const int sent = sw_isotp_poll(&node->isotp, time_ns, room, frames_out);
-    node->is_sending = (uint8_t)(sent > 0);
+    int sent = sw_isotp_poll(&node->isotp, time_ns, room, frames_out);
     node->is_full = (uint8_t)(room < SW_ISOTP_BURST && sent == room);
+#if SW_XCP
+    const int places = (room < SW_ISOTP_BURST ? room : SW_ISOTP_BURST) - sent;
+    sent += sw_xcp_poll(&node->xcp, time_ns, places, &frames_out[sent]);
+#endif
+    node->is_sending = (uint8_t)(sent > 0);
     return sent;
 }
 
@@ -175,6 +198,9 @@ int sw_node_service(sw_node *node, int64_t now_ns, const sw_frame *frames_in, in
     const uint32_t requests = take_requests(node, time_ns, frames_in, looked_at);
     /* A request that begins long work has done its first piece; those that come amid it do none. */
     if (was_busy || requests == 0u || !sw_uds_is_busy(uds)) sw_uds_tick(uds, time_ns);
+#if SW_XCP
+    hear_tool(node, time_ns, frames_in, looked_at);
+#endif
     if (!was_busy && requests == 0u) care_for_records(node);
     return sent_now(node, time_ns, room, frames_out);
 }
@@ -193,7 +219,20 @@ int sw_node_is_busy(const sw_node *node)
 
 int sw_node_waits(const sw_node *node)
 {
-    return node->services.uds.wants_reset || (!node->is_sending && sw_uds_waits(&node->services.uds));
+    const sw_uds *uds = &node->services.uds;
+    int waits = sw_uds_waits(uds);
+#if SW_XCP
+    waits |= sw_xcp_is_sending(&node->xcp) && !sw_uds_is_busy(uds);
+#endif
+    return uds->wants_reset || (!node->is_sending && waits);
+}
+
+int sw_node_is_request(const sw_frame *frame)
+{
+#if SW_XCP
+    if (sw_xcp_is_command(frame)) return 1;
+#endif
+    return sw_isotp_is_request(frame);
 }
 
 int sw_node_wants_reset(const sw_node *node) { return node->services.uds.wants_reset && !node->is_full; }

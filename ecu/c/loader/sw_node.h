@@ -28,6 +28,7 @@
 #include "sw_isotp.h"
 #include "sw_services.h"
 #include "sw_store.h"
+#include "sw_xcp.h"
 
 #ifdef __cplusplus
 extern "C" {
@@ -39,6 +40,9 @@ typedef struct {
     sw_store store;
     sw_isotp isotp;
     sw_services services;
+#if SW_XCP
+    sw_xcp xcp;
+#endif
     uint32_t bundle_hash; /* of the release that was booted; 0 without one */
     uint8_t is_sending;
     uint8_t is_full;   /* whether more might be sent than there was room for */
@@ -66,6 +70,9 @@ int sw_node_control(sw_node *node, int64_t now_ns, const sw_frame *frames_in, in
                     sw_frame frames_out[SW_FRAMES_OUT]);
 int sw_node_service(sw_node *node, int64_t now_ns, const sw_frame *frames_in, int count, int room,
                     sw_frame frames_out[SW_ISOTP_BURST]);
+
+/* Whether a frame is for diagnosis: a tester's, or a calibration tool's. */
+int sw_node_is_request(const sw_frame *frame);
 
 /* Whether sw_node_service has something to do without another frame. */
 int sw_node_is_busy(const sw_node *node);

@@ -1,4 +1,6 @@
-/* Bytes and big-endian numbers in them, where there is no library; and an answer that is being written. */
+/* Bytes and numbers in them, where there is no library; big-endian unless the name says otherwise. And an answer that is
+ * being written.
+ */
 #ifndef SW_BYTES_H
 #define SW_BYTES_H
 
@@ -36,6 +38,11 @@ static inline void sw_put_big_u32(uint8_t *to, uint32_t value)
     for (uint32_t i = 0; i < 4u; i++) to[i] = (uint8_t)(value >> (24u - 8u * i));
 }
 
+static inline uint32_t sw_little_u32(const uint8_t *data)
+{
+    return data[0] | (uint32_t)data[1] << 8 | (uint32_t)data[2] << 16 | (uint32_t)data[3] << 24;
+}
+
 /* Bytes beyond its room are counted and not kept. */
 typedef struct {
     uint8_t *bytes;
@@ -58,6 +65,11 @@ static inline void sw_answer_bytes(sw_answer *answer, const uint8_t *bytes, uint
 static inline void sw_answer_number(sw_answer *answer, uint64_t value, uint32_t count)
 {
     for (uint32_t i = count; i > 0u; i--) sw_answer_byte(answer, (uint32_t)(value >> (8u * (i - 1u)) & 0xffu));
+}
+
+static inline void sw_answer_little_u32(sw_answer *answer, uint32_t value)
+{
+    for (uint32_t i = 0; i < 4u; i++) sw_answer_byte(answer, value >> (8u * i) & 0xffu);
 }
 
 static inline void sw_answer_text(sw_answer *answer, const char *text)

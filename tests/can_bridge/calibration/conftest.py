@@ -47,4 +47,4 @@ def access() -> AccessKey:
 @pytest.fixture
 def slave(segment, access) -> XcpSlave:
     seeds = count(1)
-    return XcpSlave(segment, access, lambda length: bytes([next(seeds)] * length))
+    return XcpSlave(segment, access, lambda length: bytes([next(seeds)] * length), period_ns=20_000_000)

@@ -8,11 +8,15 @@ import sys
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
 import pytest
 
 from can_bridge.calibration.a2l import a2l_text
+from can_bridge.calibration.daq import EVENT_NAME
+from can_bridge.calibration.measured import MEASURED_ADDRESS, MEASURED_BYTES, measured_bytes
 from can_bridge.calibration.segment import ADDRESS, Page
 from can_bridge.calibration.xcp import Command
+from can_bridge.wire.messages import Mode, Reason
 from contract.config.diagnosis import DiagnosisConfig
 from contract.config.vehicle import BusConfig
 from contract.controller.calibration import CALIBRATION_NAMES
@@ -20,7 +24,8 @@ from tests.can_bridge.calibration.conftest import LIMITS, REFERENCE, changed
 
 TOKEN = re.compile(r'"(?:[^"\\]|\\.)*"|/begin|/end|[^\s"]+')
 A2LTOOL = shutil.which("a2ltool") or shutil.which("a2ltool", path=str(Path(sys.executable).parent))
-DATA_TYPES = {"FLOAT32_IEEE": "<f", "ULONG": "<I"}
+DATA_TYPES = {"FLOAT32_IEEE": "<f", "ULONG": "<I", "UBYTE": "<B"}
+PERIOD_NS = 20_000_000
 
 
 class Block(NamedTuple):
@@ -62,7 +67,7 @@ def read(text: str) -> Block:
 
 @pytest.fixture
 def text(segment) -> str:
-    return a2l_text(segment, release='truck "wake"\\4.1\näöü', bus=BusConfig())
+    return a2l_text(segment, release='truck "wake"\\4.1\näöü', bus=BusConfig(), period_ns=PERIOD_NS)
 
 
 @pytest.fixture
@@ -94,8 +99,37 @@ def test_every_value_is_where_the_file_says_with_its_limits_and_unit(module):
         assert [float(word) for word in limits] == [least, greatest]
         expected = {"action_limit": '"U_inf W"', "command_step": '"U_inf W"', "delay_steps": '"control periods"'}
         assert units[conversion] == expected.get(name, '""')
-    groups = [name for block in module.all("GROUP") for name in block.one("REF_CHARACTERISTIC").words]
+    groups = [name for block in module.all("GROUP")[:-1] for name in block.one("REF_CHARACTERISTIC").words]
     assert groups == list(CALIBRATION_NAMES)
+
+
+def test_what_is_measured_is_where_the_file_says(module, slave):
+    values = changed(**{name: 0.5 + index for index, name in enumerate(CALIBRATION_NAMES[:7])}, delay_steps=5)
+    pressures = np.array([0.25, -0.5, 0.75, -1.0])
+    measured = measured_bytes(pressures, 0.0625, mode=Mode.CONTROL, reason=Reason.STALE, gated=48, calibration=values)
+    expected = [*pressures, 0.0625, Mode.CONTROL, Reason.STALE, 48, 0, *values.values]
+    blocks = module.all("MEASUREMENT")
+    assert module.all("GROUP")[-1].one("REF_MEASUREMENT").words == [block.words[0] for block in blocks]
+    end = MEASURED_ADDRESS
+    for block, value in zip(blocks, expected, strict=True):
+        form, address = DATA_TYPES[block.words[2]], int(block.after("ECU_ADDRESS"), 16)
+        assert address == end
+        end += struct.calcsize(form)
+        assert struct.unpack_from(form, measured, address - MEASURED_ADDRESS) == pytest.approx((value,))
+    assert end == MEASURED_ADDRESS + MEASURED_BYTES
+    words = {block.words[0]: block.words for block in module.all("COMPU_VTAB")}
+    for name, numbers in (("mode_words", Mode), ("reason_words", Reason)):
+        assert words[name][4:] == [word for item in numbers for word in (str(item.value), f'"{item.name}"')]
+    daq = module.one("IF_DATA").one("DAQ")
+    (event,) = daq.all("EVENT")
+    ask = lambda command: slave.command(0, bytes.fromhex(command))[0]  # noqa: E731
+    ask("FF00")
+    processor, resolution, found = ask("DA"), ask("D9"), ask("D7000000")
+    assert (daq.words[0], daq.words[2]) == ("DYNAMIC", str(processor[4])) and processor[1] & 1
+    assert daq.words[8] == str(resolution[2])
+    assert event.words[2:8] == ["0", "DAQ", *(str(found[i]) for i in (2, 4, 5, 6))]
+    assert found[4] * 10 ** found[5] == PERIOD_NS
+    assert event.words[0] == f'"{EVENT_NAME.decode()}"' and len(EVENT_NAME) == found[3]
 
 
 def test_the_segment_and_how_a_tool_reaches_it(module, slave, segment):
@@ -121,7 +155,7 @@ def test_the_segment_and_how_a_tool_reaches_it(module, slave, segment):
     for command in listed:
         assert slave.command(0, bytes([command]) + bytes(7)) != [b"\xfe\x20"]
     extended = DiagnosisConfig(xcp_command_id="0x18EF5AF1", xcp_response_id="0x00000120")
-    classic = a2l_text(segment, release="r", bus=BusConfig(frames="classic", diagnosis=extended))
+    classic = a2l_text(segment, release="r", bus=BusConfig(frames="classic", diagnosis=extended), period_ns=PERIOD_NS)
     can = read(classic).one("PROJECT").one("MODULE").one("IF_DATA").one("XCP_ON_CAN")
     assert can.blocks == []
     # Bit 31 marks 29 bits (part 3, table of XCP_ON_CAN).

@@ -2,63 +2,143 @@
 
 import logging
 import queue
+import re
 import struct
+from contextlib import contextmanager
 
 import can
+import numpy as np
 import pytest
 
+from can_bridge.calibration.a2l import a2l_text
+from can_bridge.calibration.measured import measured_bytes
 from can_bridge.calibration.segment import ADDRESS
 from can_bridge.flashing.access_level import Level
+from can_bridge.wire.messages import Mode, Reason
+from contract.config.vehicle import BusConfig
 from tests.can_bridge.calibration.conftest import REFERENCE
 from tests.can_bridge.uds.addresses import COMMAND_ID, XCP_RESPONSE_ID
 
 config = pytest.importorskip("pyxcp.config")
 masters = pytest.importorskip("pyxcp.master")
 types = pytest.importorskip("pyxcp.types")
+daq_stim = pytest.importorskip("pyxcp.daq_stim")
 checksum = pytest.importorskip("pyxcp.checksum")
 EFFORT = ADDRESS + 20
 
 
 class SlaveBus(can.BusABC):
-    """The slave behind python-can's interface."""
+    """What answers each command, behind python-can's interface; `put` is what comes unasked."""
 
-    def __init__(self, slave):
-        self._slave = slave
-        self._answers: queue.Queue[can.Message] = queue.Queue()
+    def __init__(self, answers):
+        self._answers = answers
+        self._queue: queue.Queue[can.Message] = queue.Queue()
         super().__init__(channel=0)
 
     def send(self, msg, timeout=None):
         assert msg.arbitration_id == COMMAND_ID
-        for answer in self._slave.command(0, bytes(msg.data)):
-            self._answers.put(can.Message(arbitration_id=XCP_RESPONSE_ID, data=answer, is_extended_id=False))
+        self.put(self._answers(bytes(msg.data)))
+
+    def put(self, packets):
+        for packet in packets:
+            self._queue.put(can.Message(arbitration_id=XCP_RESPONSE_ID, data=packet, is_extended_id=False))
 
     def _recv_internal(self, timeout):
         try:
-            return self._answers.get(timeout=timeout), False
+            return self._queue.get(timeout=timeout), False
         except queue.Empty:
             return None, False
 
 
-@pytest.fixture
-def master(slave, access):
+@contextmanager
+def connection(answers, access, measured=()):
+    """A master, the bus to the slave that answers so, and the values of each period of what is measured."""
     settings = {
         "Transport": {"CAN": {"can_id_master": COMMAND_ID, "can_id_slave": XCP_RESPONSE_ID, "interface": "virtual"}}
     }
     application = config.create_application_from_config(settings, log_level=logging.ERROR)
     application.general.seed_n_key_function = lambda resource, seed: access.answer(Level.CALIBRATION, seed)
-    bus = SlaveBus(slave)
-    master = masters.Master("can", config=application, transport_layer_interface=bus)
+    bus, policy = SlaveBus(answers), None
+    if measured:
+        policy = Periods(list(measured))
+    master = masters.Master("can", config=application, policy=policy, transport_layer_interface=bus)
     with master:
-        yield master
+        yield master, bus, policy
     bus.shutdown()
     config.reset_application()
+
+
+class Periods(daq_stim.DaqOnlinePolicy):  # type: ignore[name-defined,misc]
+    """Measures these values (name, address, extension, type); `rows` has those of each period."""
+
+    def __init__(self, measured):
+        daq_list = daq_stim.DaqList(
+            name="period",
+            event_num=0,
+            stim=False,
+            enable_timestamps=False,
+            measurements=measured,
+            priority=0,
+            prescaler=1,
+        )
+        super().__init__([daq_list], logger=logging.getLogger("pyxcp"))
+        self.pid_off = False
+        self.rows: queue.Queue[dict[str, float]] = queue.Queue()
+
+    def on_daq_list(self, daq_list, timestamp0, timestamp1, payload):
+        self.rows.put(dict(zip((name for name, *_ in self.daq_lists[0].headers), payload, strict=True)))
+
+
+def measurements(text):
+    """What the A2L file says is measured, as pyxcp wants it."""
+    types_of = {"FLOAT32_IEEE": "F32", "UBYTE": "U8", "ULONG": "U32"}
+    found = re.findall(r"/begin MEASUREMENT (\w+) \"[^\"]*\"\s+(\w+)[^/]*ECU_ADDRESS (\w+)", text)
+    return [(name, int(address, 16), 0, types_of[kind]) for name, kind, address in found]
+
+
+@pytest.fixture
+def master(slave, access):
+    with connection(lambda data: slave.command(0, data), access) as (master, _, _):
+        yield master
+
+
+def test_a_master_measures_all_that_the_file_names_in_each_period(slave, segment, access):
+    def period(number):
+        slave.daq.sample(
+            measured_bytes(
+                np.array([number, 0.25, -0.5, 0.75]),
+                0.0625,
+                mode=Mode.CONTROL,
+                reason=Reason.STALE,
+                gated=5,
+                calibration=REFERENCE,
+            )
+        )
+        slave.daq.look()
+        return slave.daq.packets(99)
+
+    text = a2l_text(segment, release="r", bus=BusConfig(), period_ns=20_000_000)
+    measured = measurements(text)
+    with connection(lambda data: slave.command(0, data), access, measured) as (master, bus, periods):
+        master.connect()
+        periods.setup()
+        periods.start()
+        assert master.getStatus().sessionStatus.daqRunning
+        for number in (1.0, 2.0):
+            bus.put(period(number))
+            row = periods.rows.get(timeout=10)
+            assert [row[name] for name, *_ in measured] == pytest.approx(
+                [number, 0.25, -0.5, 0.75, 0.0625, Mode.CONTROL, Reason.STALE, 5, 0, *REFERENCE.values]
+            )
+        periods.stop()
+        assert period(3.0) == []
 
 
 def test_a_master_connects_reads_writes_and_stores(master, slave, segment):
     found = master.connect()
     assert (found.maxCto, found.maxDto, found.commModeBasic.byteOrder) == (8, 8, types.ByteOrder.INTEL)
     assert master.slaveProperties.supportsCalpag
-    assert not master.slaveProperties.supportsDaq
+    assert master.slaveProperties.supportsDaq
     assert master.identifier(types.XcpGetIdType.FILENAME) == "stillwake"
     assert master.getStatus().resourceProtectionStatus.calpag
 

@@ -3,15 +3,18 @@
 import struct
 import zlib
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from can_bridge.calibration.measured import measured_bytes
 from can_bridge.calibration.segment import Segment
 from can_bridge.calibration.xcp import Command
 from can_bridge.calibration.xcp_slave import IDLE_NS, XcpSlave
 from can_bridge.flashing.access_level import Level
 from can_bridge.uds.security import AccessKey
+from can_bridge.wire.messages import Mode, Reason
 from tests.can_bridge.calibration.conftest import LIMITS, REFERENCE, changed
 from tests.can_bridge.flashing.store_ecu import KEY
 from tests.examples import examples
@@ -24,6 +27,7 @@ ONE = "F0 04 00 00 80 3F"
 ERRORS = {
     **{"SYNTAX": "FE 21", "RANGE": "FE 22", "PROTECTED": "FE 23", "DENIED": "FE 24", "LOCKED": "FE 25"},
     **{"NO_PAGE": "FE 26", "NO_MODE": "FE 27", "NO_SEGMENT": "FE 28", "SEQUENCE": "FE 29"},
+    **{"ACTIVE": "FE 11", "CONFIG": "FE 2A", "OVERFLOW": "FE 30"},
 }
 
 
@@ -79,7 +83,7 @@ def test_what_a_tool_reads(slave):
     talk(
         slave,
         f"""
-        CONNECT > FF 01 80 08 08 00 01 01
+        CONNECT > FF 05 80 08 08 00 01 01
         FB > FF 00 00 00 00 00 00 10
         FE > FF
         FD > -
@@ -204,6 +208,105 @@ def test_what_is_written(unlocked, segment):
     )
 
 
+LISTED = "D6 + D5 00 01 00 + D4 00 00 00 02"
+"""One list of two frames."""
+
+
+def test_a_list_is_allocated_and_written_in_order(slave):
+    talk(
+        slave,
+        f"""
+        CONNECT + DA > FF 01 00 00 01 00 00 00
+        D9 > FF 01 07 01 00 00 00 00
+        D7 00 00 00 > FF 44 01 0E C8 05 00
+        F5 07 > FF {b"control".hex(" ").upper()}
+        F5 07 > FF {b" period".hex(" ").upper()}
+        D7 00 01 00 > RANGE
+        D5 00 01 00 > SEQUENCE
+        D6 + D4 00 00 00 01 > SEQUENCE
+        D5 00 02 00 > OVERFLOW
+        D5 00 01 00 > FF
+        DA > FF 01 01 00 01 00 00 00
+        D3 00 00 00 00 01 > SEQUENCE
+        D4 00 01 00 01 > RANGE
+        D4 00 00 00 11 > OVERFLOW
+        D4 00 00 00 00 > RANGE
+        {LISTED} > FF
+        D5 00 01 00 > SEQUENCE
+        D3 00 00 00 02 01 > RANGE
+        D3 00 00 00 00 21 > OVERFLOW
+        D3 00 00 00 00 02 > FF
+        D3 00 00 00 00 01 > SEQUENCE
+        E1 FF 04 00 00 01 00 20 > SEQUENCE
+        E2 00 00 00 01 00 > RANGE
+        D3 00 00 00 01 01 > FF
+        E2 00 00 00 00 02 > RANGE
+        E2 00 00 00 00 00 > FF
+        E1 00 04 00 00 01 00 20 > RANGE
+        E1 FF 08 00 00 01 00 20 > RANGE
+        E1 FF 04 01 00 01 00 20 > RANGE
+        E1 FF 04 00 00 00 00 20 > DENIED
+        E1 FF 04 00 41 01 00 20 > DENIED
+        E1 FF 04 00 10 01 00 20 > FF
+        E1 FF 04 00 00 01 00 20 > CONFIG
+        E1 FF 01 00 14 01 00 20 > FF
+        E1 FF 01 00 14 01 00 20 > SEQUENCE
+        E0 02 00 00 00 00 01 00 > NO_MODE
+        E0 00 00 00 01 00 01 00 > RANGE
+        E0 00 00 00 00 00 02 00 > RANGE
+        E0 00 00 00 00 00 01 FF > FF
+        DE 03 00 00 > NO_MODE
+        DE 01 01 00 > RANGE
+        DD 03 > NO_MODE
+        DE 02 00 00 > FF 00
+        DF 00 00 00 > FF 01 00 00 00 00 01 00
+        DD 01 > FF
+        DF 00 00 00 > FF 40 00 00 00 00 01 00
+        FD > FF 40 01 00 00 00
+        E2 00 00 00 00 00 > ACTIVE
+        E1 FF 04 00 00 01 00 20 > ACTIVE
+        E0 00 00 00 00 00 01 00 > ACTIVE
+        DE 02 00 00 + DD 02 + FD > FF 00 01 00 00 00
+        DE 01 00 00 + CONNECT + FD > FF 00 01 00 00 00
+        D6 + D5 00 01 00 + DE 01 00 00 > CONFIG
+        """,
+    )
+
+
+def test_each_period_is_sent_whole_or_not_at_all(slave):
+    def period(number: int) -> bytes:
+        measured = measured_bytes(
+            np.array([0.5, -1.0, number, 2.0]), 0.05, mode=Mode.CONTROL, reason=Reason.NONE, gated=16,
+            calibration=REFERENCE,
+        )  # fmt: skip
+        slave.daq.sample(measured)
+        slave.daq.look()
+        return measured
+
+    ask(slave, CONNECT)
+    first = period(1)
+    # Without a list it is read.
+    assert ask(slave, "F4 07 00 00 0C 01 00 20") == b"\xff".hex().upper() + " " + first[12:19].hex(" ").upper()
+    assert ask(slave, "F4 01 00 00 44 01 00 20") == ERRORS["DENIED"]
+    assert len(first) == 0x44 and first[:8] == struct.pack("<2f", 0.5, -1.0)
+    # The third sensor's pressure; the mode and the weight of the mean drag.
+    ask(slave, *f"{LISTED} + D3 00 00 00 00 01 + D3 00 00 00 01 02 + E2 00 00 00 00 00".split(" + "))
+    ask(slave, "E1 FF 04 00 08 01 00 20", "E2 00 00 00 01 00", "E1 FF 01 00 14 01 00 20", "E1 FF 04 00 18 01 00 20")
+    assert ask(slave, "DE 01 00 00") == "FF 00" and slave.daq.packets(8) == []
+    second = [b"\0" + struct.pack("<f", 2), b"\1" + bytes([Mode.CONTROL]) + struct.pack("<f", 1.0)]
+    period(2)
+    assert slave.daq.packets(1) == second[:1]
+    period(3)
+    assert slave.daq.packets(8) == second[1:] and slave.daq.packets(8) == []
+    period(4)
+    assert slave.daq.packets(8) == [b"\0" + struct.pack("<f", 4), second[1]]
+    # A tool that only listens is not left alone, but locked.
+    assert slave.to_store(2 * IDLE_NS) is None and ask(slave, "FD", now_ns=2 * IDLE_NS) == "FF 40 01 00 00 00"
+    ask(slave, "DD 00", now_ns=2 * IDLE_NS)
+    period(5)
+    assert slave.daq.packets(8) == [] and ask(slave, "FD", now_ns=4 * IDLE_NS) == ""
+
+
 def test_pages(unlocked, segment):
     talk(unlocked, "EFFORT + ONE + EA 01 00 > FF 00 00 00\nEB 01 00 01 > FF")
     assert segment.take() is None
@@ -268,7 +371,7 @@ def test_a_request_to_store_means_the_values_of_its_moment_and_ends_with_its_con
 @pytest.mark.slow
 def test_whatever_comes_over_the_wire_nothing_is_raised_and_the_limits_hold(unlocks, packets):
     segment = Segment(REFERENCE, LIMITS)
-    slave = XcpSlave(segment, KEY, lambda length: b"\x07" * length)
+    slave = XcpSlave(segment, KEY, lambda length: b"\x07" * length, period_ns=20_000_000)
     ask(slave, CONNECT)
     if unlocks:
         unlock(slave, KEY)

@@ -1,6 +1,7 @@
 """Identifiers of diagnosis: their notation, and those that are refused, against the DBC as cantools reads it."""
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 from cantools.database import Database
@@ -12,6 +13,11 @@ from contract.config.loading import from_tree, load_config
 from contract.errors import ConfigError
 
 FIXED = {"request_id": "0x18DA5AF1", "response_id": "0x18DAF15A", "functional_id": "0x18DB33F1"}
+
+
+def ids(**given: Any) -> DiagnosisConfig:
+    """Settings of any kind of value."""
+    return DiagnosisConfig(**given)
 
 
 def test_digits_tell_the_lengths_apart_on_the_command_line_and_in_a_file(tmp_path):
@@ -52,10 +58,10 @@ def test_what_is_no_identifier_is_refused_in_one_line():
     for value in values:
         for name in ("request_id", "functional_id", "xcp_response_id"):
             with pytest.raises(ConfigError, match=rf"^bus\.diagnosis\.{name} = [^\n]+: {notation}[^\n]*$"):
-                DiagnosisConfig(**{name: value})
+                ids(**{name: value})
     for name in ("request_id", "response_id"):
         with pytest.raises(ConfigError, match=notation):
-            DiagnosisConfig(**{name: ""})
+            ids(**{name: ""})
     for tree in ({"request_id": 2.5}, {"request_id": True}, {"request_id": ["0x7E1"]}):
         with pytest.raises(ConfigError, match=r"^bus\.diagnosis\.request_id = .*: must be a whole number or text$"):
             from_tree({"bus": {"diagnosis": tree}})
@@ -69,7 +75,7 @@ def test_one_that_is_taken_is_refused():
         for name in ("request_id", "functional_id", "xcp_command_id"):
             wanted = rf"\.{name} = '0x{message.frame_id:03X}': must be another identifier than that of {message.name} "
             with pytest.raises(ConfigError, match=wanted):
-                DiagnosisConfig(**{name: message.frame_id})
+                ids(**{name: message.frame_id})
         # The same number with 29 bits is another identifier.
         DiagnosisConfig(request_id=f"0x{message.frame_id:08X}", response_id="0x18DAF15A")
     for given in (
@@ -80,7 +86,7 @@ def test_one_that_is_taken_is_refused():
         {**FIXED, "functional_id": "0x18DA5AF1"},
     ):
         with pytest.raises(ConfigError, match=r"must be another identifier than that of bus\.diagnosis\.\w+$"):
-            DiagnosisConfig(**given)
+            ids(**given)
     for given, name in (
         ({"request_id": "0x18DA5AF1"}, "response_id"),
         ({"functional_id": "0x18DB33F1"}, "functional_id"),
@@ -88,4 +94,4 @@ def test_one_that_is_taken_is_refused():
         ({"xcp_command_id": "0x00000700"}, "xcp_response_id"),
     ):
         with pytest.raises(ConfigError, match=rf"\.{name} = .*: must be as long as bus\.diagnosis\.\w+, (11|29) bits"):
-            DiagnosisConfig(**given)
+            ids(**given)

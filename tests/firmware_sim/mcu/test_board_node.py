@@ -17,7 +17,7 @@ from firmware_sim.mcu.board.board_ecu import BoardEcu
 from firmware_sim.mcu.board.flash_controller import FlashBank
 from firmware_sim.mcu.board.on_a_bus import LONGEST_UNSEEN_NS, read_bank, serve
 from tests.can_bridge.flashing.releases import keys
-from tests.can_bridge.uds.addresses import REQUEST_ID, RESPONSE_ID
+from tests.can_bridge.uds.addresses import COMMAND_ID, REQUEST_ID, RESPONSE_ID, XCP_RESPONSE_ID
 from tests.ecu.in_c.exported import CONFIG, WINDOW, Feed
 from tests.ecu.independent_tester import ADDRESSED, IndependentTester, converse, keeps_whole
 from tests.firmware_sim.mcu.board_node import TICK_NS, BoardLine, Built
@@ -61,7 +61,7 @@ def test_independent_clients_reach_it_under_identifiers_of_29_bits(release, prov
     assert BoardLine(board, config.bus).flash(built.image("two", 2)).end is End.CONFIRMED
     # The jets' period passes; of what is not asked for nothing enters the FIFO.
     room = board.board.can.room
-    for other in (0x7E0, 0x7D0, ids.request.number & 0x7FF):
+    for other in (0x7E0, 0x7D8, ids.request.number & 0x7FF):
         for is_extended in (False, True):
             board.board.can.receive(Frame(frame_id=other, data=bytes(8), is_extended=is_extended))
     board.board.can.receive(Frame(frame_id=ids.request.number ^ 1, data=bytes(8), is_extended=True))
@@ -99,6 +99,18 @@ def test_a_release_that_was_flashed_over_can_controls_as_on_the_host(built, fres
         assert commands[0].data == commands[1].data
         assert statuses[0].data != statuses[1].data
     assert again.trace.mode is Mode.CONTROL
+    # A calibration tool connects and reads the mode; an address that no memory has is refused.
+    packets = [
+        [
+            one.data
+            for one in again.advance(
+                again.board.counter.now_ns + TICK_NS, [Frame(frame_id=COMMAND_ID, data=bytes.fromhex(command))]
+            )
+            if one.frame_id == XCP_RESPONSE_ID
+        ]
+        for command in ("FF00", "F401000014010020", "F401000044010020")
+    ]
+    assert packets == [[bytes.fromhex("FF05800808000101")], [bytes([0xFF, Mode.CONTROL])], [b"\xfe\x24"]]
 
 
 @pytest.mark.proofs

@@ -44,6 +44,11 @@ PLANTED: Final = (
     ("sw_node.c", "if (was_busy || requests == 0u || !sw_uds_is_busy(uds)) sw_uds_tick", "sw_uds_tick"),
     ("sw_programming.c", "is_within(output->plan[k], most + SLACK)", "is_within(output->plan[k], FLT_MAX)"),
     ("sw_node.c", "SW_REASON_NO_RELEASE", "SW_REASON_INTERNAL"),
+    ("sw_xcp.c", "if (commands[i].is_protected && !xcp->access.is_unlocked) return SW_XCP_ERROR_ACCESS_LOCKED;", ""),
+    ("sw_xcp.c", "if (code == SW_XCP_ERROR_ACCESS_LOCKED) end(xcp);", ""),
+    ("sw_calibrating.c", "    calibrating->page = SW_PAGE_WORKING;\n", ""),
+    ("sw_daq.c", "measured->mode = mode;", "measured->mode = ecu->state.fail_safe.mode;"),
+    ("sw_daq.c", "beside(daq) + bytes > MOST_IN_ODT", "bytes > MOST_IN_ODT"),
 )  # fmt: skip
 """File, text that stands there once, and what stands there instead."""
 

@@ -13,6 +13,7 @@ from ecu.flashable.links import isotp_settings
 from tests.proofs.loader_in_c.node_plans import Plan, any_of, confirmations
 from tests.proofs.loader_in_c.node_requests import any_noise
 from tests.proofs.loader_in_c.node_twin import MS, Twins, World, as_in_c
+from tests.proofs.loader_in_c.xcp_tool import XcpTool
 
 _MOST_TICKS: Final = 1500
 """Without an answer, after which a tester goes on."""
@@ -49,6 +50,7 @@ class Program:
                 separation_code=0 if calm else rng.choice((0, 0, 1, 0xF3, 0x80, 0xFF)),
             )
         )
+        self._tool = XcpTool(self._ids, f"{seed} tool", is_fd=self._is_fd, share=0.0 if calm else 0.8)
         self._pace = rng.choice((1, 1, 1, 7))
         self._asks: bool | None = None
         self._seed: bytes | None = None
@@ -130,7 +132,9 @@ class Program:
             twins.control(self._asks)
         to_all, self._to_all = self._to_all, []
         frames = to_all + list(self._troubled(self._tester.poll(twins.now_ns)))
-        for frame in twins.service(frames):
+        heard = twins.service(frames + ([] if twins.is_void else self._tool.frames(twins.now_ns)))
+        self._tool.hear(heard)
+        for frame in heard:
             if rng.random() >= self._trouble / 4:
                 self._tester.receive(twins.now_ns, frame)
         step_ns = self._pace * rng.choice(_STEPS_NS)

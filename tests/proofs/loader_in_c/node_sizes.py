@@ -4,6 +4,7 @@ import io
 import re
 import subprocess
 from collections import defaultdict
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any, Final
@@ -28,22 +29,32 @@ _STACK: Final = re.compile(r"sp, (?:sp, )?#(0x[0-9a-f]+|\d+)$")
 
 
 def sizes(folder: Path) -> dict[str, Any]:
-    """`loader_flash_kib` and `loader_ram_kib`, `stack_b` with the functions it is of; by -Os."""
-    image = _linked(folder)
+    """`loader_flash_kib` and `loader_ram_kib` without XCP, `xcp_flash_kib` and `xcp_ram_kib` that it takes besides,
+    `stack_b` of both with the functions it is of; by -Os."""
+    flash, ram = _memory(_linked(folder, xcp=False))
+    image = _linked(folder, xcp=True)
+    more_flash, more_ram = _memory(image)
+    depth, chain = _deepest(image)
+    kib = {
+        "loader_flash_kib": flash, "loader_ram_kib": ram, "xcp_flash_kib": more_flash - flash,
+        "xcp_ram_kib": more_ram - ram,
+    }  # fmt: skip
+    return {name: round(size / 1024, 2) for name, size in kib.items()} | {"stack_b": depth, "stack_of": chain}
+
+
+def _memory(image: bytes) -> tuple[int, int]:
+    """Bytes of flash and of memory."""
     found = read_elf(image).sections
-    flash = sum(found.get(name, 0) for name in (".text", ".rodata", ".data", ".ARM.exidx"))
     elf: Any = ELFFile(io.BytesIO(image))
     table = next(iter(elf.iter_sections("SHT_SYMTAB")))
     ram = next(item["st_size"] for item in table.iter_symbols() if item.name == "loader_memory")
-    depth, chain = _deepest(image)
-    return {
-        "loader_flash_kib": round(flash / 1024, 2), "loader_ram_kib": round(ram / 1024, 2), "stack_b": depth,
-        "stack_of": chain,
-    }  # fmt: skip
+    return sum(found.get(name, 0) for name in (".text", ".rodata", ".data", ".ARM.exidx")), ram
 
 
-def _linked(folder: Path) -> bytes:
-    contents = sources(CONFIGS["fd"])
+def _linked(folder: Path, *, xcp: bool) -> bytes:
+    bus = CONFIGS["fd"].bus
+    config = replace(CONFIGS["fd"], bus=replace(bus, diagnosis=replace(bus.diagnosis, xcp=xcp)))
+    contents = sources(config)
     own = Path(__file__).with_name("c").joinpath("node_sizes.c").read_bytes()
     compiled = {name for name in loader_sources() if name.endswith(".c")}
     contents = {name: content for name, content in contents.items() if name.endswith(".h") or name in compiled}

@@ -50,12 +50,14 @@ class Slow:
     def control(self, periods: int) -> None:
         """So many, 20 ms apart, with pressures; looks in between."""
         for _ in range(periods):
-            message = Pressure(
-                pressure_pa=(30.0, 60.0, 90.0, 10.0), valid=(True,) * 4, enable_request=self.asks, age_ns=0
-            )
-            self.node.control(self.now_ns, [self._pressures.frame(self._emit(message), now_ns=self.now_ns)])
+            self.period()
             for _ in range(20):
                 self.look()
+
+    def period(self) -> list[Frame]:
+        """What the control sends in a period with pressures."""
+        message = Pressure(pressure_pa=(30.0, 60.0, 90.0, 10.0), valid=(True,) * 4, enable_request=self.asks, age_ns=0)
+        return self.node.control(self.now_ns, [self._pressures.frame(self._emit(message), now_ns=self.now_ns)])
 
     def ask(self, request: bytes) -> list[tuple[int, bytes]]:
         """Answers, with the looks that each took."""

@@ -216,6 +216,7 @@ def test_sanitisers_and_the_witness_find_nothing(requests: int, of: World, tmp_p
 def test_it_fits(tmp_path: Path) -> None:
     found = sizes(tmp_path)
     assert found["loader_flash_kib"] <= 48 and found["loader_ram_kib"] <= 8 and found["stack_b"] <= 2048, found
+    assert found["xcp_flash_kib"] <= 5 and found["xcp_ram_kib"] <= 0.5, found
 
 
 MEASURED = [f"sw_{name}.c" for name in ("access", "calibrating", "isotp", "node", "programming", "services", "uds")]

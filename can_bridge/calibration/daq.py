@@ -1,0 +1,256 @@
+"""Measurement by XCP (DAQ): one dynamic list, and one event, the end of a control period.
+
+A tool allocates the list's frames (ODTs) and their entries, writes where each entry lies, and starts the list. A period
+that ends before the frames of another one have left is left out, so that all frames of a period are of that period.
+"""
+
+from enum import IntEnum
+from typing import Final
+
+from can_bridge.calibration.measured import MEASURED_ADDRESS, MEASURED_BYTES
+from can_bridge.calibration.xcp import MAX_CTO, RESPONSE, Denied, Error
+
+MOST_ODTS: Final = 16
+"""Frames of a period: all of `can_bridge.calibration.measured` has place in them, one value in floating point each."""
+MOST_ENTRIES: Final = 32
+"""In all of them together."""
+MOST_IN_ODT: Final = MAX_CTO - 1
+"""Bytes of a frame behind its number."""
+EVENT_NAME: Final = b"control period"
+DYNAMIC: Final = 0x01
+"""Property of the processor: lists are allocated. Neither prescaler nor time stamps, and a frame begins with its
+number."""
+OF_DAQ: Final = 0x44
+"""Properties of the event: for measurement, and all frames of a list are of one moment."""
+_NO_BITS: Final = 0xFF
+_SELECTED, _RUNNING = 0x01, 0x40
+"""Bits of a list's mode."""
+
+
+def cycle_of(period_ns: int) -> tuple[int, int]:
+    """A period as one byte and the number of its unit, which is 1 ns and ten times as much with each number."""
+    for unit in range(10):
+        cycle = round(period_ns / 10**unit)
+        if cycle < 256:
+            return cycle, unit
+    return 255, 9
+
+
+class _Stage(IntEnum):
+    """How far the allocation has come: its commands have an order (ASAM MCD-1 XCP, part 2)."""
+
+    NOTHING = 0
+    FREED = 1
+    LISTS = 2
+    ODTS = 3
+    ENTRIES = 4
+
+
+class DaqLists:
+    """The list, and the latest control period. `period_ns` is that of the control.
+
+    `sample` may be called by another thread than the rest. A command takes a packet of the right length and returns the
+    answer, or raises Denied.
+    """
+
+    def __init__(self, period_ns: int) -> None:
+        self._cycle = cycle_of(period_ns)
+        self._measured = bytes(MEASURED_BYTES)
+        self._fresh: bytes | None = None
+        self.free()
+
+    def free(self) -> None:
+        """Stop, and forget the list: at the end of a connection."""
+        self.is_running = self._is_selected = False
+        self._stage = _Stage.NOTHING
+        self._lists = 0
+        self._odts: list[list[tuple[int, int]]] = []
+        self._used = 0
+        self._pointer: tuple[int, int] | None = None
+        self._left: list[int] = []
+
+    # The control period.
+
+    def sample(self, measured: bytes) -> None:
+        """Leave a control period, unless the frames of another one have not left yet."""
+        if not self._left and not (self.is_running and self._fresh is not None):
+            self._fresh = measured
+
+    def look(self) -> None:
+        """Take the control period that was left, if one was."""
+        fresh, self._fresh = self._fresh, None
+        if fresh is not None:
+            self._measured = fresh
+            self._left = list(range(len(self._odts))) if self.is_running else []
+
+    def packets(self, most: int) -> list[bytes]:
+        """The next frames, so many at most; one without an entry is passed over."""
+        found = list[bytes]()
+        while self._left and len(found) < most:
+            number = self._left.pop(0)
+            pieces = [self._measured[at : at + size] for at, size in self._odts[number] if size]
+            if pieces:
+                found.append(bytes([number]) + b"".join(pieces))
+        return found
+
+    def read(self, address: int, length: int) -> bytes | None:
+        """Bytes of the latest period; None for what lies outside."""
+        at = address - MEASURED_ADDRESS
+        return self._measured[at : at + length] if 0 <= at <= at + length <= MEASURED_BYTES else None
+
+    # The list.
+
+    def release(self, data: bytes) -> bytes:
+        """FREE_DAQ."""
+        self.free()
+        self._stage = _Stage.FREED
+        return _OK
+
+    def alloc_lists(self, data: bytes) -> bytes:
+        """ALLOC_DAQ."""
+        self._check_stage(_Stage.FREED, _Stage.LISTS)
+        count = _number(data, 2)
+        if count > 1:
+            raise Denied(Error.MEMORY_OVERFLOW)
+        self._stage, self._lists = _Stage.LISTS, count
+        return _OK
+
+    def alloc_odts(self, data: bytes) -> bytes:
+        """ALLOC_ODT."""
+        self._check_stage(_Stage.LISTS, _Stage.ODTS)
+        self._check_list(data, 2)
+        count = data[4]
+        if count == 0:
+            raise Denied(Error.OUT_OF_RANGE)
+        if count > MOST_ODTS:
+            raise Denied(Error.MEMORY_OVERFLOW)
+        self._stage, self._odts = _Stage.ODTS, [[] for _ in range(count)]
+        return _OK
+
+    def alloc_entries(self, data: bytes) -> bytes:
+        """ALLOC_ODT_ENTRY, once for each of the frames."""
+        self._check_stage(_Stage.ODTS, _Stage.ENTRIES)
+        self._check_list(data, 2)
+        odt, count = data[4], data[5]
+        if odt >= len(self._odts) or count == 0:
+            raise Denied(Error.OUT_OF_RANGE)
+        if self._odts[odt]:
+            raise Denied(Error.SEQUENCE)
+        if self._used + count > MOST_ENTRIES:
+            raise Denied(Error.MEMORY_OVERFLOW)
+        self._stage, self._odts[odt] = _Stage.ENTRIES, [(0, 0)] * count
+        self._used += count
+        return _OK
+
+    def set_pointer(self, data: bytes) -> bytes:
+        """SET_DAQ_PTR."""
+        self._check_idle()
+        self._check_list(data, 2)
+        odt, entry = data[4], data[5]
+        if odt >= len(self._odts) or entry >= len(self._odts[odt]):
+            raise Denied(Error.OUT_OF_RANGE)
+        self._pointer = odt, entry
+        return _OK
+
+    def write(self, data: bytes) -> bytes:
+        """WRITE_DAQ: the entry at the pointer, which moves on to the next one of the frame."""
+        self._check_idle()
+        if self._pointer is None or self._pointer[1] >= len(self._odts[self._pointer[0]]):
+            raise Denied(Error.SEQUENCE)
+        bits, size, extension = data[1:4]
+        if bits != _NO_BITS or not 0 < size <= MOST_IN_ODT or extension:
+            raise Denied(Error.OUT_OF_RANGE)
+        at = int.from_bytes(data[4:8], "little") - MEASURED_ADDRESS
+        if not 0 <= at <= at + size <= MEASURED_BYTES:
+            raise Denied(Error.ACCESS_DENIED)
+        odt, entry = self._pointer
+        entries = self._odts[odt]
+        if sum(other for _, other in entries) - entries[entry][1] + size > MOST_IN_ODT:
+            raise Denied(Error.DAQ_CONFIG)
+        entries[entry] = at, size
+        self._pointer = odt, entry + 1
+        return _OK
+
+    def set_mode(self, data: bytes) -> bytes:
+        """SET_DAQ_LIST_MODE; the priority is taken and not looked at."""
+        self._check_idle()
+        if data[1] != 0:
+            raise Denied(Error.MODE_NOT_VALID)
+        self._check_list(data, 2)
+        if _number(data, 4) != 0 or data[6] != 1:
+            raise Denied(Error.OUT_OF_RANGE)
+        return _OK
+
+    def mode(self, data: bytes) -> bytes:
+        """GET_DAQ_LIST_MODE."""
+        self._check_list(data, 2)
+        bits = (_SELECTED if self._is_selected else 0) | (_RUNNING if self.is_running else 0)
+        event, prescaler, priority = 0, 1, 0
+        return bytes([RESPONSE, bits, 0, 0, event, 0, prescaler, priority])
+
+    def start_stop(self, data: bytes) -> bytes:
+        """START_STOP_DAQ_LIST: stop, start, select."""
+        self._check_list(data, 2)
+        if data[1] > 2:
+            raise Denied(Error.MODE_NOT_VALID)
+        if data[1] == 0:
+            self._stop()
+        elif not self._odts:
+            raise Denied(Error.DAQ_CONFIG)
+        elif data[1] == 1:
+            self.is_running = True
+        else:
+            self._is_selected = True
+        return bytes([RESPONSE, 0])
+
+    def start_stop_selected(self, data: bytes) -> bytes:
+        """START_STOP_SYNCH: stop all, start those that are selected, stop these."""
+        if data[1] > 2:
+            raise Denied(Error.MODE_NOT_VALID)
+        if data[1] == 0 or (data[1] == 2 and self._is_selected):
+            self._stop()
+        elif data[1] == 1 and self._is_selected:
+            self.is_running = True
+        self._is_selected = False
+        return _OK
+
+    # What there is.
+
+    def processor_info(self, data: bytes) -> bytes:
+        """GET_DAQ_PROCESSOR_INFO."""
+        events = 1
+        return bytes([RESPONSE, DYNAMIC, self._lists, 0, events, 0, 0, 0])
+
+    def resolution_info(self, data: bytes) -> bytes:
+        """GET_DAQ_RESOLUTION_INFO."""
+        return bytes([RESPONSE, 1, MOST_IN_ODT, 1, 0, 0, 0, 0])
+
+    def event_info(self, data: bytes) -> bytes:
+        """GET_DAQ_EVENT_INFO; the event's name is fetched by UPLOAD."""
+        if _number(data, 2) != 0:
+            raise Denied(Error.OUT_OF_RANGE)
+        lists, priority = 1, 0
+        return bytes([RESPONSE, OF_DAQ, lists, len(EVENT_NAME), *self._cycle, priority])
+
+    def _stop(self) -> None:
+        self.is_running = False
+        self._left = []
+
+    def _check_stage(self, *stages: _Stage) -> None:
+        if self._stage not in stages:
+            raise Denied(Error.SEQUENCE)
+
+    def _check_idle(self) -> None:
+        if self.is_running:
+            raise Denied(Error.DAQ_ACTIVE)
+
+    def _check_list(self, data: bytes, at: int) -> None:
+        if _number(data, at) >= self._lists:
+            raise Denied(Error.OUT_OF_RANGE)
+
+
+_OK: Final = bytes([RESPONSE])
+
+
+def _number(data: bytes, at: int) -> int:
+    return int.from_bytes(data[at : at + 2], "little")
