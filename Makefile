@@ -5,8 +5,8 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt
 
-.PHONY: demo check fast test everything lint coverage pristine packages c retrain release full openfoam tables generated docs \
-	pictures clean
+.PHONY: demo check fast test everything lint coverage pristine packages c retrain release full openfoam prove tables \
+	generated docs pictures clean
 
 # Python keeps what it compiled, also where the environment forbids it: otherwise every process that a test starts would
 # compile the package again, and pytest rewrite every test file in every worker.
@@ -138,6 +138,10 @@ full: test docs
 openfoam: $(VENV)/dev.stamp
 	$(BIN)/python -m pytest -m openfoam
 	$(BIN)/python -m benchmarks full --only openfoam_loop
+
+# Machine proofs on the exported C, one solver at a time: a line and nothing else where there is no ESBMC.
+prove: $(VENV)/dev.stamp
+	$(BIN)/python -m benchmarks full --only proofs
 
 tables: $(VENV)/dev.stamp
 	$(BIN)/python -m benchmarks tables

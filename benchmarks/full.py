@@ -20,6 +20,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from fnmatch import fnmatch
 from functools import cache
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated, Any, Final, NoReturn
 
@@ -40,7 +41,7 @@ from export.to_c.library import sources_in as step_part
 RESULTS: Final = ROOT / "results"
 PLAN: Final = Path(__file__).with_suffix(".toml")
 RELEASE: Final = "release"
-_OF_ECU: Final = {"ecu": "", "store": "store", "loader": "loader", "board": "board"}
+_OF_ECU: Final = {"ecu": "", "secoc": "secoc", "store": "store", "loader": "loader", "board": "board"}
 """Folders of `ecu/c` by their names in the plan; all other names are folders of the control step."""
 _COMMENT: Final = re.compile(rb"/\*.*?\*/", re.DOTALL)
 
@@ -123,7 +124,7 @@ def main(
         return
     for number, one in enumerate(chosen, 1):
         head = f"{number}/{len(chosen)} {one.name}"
-        if one.needs and shutil.which(one.needs) is None:
+        if one.needs and shutil.which(one.needs) is None and find_spec(one.needs) is None:
             console.print(f"{head}: left out, there is no {one.needs}")
         elif resume and one.is_current() and made(one.file).get("version") == one.stamp()["version"]:
             console.print(f"{head}: there already")

@@ -21,7 +21,8 @@ from examples.random_programs import random_program
 from export.int8.calibrate import rounded_on
 from export.int8.layer_inputs import activation_ranges
 from export.program.windows import random_windows
-from export.to_c.library import c_library, documents, replay
+from export.to_c.builds import build_files
+from export.to_c.library import c_library, documents, replay, with_answer
 
 MODEL = ModelConfig(latent=3, lstm_width=8, dynamics_width=16, decoder_width=8)
 MPC = MpcConfig(horizon=8)
@@ -43,8 +44,10 @@ def main(folder: Annotated[Path, typer.Argument(help="Where to write the samples
     libraries = {"float32": c_library(program), "int8": int8}
     for kind, library in libraries.items():
         # Window, sensors and horizon are the same for all.
-        answers = replay(CController(library, program.sizes), sliding, program.mpc.horizon)
-        contents = library | others | {EXPECTED: rows_text(answers).encode()} | documents(library)
+        controller = CController(library, program.sizes)
+        answers = replay(controller, sliding, program.mpc.horizon)
+        contents = with_answer(library, controller.known_answer()) | others | {EXPECTED: rows_text(answers).encode()}
+        contents |= documents(library) | build_files(library)
         write_folder(folder / kind, contents)
 
 

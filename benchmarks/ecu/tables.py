@@ -1,4 +1,4 @@
-"""The tables of the ECU: its sensor check, the comparison of Python and C, and the closed loop with each."""
+"""The tables of the ECU: its sensor check, Python and C compared, machine proofs on C, and the loop with each ECU."""
 
 from itertools import groupby
 from pathlib import Path
@@ -16,6 +16,8 @@ def tables(results: Path) -> dict[str, str]:
         "sensor_check_alarms": alarms(figures["false_alarms"]),
         "sensor_check_faults": faults(figures["faults"]),
         "ecu_c": twin(results / "ecu_c.json"),
+        "proofs": proofs(read(results / "proofs.json")),
+        "proofs_sabotage": sabotage(read(results / "proofs.json")),
         "ecu_loop": loops(read(results / "ecu_loop.json")),
     }
 
@@ -37,6 +39,34 @@ def twin(path: Path) -> str:
 
 Measured on {found["date"]} in {len(facts["variants"])} kinds of vehicles, with
 {facts["compiler"]}."""
+
+
+def proofs(found: Any) -> str:
+    """What is proved by machine on the exported C, under which bound and assumption, and what is open and why."""
+    of, facts = found["figures"], found["facts"]
+    rows = [
+        tuple(item[name] or None for name in ("part", "statement", "bound", "assumes", "conditions", "seconds"))
+        for item in of["items"]
+        if item["state"] == "proved"
+    ]
+    undecided: dict[str, list[str]] = {}
+    for item in of["items"]:
+        if item["state"] != "proved":
+            undecided.setdefault(item["open"] or item["why"], []).append(f"`{item['name']}`")
+    heads = ("part", "proved for all inputs", "bound", "taken for granted", "conditions", "s")
+    counts = ", ".join(f"{of[name]} {name}" for name in ("proved", "failed", "open"))
+    return f"""{table(heads, rows)}
+
+{of["properties"]} items: {counts}. ESBMC {facts["esbmc"]}, {found["date"]}, seconds of one processor.
+
+{table(("not proved", "why"), [(", ".join(names), why) for why, names in undecided.items()])}"""
+
+
+def sabotage(found: Any) -> str:
+    """The lines that were changed, and whether the proof that they spoil noticed."""
+    verdicts = {"failed": "found", "proved": "not found", "open": "open"}
+    rows = [(one["what"], one["file"], one["item"], verdicts[one["state"]]) for one in found["figures"]["sabotaged"]]
+    return table(("changed line", "source", "item", ""), rows)
 
 
 def loops(found: Any) -> str:

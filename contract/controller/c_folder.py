@@ -36,8 +36,9 @@ NO_LIBRARY: Final = "this is no folder written by `stillwake export --c`"
 """Name of the file with the example program's input rows: pressures, then the action commanded one step before."""
 EXPECTED: Final = "expected.txt"
 """Name of the file with the example program's expected answers to the recorded rows."""
-DOCUMENTS: Final = ("README.md", "CMakeLists.txt", "LICENSE")
-"""Files of the folder that are not compiled: the readme, the CMake file and the licence."""
+DOCUMENTS: Final = ("README.md", "CMakeLists.txt", "LICENSE", "zephyr/module.yml", "zephyr/CMakeLists.txt")
+"""Files of the folder that are not compiled and, but for sizes, the same for every library: the readme, the rules for
+CMake and Zephyr, and the licence."""
 BILL: Final = "sbom.cdx.json"
 """Name of the folder's bill of materials, in CycloneDX."""
 BOARD: Final = ("board", "loader")

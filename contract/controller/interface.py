@@ -111,6 +111,10 @@ class CompiledLibrary(Controller, Protocol):
     def workspace_bytes(self) -> int:
         """Size of the scratch memory that the caller has to provide."""
 
+    def known_answer(self) -> tuple[float, float]:
+        """Give the first action and the cost of the step by which a build judges itself at its start, to the bit those
+        of a build that fuses no operations. Raises ControllerError if there is no answer."""
+
 
 CompileLibrary = Callable[[Mapping[str, bytes], Sizes], CompiledLibrary]
 """A function that compiles files by name, for given sizes, into a library on this machine; raises LibraryError.

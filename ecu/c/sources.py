@@ -14,13 +14,18 @@ def sources_in(folder: str = "") -> dict[str, bytes]:
     return c_files(files("ecu.c").joinpath(folder))
 
 
+def control_sources() -> dict[str, bytes]:
+    """The sources of the ECU's control period, with authentication."""
+    return sources_in() | sources_in("secoc")
+
+
 def firmware_sources() -> dict[str, bytes]:
     """The sources of the ECU around a control step, the same for every program and vehicle; in `board/` and `loader/`
     those of the firmware around it.
 
     What is generated for one of each is not among them: `sw_ecu_settings.h` (`ecu.in_c.c_settings`)."""
     around = {"board": sources_in("board"), "loader": loader_sources()}
-    return sources_in() | {f"{part}/{name}": text for part in around for name, text in around[part].items()}
+    return control_sources() | {f"{part}/{name}": text for part in around for name, text in around[part].items()}
 
 
 def loader_sources() -> dict[str, bytes]:

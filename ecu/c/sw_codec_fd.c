@@ -72,7 +72,9 @@ void sw_emit_status(uint8_t *data, const sw_ecu_status *status)
     sw_put_word(&data[12], status->bundle_hash);
     sw_put_word(&data[14], status->bundle_hash >> 16);
     sw_put_word(&data[16], sw_at_most(status->refused, SW_COUNT_LIMIT));
-    /* Bytes 18 and 19 count what is not authentic: nothing is, or is not, without authentication. */
+#if SW_SECOC
+    sw_put_word(&data[18], sw_at_most(status->not_authentic, SW_COUNT_LIMIT));
+#endif
     data[20] = (uint8_t)sw_at_most(status->tx_errors, SW_ERROR_LIMIT);
     data[21] = (uint8_t)sw_at_most(status->rx_errors, SW_ERROR_LIMIT);
     data[22] = (uint8_t)(status->set_aside & 0x0fu);

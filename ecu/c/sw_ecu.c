@@ -199,11 +199,11 @@ static void receive(sw_ecu *ecu, sw_period_inputs *inputs, const sw_frame *frame
     double dynamic_pressure = SW_DYNAMIC_PRESSURE;
     uint8_t off_speed = 0;
 #if SW_PAST > 0
-    sw_speed_next(&state->speed, ecu->numbers.release, frames, count, now_ns);
+    sw_speed_next(&state->speed, ecu->numbers.release, frames, count, now_ns SW_BY_KEY(&ecu->secoc));
     dynamic_pressure = sw_speed_dynamic_pressure(&state->speed, ecu->numbers.release);
     off_speed = state->speed.is_off;
 #endif
-    sw_reception(&received, &state->pressures, frames, count, now_ns, dynamic_pressure);
+    sw_reception(&received, &state->pressures, frames, count, now_ns, dynamic_pressure SW_BY_KEY(&ecu->secoc));
     const double *cp = received.usable && !off_speed ? received.cp : NULL;
 #if SW_PAST > 0
     const double *reading = received.reading;
@@ -217,12 +217,13 @@ static void receive(sw_ecu *ecu, sw_period_inputs *inputs, const sw_frame *frame
     } else {
         state->missed = sw_counted(state->missed, 1);
     }
-    sw_other_ecu_next(&state->other_ecu, frames, count, state->timing.step_ns);
+    sw_other_ecu_next(&state->other_ecu, frames, count, state->timing.step_ns SW_BY_KEY(&ecu->secoc));
     after_silence(&state->memory, &state->timing);
     with_row(state, ecu->numbers.release, cp);
     const uint8_t sensor_fault = check_sensors(ecu, cp, reading);
     const uint8_t no_benefit = check_benefit(state, ecu->numbers.release, cp != NULL);
-    const uint8_t faults[] = {sw_inexact(), state->timing.fault, bus_fault(&state->health, &ecu->surroundings.health),
+    const uint8_t faults[] = {sw_inexact(), ecu->unfit, state->timing.fault,
+                              bus_fault(&state->health, &ecu->surroundings.health),
                               (uint8_t)(state->other_ecu.is_there ? SW_REASON_OTHER_ECU : SW_REASON_NONE),
                               sensor_fault, no_benefit, ecu->surroundings.fault};
     inputs->usable = received.usable;
@@ -249,9 +250,23 @@ static sw_gated act(sw_ecu *ecu, const sw_timing *before, int64_t now_ns)
     return passed;
 }
 
+/* Whether this build answers as the exporter's; in the ECU's own memory, of which nothing is left of use. */
+static uint8_t judged(sw_ecu *ecu, const sw_numbers *numbers)
+{
+#ifdef SW_WITHOUT_KNOWN_ANSWER
+    (void)ecu;
+    (void)numbers;
+    return SW_REASON_NONE;
+#else
+    const sw_status status = sw_known_answer_of(&numbers->program, &ecu->work.control, &ecu->input, &ecu->output);
+    return status == SW_OK ? SW_REASON_NONE : SW_REASON_INTERNAL;
+#endif
+}
+
 int sw_ecu_init_of(sw_ecu *ecu, const sw_numbers *numbers)
 {
     sw_calibration own;
+    const uint8_t unfit = judged(ecu, numbers);
     unsigned char *bytes = (unsigned char *)ecu;
     for (size_t i = 0; i < sizeof *ecu; i++) bytes[i] = 0; /* padding as well: states are compared as bytes */
     ecu->numbers = *numbers;
@@ -263,10 +278,29 @@ int sw_ecu_init_of(sw_ecu *ecu, const sw_numbers *numbers)
 #if SW_PAST > 0
     ecu->state.speed.receiver.stream = SW_NODATA;
 #endif
+#if SW_SECOC
+    ecu->state.freshness.trip = 1;
+#endif
     sw_fail_safe_start(&ecu->state.fail_safe);
     sw_sensors_start(&ecu->state.sensors);
-    return (int)sw_inexact();
+    ecu->unfit = unfit;
+    return unfit != SW_REASON_NONE ? (int)unfit : (int)sw_inexact();
 }
+
+#if SW_SECOC
+int sw_ecu_authenticate(sw_ecu *ecu, const sw_authentication *given)
+{
+    ecu->secoc.is_given = 0;
+    if (given->trip == 0u || sw_secoc_begin(&ecu->secoc, given->key) != 0) return 1;
+    ecu->state.freshness.trip = given->trip;
+    ecu->state.freshness.count = 0;
+    ecu->state.pressures.verifier.freshness = given->heard_pressure;
+#if SW_PAST > 0
+    ecu->state.speed.receiver.verifier.freshness = given->heard_speed;
+#endif
+    return 0;
+}
+#endif
 
 int sw_ecu_calibrate(sw_ecu *ecu, const sw_calibration *values)
 {
@@ -315,9 +349,14 @@ static int could_be(const sw_ecu_state *state)
 #else
     const int stream = could_receive(&state->pressures);
 #endif
+#if SW_SECOC
+    const int counted_trip = state->freshness.trip > 0u;
+#else
+    const int counted_trip = 1;
+#endif
     const int step = state->timing.step_ns >= -1 && state->timing.step_ns <= SW_LATEST_NS;
     const int lag = state->timing.lag_ns >= -SW_PERIOD_NS && state->timing.lag_ns <= SW_PERIOD_NS;
-    return window & sensors & benefit & stream & step & lag & (state->fail_safe.mode <= SW_UPDATE);
+    return window & sensors & benefit & stream & step & lag & counted_trip & (state->fail_safe.mode <= SW_UPDATE);
 }
 
 int sw_ecu_restore(sw_ecu *ecu, const sw_ecu_state *state)
@@ -355,7 +394,8 @@ int sw_ecu_step(sw_ecu *ecu, int64_t now_ns, const sw_frame *frames_in, int coun
     /* The command rests on this period's frame, or on the one behind the command that is held. */
     command.has_counter = state->has_pressures && (inputs.usable || sw_drives_jets(state->fail_safe.mode));
     command.pressure_counter = state->pressure_counter;
-    return sw_write_frames(state, &command, ecu->numbers.release->bundle_hash, now_ns, frames_out);
+    return sw_write_frames(state, &command, ecu->numbers.release->bundle_hash, now_ns,
+                           frames_out SW_BY_KEY(&ecu->secoc));
 }
 
 size_t sw_ecu_bytes(void) { return sizeof(sw_ecu); }

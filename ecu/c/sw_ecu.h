@@ -26,7 +26,8 @@ extern "C" {
  * it would hold a request for control that was seen low, and a sensor set aside. Returns
  * SW_REASON_NONE, or SW_REASON_INTERNAL where this build, or the processor as it is set, computes otherwise than its
  * decisions need (sw_arithmetic; contraction). Every step looks at it again: while it is so, the jets are shut for that
- * reason.
+ * reason. The same, up to the next init, where a control step on a known window answers otherwise than the exporter's
+ * (sw_known_answer). It takes as long as the longest step; a build with SW_WITHOUT_KNOWN_ANSWER leaves it out.
  */
 int sw_ecu_init(sw_ecu *ecu);
 
@@ -34,6 +35,16 @@ int sw_ecu_init(sw_ecu *ecu);
  * as long as the ECU runs; `numbers` itself need not.
  */
 int sw_ecu_init_of(sw_ecu *ecu, const sw_numbers *numbers);
+
+#if SW_SECOC
+/* The bus' key and what is left of earlier power cycles, once after an init and before the first step. Without it nothing
+ * is sent, and every frame is refused. Returns 0, or 1 for a key of zeros or a trip of 0, and then there is no key.
+ *
+ * The caller overwrites `given` afterwards. It keeps in lasting memory what is newest in state.pressures.verifier and
+ * state.speed.receiver.verifier: a node that restarts takes everything that is newer than what was kept.
+ */
+int sw_ecu_authenticate(sw_ecu *ecu, const sw_authentication *given);
+#endif
 
 /* Other values from the next step on; call it between two steps. Returns 0, or the number of the first value that is
  * out of the limits of release and vehicle, counted from 1 in the order of the structure; nothing is changed then. What

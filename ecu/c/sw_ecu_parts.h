@@ -5,6 +5,13 @@
 #include "sw_ecu_state.h"
 #include "sw_exact.h"
 
+/* The bus' key, behind the other arguments of what reads and writes frames; nothing where the release has none. */
+#if SW_SECOC
+#define SW_BY_KEY(key) , key
+#else
+#define SW_BY_KEY(key)
+#endif
+
 /* --- sw_inexact.c --- */
 
 /* SW_REASON_INTERNAL where this build, or the processor as it is set now, computes in float or double otherwise than the
@@ -52,6 +59,9 @@ typedef struct {
     uint32_t bundle_hash;
     uint32_t overruns, missed, crc_errors, refused; /* limited when they are sent */
     uint32_t bus_off, tx_errors, rx_errors;
+#if SW_SECOC
+    uint32_t not_authentic;
+#endif
 } sw_ecu_status;
 
 /* Reads SW_PRESSURE_BYTES bytes. */
@@ -78,12 +88,16 @@ void sw_emit_status(uint8_t *data, const sw_ecu_status *status);
 /* A message that is received. */
 typedef struct {
     uint32_t id;
-    int bytes;
+    int bytes; /* that E2E protects */
     uint16_t data_id;
+#if SW_SECOC
+    int secured; /* bytes with freshness and MAC */
+#endif
 } sw_message;
 
 /* The state after one period. Returns the newest frame that was good by itself, or NULL. */
-const sw_frame *sw_receive(sw_receiver *receiver, const sw_message *message, const sw_frame *frames, int count);
+const sw_frame *sw_receive(sw_receiver *receiver, const sw_message *message, const sw_frame *frames,
+                           int count SW_BY_KEY(const sw_secoc *secoc));
 
 /* --- sw_reception.c: from a period's frames to pressures that may be planned on, or why there are none --- */
 
@@ -102,19 +116,21 @@ typedef struct {
 
 /* dynamic_pressure is in Pa at Cp = 1 at the present speed; 0 where that is not known. */
 void sw_reception(sw_received *received, sw_receiver *receiver, const sw_frame *frames, int count, int64_t now_ns,
-                  double dynamic_pressure);
+                  double dynamic_pressure SW_BY_KEY(const sw_secoc *secoc));
 
 /* Whether what a frame carries is of now, or older by at most oldest_ns. */
 int sw_is_fresh(int64_t timestamp_ns, int64_t age_ns, int64_t now_ns, int64_t oldest_ns);
 
 /* Moves on to the step at step_ns with these frames: commands and statuses among them are another ECU's. */
-void sw_other_ecu_next(sw_other_ecu *other, const sw_frame *frames, int count, int64_t step_ns);
+void sw_other_ecu_next(sw_other_ecu *other, const sw_frame *frames, int count,
+                       int64_t step_ns SW_BY_KEY(const sw_secoc *secoc));
 
 /* --- sw_speed.c: the vehicle's speed, where a release serves a range of speeds --- */
 
 #if SW_PAST > 0
 /* Moves on by a period's frames. */
-void sw_speed_next(sw_speed_state *speed, const sw_release *release, const sw_frame *frames, int count, int64_t now_ns);
+void sw_speed_next(sw_speed_state *speed, const sw_release *release, const sw_frame *frames, int count,
+                   int64_t now_ns SW_BY_KEY(const sw_secoc *secoc));
 
 /* Pa at Cp = 1; 0 without a speed. */
 double sw_speed_dynamic_pressure(const sw_speed_state *speed, const sw_release *release);
@@ -232,8 +248,10 @@ sw_gated sw_gate(double flow_m2_per_s, int enable, double previous_m2_per_s, int
 
 /* --- sw_frames.c --- */
 
-/* Writes a JetCommand, and an EcuStatus of the state, as protected frames; the counters in the state move on. */
+/* Writes a JetCommand, and an EcuStatus of the state, as protected frames; the counters in the state move on. Returns how
+ * many: none where there should be a key and is none.
+ */
 int sw_write_frames(sw_ecu_state *state, const sw_jet_command *command, uint32_t bundle_hash, int64_t now_ns,
-                    sw_frame frames_out[SW_FRAMES_OUT]);
+                    sw_frame frames_out[SW_FRAMES_OUT] SW_BY_KEY(const sw_secoc *secoc));
 
 #endif

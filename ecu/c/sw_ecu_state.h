@@ -9,6 +9,9 @@
 #if SW_SENSOR_CHECK
 #include "sw_estimator.h"
 #endif
+#if SW_SECOC
+#include "sw_secoc.h"
+#endif
 
 #define SW_FRAME_BYTES 64
 #define SW_FRAMES_OUT 2 /* a JetCommand and an EcuStatus */
@@ -96,6 +99,9 @@ typedef struct {
     uint8_t checks;       /* how many stand in `window`, oldest first */
     uint8_t window[SW_E2E_WINDOW];
     uint32_t counts[SW_CHECKS];
+#if SW_SECOC
+    sw_verifier verifier; /* in front of all that */
+#endif
 } sw_receiver;
 
 typedef struct {
@@ -205,6 +211,9 @@ typedef struct {
     uint32_t overruns;   /* periods left out */
     uint32_t missed;     /* steps without usable pressures */
     sw_bus_health health;
+#if SW_SECOC
+    sw_freshness freshness; /* of the next JetCommand and the next EcuStatus */
+#endif
 } sw_ecu_state;
 
 /* What a release has besides its controller and its sensor estimator; read in place, wherever it stands. */
@@ -240,6 +249,16 @@ typedef struct {
     uint32_t delay_steps;    /* actuator delay in control periods that is compensated */
 } sw_calibration;
 
+#if SW_SECOC
+/* What a node is given of the bus' key in one power cycle. */
+typedef struct {
+    uint8_t key[SW_AES_BYTES];
+    uint32_t trip;           /* power cycles so far, this one included: counted in lasting memory before */
+    uint64_t heard_pressure; /* freshness values accepted in earlier ones; 0 for none */
+    uint64_t heard_speed;    /* the same of VehicleSpeed, where the release needs it */
+} sw_authentication;
+#endif
+
 /* Bounds of the command gate, in m2/s. */
 typedef struct {
     double flow_m2_per_s;
@@ -266,9 +285,13 @@ typedef struct {
     sw_surroundings surroundings;
     sw_calibration calibration; /* in force; sw_ecu_calibrate alone changes it */
     sw_gate_limits limits;      /* by it */
+    uint8_t unfit;              /* SW_REASON_ why it keeps the jets shut since power-on, or SW_REASON_NONE */
     sw_trace trace;
     sw_input input;
     sw_output output;
+#if SW_SECOC
+    sw_secoc secoc; /* by sw_ecu_authenticate; in no state that is saved */
+#endif
     sw_ecu_work work;
     sw_numbers numbers; /* what it runs; set by sw_ecu_init and sw_ecu_init_of */
 } sw_ecu;

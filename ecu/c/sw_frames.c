@@ -31,6 +31,10 @@ static void write_status(sw_frame *frame, const sw_ecu_state *state, uint32_t bu
     status.missed = state->missed;
     status.crc_errors = counts[SW_CHECK_ERROR];
     status.refused = sw_counted(counts[SW_CHECK_REPEATED], counts[SW_CHECK_WRONG_SEQUENCE]);
+#if SW_SECOC
+    status.not_authentic =
+        sw_counted(state->pressures.verifier.not_authentic, state->pressures.verifier.not_fresh);
+#endif
     status.bus_off = state->health.bus_off;
     status.tx_errors = state->health.tx_errors;
     status.rx_errors = state->health.rx_errors;
@@ -39,11 +43,27 @@ static void write_status(sw_frame *frame, const sw_ecu_state *state, uint32_t bu
     sw_e2e_protect(frame->data, SW_STATUS_BYTES, SW_STATUS_DATA_ID, state->status_counter);
 }
 
-int sw_write_frames(sw_ecu_state *state, const sw_jet_command *command, uint32_t bundle_hash, int64_t now_ns,
-                    sw_frame frames_out[SW_FRAMES_OUT])
+#if SW_SECOC
+static void secure(sw_frame *frame, const sw_ecu_state *state, const sw_secoc *secoc, int length, uint16_t data_id)
 {
+    frame->length = (uint8_t)length;
+    sw_secoc_secure(secoc, frame->data, (uint32_t)length, data_id, &state->freshness);
+}
+#endif
+
+int sw_write_frames(sw_ecu_state *state, const sw_jet_command *command, uint32_t bundle_hash, int64_t now_ns,
+                    sw_frame frames_out[SW_FRAMES_OUT] SW_BY_KEY(const sw_secoc *secoc))
+{
+#if SW_SECOC
+    if (!secoc->is_given) return 0;
+#endif
     write_command(&frames_out[0], state, command, now_ns);
     write_status(&frames_out[1], state, bundle_hash, now_ns);
+#if SW_SECOC
+    secure(&frames_out[0], state, secoc, SW_COMMAND_SECURED, SW_COMMAND_DATA_ID);
+    secure(&frames_out[1], state, secoc, SW_STATUS_SECURED, SW_STATUS_DATA_ID);
+    sw_freshness_next(&state->freshness);
+#endif
     state->command_counter = (uint8_t)((state->command_counter + 1u) % SW_E2E_COUNTERS);
     state->status_counter = (uint8_t)((state->status_counter + 1u) % SW_E2E_COUNTERS);
     return SW_FRAMES_OUT;

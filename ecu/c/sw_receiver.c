@@ -14,7 +14,9 @@ static int is_of(const sw_message *message, const sw_frame *frame)
 /* The check of a frame; the receiver follows its counter. */
 static sw_check checked(sw_receiver *receiver, const sw_message *message, const sw_frame *frame)
 {
+#if !SW_SECOC
     if ((int)frame->length != message->bytes) return SW_CHECK_ERROR;
+#endif
     if (!sw_e2e_check(frame->data, message->bytes, message->data_id)) return SW_CHECK_ERROR;
     const uint32_t counter = sw_e2e_counter(frame->data);
     const uint32_t steps = (counter + (uint32_t)SW_E2E_COUNTERS - receiver->last_counter) % (uint32_t)SW_E2E_COUNTERS;
@@ -84,12 +86,19 @@ static void advance(sw_receiver *receiver, sw_check period)
     }
 }
 
-const sw_frame *sw_receive(sw_receiver *receiver, const sw_message *message, const sw_frame *frames, int count)
+const sw_frame *sw_receive(sw_receiver *receiver, const sw_message *message, const sw_frame *frames,
+                           int count SW_BY_KEY(const sw_secoc *secoc))
 {
     const sw_frame *accepted = NULL;
     uint32_t found = 0;
     for (int i = 0; i < count; i++) {
         if (!is_of(message, &frames[i])) continue;
+#if SW_SECOC
+        if (!sw_secoc_accepts(&receiver->verifier, secoc, frames[i].data, frames[i].length, (uint32_t)message->secured,
+                              message->data_id)) {
+            continue;
+        }
+#endif
         const sw_check check = checked(receiver, message, &frames[i]);
         counted(receiver, check);
         found |= 1u << check;

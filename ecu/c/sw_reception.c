@@ -1,5 +1,5 @@
-/* Turns a control period's frames into pressures that may be planned on, or says why there are none. In this order: the
- * end-to-end check, the age, the sensors' own diagnosis. And whether another ECU is on the bus.
+/* Turns a control period's frames into pressures that may be planned on, or says why there are none. In this order:
+ * authentication, the end-to-end check, the age, the sensors' own diagnosis. And whether another ECU is on the bus.
  */
 #include "sw_counts.h"
 #include "sw_ecu_parts.h"
@@ -16,17 +16,39 @@ int sw_is_fresh(int64_t timestamp_ns, int64_t age_ns, int64_t now_ns, int64_t ol
     return sampled_ns <= now_ns && sampled_ns >= now_ns - oldest_ns;
 }
 
-void sw_reception(sw_received *received, sw_receiver *receiver, const sw_frame *frames, int count, int64_t now_ns,
-                  double dynamic_pressure)
+#if SW_SECOC
+/* Whether pressures came: if none was accepted, none was authentic. */
+static int came(const sw_frame *frames, int count)
 {
+    int any = 0;
+    for (int i = 0; i < count; i++) {
+        if (frames[i].id == (uint32_t)SW_PRESSURE_ID && !frames[i].is_extended) any = 1;
+    }
+    return any;
+}
+#endif
+
+void sw_reception(sw_received *received, sw_receiver *receiver, const sw_frame *frames, int count, int64_t now_ns,
+                  double dynamic_pressure SW_BY_KEY(const sw_secoc *secoc))
+{
+#if SW_SECOC
+    static const sw_message message = {SW_PRESSURE_ID, SW_PRESSURE_BYTES, SW_PRESSURE_DATA_ID, SW_PRESSURE_SECURED};
+    const uint64_t before = receiver->verifier.freshness;
+#else
     static const sw_message message = {SW_PRESSURE_ID, SW_PRESSURE_BYTES, SW_PRESSURE_DATA_ID};
+#endif
     sw_pressure pressure;
-    const sw_frame *frame = sw_receive(receiver, &message, frames, count);
+    const sw_frame *frame = sw_receive(receiver, &message, frames, count SW_BY_KEY(secoc));
     received->usable = 0;
     received->has_request = 0;
     received->enable_request = 0;
     received->unusable_because =
         (uint8_t)(receiver->stream == SW_INVALID ? SW_REASON_STREAM_INVALID : SW_REASON_STREAM_LOST);
+#if SW_SECOC
+    if (receiver->verifier.freshness == before && came(frames, count)) {
+        received->unusable_because = SW_REASON_NOT_AUTHENTIC;
+    }
+#endif
     received->counter = 0;
     received->sampled_ns = 0;
     for (int i = 0; i < SW_SENSORS; i++) received->cp[i] = 0.0;
@@ -67,12 +89,28 @@ static int is_sound(const sw_frame *frame, int bytes, uint16_t data_id)
     return sw_e2e_check(frame->data, frame->length < bytes ? frame->length : bytes, data_id);
 }
 
+#if SW_SECOC
+/* An old frame that is repeated is authentic, too. */
+static int is_authentic(const sw_secoc *secoc, const sw_frame *frame)
+{
+    const int is_command = frame->id == SW_COMMAND_ID;
+    uint64_t freshness;
+    return sw_secoc_is_authentic(secoc, frame->data, frame->length,
+                                 is_command ? (uint32_t)SW_COMMAND_SECURED : (uint32_t)SW_STATUS_SECURED,
+                                 is_command ? SW_COMMAND_DATA_ID : SW_STATUS_DATA_ID, &freshness);
+}
+#endif
+
 /* A node does not hear its own frames. */
-static uint32_t heard_of_other(const sw_frame *frames, int count)
+static uint32_t heard_of_other(const sw_frame *frames, int count SW_BY_KEY(const sw_secoc *secoc))
 {
     uint32_t heard = 0;
     for (int i = 0; i < count; i++) {
         if (frames[i].is_extended) continue;
+#if SW_SECOC
+        if (frames[i].id != SW_COMMAND_ID && frames[i].id != SW_STATUS_ID) continue;
+        if (!is_authentic(secoc, &frames[i])) continue;
+#endif
         if (frames[i].id == SW_COMMAND_ID && is_sound(&frames[i], SW_COMMAND_BYTES, SW_COMMAND_DATA_ID)) heard++;
         if (frames[i].id == SW_STATUS_ID && is_sound(&frames[i], SW_STATUS_BYTES, SW_STATUS_DATA_ID)) heard++;
     }
@@ -80,9 +118,10 @@ static uint32_t heard_of_other(const sw_frame *frames, int count)
 }
 
 /* Both ECUs keep the jets shut until the other one has been silent for a while. */
-void sw_other_ecu_next(sw_other_ecu *other, const sw_frame *frames, int count, int64_t step_ns)
+void sw_other_ecu_next(sw_other_ecu *other, const sw_frame *frames, int count,
+                       int64_t step_ns SW_BY_KEY(const sw_secoc *secoc))
 {
-    const uint32_t heard = heard_of_other(frames, count);
+    const uint32_t heard = heard_of_other(frames, count SW_BY_KEY(secoc));
     other->frames = sw_counted(other->frames, heard);
     if (heard > 0u) {
         other->is_there = 1;

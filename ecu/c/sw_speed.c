@@ -35,10 +35,15 @@ static void believe(sw_speed_state *speed, const sw_release *release, const sw_f
     }
 }
 
-void sw_speed_next(sw_speed_state *speed, const sw_release *release, const sw_frame *frames, int count, int64_t now_ns)
+void sw_speed_next(sw_speed_state *speed, const sw_release *release, const sw_frame *frames, int count,
+                   int64_t now_ns SW_BY_KEY(const sw_secoc *secoc))
 {
+#if SW_SECOC
+    static const sw_message message = {SW_SPEED_ID, SW_SPEED_BYTES, SW_SPEED_DATA_ID, SW_SPEED_SECURED};
+#else
     static const sw_message message = {SW_SPEED_ID, SW_SPEED_BYTES, SW_SPEED_DATA_ID};
-    const sw_frame *frame = sw_receive(&speed->receiver, &message, frames, count);
+#endif
+    const sw_frame *frame = sw_receive(&speed->receiver, &message, frames, count SW_BY_KEY(secoc));
     if (frame != NULL && speed->receiver.stream == SW_VALID) believe(speed, release, frame, now_ns);
     if (!speed->known || age_of(speed, now_ns) > (uint64_t)SW_OLDEST_SPEED_NS) {
         speed->known = 0;

@@ -24,11 +24,9 @@ from contract.runtime.copies import NeverCopied
 from ecu.ecu_state import EcuState, Surroundings, Trace
 from ecu.in_c import c_settings
 from ecu.in_c.c_structs import Structs, c_time
-from ecu.in_c.compiler import compile_c, compiler_version, host_compiler
+from ecu.in_c.compiler import EXACT, compile_c, compiler_version, host_compiler
 from ecu.in_c.library_controller import check_program
 
-_EXACT: Final = ("-O3", "-march=native", "-ffp-contract=off")
-"""Flags with which the ECU decides to the bit as the one in Python: GCC reads no pragma against contraction."""
 _BUNDLE_HASH: Final = re.compile(rb"^#define SW_BUNDLE_HASH UINT32_C\((0x[0-9a-f]+)\)$", re.MULTILINE)
 _UNDEFINED: Final = re.compile(r"undefined symbol: (\w+)")
 _ALIGNMENT: Final = 64
@@ -66,8 +64,9 @@ class CEcuState(NeverCopied):
 
     @property
     def frames_rejected(self) -> int:
-        """Pressure frames that came but failed their end-to-end check."""
-        return self.state.pressures.frames_rejected
+        """Pressure frames that came but were not authentic, or failed their end-to-end check."""
+        state = self.state
+        return state.verifier.refused + state.pressures.frames_rejected
 
     def status(self) -> EcuStatus:
         """Health counters as of the latest step."""
@@ -112,6 +111,7 @@ class CEcu(CEcuState):
         compiler: command that compiles C; the one found here if None.
         flags: of the compiler.
         library: a file to keep the compiled library in; a temporary one if None.
+        secret: with `bus.key`, the key; the ECU is in its first power cycle.
 
     Attributes:
         description: what computes the step, for people.
@@ -124,8 +124,9 @@ class CEcu(CEcuState):
         sources: Mapping[str, bytes],
         *,
         compiler: Sequence[str] | None = None,
-        flags: Sequence[str] = _EXACT,
+        flags: Sequence[str] = EXACT,
         library: Path | None = None,
+        secret: bytes | None = None,
     ) -> None:
         command = host_compiler() if compiler is None else list(compiler)
         structs, bundle_hash = Structs(sources, command), bundle_hash_of(sources)
@@ -150,8 +151,10 @@ class CEcu(CEcuState):
         if self.lib.sw_ecu_init(ecu):
             raise LibraryError(
                 f"the compiled ECU refuses: {' '.join(flags)}, or this process's floating-point mode, changes "
-                f"arithmetic that its decisions rest on; GCC needs -ffp-contract=off"
+                f"arithmetic that its decisions rest on, or its numbers are damaged; GCC needs -ffp-contract=off"
             )
+        if secret is not None:
+            self._authenticate(structs, secret)
         lib, buffer = self.lib, ffi.from_buffer
         super().__init__(structs, ecu, bundle_hash,
             lambda packed: int(lib.sw_ecu_calibrate(ecu, buffer("sw_calibration *", packed))),
@@ -159,6 +162,13 @@ class CEcu(CEcuState):
         )  # fmt: skip
         self._answers = ffi.new("sw_frame[2]")
         self.restore(self.saved())
+
+    def _authenticate(self, structs: Structs, secret: bytes) -> None:
+        if not hasattr(self.lib, "sw_ecu_authenticate"):
+            raise LibraryError("its settings are of a bus without a key (bus.key)")
+        given = structs.ffi.new("sw_authentication *", {"key": secret, "trip": 1})
+        if self.lib.sw_ecu_authenticate(self.ecu, given):
+            raise ConfigError("bus.key: a key of zeros; must be a random one")
 
     def step(
         self, now_ns: int, frames: Sequence[Frame], health: BusHealth = HEALTHY, **around: Unpack[Surroundings]

@@ -3,6 +3,9 @@
 from typing import Final
 
 from can_bridge.e2e.sender import E2eSender
+from can_bridge.secoc.key import Key
+from can_bridge.secoc.node import secured
+from can_bridge.secoc.securing import Freshness
 from can_bridge.wire.message_sets import message_set
 from can_bridge.wire.messages import SENSORS, Pressure, VehicleSpeed
 from contract.arrays import Array
@@ -11,6 +14,8 @@ from contract.config.tree import Config
 PLAYED: Final = "examples/pressures.h"
 MOST_PERIODS: Final = 100
 """Two seconds at 20 ms: 1600 bytes of flash, and 800 for the speed."""
+PLAYED_KEY: Final = bytes.fromhex("2b7e151628aed2a6abf7158809cf4f3c")
+"""The key with `bus.key`: that of RFC 4493's examples, which is no secret; no other key is written into a file."""
 ASKED_FROM: Final = 5
 """Periods before the vehicle asks for control: a request that stands from the start is not believed."""
 
@@ -26,8 +31,9 @@ def played_pressures(rows: Array, config: Config) -> bytes:
     message, limit_pa = messages.pressure, messages.pressure_limit_pa
     sender, dynamic_pressure = E2eSender(message.spec), config.operating_point.dynamic_pressure
     speed = VehicleSpeed(speed_m_per_s=config.operating_point.speed, age_ns=0, density_kg_per_m3=None)
-    speed_sender, speeds = E2eSender(messages.speed.spec), []
-    lines = []
+    speed_sender, freshness = E2eSender(messages.speed.spec), Freshness()
+    lines, speeds = list[str](), list[str]()
+    key = Key(PLAYED_KEY) if message.spec.is_secured else None
     for period, row in enumerate(rows[:MOST_PERIODS, :SENSORS].tolist()):
         pressure = Pressure(
             pressure_pa=tuple(min(max(cp * dynamic_pressure, -limit_pa), limit_pa) for cp in row),
@@ -35,17 +41,23 @@ def played_pressures(rows: Array, config: Config) -> bytes:
             enable_request=period >= ASKED_FROM,
             age_ns=0,
         )
-        lines.append(_row(sender.frame(message.emit(pressure), now_ns=0).data))
-        speeds.append(_row(speed_sender.frame(messages.speed.emit(speed), now_ns=0).data))
+        played = (
+            (lines, sender.frame(message.emit(pressure), now_ns=0), message.spec),
+            (speeds, speed_sender.frame(messages.speed.emit(speed), now_ns=0), messages.speed.spec),
+        )
+        for rows_of, frame, spec in played:
+            rows_of.append(_row(secured(frame, spec=spec, key=key, freshness=freshness).data))
+        freshness = freshness.next()
     return (
         "/* Generated: the frames that a vehicle sends, one a control period, for the examples. */\n"
         "#ifndef PRESSURES_H\n#define PRESSURES_H\n\n"
         '#include "sw_ecu.h"\n\n'
-        f"#define PRESSURE_PERIODS {len(lines)}u\n\n"
-        f"static const uint8_t pressures[PRESSURE_PERIODS][SW_PRESSURE_BYTES] = {{\n{_table(lines)}}};\n\n"
+        f"#define PRESSURE_PERIODS {len(lines)}u\n"
+        f"#define PLAYED_KEY {{{', '.join(map(str, PLAYED_KEY))}}} /* of RFC 4493's examples */\n\n"
+        f"static const uint8_t pressures[PRESSURE_PERIODS][{message.spec.length}] = {{\n{_table(lines)}}};\n\n"
         "/* For a release that serves a range of speeds: the one that it was designed for. */\n#if SW_PAST > 0\n"
-        f"static const uint8_t speeds[PRESSURE_PERIODS][SW_SPEED_BYTES] = {{\n{_table(speeds)}}};\n#endif\n\n"
-        "#endif\n"
+        f"static const uint8_t speeds[PRESSURE_PERIODS][{messages.speed.spec.length}] = {{\n{_table(speeds)}}};\n"
+        "#endif\n\n#endif\n"
     ).encode()
 
 

@@ -73,8 +73,6 @@ def ecu_settings(bundle: Bundle, config: Config) -> bytes:
 
 def check_settings(config: Config) -> None:
     """Raise ConfigError for a setting that the C ECU cannot do, whatever the release."""
-    if config.bus.key:
-        raise ConfigError("bus.key: the ECU in C has no authentication; leave it empty")
     for name, most in _MOST.items():
         value = attrgetter(name)(config)
         if value > most:
@@ -98,11 +96,17 @@ def _definitions(bundle: Bundle, config: Config) -> dict[str, int | float | str]
     specs = dict(zip(("PRESSURE", "SPEED", "COMMAND", "STATUS"), messages.specs, strict=True))
     found: dict[str, int | float | str] = {}
     for name, spec in specs.items():
-        found |= {f"SW_{name}_ID": spec.frame_id, f"SW_{name}_BYTES": spec.length, f"SW_{name}_DATA_ID": spec.data_id}
+        found |= {
+            f"SW_{name}_ID": spec.frame_id,
+            f"SW_{name}_BYTES": spec.protected,
+            f"SW_{name}_DATA_ID": spec.data_id,
+        }
+        found |= {f"SW_{name}_SECURED": spec.length} if spec.is_secured else {}
     spec = messages.pressure.spec
     return found | {
         **_of_diagnosis(config.bus.diagnosis, config.period_ns),
         "SW_FRAMES_FD": int(spec.is_fd),
+        "SW_SECOC": int(spec.is_secured),
         "SW_E2E_PROFILE": spec.profile,
         "SW_E2E_COUNTERS": profile_of(spec).counter_period,
         "SW_PRESSURE_RESOLUTION_PA": messages.pressure_resolution_pa,

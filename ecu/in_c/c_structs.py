@@ -18,6 +18,7 @@ from can_bridge.bus.interface import BusHealth, BusState
 from can_bridge.command_gate import Intervention
 from can_bridge.e2e.receiver import FrameCheck, ReceiverState, StreamState
 from can_bridge.e2e.sender import SenderState
+from can_bridge.secoc.securing import Freshness, VerifierState
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.messages import Reason
 from contract.arrays import Array
@@ -140,6 +141,8 @@ class Structs:
                 enable_request=bool(fail_safe.enable_request),
             ),
             pressures=_received(state.pressures),
+            verifier=_verified(state.pressures),
+            freshness=self._freshness(state),
             speed=_speed(state.speed) if self._serves_speeds else SpeedState(),
             commands=SenderState(counter=state.command_counter),
             statuses=SenderState(counter=state.status_counter),
@@ -177,7 +180,8 @@ class Structs:
         )
 
     def set_state(self, state: Any, value: EcuState) -> None:
-        """Fill in a `sw_ecu_state`; counts stop at their largest value. Authentication is left out: C has none."""
+        """Fill in a `sw_ecu_state`; counts stop at their largest value. Of authentication is left out what a library
+        without a key has no room for."""
         self.ffi.buffer(state)[:] = bytes(self.ffi.sizeof("sw_ecu_state"))
         self._set_memory(state.memory, value.memory)
         self._set_sensors(state.sensors, value.sensors)
@@ -186,6 +190,11 @@ class Structs:
         _set_received(state.pressures, value.pressures)
         if self._serves_speeds:
             _set_speed(state.speed, value.speed)
+        if self._has_key:
+            state.freshness.trip, state.freshness.count = value.freshness.trip, value.freshness.count
+            _set_verified(state.pressures, value.verifier)
+            if self._serves_speeds:
+                _set_verified(state.speed.receiver, value.speed.verifier)
         fail_safe, safe = state.fail_safe, value.fail_safe
         fail_safe.mode, fail_safe.reason = _MODES.index(safe.mode), safe.reason
         fail_safe.enable_request, fail_safe.lost = safe.enable_request, safe.lost
@@ -247,6 +256,14 @@ class Structs:
     def _past(self, past: Any) -> Past:
         return Past(rows=self._array(past.rows), speeds=self._array(past.speeds), count=past.count)
 
+    def _freshness(self, state: Any) -> Freshness:
+        return Freshness(trip=state.freshness.trip, count=state.freshness.count) if self._has_key else Freshness()
+
+    @property
+    def _has_key(self) -> bool:
+        """Whether the library authenticates its frames."""
+        return "freshness" in dict(self.ffi.typeof("sw_ecu_state").fields)
+
     @property
     def _serves_speeds(self) -> bool:
         """Whether the library is of a release that serves a range of speeds."""
@@ -273,6 +290,19 @@ def _set_received(receiver: Any, value: ReceiverState) -> None:
     receiver.counts = [_count(item) for item in value.counts]
 
 
+def _verified(receiver: Any) -> VerifierState:
+    """What authentication refused and accepted of a `sw_receiver`; as at power-on in a library without a key."""
+    if not hasattr(receiver, "verifier"):
+        return VerifierState()
+    return VerifierState(**{item.name: getattr(receiver.verifier, item.name) for item in fields(VerifierState)})
+
+
+def _set_verified(receiver: Any, value: VerifierState) -> None:
+    found = receiver.verifier
+    found.freshness, found.not_authentic = value.freshness, _count(value.not_authentic)
+    found.not_fresh = _count(value.not_fresh)
+
+
 def _speed(speed: Any) -> SpeedState:
     return SpeedState(
         ratio=speed.ratio if speed.known else None,
@@ -280,6 +310,7 @@ def _speed(speed: Any) -> SpeedState:
         measured_ns=speed.measured_ns,
         is_off=bool(speed.is_off),
         receiver=_received(speed.receiver),
+        verifier=_verified(speed.receiver),
     )
 
 
@@ -301,31 +332,35 @@ def flattened(value: object, name: str = "") -> dict[str, Any]:
     return {name: value}
 
 
-def as_c_has_it(state: EcuState) -> dict[str, Any]:
-    """A state field by field with what C keeps of it: no authentication, counts up to their largest value.
+def as_c_has_it(state: EcuState, *, is_keyed: bool) -> dict[str, Any]:
+    """A state field by field with what C keeps of it: counts up to their largest value; authentication with a key.
 
     Of two ECUs that agree, one in C and one in Python, the values are equal; `differing` compares them.
     """
-    found = {name: leaf for name, leaf in flattened(state).items() if not name.startswith(_NOT_IN_C)}
+    left_out = () if is_keyed else _OF_KEY
+    found = {name: leaf for name, leaf in flattened(state).items() if not name.startswith(left_out)}
     found["health.state"] = found["health.state"] is BusState.BUS_OFF
     found["pressures.counts"] = tuple(map(_count, state.pressures.counts))
     found["speed.receiver.counts"] = tuple(map(_count, state.speed.receiver.counts))
     for name in _COUNTED:
-        found[name] = _count(found[name])
+        if name in found:
+            found[name] = _count(found[name])
     found["sensors.flat"] = np.minimum(state.sensors.flat, _LARGEST["uint32"])
     return found
 
 
-_NOT_IN_C: Final = ("verifier.", "freshness.", "speed.verifier.")
+_OF_KEY: Final = ("verifier.", "freshness.", "speed.verifier.")
 _COUNTED: Final = (
     "memory.gap", "other_ecu.frames", "fail_safe.misses", "fail_safe.good", "overruns", "missed", "sensors.doubt",
-    "health.tx_errors", "health.rx_errors", "health.bus_off",
+    "health.tx_errors", "health.rx_errors", "health.bus_off", "verifier.not_authentic", "verifier.not_fresh",
+    "speed.verifier.not_authentic", "speed.verifier.not_fresh",
 )  # fmt: skip
 
 
-def differing(one: EcuState, other: EcuState) -> list[str]:
-    """Names of the fields in which two states differ as far as C keeps them, to the bit; NaN is itself."""
-    first, second = as_c_has_it(one), as_c_has_it(other)
+def differing(one: EcuState, other: EcuState, *, is_keyed: bool = False) -> list[str]:
+    """Names of the fields in which two states differ as far as C keeps them, with or without `bus.key`, to the bit; NaN
+    is itself."""
+    first, second = as_c_has_it(one, is_keyed=is_keyed), as_c_has_it(other, is_keyed=is_keyed)
     return [name for name, value in first.items() if not _same(value, second[name])]
 
 

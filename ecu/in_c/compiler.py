@@ -16,6 +16,9 @@ STANDARD: Final = ("-std=c99", "-pedantic", "-Wall", "-Wextra", "-Wconversion")
 OPTIMISED: Final = ("-O3", "-march=native", "-ffp-contract=fast")
 """Contraction to fused multiply-adds changes roundings only; -ffast-math would break them."""
 
+EXACT: Final = ("-O3", "-march=native", "-ffp-contract=off")
+"""The ECU decides with these to the bit as the one in Python: GCC reads no pragma against contraction."""
+
 
 def host_compiler() -> list[str]:
     """The command that compiles C here: $CC, else cc, gcc or clang, else the `ziglang` package's. Raises LibraryError

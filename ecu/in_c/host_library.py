@@ -18,7 +18,7 @@ from contract.controller.c_folder import library_sources
 from contract.controller.interface import FORCES, REFUSALS, TERMS, ControllerError, ControlStep, Sizes
 from contract.errors import LibraryError
 from contract.runtime.copies import NeverCopied
-from ecu.in_c.compiler import OPTIMISED, compile_c, compiler_version, host_compiler
+from ecu.in_c.compiler import EXACT, OPTIMISED, compile_c, compiler_version, host_compiler
 
 _OK: Final = 0
 _ALIGNMENT: Final = 64
@@ -49,6 +49,7 @@ class CController(NeverCopied):
         flags: Sequence[str] = OPTIMISED,
     ) -> None:
         command = host_compiler() if compiler is None else list(compiler)
+        self._made_of = contents, sizes, command
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder, "controller.so")
             compile_c(library_sources(contents), path, compiler=command, flags=("-fPIC", "-shared", *flags))
@@ -114,13 +115,27 @@ class CController(NeverCopied):
         status = self._step(
             ctypes.c_void_p(self._workspace.ctypes.data), ctypes.byref(self._input), ctypes.byref(self._output)
         )
-        if status != _OK:
-            raise ControllerError(f"the C library answered with status {status}: {REFUSALS[status]}")
+        self._check(status)
         found = self._output
         new_plan, forces, terms, cost = (
             np.array(value, dtype=np.float64) for value in (found.plan, found.forces, found.terms, found.cost)
         )
         return ControlStep(plan=new_plan, forces=forces, terms=terms, cost=float(cost))
+
+    def known_answer(self) -> tuple[float, float]:
+        """Compute the first action and the cost of `sw_known_answer.c` in another build of the same sources, one that
+        fuses no operations. Raises ControllerError if they are not finite; LibraryError if it does not compile."""
+        contents, sizes, command = self._made_of
+        exact = CController(contents, sizes, compiler=command, flags=EXACT)
+        workspace, given, found = exact._workspace.ctypes.data, exact._input, exact._output
+        status = exact._library.sw_known_answer(ctypes.c_void_p(workspace), ctypes.byref(given), ctypes.byref(found))
+        self._check(status)
+        return found.plan[0], found.cost
+
+    @staticmethod
+    def _check(status: int) -> None:
+        if status != _OK:
+            raise ControllerError(f"the C library answered with status {status}: {REFUSALS[status]}")
 
     def poison_workspace(self) -> None:
         """Fill the scratch memory with NaN: no result may depend on what was there."""

@@ -9,6 +9,7 @@ from contract.arrays import Array
 from contract.controller.c_folder import BILL, EXPECTED, RECORDED, rows_text, write_folder
 from contract.controller.image_payload import with_layout
 from export.release.gated import Gated
+from export.to_c.builds import build_files
 from export.to_c.library import documents
 
 
@@ -31,7 +32,7 @@ def write_c_release(
     assert gated.library is not None
     recorded = {RECORDED: recorded_rows(windows).encode(), EXPECTED: rows_text(gated.library.replayed).encode()}
     library = with_layout({**gated.lowered.library, **({} if ecu is None else ecu)})
-    contents = {**library, **recorded, **documents(library)}
+    contents = {**library, **recorded, **documents(library), **build_files(library)}
     write_folder(folder, contents if bill is None else {**contents, BILL: bill(contents)})
 
 

@@ -1,7 +1,7 @@
 """Lowerings that have passed every gate; only these are written."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 from contract.arrays import Array
@@ -17,7 +17,7 @@ from export.gates.quantisation import (
 from export.int8.rounded_program import RoundedProgram
 from export.reference.mpc import control_step
 from export.release.lowering import Lowered
-from export.to_c.library import replay
+from export.to_c.library import replay, with_answer
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,12 +44,14 @@ class LibraryReport:
         quantisation: int8 with integer products compared with the float reference; None for float32.
         workspace_bytes: size of the scratch memory that the caller provides.
         replayed: (n, 4), the example program's expected answers to the windows: action, mean Cd and Cl, cost.
+        known_answer: the control step that a build must compute when it starts.
     """
 
     parity: ParityReport | None
     quantisation: QuantisationReport | None
     workspace_bytes: int
     replayed: Array
+    known_answer: tuple[float, float]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -79,11 +81,11 @@ def gate(
     limits = QuantisationLimits() if limits is None else limits
     # Both lowerings are compared with these control steps, whose computation takes longest.
     exact = exact_answers(lowered.program.source, windows) if isinstance(lowered.program, RoundedProgram) else []
-    return Gated(
-        lowered=lowered,
-        graph=_gate_graph(lowered, windows, exact, limits),
-        library=None if lowered.library is None else _gate_library(lowered, windows, exact, limits, compiled),
-    )
+    graph, library = _gate_graph(lowered, windows, exact, limits), None
+    if lowered.library is not None:
+        library = _gate_library(lowered, windows, exact, limits, compiled)
+        lowered = replace(lowered, library=with_answer(lowered.library, library.known_answer))
+    return Gated(lowered=lowered, graph=graph, library=library)
 
 
 def _gate_graph(
@@ -116,5 +118,9 @@ def _gate_library(
         parity = check_lowering(lowered.effective, controller, "C library", windows)
     replayed = replay(controller, windows, lowered.effective.mpc.horizon)
     return LibraryReport(
-        parity=parity, quantisation=quantisation, workspace_bytes=controller.workspace_bytes, replayed=replayed
+        parity=parity,
+        quantisation=quantisation,
+        workspace_bytes=controller.workspace_bytes,
+        replayed=replayed,
+        known_answer=controller.known_answer(),
     )

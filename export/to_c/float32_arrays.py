@@ -121,7 +121,8 @@ def _decoder(program: ControllerProgram) -> dict[str, Array]:
 
 
 def optimiser_arrays(program: ControllerProgram) -> dict[str, Array]:
-    """Return the cost's reference, Adam's factors of every iteration, and the default cost weights."""
+    """Return the cost's reference, Adam's factors of every iteration, the default cost weights, and the place of the
+    known answer (`with_answer`)."""
     beta1, beta2 = ADAM_BETAS
     number = np.arange(1, program.mpc.iterations + 1)
     return {
@@ -130,6 +131,7 @@ def optimiser_arrays(program: ControllerProgram) -> dict[str, Array]:
         "sw_adam_unbias": 1.0 / np.sqrt(1.0 - beta2**number),
         "sw_adam_epsilon": np.array(program.mpc.epsilon),
         "sw_default_weights": np.array(program.mpc.weights.as_tuple()),
+        "sw_known_answer": np.zeros(2),
     }
 
 

@@ -91,6 +91,26 @@ def weights_files(
     }
 
 
+def with_answer(library: Mapping[str, bytes], answer: tuple[float, float]) -> dict[str, bytes]:
+    """Give the library whose `sw_known_answer` expects an answer, its first action and its cost."""
+
+    def member(values: Sequence[float]) -> Numbers:
+        return Numbers(struct="sw_weights", members={"known_answer": np.array(values, np.float32)})
+
+    unknown, known = (member(values).initialiser[1:-1].encode() for values in ((0.0, 0.0), answer))
+    layout = ProgramSettings.of(library).text("SW_WEIGHTS_LAYOUT").split("; ")
+    (place,) = (int(each.split()[-1]) for each in layout if each.startswith("known_answer "))
+    source, packed = library[PROGRAM_WEIGHTS], bytearray(library[image_payload.WEIGHTS_PART])
+    assert source.count(unknown) == 1
+    values = member(answer).packed()
+    packed[place : place + len(values)] = values
+    return {
+        **library,
+        PROGRAM_WEIGHTS: source.replace(unknown, known),
+        image_payload.WEIGHTS_PART: bytes(packed),
+    }
+
+
 def numbers(struct: str, arrays: Mapping[str, ArrayValues], alignment: int) -> Numbers:
     """Return a struct in C; raises ExportError for a value that float32 cannot hold."""
     return Numbers(

@@ -34,13 +34,16 @@ def check_ecu(kind: str, clock_mhz: float) -> None:
     import_module("firmware_sim.mcu.board.board_ecu")
 
 
-def loop_ecu(kind: str, sources: Mapping[str, bytes], *, clock_mhz: float = 480.0) -> LoopEcu:
+def loop_ecu(
+    kind: str, sources: Mapping[str, bytes], *, clock_mhz: float = 480.0, secret: bytes | None = None
+) -> LoopEcu:
     """Return an ECU in C that has just been powered on.
 
     Args:
         kind: C or MCU.
         sources: `ecu.in_c.c_ecu.ecu_sources`.
         clock_mhz: clock of the emulated core.
+        secret: key of the bus, if the sources are for a bus with `bus.key`.
 
     Raises:
         ConfigError: the clock is outside `CLOCKS_MHZ`.
@@ -49,13 +52,13 @@ def loop_ecu(kind: str, sources: Mapping[str, bytes], *, clock_mhz: float = 480.
     """
     precision = ProgramSettings.of(sources).text("SW_PRECISION")
     if kind == C:
-        host = CEcu(sources)
+        host = CEcu(sources, secret=secret)
         return LoopEcu(ecu=host, kind=kind, computed_by=f"C99 {precision}, {host.description}")
     check_ecu(kind, clock_mhz)
     # The emulator is installed only with an extra.
     from firmware_sim.mcu.board.board_ecu import BoardEcu
 
-    core = BoardEcu(sources, clock_mhz=clock_mhz)
+    core = BoardEcu(sources, clock_mhz=clock_mhz, secret=secret)
     return LoopEcu(
         ecu=core,
         kind=MCU,

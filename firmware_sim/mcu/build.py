@@ -26,6 +26,8 @@ BARE: Final = (
 BOARD_SCRIPT: Final = "sw_board.ld"
 EQUIPMENT: Final = "sw_board_equipment.h"
 """Header with a board's data from production; the header in a library has no loader."""
+BUS_KEY: Final = "sw_board_bus_key.h"
+"""Header with the key of the bus from production; the header in a library has no key."""
 
 
 def compile_for_cortex_m7(

@@ -118,7 +118,7 @@ def export(
     check_output(output.with_name(f"{output.name}.cdx.json"), overwrite=overwrite)
     files.check(overwrite=overwrite)
     if files.in_c:
-        _check_c_settings(config)
+        _check_c_settings(config, files.fmu)
     _export_model(model, output, files, config, dataset, name=name, precision=precision, estimator=estimator)
 
 
@@ -268,22 +268,19 @@ def _print_remarks(done: "Gated", config: Config) -> None:
         )
 
 
-def _check_c_settings(config: Config) -> None:
+def _check_c_settings(config: Config, fmu: Path | None) -> None:
     """Refuse settings that the ECU in C does not support with any release."""
     from ecu.in_c.c_settings import check_settings
 
-    if config.bus.key:
-        raise ConflictError(
-            "bus.key: the ECU in C has no authentication yet, so --c, --fmu and --image are of one without; "
-            "leave bus.key empty for them"
-        )
+    if fmu is not None and config.bus.key:
+        raise ConflictError("bus.key: an FMU has signals and no frames to be authenticated; leave it empty for --fmu")
     check_settings(config)
 
 
 def _export_shipped(files: _Files, given: list[str]) -> None:
     """Write the shipped bundle's library, FMU and image, with the vehicle's settings compiled in."""
     config = settings("export --c", given, uses=USES_IN_C).config
-    _check_c_settings(config)
+    _check_c_settings(config, files.fmu)
 
     from export.release.pipeline import EXPORT_PHASES, gate_figures
     from stillwake.parts.c_release import write_shipped_library

@@ -247,13 +247,13 @@ def _ecu_in_c(kind: str, clock_mhz: float, library: Path | None, release: Bundle
     """Return the bundle's ECU in C, for the vehicle of this run. Raises LibraryError if no library was named and the
     bundle is not the shipped one, or if the library is not the bundle's. Raises StillwakeError if it cannot be
     compiled, or the settings are not for an ECU in C."""
+    from can_bridge.secoc.key import read_secret
     from ecu.in_c.c_ecu import ecu_sources
     from firmware_sim.bench.ecus import check_ecu, loop_ecu
     from stillwake.parts.c_release import library_folder
 
     # Invalid settings are refused before the library is made.
-    if config.bus.key:
-        raise ConfigError(f"bus.key: --ecu {kind} has no authentication; leave it empty, or take --ecu {PYTHON}")
+    secret = read_secret(Path(config.bus.key)) if config.bus.key else None
     check_ecu(kind, clock_mhz)
     if library is None:
         if release.digest != open_release(None).digest:
@@ -261,7 +261,7 @@ def _ecu_in_c(kind: str, clock_mhz: float, library: Path | None, release: Bundle
         console.print("making the C library of the shipped model, as `stillwake export --c` does")
     with library_folder(library) as folder:
         sources = ecu_sources(folder, release, config)
-    return loop_ecu(kind, sources, clock_mhz=clock_mhz)
+    return loop_ecu(kind, sources, clock_mhz=clock_mhz, secret=secret)
 
 
 def _print(log: "RunLog") -> None:

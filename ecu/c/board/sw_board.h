@@ -28,6 +28,7 @@
 #define SW_BOARD_FLASH 0x52002100u    /* registers of the bank that holds what is written in the field, the second */
 #define SW_BOARD_FLASH_BANK 0x08100000u
 #define SW_BOARD_FLASH_SECTORS 8u
+#define SW_BOARD_BACKUP 0x38800000u /* SRAM that outlives a loss of the supply; sw_board_power_on has it clocked and open */
 #define SW_BOARD_ERASE_NS INT64_C(5000000000) /* for a sector, beyond which it has failed: at most 4 s (DS12110) */
 
 /* --- The same for every board --- */
@@ -75,6 +76,18 @@ void sw_board_can_queue(const sw_frame *frame);
 
 /* Whether all frames that were handed over have left, or never will. */
 int sw_board_can_is_idle(void);
+
+#if SW_SECOC
+/* The bus' key, and what is left of earlier power cycles, with this one counted where it outlives a loss of the supply.
+ * Returns 0, or 1 where that cannot be done: without a key the ECU sends nothing.
+ */
+int sw_board_authentication(sw_authentication *found);
+
+/* Keeps what was accepted last, behind every step. A value that is kept late can be played back once to an ECU that has
+ * just started again.
+ */
+void sw_board_keep_freshness(const sw_ecu_state *state);
+#endif
 
 /* The error counters of now; a controller that went bus-off is counted, and starts again. */
 void sw_board_can_health(sw_bus_health *health);

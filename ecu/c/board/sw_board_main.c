@@ -105,6 +105,15 @@ static int64_t serve(const sw_frame *frames, int count, int64_t now_ns)
 
 #endif
 
+#if SW_SECOC
+static void authenticate(void)
+{
+    sw_authentication given;
+    if (sw_board_authentication(&given) == 0) (void)sw_ecu_authenticate(sw_board_ecu, &given);
+    for (uint32_t i = 0; i < sizeof given; i++) ((volatile uint8_t *)&given)[i] = 0;
+}
+#endif
+
 #define OF_DIAGNOSIS (SW_DIAGNOSIS_EXTENDED != 0 ? SW_BOARD_EXTENDED : 0u)
 
 static const uint32_t ids[] = {
@@ -156,6 +165,9 @@ static void step(sw_board_period *period, int64_t now_ns)
     static sw_frame answers[SW_FRAMES_OUT];
     const int sent = control(now_ns, period->count, answers);
     for (int i = 0; i < sent; i++) (void)sw_board_can_send(&answers[i], (uint32_t)i);
+#if SW_SECOC
+    sw_board_keep_freshness(&sw_board_ecu->state);
+#endif
     const int64_t next_ns = now_ns + (int64_t)SW_PERIOD_NS;
     period->deadline_ns = period->came != 0u ? next_ns + (int64_t)SW_PERIOD_NS / 2 : next_ns;
     period->latest_ns = now_ns;
@@ -168,6 +180,9 @@ void sw_board_main(void)
 {
     sw_board_period period = {0, 0, 0, 0};
     begin();
+#if SW_SECOC
+    authenticate();
+#endif
     sw_board_can_start(ids, (uint32_t)(sizeof ids / sizeof ids[0]));
     period.latest_ns = sw_board_now_ns() - (int64_t)SW_PERIOD_NS;
     period.deadline_ns = period.latest_ns + 2 * (int64_t)SW_PERIOD_NS;

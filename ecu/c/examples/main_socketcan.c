@@ -3,6 +3,9 @@
  *     cc -std=c99 -O2 -ffp-contract=off -I. sw_*.c examples/main_socketcan.c -o ecu
  *     chrt -f 50 ./ecu can0
  *
+ * Where the frames are authenticated (SW_SECOC), it takes two files more: the key as `stillwake keygen --secret` writes it,
+ * and one of its own with freshness values, `./ecu can0 bus.key freshness`.
+ *
  * It steps at absolute deadlines on CLOCK_MONOTONIC, a fixed time behind the arrival of the pressures, and gives frames
  * the kernel's time of their arrival. SIGTERM and SIGINT end it: the last commands on the bus shut the jets. The status
  * is 1 if the interface cannot be used, or fails.
@@ -214,12 +217,86 @@ static int period(int bus, int64_t *due_ns)
     return 0;
 }
 
+#if SW_SECOC
+
+static const char *freshness_file;
+
+/* 32 hexadecimal digits; -1 if there are none. */
+static int read_key(const char *path, uint8_t key[SW_AES_BYTES])
+{
+    FILE *file = fopen(path, "r");
+    int failed = file == NULL;
+    for (int i = 0; i < SW_AES_BYTES && !failed; i++) {
+        unsigned byte = 0;
+        failed = fscanf(file, "%2x", &byte) != 1;
+        key[i] = (uint8_t)byte;
+    }
+    if (file != NULL) fclose(file);
+    return failed ? -1 : 0;
+}
+
+/* Replaces the old file as a whole; -1 if that fails. */
+static int keep_freshness(unsigned long trip, unsigned long long pressure, unsigned long long speed)
+{
+    char beside[4096];
+    if (snprintf(beside, sizeof beside, "%s.new", freshness_file) >= (int)sizeof beside) return -1;
+    FILE *file = fopen(beside, "w");
+    if (file == NULL) return -1;
+    int failed = fprintf(file, "%lu %llu %llu\n", trip, pressure, speed) < 0;
+    failed |= fflush(file) != 0 || fsync(fileno(file)) != 0;
+    failed |= fclose(file) != 0;
+    return failed || rename(beside, freshness_file) != 0 ? -1 : 0;
+}
+
+/* Counts a power cycle, then gives the ECU its key. A file that is gone counts from 1 again: the vehicle then refuses all
+ * frames. This program keeps what it accepted when it ends, not amid its periods: after a crash, frames of the cycle
+ * before can be played back until the first genuine one comes.
+ */
+static int authenticate(const char *key_file)
+{
+    sw_authentication given;
+    unsigned long trip = 0;
+    unsigned long long pressure = 0, speed = 0;
+    FILE *file = fopen(freshness_file, "r");
+    int failed = file == NULL ? errno != ENOENT : fscanf(file, "%lu %llu %llu", &trip, &pressure, &speed) != 3;
+    if (file != NULL) fclose(file);
+    failed = failed || trip >= UINT32_MAX || read_key(key_file, given.key) != 0;
+    if (failed || keep_freshness(trip + 1, pressure, speed) != 0) return -1;
+    given.trip = (uint32_t)(trip + 1);
+    given.heard_pressure = pressure;
+    given.heard_speed = speed;
+    failed = sw_ecu_authenticate(&ecu, &given);
+    memset(given.key, 0, sizeof given.key);
+    return failed ? -1 : 0;
+}
+
+static int keep_accepted(void)
+{
+    unsigned long long speed = 0;
+#if SW_PAST > 0
+    speed = ecu.state.speed.receiver.verifier.freshness;
+#endif
+    return keep_freshness(ecu.state.freshness.trip, ecu.state.pressures.verifier.freshness, speed);
+}
+
+#endif
+
 /* The last frames: jets shut and not enabled, as at power-on, but that they go on counting. */
 static int shut(int bus, int64_t due_ns)
 {
     sw_frame answers[SW_FRAMES_OUT];
     const uint8_t command = ecu.state.command_counter, status = ecu.state.status_counter;
+#if SW_SECOC
+    const sw_secoc secoc = ecu.secoc;
+    const sw_freshness freshness = ecu.state.freshness;
+    const int is_kept = keep_accepted() == 0;
     (void)sw_ecu_init(&ecu);
+    ecu.secoc = secoc;
+    ecu.state.freshness = freshness;
+    if (!is_kept) fprintf(stderr, "%s: the freshness is not kept: %s\n", freshness_file, strerror(errno));
+#else
+    (void)sw_ecu_init(&ecu);
+#endif
     ecu.state.command_counter = command;
     ecu.state.status_counter = status;
     for (int i = 0; i < SHUT_PERIODS; i++) {
@@ -244,8 +321,8 @@ int main(int argc, char **argv)
 {
     struct sigaction action;
     int failed = 0;
-    if (argc != 2) {
-        fprintf(stderr, "usage: ecu INTERFACE, e.g. ecu can0\n");
+    if (argc != (SW_SECOC ? 4 : 2)) {
+        fprintf(stderr, SW_SECOC ? "usage: ecu INTERFACE KEY FRESHNESS\n" : "usage: ecu INTERFACE, e.g. ecu can0\n");
         return 1;
     }
     const int bus = open_bus(argv[1]);
@@ -263,6 +340,14 @@ int main(int argc, char **argv)
         close(bus);
         return 1;
     }
+#if SW_SECOC
+    freshness_file = argv[3];
+    if (authenticate(argv[2]) != 0) {
+        fprintf(stderr, "no key in %s, or no freshness values in %s\n", argv[2], argv[3]);
+        close(bus);
+        return 1;
+    }
+#endif
     int64_t due_ns = clock_ns(CLOCK_MONOTONIC) + SW_PERIOD_NS;
     while (!is_stopped && !failed) {
         sleep_until(due_ns);

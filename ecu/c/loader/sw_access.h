@@ -9,7 +9,7 @@
 
 #include <stdint.h>
 
-#include "sw_crypto.h"
+#include "sw_cmac.h"
 #include "sw_ecu_settings.h"
 #include "sw_store.h"
 #include "sw_uds_settings.h"

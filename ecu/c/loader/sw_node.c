@@ -54,7 +54,7 @@ int sw_node_init(sw_node *node, const sw_equipment *equipment, const sw_flash *f
     sw_faults_open(&node->services.faults);
     start_ecu(node);
     node->store.records.limit = SW_RECORDS_MOVE;
-    return (int)sw_inexact();
+    return node->ecu.unfit != SW_REASON_NONE ? (int)node->ecu.unfit : (int)sw_inexact();
 }
 
 /* --- Control --- */
@@ -78,7 +78,7 @@ static int shut_step(sw_node *node, int64_t now_ns, sw_frame frames_out[SW_FRAME
     state->health = node->ecu.surroundings.health;
     state->sensors.set_aside = -1;
     command.mode = sw_mode_on_wire(state->fail_safe.mode);
-    return sw_write_frames(state, &command, node->bundle_hash, now_ns, frames_out);
+    return sw_write_frames(state, &command, node->bundle_hash, now_ns, frames_out SW_BY_KEY(&node->ecu.secoc));
 }
 
 int sw_node_control(sw_node *node, int64_t now_ns, const sw_frame *frames_in, int count,

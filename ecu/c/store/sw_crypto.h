@@ -1,14 +1,10 @@
-/* What an ECU needs of cryptography: SHA-256 (FIPS 180-4) in pieces, AES-CMAC (NIST SP 800-38B), Ed25519 (RFC 8032).
- *
- * AES looks up no table and takes no branch by a secret: how long a CMAC takes depends on the length of its message alone.
- */
+/* What a store needs of cryptography: SHA-256 (FIPS 180-4) in pieces, Ed25519 (RFC 8032). */
 #ifndef SW_CRYPTO_H
 #define SW_CRYPTO_H
 
 #include <stdint.h>
 
 #define SW_SHA256_BYTES 32u
-#define SW_AES_BYTES 16 /* of a key, of a block, and of a CMAC */
 
 typedef struct {
     uint32_t state[8];
@@ -22,9 +18,6 @@ void sw_sha256_end(sw_sha256 *hash, uint8_t digest[SW_SHA256_BYTES]);
 
 /* All of it at once. */
 void sw_sha256_of(const uint8_t *data, uint32_t length, uint8_t digest[SW_SHA256_BYTES]);
-
-/* The CMAC of a message of `length` bytes. */
-void sw_aes_cmac(const uint8_t key[SW_AES_BYTES], const uint8_t *message, uint32_t length, uint8_t mac[SW_AES_BYTES]);
 
 /* Whether a key is of small order: anyone can sign anything for it. */
 int sw_key_is_weak(const uint8_t key[32]);

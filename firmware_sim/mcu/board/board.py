@@ -32,6 +32,8 @@ BANK: Final = 0x0810_0000
 BANK_BYTES: Final = SECTOR * SECTORS
 DTCM, DTCM_BYTES = 0x2000_0000, 128 * 1024
 SRAM, SRAM_BYTES = 0x2400_0000, 512 * 1024
+BACKUP, BACKUP_BYTES = 0x3880_0000, 4096
+"""SRAM that a battery supplies: its contents outlive a power cycle."""
 _STACK_BYTES: Final = 16 * 1024
 _PAGE: Final = 4096
 _COUNTER, _RANDOM, _CAN, _FLASH, _CORE = 0x5C00_8000, 0x4802_1800, 0x4000_A000, 0x5200_2100, 0xE000_E000
@@ -53,6 +55,7 @@ class Board(EmulatedCore):
         times: times of flash operations.
         cut_at: number of the flash operation, counted from 1, in which the supply fails; 0 for never.
         seed: seed of the random numbers and of the contents of a torn word.
+        backup: contents of the SRAM that the battery supplied.
 
     Attributes:
         counter, can, flash: its peripherals.
@@ -68,8 +71,11 @@ class Board(EmulatedCore):
         times: FlashTimes = STM32H743,
         cut_at: int = 0,
         seed: int = 0,
+        backup: bytes = b"",
     ) -> None:
-        super().__init__(firmware, ((DTCM, DTCM_BYTES), (SRAM, SRAM_BYTES)), (DTCM, _STACK_BYTES))
+        memories = ((DTCM, DTCM_BYTES), (SRAM, SRAM_BYTES), (BACKUP, BACKUP_BYTES))
+        super().__init__(firmware, memories, (DTCM, _STACK_BYTES))
+        self.poke(BACKUP, backup)
         self._raised = list[Exception]()
         self.counter, self._registers = Counter(now_ns), CoreRegisters()
         self.can = CanController(lambda: self.counter.now_ns)

@@ -17,10 +17,10 @@ from ecu.ecu_state import Surroundings
 from ecu.in_c.c_ecu import CEcuState, bundle_hash_of
 from ecu.in_c.c_structs import Structs, c_time
 from ecu.in_c.compiler import zig_compiler
-from firmware_sim.mcu.board.board import SRAM, SRAM_BYTES, Board
+from firmware_sim.mcu.board.board import BACKUP, BACKUP_BYTES, SRAM, SRAM_BYTES, Board
 from firmware_sim.mcu.board.flash_controller import STM32H743, FlashBank, FlashTimes
 from firmware_sim.mcu.board.small_parts import SystemReset
-from firmware_sim.mcu.build import NO_COMPILER, compile_board
+from firmware_sim.mcu.build import BUS_KEY, NO_COMPILER, compile_board
 from firmware_sim.mcu.elf import Firmware, read_elf
 
 _SCRATCH: Final = SRAM + SRAM_BYTES - 16384
@@ -38,6 +38,7 @@ class BoardEcu(CEcuState):
         own: files that replace the board's (`compile_board`).
         firmware: firmware compiled earlier from these sources.
         times: times of flash operations.
+        secret: key of the bus that production writes, with `bus.key`.
 
     Attributes:
         board: board of the present power cycle.
@@ -58,6 +59,7 @@ class BoardEcu(CEcuState):
         times: FlashTimes = STM32H743,
         now_ns: int = 0,
         cut_at: int = 0,
+        secret: bytes | None = None,
     ) -> None:
         compiler = zig_compiler()
         if compiler is None:
@@ -69,6 +71,8 @@ class BoardEcu(CEcuState):
             lambda state: self._asked("sw_ecu_restore", buffer(state)),
         )  # fmt: skip
         self._clock_mhz, self._times = clock_mhz, times
+        if secret is not None:
+            own = {**(own or {}), BUS_KEY: f"#define SW_BOARD_BUS_KEY {{{', '.join(map(str, secret))}}}\n".encode()}
         self.firmware = firmware or read_elf(compile_board(sources, own))
         self.resets = self.waited_ns = self.instructions = self.cycles = 0
         self._left = list[Frame]()
@@ -76,8 +80,18 @@ class BoardEcu(CEcuState):
         self.power_on(bank or FlashBank(), now_ns, cut_at=cut_at)
 
     def power_on(self, bank: FlashBank, now_ns: int, *, cut_at: int = 0) -> None:
-        """Begin a new power cycle; the supply fails in the flash operation with the number `cut_at`, from 1."""
-        self.board = Board(self.firmware, bank, now_ns=now_ns, times=self._times, cut_at=cut_at, seed=self.resets)
+        """Begin a new power cycle with the contents of the battery's SRAM; the supply fails in the flash operation with
+        the number `cut_at`, from 1."""
+        before: Board | None = getattr(self, "board", None)
+        self.board = Board(
+            self.firmware,
+            bank,
+            now_ns=now_ns,
+            times=self._times,
+            cut_at=cut_at,
+            seed=self.resets,
+            backup=b"" if before is None else before.peek(BACKUP, BACKUP_BYTES),
+        )
         self._run()
         self._place = self._pointer("sw_board_ecu")
         self._load()

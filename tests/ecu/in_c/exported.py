@@ -21,6 +21,7 @@ from contract.release.manifest import SpeedRange
 from ecu.c.sources import firmware_sources
 from ecu.in_c.c_settings import ecu_settings
 from ecu.in_c.host_library import CController
+from ecu.in_c.uds_settings import UDS_SETTINGS, uds_settings
 from examples.random_programs import random_program
 from export.gates.quantisation import QuantisationLimits
 from export.int8.calibrate import rounded_on
@@ -58,6 +59,7 @@ def exported(root: Path) -> Exported:
     write_random(root / "bundle", gated)
     bundle = bundles.load(root / "bundle")
     ecu = firmware_sources() | {ECU_SETTINGS: ecu_settings(bundle, CONFIG)}
+    ecu[f"loader/{UDS_SETTINGS}"] = uds_settings()
     write_c_release(root / "c", gated, windows[:4], ecu)
     return Exported(bundle, root / "bundle", root / "c")
 

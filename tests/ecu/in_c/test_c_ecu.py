@@ -2,6 +2,7 @@
 
 import ctypes
 import platform
+import re
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -14,7 +15,7 @@ from can_bridge.bus.interface import BusHealth, BusState
 from can_bridge.wire.message_sets import message_set
 from can_bridge.wire.messages import Mode, Reason
 from contract.config.controller import CostWeights
-from contract.config.vehicle import BusConfig, EcuConfig
+from contract.config.vehicle import EcuConfig
 from contract.controller.c_folder import ECU_SETTINGS, library_sources
 from contract.controller.interface import ControllerError
 from contract.errors import ConfigError, LibraryError
@@ -174,7 +175,6 @@ def test_what_has_no_ecu_or_c_cannot_do_is_refused_in_one_line(release, sources,
         ecu_sources(release.folder, another, CONFIG)
     check = replace(CONFIG.ecu.sensor_check, doubt_periods=2**30)
     for config, words in (
-        (replace(CONFIG, bus=BusConfig(key="k.pem")), r"bus\.key"),
         (replace(CONFIG, ecu=replace(CONFIG.ecu, loss_window=65)), r"ecu\.loss_window"),
         (replace(CONFIG, ecu=replace(CONFIG.ecu, sensor_check=check)), r"ecu\.sensor_check\.doubt_periods"),
         (replace(CONFIG, ecu=replace(CONFIG.ecu, hold_periods=2**29 + 1)), r"ecu\.hold_periods = 536870913"),
@@ -265,6 +265,29 @@ def test_decisions_that_are_contracted_are_refused_where_the_control_step_is_not
     with pytest.raises(LibraryError, match=r"^the compiled ECU refuses: -O2 .*-ffp-contract=off$"):
         CEcu(sources, flags=flags)
     CController(library_sources(sources), release.bundle.manifest.sizes, flags=flags)
+
+
+def test_a_step_that_answers_otherwise_than_the_exporters_is_refused_at_power_on(release, sources):
+    """Where sums are right and a weight has changed, or a loop stops short: to the bit, and where the step is fused."""
+    (weight,) = re.findall(rb"\.dyn1_rows = \{(-?\d+)", sources["sw_weights.c"])
+    start = b".dyn1_rows = {"
+    changed = sources["sw_weights.c"].replace(start + weight, start + (b"-127" if int(weight) > 0 else b"127"))
+    short = sources["sw_cost.c"].replace(b"k < SW_HORIZON", b"k + 1 < SW_HORIZON", 1)
+    fused = ("-O2", "-march=native", "-ffp-contract=fast")
+    for file, planted, status in (("sw_weights.c", changed, 2), ("sw_cost.c", short, 2), ("sw_cost.c", b"", 0)):
+        given = sources | ({file: planted} if planted else {})
+        step = CController(library_sources(given), release.bundle.manifest.sizes, flags=fused)
+        place, asked, found = step._workspace.ctypes.data, step._input, step._output
+        answer = step._library.sw_known_answer(ctypes.c_void_p(place), ctypes.byref(asked), ctypes.byref(found))
+        assert answer == status, file
+        if status:
+            with pytest.raises(LibraryError, match="refuses"):
+                CEcu(given, flags=FLAGS)
+    c = CEcu(sources | {"sw_weights.c": changed}, flags=(*FLAGS, "-DSW_WITHOUT_KNOWN_ANSWER"))
+    c.ecu.unfit = Reason.INTERNAL
+    for now_ns, frames in Feed().periods(INTO_CONTROL + 4):
+        c.step(now_ns, frames)
+        assert c.trace.mode is Mode.FAULT and c.status().reason is Reason.INTERNAL
 
 
 @each(

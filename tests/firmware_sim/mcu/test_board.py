@@ -4,6 +4,7 @@ import platform
 import sys
 from collections.abc import Iterable
 from dataclasses import replace
+from itertools import islice
 from unittest.mock import patch
 
 import pytest
@@ -16,9 +17,11 @@ from contract.release.manifest import SpeedRange
 from ecu.in_c.c_ecu import CEcu, ecu_sources
 from ecu.in_c.c_structs import differing
 from ecu.in_c.compiler import zig_compiler
+from firmware_sim.mcu.board.board import BACKUP
 from firmware_sim.mcu.board.board_ecu import BoardEcu
 from firmware_sim.mcu.build import COMMON
 from tests.ecu.in_c.exported import CONFIG, WINDOW, Feed
+from tests.ecu.in_c.test_secoc_in_c import KEYED, SECRET, Sender
 
 pytestmark = pytest.mark.mcu
 OFF = BusHealth(state=BusState.BUS_OFF, tx_errors=256, bus_off=4)
@@ -113,3 +116,26 @@ def test_at_other_speeds_they_are_as_well(release):
 def test_a_library_without_a_board_is_an_error_in_one_line(sources):
     with pytest.raises(LibraryError, match="this library has no board"):
         BoardEcu({name: text for name, text in sources.items() if "/" not in name})
+
+
+@fuses
+def test_with_a_key_it_sends_the_hosts_frames_and_its_battery_keeps_the_freshness(release):
+    own = ecu_sources(release.folder, release.bundle, KEYED)
+    board = BoardEcu(own, secret=SECRET)
+    host = CEcu(own, compiler=zig_compiler(), flags=(*COMMON, "-march=native"), secret=SECRET)
+    for now_ns, frames in islice(Sender().periods(), WINDOW + 12):
+        step_both(board, host, now_ns, frames, BusHealth())
+        assert differing(board.state, host.state, is_keyed=True) == []
+    heard = board.state.verifier.freshness
+    assert heard == 2 << 32 | WINDOW + 12
+    for trip in (2, 3):
+        board.power_on(board.board.flash.bank, now_ns)
+        assert (board.state.freshness.trip, board.state.verifier.freshness) == (trip, heard)
+    # A record that a cut left half written is none: the other one stands.
+    torn = bytearray(board.board.peek(BACKUP, 56))
+    newest = max((0, 28), key=lambda at: int.from_bytes(torn[at : at + 4], "little"))
+    board.board.poke(BACKUP + newest + 12, b"\xff")
+    board.power_on(board.board.flash.bank, now_ns)
+    assert (board.state.freshness.trip, board.state.verifier.freshness) == (3, heard)
+    # The firmware of a library has no key.
+    assert BoardEcu(own).step(now_ns, frames) == []

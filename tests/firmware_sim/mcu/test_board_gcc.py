@@ -12,7 +12,6 @@ from can_bridge.bus.interface import BusHealth
 from can_bridge.wire.messages import Mode
 from ecu.in_c.c_ecu import CEcu
 from ecu.in_c.compiler import zig_compiler
-from ecu.in_c.uds_settings import UDS_SETTINGS, uds_settings
 from firmware_sim.mcu.board.board_ecu import BoardEcu
 from firmware_sim.mcu.elf import Firmware, read_elf
 from tests.can_bridge.flashing.releases import keys
@@ -39,7 +38,6 @@ def built_by_its_rules(folder: Path) -> Firmware:
 
 def test_built_without_a_warning_it_sends_the_hosts_frames_and_does_so_again_once_flashed(release, sources, tmp_path):
     folder, node = shutil.copytree(release.folder, tmp_path / "c"), Built(release)
-    (folder / "loader" / UDS_SETTINGS).write_bytes(uds_settings())
     board = BoardEcu(sources, firmware=built_by_its_rules(folder))
     host = CEcu(sources, compiler=zig_compiler(), flags=("-O2", "-ffp-contract=off"))
     decided = []

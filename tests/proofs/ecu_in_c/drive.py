@@ -1,5 +1,6 @@
 """The vehicle's speed, by chance: it drifts, jumps, leaves the release's range and returns, is lost, old or unknown."""
 
+from dataclasses import replace
 from random import Random
 
 from can_bridge.e2e.profiles import profile_of
@@ -8,6 +9,7 @@ from can_bridge.wire.message_sets import message_set
 from can_bridge.wire.message_specs import SPEED_RESOLUTION_M_PER_S
 from can_bridge.wire.messages import VehicleSpeed
 from contract.config.tree import Config
+from tests.proofs.ecu_in_c.sealing import Sealing
 from tests.proofs.ecu_in_c.variants import SPEEDS
 
 
@@ -28,6 +30,7 @@ class Drive:
         self._design = config.operating_point
         self.ratio, self.density = 1.0, self._design.density
         self._towards, self._stated, self._counter, self._silent, self._old_ns = 1.0, False, 0, 0, 0
+        self.sealing = Sealing(config, rng)
         self.speeds = edges(config)
 
     @property
@@ -70,7 +73,8 @@ class Drive:
         if rng.random() < odd / 5:
             # Of the largest age, or nearly so, or of the future.
             sent_ns = now_ns - rng.choice((0, oldest_ns(self._settings.oldest_ms))) + rng.randrange(-1, 2)
-        return Frame(frame_id=spec.frame_id, data=sound, is_fd=spec.is_fd, timestamp_ns=max(0, min(2**63 - 1, sent_ns)))
+        frame = Frame(frame_id=spec.frame_id, data=sound, is_fd=spec.is_fd)
+        return replace(self.sealing.sealed(frame, spec, odd), timestamp_ns=max(0, min(2**63 - 1, sent_ns)))
 
 
 def oldest_ns(oldest_ms: float) -> int:

@@ -11,6 +11,7 @@ from can_bridge.command_gate import GateLimits
 from can_bridge.e2e.profiles import profile_of
 from can_bridge.e2e.receiver import FrameCheck, ReceiverState, StreamState
 from can_bridge.e2e.sender import SenderState
+from can_bridge.secoc.securing import Freshness, VerifierState
 from can_bridge.wire.message_sets import message_set
 from can_bridge.wire.message_specs import FLOW_RESOLUTION_M2_PER_S
 from can_bridge.wire.messages import Reason
@@ -55,6 +56,7 @@ class Edges:
             self._company,
             self._benefit,
             *([] if state.memory.past is None else [self._speed]),
+            *([self._authentication] if self._config.bus.key else []),
         )
         for move in self._rng.sample(moves, self._rng.randrange(1, 4)):
             state = move(state, now_ns)
@@ -88,6 +90,19 @@ class Edges:
     def _receiver(self, state: EcuState, now_ns: int) -> EcuState:
         del now_ns
         return replace(state, pressures=self._received(state.pressures))
+
+    def _authentication(self, state: EcuState, now_ns: int) -> EcuState:
+        """Counts at their ends, and a freshness next to the latest frames'."""
+        del now_ns
+        rng, ends = self._rng, (0, LARGEST - 1, LARGEST)
+        freshness = Freshness(trip=rng.choice((1, state.freshness.trip, LARGEST)), count=rng.choice((1, *ends)))
+        speed = replace(state.speed, verifier=self._verifier(state.speed.verifier))
+        return replace(state, verifier=self._verifier(state.verifier), speed=speed, freshness=freshness)
+
+    def _verifier(self, state: VerifierState) -> VerifierState:
+        rng, ends = self._rng, (0, LARGEST - 1, LARGEST)
+        freshness = rng.choice((0, self._around(state.freshness), self._around(state.freshness)))
+        return VerifierState(freshness=freshness, not_authentic=rng.choice(ends), not_fresh=rng.choice(ends))
 
     def _received(self, state: ReceiverState) -> ReceiverState:
         rng, e2e = self._rng, self._config.bus.e2e

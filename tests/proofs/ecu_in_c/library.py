@@ -29,7 +29,9 @@ FRAMES: Final = 10
 def ecu_files() -> dict[str, bytes]:
     """Sources and headers of the ECU, without its networks."""
     step = library.static_sources("float32")
-    found = c_sources.sources_in() | {name: step[name] for name in ("stillwake.h", "sw_compiler.h", "sw_program.h")}
+    found = c_sources.control_sources() | {
+        name: step[name] for name in ("stillwake.h", "sw_compiler.h", "sw_program.h")
+    }
     return {name: content for name, content in found.items() if name not in NETWORKS}
 
 

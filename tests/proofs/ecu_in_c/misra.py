@@ -20,7 +20,7 @@ from tests.proofs.ecu_in_c.variants import VARIANTS
 
 CHECKED: Final = {
     "quick to doubt": (".c",),
-    "at all speeds": (".c",),
+    "authenticated, at all speeds": (".c",),
     "classic, at all speeds": ("sw_codec_classic.c", "sw_e2e.c", "sw_receiver.c"),
 }
 """Variants that have all code between them, and the ends of the files that are checked: all, or those that differ."""

@@ -22,7 +22,7 @@ from ecu.ecu_state import EcuState
 from ecu.in_c.c_structs import c_time
 from ecu.sensor_check import SensorCheck
 from tests.proofs.ecu_in_c.library import Layout
-from tests.proofs.ecu_in_c.variants import bundle_of
+from tests.proofs.ecu_in_c.variants import authentication_of, bundle_of
 
 HYPOTHESES = Hypotheses.of(4)
 
@@ -114,7 +114,7 @@ class PythonTwin:
         self.config, self.layout = config, layout
         self._pressure_id = message_set(config.bus).pressure.spec.frame_id
         self.networks = Networks(silent(self.horizon))
-        self.ecu = Ecu(bundle, self.networks, config)
+        self.ecu = Ecu(bundle, self.networks, config, authentication=authentication_of(config))
         figures = bundle.manifest.sensor_estimator
         if config.ecu.sensor_check.enabled and figures is not None:
             # The bundle has figures and no graph: what answers in its place is here.

@@ -27,6 +27,7 @@ from tests.proofs.ecu.promises import Delivered
 from tests.proofs.ecu_in_c.drive import Drive
 from tests.proofs.ecu_in_c.library import FRAMES
 from tests.proofs.ecu_in_c.python_twin import Answers, Period
+from tests.proofs.ecu_in_c.sealing import Sealing
 from tests.proofs.ecu_in_c.variants import DEVIATION, bundle_of
 
 VIEWS: Final = 34
@@ -63,6 +64,7 @@ class Traffic:
         self._horizon, self._limits = horizon, limits_of(bundle, config)
         self._drive = None if bundle.manifest.speeds is None else Drive(config, self._rng)
         self._path, self._speed_path, self._counter, self._number = Path(), Path(), 0, 0
+        self._sealing, self._others_sealing = Sealing(config, self._rng), Sealing(config, self._rng)
         self._now_ns, self._stands = START_NS, 0
         self._health, self._inbox = BusHealth(), list[Frame]()
         self._lies = cycle(self._rng.sample(LIES, len(LIES)))
@@ -85,6 +87,7 @@ class Traffic:
         if events.reset_vehicle:
             self._counter = rng.randrange(256)
             self._path.forget()
+            self._sealing.restart()
         if self._drive is not None:
             self._drive.move(odd)
             self._pascal = self._drive.dynamic_pressure
@@ -188,14 +191,14 @@ class Traffic:
         )
         data = self._messages.pressure.emit(pressure)
         if rng.random() < odd / 20:
-            data = bytes(self._profile_header()) + rng.randbytes(spec.length - self._profile_header_bytes)
-        frame = self._protected(data, self._counter)
+            data = bytes(self._profile_header()) + rng.randbytes(spec.protected - self._profile_header_bytes)
+        frame = self._protected(data, self._counter, odd)
         self._counter = (self._counter + 1) % self._profile.counter_period
         fate = events.pressure
         if fate == "foreign":
             step = rng.randrange(2, self._profile.counter_period)
             self._inbox.append(
-                self._stamped(self._protected(data, self._counter + step), now_ns, events.queued_ns, odd)
+                self._stamped(self._protected(data, self._counter + step, odd), now_ns, events.queued_ns, odd)
             )
             fate = "pass"
         for item in self._path.carried(Delivered(frame, None), fate, self._number, Random(events.chance)):
@@ -210,10 +213,10 @@ class Traffic:
         for one in self._speed_path.carried(item, events.command, self._number, Random(events.chance)):
             self._inbox.append(one.frame)
 
-    def _protected(self, data: bytes, counter: int) -> Frame:
+    def _protected(self, data: bytes, counter: int, odd: float) -> Frame:
         spec = self._spec
         sound = self._profile.protect(data, data_id=spec.data_id, counter=counter % self._profile.counter_period)
-        return Frame(frame_id=spec.frame_id, data=sound, is_fd=spec.is_fd)
+        return self._sealing.sealed(Frame(frame_id=spec.frame_id, data=sound, is_fd=spec.is_fd), spec, odd)
 
     @property
     def _profile_header_bytes(self) -> int:
@@ -248,8 +251,12 @@ class Traffic:
         if kind == "ecu":
             spec = rng.choice(self._messages.specs[2:])
             frame_id, is_fd = spec.frame_id, spec.is_fd
-            content = rng.randbytes(spec.length if rng.random() < 0.8 else rng.randrange(3, 9))
-            data = self._misshapen(self._profile.protect(content, data_id=spec.data_id, counter=rng.randrange(16)))
+            content = rng.randbytes(spec.protected if rng.random() < 0.8 else rng.randrange(3, 9))
+            data = self._profile.protect(content, data_id=spec.data_id, counter=rng.randrange(16))
+            if len(data) == spec.protected:
+                sound = Frame(frame_id=frame_id, data=data, is_fd=is_fd)
+                data = self._others_sealing.sealed(sound, spec, odd).data
+            data = self._misshapen(data)
         is_extended = kind == "extended" or (kind == "ecu" and rng.random() < 0.2)
         if kind == "extended" and rng.random() < 0.5:
             frame_id = rng.randrange(MAX_EXTENDED_ID + 1)

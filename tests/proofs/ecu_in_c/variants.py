@@ -3,6 +3,9 @@
 from dataclasses import replace
 from typing import Final
 
+from can_bridge.secoc.key import Key
+from can_bridge.secoc.node import Authentication
+from can_bridge.wire.message_sets import SECURED
 from contract.config.tree import Config
 from contract.config.vehicle import BenefitCheckConfig, BusConfig, E2eConfig, EcuConfig, SensorCheckConfig, SpeedConfig
 from contract.controller.calibration import LARGEST_WEIGHT
@@ -36,6 +39,11 @@ VARIANTS: Final = {
         ),
     ),
     "quick to doubt": Config(ecu=EcuConfig(sensor_check=QUICK, benefit_check=HASTY, deadline_misses=11)),
+    "authenticated": Config(bus=BusConfig(key="bus.key"), ecu=EcuConfig(sensor_check=UNCHECKED, deadline_misses=11)),
+    "authenticated, at all speeds": Config(
+        bus=BusConfig(key="bus.key", e2e=E2eConfig(window=4, min_ok=1, max_errors=1)),
+        ecu=EcuConfig(plan_ahead=False, sensor_check=UNCHECKED, speed=SpeedConfig(oldest_ms=60.0)),
+    ),
     "classic": Config(
         bus=BusConfig(frames="classic"), ecu=EcuConfig(sensor_check=QUICK, benefit_check=HASTY, delay_steps=1)
     ),
@@ -66,13 +74,23 @@ VARIANTS: Final = {
         ecu=EcuConfig(delay_steps=2, plan_ahead=False, sensor_check=UNCHECKED, speed=SpeedConfig(margin=0.1)),
     ),
 }
-"""Both sets of messages; planning ahead or not; late actuators; with and without the checks; windows of one
+"""All sets of messages; planning ahead or not; late actuators; with and without the checks; windows of one
 period and of as many as the state in C has room for; releases that serve a range of speeds, where the settings of the
 speed are not the default ones."""
 
 SPEEDS: Final = SpeedRange(slowest=0.6, fastest=1.4)
 RESTING: Final = RestingWake(speeds=(0.7, 0.9, 1.3), base=(-0.3, -0.5, -0.45), swing=(0.1, 0.3, 0.7))
 """Narrower than the speeds, and not of the design speed."""
+
+KEY: Final = Key(bytes(range(1, 17)))
+HEARD: Final = {SECURED.pressure.spec.frame_id: 5 << 32 | 40, SECURED.speed.spec.frame_id: 5 << 32 | 7}
+"""Freshness values of an earlier power cycle."""
+
+
+def authentication_of(config: Config) -> Authentication | None:
+    """What an ECU is given of the bus' key; `twin.c` gives the same."""
+    return Authentication(key=KEY, trip=7, heard=HEARD) if config.bus.key else None
+
 
 DEVIATION: Final = 0.02
 """Deviation of sound sensors' residuals in Cp, which the traffic's estimates have."""

@@ -73,7 +73,6 @@ class Library:
     def __init__(self, contents: Mapping[str, bytes], path: Path) -> None:
         self.structs = Structs(contents, host_compiler())
         self.ffi = self.structs.ffi
-        self.ffi.cdef("void sw_aes_cmac(const uint8_t *, const uint8_t *, uint32_t, uint8_t *);")
         for found in _DECLARED.findall(contents["node_host.h"].decode()):
             self.ffi.cdef(re.sub(r"(const )?host (?=\*)", "void ", found.replace("const sw_rules", "const uint8_t")))
         self.c = self.ffi.dlopen(str(path))

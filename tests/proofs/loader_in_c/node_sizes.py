@@ -56,7 +56,7 @@ def _linked(folder: Path, *, xcp: bool) -> bytes:
     config = replace(CONFIGS["fd"], bus=replace(bus, diagnosis=replace(bus.diagnosis, xcp=xcp)))
     contents = sources(config)
     own = Path(__file__).with_name("c").joinpath("node_sizes.c").read_bytes()
-    compiled = {name for name in loader_sources() if name.endswith(".c")}
+    compiled = {name for name in loader_sources() if name.endswith(".c")} | {"sw_aes.c", "sw_cmac.c"}
     contents = {name: content for name, content in contents.items() if name.endswith(".h") or name in compiled}
     for name, content in (contents | {"node_sizes.c": own}).items():
         (folder / name).write_bytes(content)

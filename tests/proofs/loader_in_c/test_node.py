@@ -8,8 +8,6 @@ from typing import Any
 from unittest.mock import patch
 
 import pytest
-from cryptography.hazmat.primitives.ciphers.algorithms import AES
-from cryptography.hazmat.primitives.cmac import CMAC
 
 from can_bridge.flashing import remembered
 from can_bridge.flashing.backing import RecordKind, Slot
@@ -33,12 +31,6 @@ from tests.proofs.loader_in_c.node_slow import beside_jets, erased_beside, with_
 from tests.proofs.loader_in_c.node_twin import CONFIGS, MS, Twins, World, as_in_c, world
 
 pytestmark = pytest.mark.compiler
-NIST = {
-    "": "bb1d6929e95937287fa37d129b756746",
-    "6bc1bee22e409f96e93d7e117393172a": "070a16b46b4d4144f79bdd9dd04a287c",
-    "6bc1bee22e409f96e93d7e117393172aae2d8a57": "7d85449ea6ea19c823a7bf78837dfade",
-}
-"""CMAC of messages under the key of NIST SP 800-38B, appendix D.1."""
 
 
 def confirm_without_a_trial(self: Any) -> None:
@@ -65,22 +57,6 @@ def of(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory)
     contents = sources(CONFIGS[request.param])
     folder = tmp_path_factory.mktemp("node")
     return world(request.param, Library(contents, build(contents, folder / request.param, f"{request.param}.so")))
-
-
-def cmac_in_c(of: World, key: bytes, message: bytes) -> bytes:
-    found = of.library.ffi.new("uint8_t[16]")
-    of.library.c.sw_aes_cmac(key, message, len(message), found)
-    return bytes(found)
-
-
-def test_cmac_is_that_of_nist_and_of_another_library(of: World) -> None:
-    key = bytes.fromhex("2b7e151628aed2a6abf7158809cf4f3c")
-    assert {message: cmac_in_c(of, key, bytes.fromhex(message)).hex() for message in NIST} == NIST
-    for length in range(70):
-        key, message = bytes((7 * length + i) % 256 for i in range(16)), bytes(3 * i % 256 for i in range(length))
-        other = CMAC(AES(key))
-        other.update(message)
-        assert cmac_in_c(of, key, message) == other.finalize(), length
 
 
 @pytest.mark.parametrize("seeds", [8, pytest.param(1000, marks=pytest.mark.proofs)])

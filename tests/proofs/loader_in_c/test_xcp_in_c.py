@@ -77,7 +77,7 @@ def test_a_master_calibrates_and_measures_the_node(tmp_path: Path) -> None:
             scale = of.config.operating_point.flow_rate_scale
             assert row["command"] == pytest.approx(command.flow_m2_per_s / scale, abs=1e-6)
             assert row["effort_in_force"] == effort and row["rate_in_force"] == own.weights.rate
-        assert command.mode is Mode.CONTROL and row["command"] != 0.0
+        assert command is not None and command.mode is Mode.CONTROL and row["command"] != 0.0
         dynamic = of.config.operating_point.dynamic_pressure
         pressures = [row[f"pressure_{sensor}"] for sensor in range(1, 5)]
         assert pressures == pytest.approx([pressure / dynamic for pressure in (30.0, 60.0, 90.0, 10.0)], rel=1e-6)

@@ -41,7 +41,7 @@ BEFORE = {
     "--ecu rust": "--ecu rust: must be one of python, c, mcu, or a clock in MHz as in mcu@300",
     "--ecu c@3": "--ecu c@3: must be one of python, c, mcu",
     "--ecu mcu@fast": "--ecu mcu@fast: 'fast' must be a clock in MHz",
-    "--ecu c --set bus.key=k.pem": "bus.key: --ecu c has no authentication",
+    "--ecu c --set bus.key=k.pem": "k.pem: cannot read the key",
     "--ecu c --library nowhere": "library nowhere: No such file or directory",
     # What the bundle fixes, and what a run does not use.
     "--set mpc.iterations=50": "mpc.iterations = 50: fixed when the bundle was exported, to 5; make another",

@@ -22,6 +22,14 @@ static inline uint32_t sw_other(float value, uint32_t bits) { return sw_to_bits(
 /* 0 if it has, within the few last steps that a contraction to fused operations moves it. */
 static inline uint32_t sw_far(float value, uint32_t bits) { return (sw_to_bits(value) - bits + 4u) & ~7u; }
 
+/* Whether products are added without having been rounded: one that rounds to 1, less 1. */
+static inline int sw_float_fused(void)
+{
+    const float one = sw_unknown(1.0f), above = sw_unknown(1.00012207f), below = sw_unknown(0.99987793f);
+    const float product = above * below;
+    return product - one != 0.0f || above * below - one != 0.0f;
+}
+
 /* 0 if all is right; contraction, which the control step allows, changes none of it. */
 static inline uint32_t sw_float_wrong(void)
 {

@@ -73,9 +73,16 @@ void sw_input_push(sw_input *input, const float pressures[SW_SENSORS], float pre
 /* One control step. The workspace needs no preparation and carries nothing from step to step. */
 sw_status sw_control_step(sw_workspace *work, const sw_input *input, sw_output *output);
 
-/* The same two with the numbers of any program that this library has the sizes of. */
+/* Once, at the start: a control step with all iterations on a window of the program's own, against the answer that the
+ * exporter wrote beside its numbers. SW_WRONG_ARITHMETIC if it is another: to the bit, and where this build fuses
+ * operations within what that changes. SW_OK as well where no answer was written. Leaves `input` as sw_input_reset.
+ */
+sw_status sw_known_answer(sw_workspace *work, sw_input *input, sw_output *output);
+
+/* The same three with the numbers of any program that this library has the sizes of. */
 sw_status sw_input_reset_of(const sw_program *program, sw_input *input);
 sw_status sw_control_step_of(const sw_program *program, sw_workspace *work, const sw_input *input, sw_output *output);
+sw_status sw_known_answer_of(const sw_program *program, sw_workspace *work, sw_input *input, sw_output *output);
 
 /* sizeof(sw_workspace), for callers in other languages. */
 size_t sw_workspace_bytes(void);

@@ -1,5 +1,5 @@
 #include "stillwake.h"
-#include "sw_parts.h"
+#include "sw_prior.h"
 #include "sw_weights.h"
 #include <cstdio>
 

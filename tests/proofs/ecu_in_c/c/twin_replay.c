@@ -56,11 +56,44 @@ static int reception_is_sound(void)
     frame.id = SW_PRESSURE_ID;
     frame.length = SW_PRESSURE_BYTES;
     frame.timestamp_ns = -1;
+#if SW_SECOC
+    sw_secoc secoc;
+    sw_freshness freshness = {1, 1};
+    const uint8_t key[SW_AES_BYTES] = {1};
+    (void)sw_secoc_begin(&secoc, key);
+    frame.length = SW_PRESSURE_SECURED;
+#endif
     for (int i = 0; i < 2 * SW_E2E_WINDOW; i++) {
         sw_e2e_protect(frame.data, SW_PRESSURE_BYTES, SW_PRESSURE_DATA_ID, (uint8_t)(i % SW_E2E_COUNTERS));
-        sw_reception(&received, &receiver, &frame, 1, 0, SW_DYNAMIC_PRESSURE);
+#if SW_SECOC
+        sw_secoc_secure(&secoc, frame.data, SW_PRESSURE_SECURED, SW_PRESSURE_DATA_ID, &freshness);
+        sw_freshness_next(&freshness);
+#endif
+        sw_reception(&received, &receiver, &frame, 1, 0, SW_DYNAMIC_PRESSURE SW_BY_KEY(&secoc));
     }
     return receiver.stream == SW_VALID && !received.usable && received.unusable_because == SW_REASON_STALE;
+}
+
+/* Without a key nothing is sent and nothing believed, not even what memory of zeros would have computed. */
+static int keyless_is_sound(sw_ecu *ecu)
+{
+    int sound = 1;
+#if SW_SECOC
+    const sw_authentication wrong[] = {{{0}, 1, 0, 0}, {{1}, 0, 0, 0}};
+    sw_frame frame, sent[SW_FRAMES_OUT];
+    for (int i = 0; i < 2; i++) {
+        sw_ecu_init(ecu);
+        memset(&frame, 0, sizeof frame);
+        frame.id = SW_PRESSURE_ID;
+        frame.length = SW_PRESSURE_SECURED;
+        sound &= sw_ecu_authenticate(ecu, &wrong[i]) == 1;
+        sw_secoc_secure(&ecu->secoc, frame.data, SW_PRESSURE_SECURED, SW_PRESSURE_DATA_ID, &ecu->state.freshness);
+        sound &= sw_ecu_step(ecu, 1, &frame, 1, sent) == 0 && ecu->state.pressures.verifier.not_authentic == 1;
+    }
+#else
+    (void)ecu;
+#endif
+    return sound;
 }
 
 /* A state with a damaged byte is refused, or it does no harm: the sanitisers see what it does in a period. */
@@ -91,8 +124,8 @@ int main(int argc, char **argv)
     static twin_response found;
     static uint8_t compared[sizeof(twin_response)];
     long number = 0;
-    if (!gate_is_sound() || !reception_is_sound() || !calibration_is_sound(&ecu)) {
-        fprintf(stderr, "the gate, the reception or the calibration by itself\n");
+    if (!gate_is_sound() || !reception_is_sound() || !calibration_is_sound(&ecu) || !keyless_is_sound(&ecu)) {
+        fprintf(stderr, "the gate, the reception, the calibration or the key by itself\n");
         return EXIT_FAILURE;
     }
     FILE *file = argc == 3 ? fopen(argv[1], "rb") : NULL;

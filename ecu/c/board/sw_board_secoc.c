@@ -1,0 +1,96 @@
+/* Where this board has the bus' key and freshness values. The key is compiled into a firmware that leaves no maker's house;
+ * a board that is sold reads it from memory that no debugger reads.
+ *
+ * Freshness stands in the backup SRAM, which a reset leaves alone, and a loss of the supply as long as there is a battery
+ * at VBAT. It does not wear, so that every accepted value is kept. Memory that was lost counts power cycles from 1 again,
+ * as if it were a new ECU: the other node refuses every frame of that, and takes no harm. A board without a battery
+ * changes this file, for FRAM or for a log in flash.
+ *
+ * There are two records, written in turn: a cut leaves the other one.
+ */
+#include "sw_board.h"
+
+#if SW_SECOC
+#include "sw_board_bus_key.h"
+
+#define RECORDS 2u
+#define WORDS 7u
+#define NUMBER 0u /* of the record; the greater one is the newer */
+#define TRIP 1u
+#define HEARD_PRESSURE 2u /* and the word behind it, the low one first */
+#define HEARD_SPEED 4u
+#define CHECK 6u
+#define BASIS 0x811c9dc5u /* FNV-1a */
+#define PRIME 0x01000193u
+
+static volatile uint32_t *record(uint32_t which)
+{
+    return &((volatile uint32_t *)(uintptr_t)SW_BOARD_BACKUP)[WORDS * which];
+}
+
+/* The check over words, not bytes; never 0, which stands for none. */
+static uint32_t check_of(const volatile uint32_t *words)
+{
+    uint32_t sum = BASIS;
+    for (uint32_t i = 0; i < CHECK; i++) sum = (sum ^ words[i]) * PRIME;
+    return sum != 0u ? sum : 1u;
+}
+
+/* The newest whole record; RECORDS without any. */
+static uint32_t newest(void)
+{
+    uint32_t found = RECORDS;
+    for (uint32_t i = 0; i < RECORDS; i++) {
+        const volatile uint32_t *words = record(i);
+        if (words[CHECK] != check_of(words)) continue;
+        if (found == RECORDS || words[NUMBER] > record(found)[NUMBER]) found = i;
+    }
+    return found;
+}
+
+static uint64_t pair(const volatile uint32_t *words) { return (uint64_t)words[1] << 32 | words[0]; }
+
+static void keep(uint32_t trip, uint64_t heard_pressure, uint64_t heard_speed)
+{
+    const uint32_t latest = newest();
+    volatile uint32_t *words = record(latest == 0u ? 1u : 0u);
+    words[CHECK] = 0;
+    words[NUMBER] = latest == RECORDS ? 0u : record(latest)[NUMBER] + 1u;
+    words[TRIP] = trip;
+    words[HEARD_PRESSURE] = (uint32_t)heard_pressure;
+    words[HEARD_PRESSURE + 1u] = (uint32_t)(heard_pressure >> 32);
+    words[HEARD_SPEED] = (uint32_t)heard_speed;
+    words[HEARD_SPEED + 1u] = (uint32_t)(heard_speed >> 32);
+    words[CHECK] = check_of(words);
+}
+
+int sw_board_authentication(sw_authentication *found)
+{
+    static const uint8_t key[SW_AES_BYTES] = SW_BOARD_BUS_KEY;
+    const uint32_t latest = newest();
+    const volatile uint32_t *words = record(latest == RECORDS ? 0u : latest);
+    const uint32_t before = latest == RECORDS ? 0u : words[TRIP];
+    for (uint32_t i = 0; i < SW_AES_BYTES; i++) found->key[i] = key[i];
+    found->heard_pressure = latest == RECORDS ? 0u : pair(&words[HEARD_PRESSURE]);
+    found->heard_speed = latest == RECORDS ? 0u : pair(&words[HEARD_SPEED]);
+    if (before == UINT32_MAX) return 1;
+    found->trip = before + 1u;
+    keep(found->trip, found->heard_pressure, found->heard_speed);
+    return 0;
+}
+
+void sw_board_keep_freshness(const sw_ecu_state *state)
+{
+    const uint32_t latest = newest();
+    const uint64_t pressure = state->pressures.verifier.freshness;
+#if SW_PAST > 0
+    const uint64_t speed = state->speed.receiver.verifier.freshness;
+#else
+    const uint64_t speed = 0;
+#endif
+    const volatile uint32_t *words = record(latest == RECORDS ? 0u : latest);
+    if (pair(&words[HEARD_PRESSURE]) == pressure && pair(&words[HEARD_SPEED]) == speed) return;
+    keep(state->freshness.trip, pressure, speed);
+}
+
+#endif

@@ -1,0 +1,174 @@
+"""Descriptions of a library's folder for CMake, Zephyr, PlatformIO and CMSIS-Pack, from one list of its sources."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import PurePosixPath
+from typing import Final
+from xml.etree import ElementTree as Xml
+
+from contract.controller.c_folder import PROGRAM_SETTINGS, PROGRAM_WEIGHTS, ProgramSettings, library_sources
+from contract.release.manifest import WeightPrecision
+from export.to_c.library import static_sources
+
+SOURCES: Final = "sources.cmake"
+"""Name of the list for CMake, which `CMakeLists.txt` and `zephyr/CMakeLists.txt` include."""
+KCONFIG: Final = "zephyr/Kconfig"
+PLATFORMIO: Final = "library.json"
+PACK: Final = "stillwake.flow_controller.pdsc"
+"""Name of the CMSIS-Pack's description: vendor and name, as the format has it."""
+_ABOUT: Final = "Learned controller of jets that cut the drag of a truck's wake: a control step, and the ECU around it"
+_HOME: Final = "https://pypi.org/project/stillwake"
+_APART: Final = ("board", "examples")
+"""Folders with programs, which no library has."""
+_CLASS: Final = "Flow control"
+_FLAGS: Final = ("-O2", "-ffp-contract=off")
+"""Flags of compilers: plans are then to the bit the exporter's, and decisions those of the Python ECU."""
+_IN_WORDS: Final = {
+    "controller": "one control step: a window of pressures in, a plan of the jets out",
+    "ecu": "the ECU around the control step: CAN frames in and out",
+    "loader": "storage of releases on flash, and diagnosis, around the ECU",
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class LibraryPart:
+    """A part that a build takes or leaves: the control step, the ECU, or the sources of another folder.
+
+    Attributes:
+        folder: its path; "." for the folder itself.
+        needs: names of the parts below.
+        sources, headers: their paths.
+    """
+
+    name: str
+    folder: str
+    needs: tuple[str, ...]
+    sources: tuple[str, ...]
+    headers: tuple[str, ...]
+
+    @property
+    def described(self) -> str:
+        """The part in words."""
+        return _IN_WORDS.get(self.name, f"{self.name}, around the ECU")
+
+
+def parts(files: Mapping[str, bytes]) -> tuple[LibraryPart, ...]:
+    """Give the parts of a library, each behind those that it needs; raises LibraryError if it has no settings.
+
+    Args:
+        files: all files of its folder by their paths.
+    """
+    precision: WeightPrecision = "int8" if ProgramSettings.of(files).text("SW_PRECISION") == "int8" else "float32"
+    step = {*library_sources(static_sources(precision)), PROGRAM_WEIGHTS, PROGRAM_SETTINGS}
+    names: dict[str, list[str]] = {"controller": [], "ecu": []}
+    for name in sorted(name for name in files if name.endswith((".c", ".h"))):
+        folder = PurePosixPath(name).parts[:-1]
+        if name in step:
+            names["controller"].append(name)
+        elif not folder and name in library_sources(files):
+            names["ecu"].append(name)
+        elif folder and folder[0] not in _APART:
+            names.setdefault(folder[0], []).append(name)
+    below: dict[str, tuple[str, ...]] = {"controller": (), "ecu": ("controller",)}
+    return tuple(
+        LibraryPart(
+            name=name,
+            folder="." if name in below else name,
+            needs=below.get(name, ("controller", "ecu")),
+            sources=tuple(each for each in found if each.endswith(".c")),
+            headers=tuple(each for each in found if each.endswith(".h")),
+        )
+        for name, found in names.items()
+        if found
+    )
+
+
+def build_files(files: Mapping[str, bytes]) -> dict[str, bytes]:
+    """Give the files that build systems read, but for those that are the same for every library (`DOCUMENTS`)."""
+    found = parts(files)
+    made = {SOURCES: _cmake(found), KCONFIG: _kconfig(found), PLATFORMIO: _platformio(found), PACK: _pack(found)}
+    return {name: text.encode() for name, text in made.items()}
+
+
+def _cmake(found: tuple[LibraryPart, ...]) -> str:
+    lines = [
+        "# Generated: the parts of the library, each behind those that it needs.",
+        f'set(SW_VERSION "{_version()}")',
+        f"set(SW_PARTS {' '.join(part.name for part in found)})",
+    ]
+    for part in found:
+        lines.append(f"set(SW_{part.name.upper()}_FOLDER {part.folder})")
+        for what in ("needs", "sources", "headers"):
+            values = "".join(f"\n  {value}" for value in getattr(part, what))
+            lines.append(f"set(SW_{part.name.upper()}_{what.upper()}{values})")
+    return "\n".join(lines) + "\n"
+
+
+def _kconfig(found: tuple[LibraryPart, ...]) -> str:
+    text = f'menuconfig STILLWAKE\n\tbool "stillwake: {found[0].described}"\n\timply FPU\n\nif STILLWAKE\n'
+    for part in found[1:]:
+        text += f'\nconfig STILLWAKE_{part.name.upper()}\n\tbool "{part.described}"\n'
+        needed = " && ".join(f"STILLWAKE_{name.upper()}" for name in part.needs[1:])
+        text += f"\tdepends on {needed}\n" if needed else "\tdefault y\n"
+    text += (
+        '\nconfig STILLWAKE_KNOWN_ANSWER\n\tbool "Compare a control step with the exporter\'s at start-up"\n'
+        "\tdefault y\n\thelp\n\t  A build that computes otherwise keeps the jets shut. It takes as long as the\n"
+        "\t  longest control step.\n\nendif\n"
+    )
+    return text
+
+
+def _platformio(found: tuple[LibraryPart, ...]) -> str:
+    folders = [f"-I{part.folder}" for part in found if part.folder != "."]
+    manifest = {
+        "name": "stillwake",
+        "version": _version(),
+        "description": _ABOUT,
+        "keywords": ["flow control", "mpc", "can", "automotive"],
+        "homepage": _HOME,
+        "license": "MIT",
+        "frameworks": "*",
+        "platforms": "*",
+        "headers": "stillwake.h" if len(found) == 1 else "sw_ecu.h",
+        "build": {
+            "srcDir": ".",
+            "includeDir": ".",
+            "srcFilter": ["-<*>", *(f"+<{name}>" for part in found for name in part.sources)],
+            "unflags": ["-Os"],
+            "flags": [*_FLAGS, *folders],
+        },
+    }  # fmt: skip
+    return json.dumps(manifest, indent=2) + "\n"
+
+
+def _pack(found: tuple[LibraryPart, ...]) -> str:
+    schema = "http://www.w3.org/2001/XMLSchema-instance"
+    Xml.register_namespace("xs", schema)
+    pack = Xml.Element("package", {"schemaVersion": "1.7.36", f"{{{schema}}}noNamespaceSchemaLocation": "PACK.xsd"})
+    vendor, _, named = PACK.removesuffix(".pdsc").partition(".")
+    texts = {"vendor": vendor, "name": named, "description": _ABOUT, "url": _HOME, "license": "LICENSE"}
+    for name, text in texts.items():
+        Xml.SubElement(pack, name).text = text
+    release = Xml.SubElement(Xml.SubElement(pack, "releases"), "release", version=_version())
+    release.text = f"written by stillwake {_version()}; another release is another folder"
+    conditions, components = Xml.SubElement(pack, "conditions"), Xml.SubElement(pack, "components")
+    for part in found:
+        component = Xml.SubElement(components, "component", Cclass=_CLASS, Cgroup=part.name, Cversion=_version())
+        if part.needs:
+            component.set("condition", f"below {part.name}")
+            condition = Xml.SubElement(conditions, "condition", id=f"below {part.name}")
+            for name in part.needs:
+                Xml.SubElement(condition, "require", Cclass=_CLASS, Cgroup=name)
+        Xml.SubElement(component, "description").text = part.described
+        inside = Xml.SubElement(component, "files")
+        for category, names in (("header", part.headers), ("sourceC", part.sources)):
+            for name in names:
+                Xml.SubElement(inside, "file", category=category, name=name)
+    Xml.indent(pack)
+    return '<?xml version="1.0" encoding="UTF-8"?>\n' + Xml.tostring(pack, encoding="unicode") + "\n"
+
+
+def _version() -> str:
+    return version("stillwake")

@@ -1,0 +1,45 @@
+/* The known answer of a whole control step. Sums and divisions that are right (sw_arithmetic.h) do not make a network that
+ * is: a compiler may build one of its products wrongly, a linker may leave numbers out, and memory ages.
+ */
+#include "stillwake.h"
+#include "sw_arithmetic.h"
+#include "sw_weights.h"
+
+/* What fused operations change in an answer, in parts of 1 and of itself: as far as replay.c lets answers be. */
+#define FUSED 5e-3f
+
+/* A window that the program's own scaling makes, so that it needs no memory: a few steps of 3/8 of a standard deviation,
+ * other ones in each column. All weights are 1, so that the iterations run.
+ */
+static void ask(const sw_program *program, sw_input *input)
+{
+    const sw_weights *w = program->weights;
+    for (int row = 0; row < SW_WINDOW; row++) {
+        for (int c = 0; c < SW_COLUMNS; c++) {
+            input->window[row][c] = w->window_mean[c] + 0.375f * (float)((7 * row + 3 * c) % 11 - 5) / w->window_factor[c];
+        }
+    }
+    for (int i = 0; i < SW_TERMS; i++) input->weights[i] = 1.0f;
+}
+
+static int is_known(float found, float expected, int fused)
+{
+    const float allowed = FUSED * (1.0f + sw_abs(expected));
+    return fused ? sw_abs(found - expected) <= allowed : sw_other(found, sw_to_bits(expected)) == 0u;
+}
+
+sw_status sw_known_answer_of(const sw_program *program, sw_workspace *work, sw_input *input, sw_output *output)
+{
+    const float *expected = program->weights->known_answer;
+    const int fused = sw_float_fused();
+    sw_status status = sw_input_reset_of(program, input);
+    if (status != SW_OK) return status;
+    ask(program, input);
+    status = sw_control_step_of(program, work, input, output);
+    if (status == SW_OK && (expected[0] != 0.0f || expected[1] != 0.0f) &&
+        !(is_known(output->plan[0], expected[0], fused) && is_known(output->cost, expected[1], fused))) {
+        status = SW_WRONG_ARITHMETIC;
+    }
+    (void)sw_input_reset_of(program, input);
+    return status;
+}

