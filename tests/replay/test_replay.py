@@ -1,0 +1,116 @@
+"""The judge of every change sees small faults in both languages, and does not judge what it cannot."""
+
+import hashlib
+import json
+from dataclasses import replace
+
+import pytest
+
+from can_bridge.command_gate import GateLimits
+from can_bridge.wire.frame import Frame
+from contract.config.loading import load_config
+from contract.errors import StillwakeError
+from firmware_sim.bench.disturbances import Disturbances
+from tests.proofs.ecu_in_c.planted import PLANTED
+from tests.replay import __main__ as command
+from tests.replay import judging
+from tests.replay.recording import open_loop, plans, python_ecu, shipped, vehicle
+from tests.replay.renewing import PROVENANCE
+from tests.replay.shelf import SHELF, SUFFIX, Answers, ShelfError, read
+
+DRIVE = SHELF / f"undisturbed{SUFFIX}"
+MOST_BYTES = 3_000_000
+
+
+def test_the_shelf_is_as_it_was_recorded_and_small():
+    record = json.loads((SHELF / PROVENANCE).read_text(encoding="utf-8"))
+    files = {path.name: path.read_bytes() for path in SHELF.glob(f"*{SUFFIX}")}
+    assert record["sha256"] == {name: hashlib.sha256(content).hexdigest() for name, content in files.items()}
+    assert sum(map(len, files.values())) < MOST_BYTES
+    assert files.keys() <= {f"{plan.name}{SUFFIX}" for plan in plans(shipped().manifest.sensors)}
+    assert {read(SHELF / name).digest for name in files} == {record["digest"]}
+
+
+def test_every_plan_can_be_driven():
+    found = plans(sensors := shipped().manifest.sensors)
+    assert len(found) >= 24
+    for plan in found:
+        with vehicle(plan.settings) as config:
+            duration_s = plan.lead_in + plan.controlled
+            Disturbances.parse(plan.disturb).check(config, sensors, duration_s=duration_s)
+            assert plan.lead_in / 0.02 > shipped().manifest.window
+            assert duration_s <= 4.0
+
+
+@pytest.mark.slow  # a hundred control steps, twice
+def test_a_constant_of_the_gate_that_is_changed_is_seen_in_python(monkeypatch):
+    periods, of = read(DRIVE).periods, GateLimits.from_config
+    before = open_loop(python_ecu(load_config()), periods)
+    assert not judging.verdict("", "python", before, open_loop(python_ecu(load_config()), periods)).periods
+    monkeypatch.setattr(
+        GateLimits, "from_config", lambda config: replace(of(config), step_m2_per_s=0.01 * of(config).step_m2_per_s)
+    )
+    after = open_loop(python_ecu(load_config()), periods)
+    for exact in (True, False):
+        found = judging.verdict("", "python", before, after, exact=exact)
+        assert found.periods and found.periods[0] >= 64 and found.largest > judging.ROUNDING
+    assert "memory.under_way" in judging.verdict("", "python", before, after).changed
+
+
+@pytest.mark.slow
+@pytest.mark.compiler
+def test_a_line_that_is_changed_is_seen_in_c(tmp_path):
+    ((job,), refused) = judging.c_jobs([DRIVE], judging.c_library())
+    assert refused == {}
+    assert job.sources is not None
+    ((_, _, before),) = judging.answers(job)
+    assert 2 in before.modes, "never in control"
+    (fault,) = (one for one in PLANTED if one.what == "an action is kept as a float")
+    ((name, kind, after),) = judging.answers(replace(job, sources=fault.into(dict(job.sources))))
+    found = judging.verdict(name, kind, before, after)
+    assert found.periods and found.changed[0] == "memory.under_way"
+    judging.draw([found], tmp_path / "changed.png")
+    assert (tmp_path / "changed.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_what_differs_is_counted_and_named():
+    one, other = (Frame(frame_id=0x120, data=data) for data in (b"\0", b"\1"))
+    names = {"mode": [1, 1, 1], "plan": [4, 5, 6]}
+    old = Answers(
+        frames=[(one,)] * 3,
+        actions=[0.0, 0.01, 0.02],
+        modes=[2] * 3,
+        reasons=[0] * 3,
+        states={**names, "gone": [1] * 3},
+    )
+    new = replace(
+        old, frames=[(one,), (one,), (other,)], actions=[0.0, 0.01, 0.05], states={**names, "plan": [4, 0, 0]}
+    )
+    found = judging.verdict("", "c", old, replace(new, states={**new.states, "gone": [1] * 3}))
+    assert (found.periods, found.changed) == ([1, 2], ["plan"])
+    assert found.largest == pytest.approx(0.03)
+    assert judging.verdict("", "c", old, new).changed == ["gone", "plan"], "a field that is missing"
+    assert judging.verdict("", "c", old, old).periods == []
+    # Without bits: by the command, its mode and its reason.
+    assert judging.verdict("", "python", old, new, exact=False).periods == [2]
+    assert judging.verdict("", "python", old, replace(old, reasons=[0, 1, 0]), exact=False).periods == [1]
+    longer = replace(old, frames=[*old.frames, (one,)], actions=[*old.actions, 0.0])
+    assert 3 in judging.verdict("", "c", old, longer).periods
+
+
+@pytest.mark.parametrize("kept", [-200, 20, 0])
+def test_a_truncated_file_ends_in_one_line(tmp_path, kept):
+    (tmp_path / DRIVE.name).write_bytes(DRIVE.read_bytes()[:kept])
+    with pytest.raises(ShelfError, match="make replay RENEW=1") as caught:
+        read(tmp_path / DRIVE.name)
+    assert "\n" not in str(caught.value) and DRIVE.name in str(caught.value)
+
+
+def test_a_shelf_of_another_release_is_not_judged(tmp_path, monkeypatch):
+    monkeypatch.setattr(command, "SHELF", tmp_path)
+    with pytest.raises(ShelfError, match="RENEW=1"):
+        command.provenance()
+    (tmp_path / PROVENANCE).write_text(json.dumps({"release": "other", "digest": "0" * 64}), encoding="utf-8")
+    with pytest.raises(StillwakeError, match=r"of other \(0{12}\).*nothing is judged; make replay RENEW=1") as caught:
+        command.main()
+    assert caught.value.status == 4
