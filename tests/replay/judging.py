@@ -19,7 +19,7 @@ from contract.errors import ConfigError
 from contract.model import model_folder
 from contract.recording import dataset
 from contract.shipped import model, recording
-from ecu.c.sources import sources_in
+from ecu.c.sources import control_sources
 from ecu.in_c.c_ecu import CEcu
 from ecu.in_c.c_settings import ecu_settings
 from export.program.controller_program import program_of
@@ -89,7 +89,7 @@ def c_library() -> dict[str, bytes]:
     program = program_of(model_folder.read(model()), release.manifest.mpc)
     episodes = dataset.read(recording())
     windows = calibration_windows(program, episodes.with_role("train"), episodes.layout)
-    return int8_library(program, windows) | sources_in() | estimator_files(release.files[ESTIMATOR])
+    return int8_library(program, windows) | control_sources() | estimator_files(release.files[ESTIMATOR])
 
 
 @dataclass(frozen=True, kw_only=True)
