@@ -13,7 +13,7 @@ from can_bridge.calibration.xcp import MAX_CTO, RESPONSE, Denied, Error
 MOST_ODTS: Final = 16
 """Frames of a period: all of `can_bridge.calibration.measured` has place in them, one value in floating point each."""
 MOST_ENTRIES: Final = 32
-"""In all of them together."""
+"""The largest number of entries in all frames of the list together."""
 MOST_IN_ODT: Final = MAX_CTO - 1
 """Bytes of a frame behind its number."""
 EVENT_NAME: Final = b"control period"

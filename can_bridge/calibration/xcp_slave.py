@@ -24,7 +24,8 @@ IDLE_NS: Final = 600_000_000_000
 need not send any: its connection lasts, locked."""
 REFERENCE_PROPERTIES: Final = 0x0F
 WORKING_PROPERTIES: Final = REFERENCE_PROPERTIES | 0x30
-"""Of a page: the control and the tool may read it whatever the other does, and the tool may write it."""
+"""Properties of the working page: the control and the tool may read the page whichever page the other uses, and the
+tool may write the page."""
 
 
 class XcpSlave:
