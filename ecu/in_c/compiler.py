@@ -14,7 +14,7 @@ from contract.errors import LibraryError
 
 STANDARD: Final = ("-std=c99", "-pedantic", "-Wall", "-Wextra", "-Wconversion")
 OPTIMISED: Final = ("-O3", "-march=native", "-ffp-contract=fast")
-"""Flags for speed. Contraction to fused multiply-adds changes only roundings; -ffast-math would break NaN checks."""
+"""Flags for speed. Contraction to fused multiply-adds changes only roundings; the sources reject -ffast-math."""
 
 EXACT: Final = ("-O3", "-march=native", "-ffp-contract=off")
 """Flags for decisions that equal those of the ECU in Python bit for bit. A flag is needed because GCC ignores the
