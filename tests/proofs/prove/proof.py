@@ -3,10 +3,10 @@
     python -m tests.proofs.prove --json results/proofs.json
     python -m tests.proofs.prove --only "gate.*"
 
-Each item of `items.toml` is a function of a harness in `c/`, which calls the code with inputs that have any value. In
-every one, also those without assertions of their own, accesses to arrays and pointers, overflows, shifts and divisions
-are looked at. An item for which the time or the memory does not suffice is open, with that reason. Sabotage is a line
-of the exported code that is changed in a copy: the harness that it names must find it.
+Each item of `items.toml` is a function of a harness in `c/`, which calls the code with arbitrary inputs. In every item,
+even without assertions of its own, the solver checks accesses to arrays and pointers, overflows, shifts and divisions.
+An item that exceeds the time or memory limit is open, with this reason. A sabotage is a line of the exported code that
+is changed in a copy: the harness that the sabotage states must detect the change.
 """
 
 import hashlib
