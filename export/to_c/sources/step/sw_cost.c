@@ -1,5 +1,5 @@
-/* The terms of the cost, one by one, and its gradient. Subgradients at kinks: ties of the largest or smallest Cd share it
- * evenly, and |Cl| has slope 0 at 0.
+/* The terms of the cost and its gradient. Subgradients at kinks: equal largest or smallest Cd share the slope evenly,
+ * and |Cl| has slope 0 at 0.
  */
 #include "sw_cost.h"
 
