@@ -12,8 +12,7 @@ from can_bridge.calibration.measured import MEASURED_ADDRESS, MEASURED_BYTES
 from can_bridge.calibration.xcp import MAX_CTO, RESPONSE, Denied, Error
 
 MOST_ODTS: Final = 16
-"""Largest number of frames per period: enough for all of `can_bridge.calibration.measured`, one floating-point value
-per frame."""
+"""Largest number of frames per period: enough for all values of `measured`, one floating-point value per frame."""
 MOST_ENTRIES: Final = 32
 """The largest number of entries in all frames of the list together."""
 MOST_IN_ODT: Final = MAX_CTO - 1
@@ -74,8 +73,7 @@ class DaqLists:
     # The methods that take and send the values of a control period.
 
     def sample(self, measured: bytes) -> None:
-        """Store the values of a control period for `look`, unless frames of an earlier period have not been sent
-        yet."""
+        """Store the values of a control period for `look`, unless frames of an earlier period are still unsent."""
         if not self._left and not (self.is_running and self._fresh is not None):
             self._fresh = measured
 

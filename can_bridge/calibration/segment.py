@@ -24,8 +24,7 @@ class Page(IntEnum):
 
 
 class Segment:
-    """Both pages, and the choice of the page in force. Raises ConfigError if the release's values are out of the
-    limits."""
+    """Both pages, and which one is in force. Raises ConfigError if the release's values are out of the limits."""
 
     def __init__(self, reference: Calibration, limits: CalibrationLimits) -> None:
         limits.check(reference)
@@ -91,8 +90,7 @@ class Segment:
         self._begun_at, self._begun = offset + whole, data[whole:]
 
     def set(self, calibration: Calibration) -> None:
-        """Write the whole working page and put the page in force. Raises ConfigError for a value that is not
-        allowed."""
+        """Write the working page and put it in force. Raises ConfigError for a value that is not allowed."""
         self.limits.check(calibration)
         self._working = calibration
         self._begun = b""

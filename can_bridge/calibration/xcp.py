@@ -17,8 +17,7 @@ COMM_MODE: Final = 0x80
 CAL_PAG: Final = 0x01
 """The resource of calibration and of its pages."""
 RESOURCES: Final = CAL_PAG | 0x04
-"""The resources: calibration, and measurement (DAQ). Measurement needs no key, since its values are no secret on the
-bus."""
+"""The resources: calibration, and measurement (DAQ), which needs no key, since its values are no secret."""
 
 RESPONSE: Final = 0xFF
 ERROR: Final = 0xFE

@@ -24,8 +24,7 @@ IDLE_NS: Final = 600_000_000_000
 not send commands: its connection stays open, but its resource is locked."""
 REFERENCE_PROPERTIES: Final = 0x0F
 WORKING_PROPERTIES: Final = REFERENCE_PROPERTIES | 0x30
-"""Properties of the working page: the control and the tool may read the page whichever page the other uses, and the
-tool may write the page."""
+"""Properties of the working page: control and tool may read it independently, and the tool may write it."""
 
 
 class XcpSlave:
@@ -53,8 +52,7 @@ class XcpSlave:
         self._to_store: Calibration | None = None
 
     def to_store(self, now_ns: int) -> Calibration | None:
-        """Return the calibration in force when the tool asked to store it. The request ends by `stored`, `not_stored`
-        or the end of the connection."""
+        """Return the values that the tool asked to store, until `stored`, `not_stored` or the end of the connection."""
         self._end_if_idle(now_ns)
         return self._to_store
 
@@ -68,8 +66,7 @@ class XcpSlave:
         self._to_store = None
 
     def command(self, now_ns: int, data: bytes) -> list[bytes]:
-        """Take a packet from the tool and return the packets to the tool. No content of a packet raises an
-        exception."""
+        """Take a packet from the tool and return the packets to the tool. No packet raises an exception."""
         self._end_if_idle(now_ns)
         if not data:
             return []

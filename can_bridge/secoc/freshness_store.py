@@ -37,8 +37,7 @@ class FreshnessRecord:
 
 
 def is_due(kept: int, freshness: int, every: int) -> bool:
-    """Return whether a newly accepted value must be stored: the sender has begun another power cycle, or `every` frames
-    have passed."""
+    """Return whether to store a value: the sender has begun another power cycle, or `every` frames have passed."""
     return freshness >> 32 != kept >> 32 or freshness - kept >= every
 
 
@@ -112,8 +111,7 @@ class FreshnessStore:
 
 
 def _record_of(tree: Any) -> FreshnessRecord:
-    """Convert the content that `_keep` writes; raise ValueError, KeyError, TypeError or AttributeError for any other
-    content."""
+    """Convert the content of `_keep`; raise ValueError, KeyError, TypeError or AttributeError for any other."""
     if tree["schema"] != FRESHNESS_SCHEMA:
         raise ValueError(f"schema {tree['schema']!r}, must be {FRESHNESS_SCHEMA!r}")
     heard = {int(frame_id): _whole(value, LARGEST_FRESHNESS) for frame_id, value in tree["heard"].items()}

@@ -33,9 +33,7 @@
 #define ONCE
 #endif
 
-/* Computes the first layer's product of a place with a column of the window, in work->sums. Rows before row `first` are
- * taken to be equal to it.
- */
+/* Computes a place's first-layer product with a window's column, in work->sums. Rows before `first` equal it. */
 ONCE static void product_of(sw_estimator_work *work, const double window[SW_WINDOW][SW_COLUMNS], int first, int place,
                             int column)
 {

@@ -36,9 +36,7 @@ typedef struct sw_estimator_weights {
 
 extern const sw_estimator_weights sw_own_estimator; /* compiled in */
 
-/* Scratch memory. Sums are those of the first layer, in integers: a standardised reading or a flag of 1 is
- * SW_ESTIMATOR_ONE.
- */
+/* Scratch memory. Sums are the first layer's, in integers: a reading or a flag of 1 is SW_ESTIMATOR_ONE. */
 typedef struct {
     const sw_estimator_weights *weights;         /* the network in use */
     int32_t all[SW_ESTIMATOR_WIDTH];             /* sum of every column in its place, without flags */

@@ -109,8 +109,7 @@ def provision(
 
 @contextmanager
 def held(folder: Path) -> Iterator[None]:
-    """Lock the folder for the block, so that no other process runs this ECU; raise ConfigError if the lock is held or
-    cannot be taken."""
+    """Lock the folder for the block against other processes; raise ConfigError if the lock cannot be taken."""
     try:
         handle = open_regular(folder / _LOCK, os.O_WRONLY | os.O_CREAT)
     except OSError as error:

@@ -159,8 +159,7 @@ class FlashableEcu:
         return [] if self._controlled.is_silent and not self._request.drives_jets else sent
 
     def service(self, now_ns: int, frames: Sequence[Frame]) -> list[Frame]:
-        """Run diagnosis: process at most `MOST_FRAMES` frames and one piece of long work, and return the frames to
-        send."""
+        """Run diagnosis: process up to `MOST_FRAMES` frames and one piece of long work; return the frames to send."""
         if self._is_silent(now_ns) or self._serviced is not self._controlled:
             return []
         if self._wants_reset:
@@ -202,8 +201,7 @@ class FlashableEcu:
         self.resets += 1
 
     def _take_over(self) -> None:
-        """Use the newly booted release for control from now on. The boot itself cannot do this, since it may run in
-        another thread."""
+        """Control by the booted release from now on; the boot itself may have run in another thread."""
         cycle = self._serviced
         if cycle is self._controlled:
             return

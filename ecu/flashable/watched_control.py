@@ -14,8 +14,7 @@ from ecu.ecu_state import EcuState
 from ecu.fail_safe import OperatingMode
 
 REMEMBERED_NS: Final = 1_000_000_000
-"""The time for which a request stays valid after its frame. It covers the loss of the bus or a sensor that reads
-wrongly."""
+"""The time for which a request stays valid after its frame, in case of a lost bus or a wrong sensor."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,8 +36,7 @@ class VehicleRequest:
         return replace(self, asked_ns=now_ns if asks else self.asked_ns, drives_jets=after.fail_safe.mode.drives_jets)
 
     def refusal(self, now_ns: int) -> Nrc | None:
-        """Return CONDITIONS_NOT_CORRECT while the jets may run, or if the vehicle asked for control in the last
-        second."""
+        """Return CONDITIONS_NOT_CORRECT while the jets may run, or within a second of a request for control."""
         asks = self.asked_ns is not None and now_ns - self.asked_ns < REMEMBERED_NS
         return Nrc.CONDITIONS_NOT_CORRECT if self.drives_jets or asks else None
 

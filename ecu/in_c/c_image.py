@@ -1,5 +1,4 @@
-"""A release as an image that the ECU in C runs in place (`sw_image.h`), independent of the release compiled into the
-ECU."""
+"""A release as an image that the ECU in C runs in place of the compiled-in release (`sw_image.h`)."""
 
 from collections.abc import Mapping
 from pathlib import Path

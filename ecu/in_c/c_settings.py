@@ -46,13 +46,11 @@ _COUNTED: Final = (
 _MOST: Final = {"ecu.loss_window": 64, "ecu.deadline_window": 32, "bus.e2e.window": 255} | dict.fromkeys(
     _COUNTED, 2**29
 )
-"""Largest settings, in periods, for which the state of the C ECU has room. Settings that are added together fit an int
-in sum."""
+"""Largest settings, in periods, that the C ECU's state can hold. Settings that are added fit an int in sum."""
 _GREATEST_WEIGHTS: Final = CostWeights(**dict.fromkeys(TERMS, LARGEST_WEIGHT))
 """The largest cost weights of a calibration; C allows a larger weight if it is the release's own."""
 _LONGEST_PERIOD_NS: Final = 2**53
-"""Longest control period, in ns: a double holds times up to it exactly, so the command gate computes equal parts of a
-period in both languages."""
+"""Longest control period, in ns. A double is exact up to it, so the command gate is equal in both languages."""
 
 
 def ecu_settings(bundle: Bundle, config: Config) -> bytes:
@@ -197,8 +195,7 @@ def _of_release(numbers: Numbers) -> dict[str, int | float | str]:
 
 
 def _of_diagnosis(config: DiagnosisConfig, period_ns: int) -> dict[str, int | float | str]:
-    """Return the settings of diagnosis. SW_FUNCTIONAL is 0 if no functional identifier is received, SW_XCP if no
-    calibration tool is answered."""
+    """Return the settings of diagnosis. SW_FUNCTIONAL or SW_XCP is 0 if functional requests or XCP are disabled."""
     cycle, unit = cycle_of(period_ns)
     return {
         "SW_DIAGNOSIS_EXTENDED": int(config.request.is_extended),
@@ -216,8 +213,7 @@ def _of_diagnosis(config: DiagnosisConfig, period_ns: int) -> dict[str, int | fl
 
 
 def _of_speeds(manifest: Manifest, config: SpeedConfig) -> dict[str, int | float | str]:
-    """Return the settings of a range of speeds. SW_PAST is 0 for a release for a single speed: the other settings are
-    then not used."""
+    """Return the settings of a range of speeds. For a single speed SW_PAST is 0, and the others are not used."""
     if manifest.speeds is None:
         return {"SW_PAST": 0}
     return {

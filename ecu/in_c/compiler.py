@@ -17,13 +17,11 @@ OPTIMISED: Final = ("-O3", "-march=native", "-ffp-contract=fast")
 """Flags for speed. Contraction to fused multiply-adds changes only roundings; the sources reject -ffast-math."""
 
 EXACT: Final = ("-O3", "-march=native", "-ffp-contract=off")
-"""Flags for decisions that equal those of the ECU in Python bit for bit. A flag is needed because GCC ignores the
-pragma against contraction."""
+"""Flags for decisions equal to those in Python bit for bit; GCC ignores the pragma against contraction."""
 
 
 def host_compiler() -> list[str]:
-    """Return the command that compiles C: $CC, else cc, gcc or clang, else the compiler of `ziglang`. Raises
-    LibraryError if there is none."""
+    """Return the compiler's command: $CC, cc, gcc, clang, or that of `ziglang`. Raises LibraryError without any."""
     named = os.environ.get("CC", "").split()
     if named:
         return named
@@ -38,8 +36,7 @@ def host_compiler() -> list[str]:
 
 
 def zig_compiler() -> list[str] | None:
-    """Return the command of the `ziglang` package, which compiles for other processors too; None if the package is
-    missing."""
+    """Return the command of the `ziglang` package, which also compiles for other processors; None without it."""
     if importlib.util.find_spec("ziglang") is None:
         return None
     return [sys.executable, "-m", "ziglang", "cc"]

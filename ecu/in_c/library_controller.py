@@ -1,5 +1,4 @@
-"""The controller of a release as its C99 library, compiled for this machine: the code that a vehicle's ECU would
-run."""
+"""The controller of a release as its C99 library, which a vehicle's ECU would run, compiled for this machine."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -37,8 +36,7 @@ def open_library(
 
 
 def check_program(folder: Path, sources: dict[str, bytes], bundle: Bundle) -> str:
-    """Return the library's precision if the header shows that the library is the bundle's; raise LibraryError
-    otherwise."""
+    """Return the library's precision; raise LibraryError if its header is not of the bundle's program."""
     manifest = bundle.manifest
     try:
         header = ProgramSettings.of(sources)

@@ -83,9 +83,7 @@ int sw_board_can_is_idle(void);
  */
 int sw_board_authentication(sw_authentication *found);
 
-/* Stores the newest accepted values, after every step. A value that is stored late can be replayed once to an ECU that
- * has just restarted.
- */
+/* Stores the newest accepted values after every step: a late value could be replayed once after a restart. */
 void sw_board_keep_freshness(const sw_ecu_state *state);
 #endif
 

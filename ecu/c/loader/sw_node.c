@@ -114,9 +114,7 @@ int sw_node_control(sw_node *node, int64_t now_ns, const sw_frame *frames_in, in
 
 /* --- Diagnosis --- */
 
-/* Takes complete requests, at most SW_ISOTP_QUEUE; in a flood, requests without a place for their answer are lost.
- * Returns their number.
- */
+/* Takes at most SW_ISOTP_QUEUE requests; one without a place for its answer is lost. Returns their number. */
 static uint32_t take_requests(sw_node *node, int64_t now_ns, const sw_frame *frames_in, int count)
 {
     uint8_t single[SW_FRAME_BYTES];

@@ -1,6 +1,4 @@
-/* The services of UDS, and their permissions. A new service needs a new entry in `rows`, and a function that handles
- * it.
- */
+/* The services of UDS, and their permissions. A new service needs an entry in `rows`, and a function. */
 #include "sw_services.h"
 
 #include <stddef.h>

@@ -76,9 +76,7 @@ void sw_uds_look(sw_uds *uds, int64_t now_ns);
  */
 void sw_uds_request(sw_uds *uds, int64_t now_ns, uint8_t *request, uint32_t length, int is_functional);
 
-/* Does one piece of the request in progress, or the reset that was answered before. Call it at least every 20 ms while
- * the server is busy.
- */
+/* Does a piece of the present request, or the answered reset. Call it at least every 20 ms while it is busy. */
 void sw_uds_tick(sw_uds *uds, int64_t now_ns);
 
 /* Returns whether the request in progress is still read from the message of the sw_isotp. */

@@ -41,9 +41,7 @@ static int written(const sw_store *store, uint32_t address, const uint8_t word[W
     return !sw_bytes_equal(found, word, WORD);
 }
 
-/* Writes the bytes of a slot from `from` on; `tail` has the bytes of the last incomplete word. Returns 1 if the memory
- * failed.
- */
+/* Writes a slot's bytes from `from` on; `tail` has its last incomplete word. Returns 1 if the memory failed. */
 static int write_bytes(const sw_store *store, uint32_t slot, uint32_t from, uint8_t *tail, const uint8_t *data,
                        uint32_t length)
 {

@@ -97,9 +97,7 @@ static int boot_trial(sw_store *store, uint32_t slot)
     return 0;
 }
 
-/* Boots the confirmed image, or the one confirmed before. A failing image stays confirmed, and is judged again at the
- * next boot.
- */
+/* Boots the confirmed image, or the one before. A failing one stays confirmed, and is judged again at the next boot. */
 static void boot_confirmed(sw_store *store, int is_reverted)
 {
     const uint32_t active = store->state.active;

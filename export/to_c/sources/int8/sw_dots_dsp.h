@@ -59,9 +59,7 @@ static inline void sw_dots(int32_t *restrict y, const int8_t *restrict w, const 
 
 /* clang-format off */
 
-/* Two rows of a tile by both vectors, x the first and z the second: eight multiplications, with all other instructions
- * in between.
- */
+/* Two rows of a tile by both vectors, x and then z: eight multiplications, with all else in between. */
 #define SW_TWO_ROWS                                                                                          \
     "smlad %[s0], %[t], %[za], %[s0]\n" "ldr %[u], [%[w]], #12\n"                                           \
     "smlad %[s1], %[t], %[xa], %[s1]\n" "sxtb16 %[wa], %[wa], ror #8\n"                                     \

@@ -105,9 +105,7 @@ static void take_gates(sw_prior_scratch *prior, const sw_weights *w, const float
     }
 }
 
-/* Computes the products of weights and inputs: eight units at a time share the loads of the inputs, and their sums are
- * independent.
- */
+/* Computes the products of weights and inputs. Eight units at a time share the loads; their sums are independent. */
 static void multiply(float *outputs, const float *weights, const float *inputs)
 {
     for (int first = 0; first < SW_PRIOR_OUTPUTS; first += 8) {
