@@ -1,1 +1,1 @@
-"""What a measurement tool needs to read and write the calibration: a memory segment, XCP on CAN, an A2L file."""
+"""The ECU's side of calibration for a measurement tool: a memory segment, XCP on CAN, an A2L file."""

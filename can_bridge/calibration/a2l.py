@@ -1,8 +1,9 @@
-"""The A2L file (ASAM MCD-2 MC 1.7.1): names, places, limits and units of the calibration, for a measurement tool.
+"""The A2L file (ASAM MCD-2 MC 1.7.1): names, addresses, limits and units of the calibration, for a measurement tool.
 
-It belongs to one release on one vehicle, whose limits it states. What all have in common is in `stillwake.a2l`; its
-meta language is what ASAM publishes with XCP (part 2, section "ASAM MCD-2 MC description file", and part 3), as far as
-this ECU has it. T1 to T7 are long against a control period, in which every command is answered.
+A file belongs to one release on one vehicle, whose limits the file states. The text that all files share is in
+`stillwake.a2l`. Its meta language is the one that ASAM publishes with XCP (part 2, section "ASAM MCD-2 MC description
+file", and part 3), limited to the features of this ECU. The timeouts T1 to T7 are longer than a control period, in
+which every command is answered.
 """
 
 from collections.abc import Iterator
@@ -27,15 +28,15 @@ _CAN_FD: Final = """
 
 
 _EXTENDED: Final = 1 << 31
-"""Marks an identifier of 29 bits (part 3)."""
+"""The bit that marks a 29-bit identifier (part 3)."""
 
 
 _MOST_CP: Final = 100
-"""Far beyond any pressure coefficient: the range of a tool's display."""
+"""The range of a tool's display: a number far above any pressure coefficient."""
 
 
 def a2l_text(segment: Segment, *, release: str, bus: BusConfig, period_ns: int) -> str:
-    """The file's contents, for an ECU on this bus with this control period."""
+    """Return the contents of the file for an ECU on this bus with this control period."""
     ids = {"master": bus.diagnosis.xcp_command, "slave": bus.diagnosis.xcp_response}
     limits = zip(CALIBRATION_NAMES, segment.limits.least.values, segment.limits.greatest.values, strict=True)
     limited = {name: f"{least:.9g} {greatest:.9g}" for name, least, greatest in limits}
@@ -57,7 +58,7 @@ def a2l_text(segment: Segment, *, release: str, bus: BusConfig, period_ns: int) 
 
 
 def _measured(limits: dict[str, str]) -> Iterator[tuple[str, str, str, str, str]]:
-    """Name, description, type, conversion, and range of each value, in the order of `measured.measured_bytes`."""
+    """Yield name, description, type, conversion and range of each value, in the order of `measured.measured_bytes`."""
     for sensor in range(1, SENSORS + 1):
         yield f"pressure_{sensor}", f"Cp of sensor {sensor}", "FLOAT32_IEEE", "weight", f"-{_MOST_CP} {_MOST_CP}"
     most = limits["action_limit"].split()[1]
@@ -83,7 +84,7 @@ def _measurements(measured: list[tuple[str, str, str, str, str]]) -> Iterator[st
 
 
 def _table(numbers: type[IntEnum]) -> Iterator[str]:
-    """The words of a state's numbers."""
+    """Yield the lines of a conversion table from a state's numbers to its names."""
     name = numbers.__name__.lower()
     yield (
         f'    /begin COMPU_METHOD {name} "Words for numbers"\n      TAB_VERB "%3.0" ""\n'
@@ -97,6 +98,6 @@ def _table(numbers: type[IntEnum]) -> Iterator[str]:
 
 
 def _text(words: str) -> str:
-    """A string of the format; what is not printable ASCII becomes a question mark."""
+    """Return a string of the A2L format; a question mark replaces each character that is not printable ASCII."""
     plain = "".join(letter if " " <= letter <= "~" else "?" for letter in words)
     return '"' + plain.replace("\\", "\\\\").replace('"', '\\"') + '"'

@@ -1,7 +1,8 @@
 """Measurement by XCP (DAQ): one dynamic list, and one event, the end of a control period.
 
-A tool allocates the list's frames (ODTs) and their entries, writes where each entry lies, and starts the list. A period
-that ends before the frames of another one have left is left out, so that all frames of a period are of that period.
+A tool allocates the list's frames (ODTs) and their entries, writes the address of each entry, and starts the list. If a
+control period ends before all frames of an earlier period are sent, its values are not sent. So all frames of a set
+belong to one period.
 """
 
 from enum import IntEnum
@@ -11,24 +12,24 @@ from can_bridge.calibration.measured import MEASURED_ADDRESS, MEASURED_BYTES
 from can_bridge.calibration.xcp import MAX_CTO, RESPONSE, Denied, Error
 
 MOST_ODTS: Final = 16
-"""Frames of a period: all of `can_bridge.calibration.measured` has place in them, one value in floating point each."""
+"""Largest number of frames per period: enough for all values of `measured`, one floating-point value per frame."""
 MOST_ENTRIES: Final = 32
-"""In all of them together."""
+"""The largest number of entries in all frames of the list together."""
 MOST_IN_ODT: Final = MAX_CTO - 1
-"""Bytes of a frame behind its number."""
+"""Bytes of a frame after the frame's number."""
 EVENT_NAME: Final = b"control period"
 DYNAMIC: Final = 0x01
-"""Property of the processor: lists are allocated. Neither prescaler nor time stamps, and a frame begins with its
-number."""
+"""Properties of the processor: lists are allocated dynamically, there are neither prescalers nor time stamps, and a
+frame begins with its number."""
 OF_DAQ: Final = 0x44
-"""Properties of the event: for measurement, and all frames of a list are of one moment."""
+"""Properties of the event: it serves measurement, and all frames of a list belong to one moment."""
 _NO_BITS: Final = 0xFF
 _SELECTED, _RUNNING = 0x01, 0x40
 """Bits of a list's mode."""
 
 
 def cycle_of(period_ns: int) -> tuple[int, int]:
-    """A period as one byte and the number of its unit, which is 1 ns and ten times as much with each number."""
+    """Return a period as one byte and the number of its unit; unit n is 10^n ns."""
     for unit in range(10):
         cycle = round(period_ns / 10**unit)
         if cycle < 256:
@@ -37,7 +38,7 @@ def cycle_of(period_ns: int) -> tuple[int, int]:
 
 
 class _Stage(IntEnum):
-    """How far the allocation has come: its commands have an order (ASAM MCD-1 XCP, part 2)."""
+    """The stage that the allocation has reached; its commands have a fixed order (ASAM MCD-1 XCP, part 2)."""
 
     NOTHING = 0
     FREED = 1
@@ -47,10 +48,10 @@ class _Stage(IntEnum):
 
 
 class DaqLists:
-    """The list, and the latest control period. `period_ns` is that of the control.
+    """The list, and the latest control period. `period_ns` is the length of a control period, in ns.
 
-    `sample` may be called by another thread than the rest. A command takes a packet of the right length and returns the
-    answer, or raises Denied.
+    A thread other than the one of the remaining methods may call `sample`. A command takes a packet of at least its
+    shortest length and returns the answer, or raises Denied.
     """
 
     def __init__(self, period_ns: int) -> None:
@@ -60,7 +61,7 @@ class DaqLists:
         self.free()
 
     def free(self) -> None:
-        """Stop, and forget the list: at the end of a connection."""
+        """Stop and delete the list, at the end of a connection."""
         self.is_running = self._is_selected = False
         self._stage = _Stage.NOTHING
         self._lists = 0
@@ -69,22 +70,22 @@ class DaqLists:
         self._pointer: tuple[int, int] | None = None
         self._left: list[int] = []
 
-    # The control period.
+    # The methods that take and send the values of a control period.
 
     def sample(self, measured: bytes) -> None:
-        """Leave a control period, unless the frames of another one have not left yet."""
+        """Store the values of a control period for `look`, unless frames of an earlier period are still unsent."""
         if not self._left and not (self.is_running and self._fresh is not None):
             self._fresh = measured
 
     def look(self) -> None:
-        """Take the control period that was left, if one was."""
+        """Take the control period that `sample` stored, if there is one."""
         fresh, self._fresh = self._fresh, None
         if fresh is not None:
             self._measured = fresh
             self._left = list(range(len(self._odts))) if self.is_running else []
 
     def packets(self, most: int) -> list[bytes]:
-        """The next frames, so many at most; one without an entry is passed over."""
+        """Return the next frames, at most `most`; frames without an entry are skipped."""
         found = list[bytes]()
         while self._left and len(found) < most:
             number = self._left.pop(0)
@@ -94,20 +95,20 @@ class DaqLists:
         return found
 
     def read(self, address: int, length: int) -> bytes | None:
-        """Bytes of the latest period; None for what lies outside."""
+        """Return bytes of the latest period, or None for a range outside its memory."""
         at = address - MEASURED_ADDRESS
         return self._measured[at : at + length] if 0 <= at <= at + length <= MEASURED_BYTES else None
 
-    # The list.
+    # The commands that build and start the list.
 
     def release(self, data: bytes) -> bytes:
-        """FREE_DAQ."""
+        """Delete the list and allow a new allocation (FREE_DAQ)."""
         self.free()
         self._stage = _Stage.FREED
         return _OK
 
     def alloc_lists(self, data: bytes) -> bytes:
-        """ALLOC_DAQ."""
+        """Allocate the list (ALLOC_DAQ)."""
         self._check_stage(_Stage.FREED, _Stage.LISTS)
         count = _number(data, 2)
         if count > 1:
@@ -116,7 +117,7 @@ class DaqLists:
         return _OK
 
     def alloc_odts(self, data: bytes) -> bytes:
-        """ALLOC_ODT."""
+        """Allocate the frames of the list (ALLOC_ODT)."""
         self._check_stage(_Stage.LISTS, _Stage.ODTS)
         self._check_list(data, 2)
         count = data[4]
@@ -128,7 +129,7 @@ class DaqLists:
         return _OK
 
     def alloc_entries(self, data: bytes) -> bytes:
-        """ALLOC_ODT_ENTRY, once for each of the frames."""
+        """Allocate the entries of one frame, once for each frame (ALLOC_ODT_ENTRY)."""
         self._check_stage(_Stage.ODTS, _Stage.ENTRIES)
         self._check_list(data, 2)
         odt, count = data[4], data[5]
@@ -143,7 +144,7 @@ class DaqLists:
         return _OK
 
     def set_pointer(self, data: bytes) -> bytes:
-        """SET_DAQ_PTR."""
+        """Set the pointer to an entry (SET_DAQ_PTR)."""
         self._check_idle()
         self._check_list(data, 2)
         odt, entry = data[4], data[5]
@@ -153,7 +154,7 @@ class DaqLists:
         return _OK
 
     def write(self, data: bytes) -> bytes:
-        """WRITE_DAQ: the entry at the pointer, which moves on to the next one of the frame."""
+        """Write the entry at the pointer, and move the pointer to the frame's next entry (WRITE_DAQ)."""
         self._check_idle()
         if self._pointer is None or self._pointer[1] >= len(self._odts[self._pointer[0]]):
             raise Denied(Error.SEQUENCE)
@@ -172,7 +173,7 @@ class DaqLists:
         return _OK
 
     def set_mode(self, data: bytes) -> bytes:
-        """SET_DAQ_LIST_MODE; the priority is taken and not looked at."""
+        """Set the list's mode (SET_DAQ_LIST_MODE); the priority in the command is ignored."""
         self._check_idle()
         if data[1] != 0:
             raise Denied(Error.MODE_NOT_VALID)
@@ -182,14 +183,14 @@ class DaqLists:
         return _OK
 
     def mode(self, data: bytes) -> bytes:
-        """GET_DAQ_LIST_MODE."""
+        """Return the list's mode (GET_DAQ_LIST_MODE)."""
         self._check_list(data, 2)
         bits = (_SELECTED if self._is_selected else 0) | (_RUNNING if self.is_running else 0)
         event, prescaler, priority = 0, 1, 0
         return bytes([RESPONSE, bits, 0, 0, event, 0, prescaler, priority])
 
     def start_stop(self, data: bytes) -> bytes:
-        """START_STOP_DAQ_LIST: stop, start, select."""
+        """Stop, start or select the list (START_STOP_DAQ_LIST)."""
         self._check_list(data, 2)
         if data[1] > 2:
             raise Denied(Error.MODE_NOT_VALID)
@@ -204,7 +205,7 @@ class DaqLists:
         return bytes([RESPONSE, 0])
 
     def start_stop_selected(self, data: bytes) -> bytes:
-        """START_STOP_SYNCH: stop all, start those that are selected, stop these."""
+        """Stop all lists, start the selected lists, or stop the selected lists (START_STOP_SYNCH)."""
         if data[1] > 2:
             raise Denied(Error.MODE_NOT_VALID)
         if data[1] == 0 or (data[1] == 2 and self._is_selected):
@@ -214,19 +215,19 @@ class DaqLists:
         self._is_selected = False
         return _OK
 
-    # What there is.
+    # The commands that describe the measurement.
 
     def processor_info(self, data: bytes) -> bytes:
-        """GET_DAQ_PROCESSOR_INFO."""
+        """Return the properties of the processor (GET_DAQ_PROCESSOR_INFO)."""
         events = 1
         return bytes([RESPONSE, DYNAMIC, self._lists, 0, events, 0, 0, 0])
 
     def resolution_info(self, data: bytes) -> bytes:
-        """GET_DAQ_RESOLUTION_INFO."""
+        """Return the sizes that an entry may have (GET_DAQ_RESOLUTION_INFO)."""
         return bytes([RESPONSE, 1, MOST_IN_ODT, 1, 0, 0, 0, 0])
 
     def event_info(self, data: bytes) -> bytes:
-        """GET_DAQ_EVENT_INFO; the event's name is fetched by UPLOAD."""
+        """Return the properties of the event (GET_DAQ_EVENT_INFO); the tool reads the event's name by UPLOAD."""
         if _number(data, 2) != 0:
             raise Denied(Error.OUT_OF_RANGE)
         lists, priority = 1, 0

@@ -1,4 +1,4 @@
-"""The ECU's latest control period as a piece of memory: what a measurement tool reads, or has sent in each period."""
+"""The ECU's latest control period as a memory area, which a measurement tool reads or receives in each period."""
 
 import struct
 from typing import Final
@@ -10,10 +10,10 @@ from contract.arrays import Array
 from contract.controller.calibration import PACKED_BYTES, Calibration
 
 MEASURED_ADDRESS: Final = 0x2000_0100
-"""Where it lies for a tool: behind the calibration."""
+"""The address of the area for a tool, after the calibration segment."""
 _STATES: Final = struct.Struct("<4B")
 MEASURED_BYTES: Final = 4 * SENSORS + 4 + _STATES.size + PACKED_BYTES
-"""Four of a value in floating point, one of a number of a state, and the whole calibration."""
+"""The size of the area: four bytes per floating-point value, one per state number, and the calibration."""
 
 
 def measured_bytes(
@@ -22,10 +22,11 @@ def measured_bytes(
     """Pack a control period, little-endian.
 
     Args:
-        pressures: Cp of each sensor in the row that was planned on, an estimate in place of a sensor that is set aside.
+        pressures: Cp of each sensor in the row that the controller planned with; an estimate replaces an excluded
+            sensor.
         command: jet flow rate that was sent, in U_inf W.
-        gated: what the command gate had to do, bits of `can_bridge.command_gate.Intervention`.
-        calibration: in force in this period.
+        gated: interventions of the command gate, bits of `can_bridge.command_gate.Intervention`.
+        calibration: the values in force in this period.
     """
     floats = np.array([*pressures[:SENSORS], command], np.float64).astype("<f4")
     return floats.tobytes() + _STATES.pack(mode, reason, gated, 0) + calibration.pack()

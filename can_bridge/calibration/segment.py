@@ -1,7 +1,7 @@
-"""The calibration as a piece of memory: what UDS and XCP read and write, and the control takes over between periods.
+"""The calibration as a memory segment, which UDS and XCP read and write, and which the control reads between periods.
 
-The working page is writable, the reference page is the release's own. A value is taken over when all its bytes have
-come and it is in its limits, and then with the next control period.
+The working page is writable; the reference page has the release's own values. A value takes effect with the next
+control period after all its bytes are written, if the value is within its limits.
 """
 
 from enum import IntEnum
@@ -11,20 +11,20 @@ from contract.controller.calibration import PACKED_BYTES, Calibration, Calibrati
 from contract.errors import ConfigError
 
 ADDRESS: Final = 0x2000_0000
-"""Where the segment lies for a tool: the working memory of a Cortex-M."""
+"""The address of the segment for a tool: the beginning of a Cortex-M's RAM."""
 VALUE_BYTES: Final = 4
 """Bytes of each value."""
 
 
 class Page(IntEnum):
-    """The two contents of the segment."""
+    """The two pages of the segment."""
 
     WORKING = 0
     REFERENCE = 1
 
 
 class Segment:
-    """Both pages, and which of them is in force. Raises ConfigError if the release's values are out of the limits."""
+    """Both pages, and which one is in force. Raises ConfigError if the release's values are out of the limits."""
 
     def __init__(self, reference: Calibration, limits: CalibrationLimits) -> None:
         limits.check(reference)
@@ -43,12 +43,12 @@ class Segment:
 
     @property
     def page(self) -> Page:
-        """The one in force."""
+        """The page in force."""
         return self._page
 
     @property
     def in_force(self) -> Calibration:
-        """The values of that page, from the next control period on."""
+        """The values of the page in force, from the next control period on."""
         return self._working if self._page is Page.WORKING else self.reference
 
     def select(self, page: Page) -> None:
@@ -56,7 +56,8 @@ class Segment:
         self._page = page
 
     def read(self, page: Page, offset: int, length: int) -> bytes:
-        """Bytes of a page, with those of a value that has not come whole. Raises ConfigError for what lies outside."""
+        """Return bytes of a page, including the first bytes of a value that is only partly written. Raises ConfigError
+        for a range outside the segment."""
         _check_range(offset, length)
         raw = bytearray((self._working if page is Page.WORKING else self.reference).pack())
         if page is Page.WORKING:
@@ -66,9 +67,9 @@ class Segment:
     def write(self, offset: int, data: bytes) -> None:
         """Write bytes of the working page, in order: from the beginning of a value, or from the end of the last write.
 
-        Bytes of a value that is not whole yet wait for the others, and are dropped by a write elsewhere. Raises
-        ConfigError for what lies outside, bytes from the middle of a value, or a value that is not allowed; the values
-        are then as before.
+        The first bytes of a partly written value wait for the rest; a write to another place discards them. Raises
+        ConfigError for a range outside the segment, for a write that begins inside a value, or for a value that is not
+        allowed; the values then stay unchanged.
         """
         _check_range(offset, len(data))
         if self._begun and offset == self._begun_at + len(self._begun):
@@ -89,26 +90,27 @@ class Segment:
         self._begun_at, self._begun = offset + whole, data[whole:]
 
     def set(self, calibration: Calibration) -> None:
-        """Write the whole working page and put it in force. Raises ConfigError for a value that is not allowed."""
+        """Write the working page and put it in force. Raises ConfigError for a value that is not allowed."""
         self.limits.check(calibration)
         self._working = calibration
         self._begun = b""
         self._page = Page.WORKING
 
     def revert(self) -> None:
-        """The release's own values, in the working page, which is then in force."""
+        """Copy the release's own values to the working page, and put the working page in force."""
         self.copy_reference()
         self._page = Page.WORKING
 
     def copy_reference(self) -> None:
-        """The release's own values to the working page."""
+        """Copy the release's own values to the working page."""
         self._working = self.reference
         self._begun = b""
 
     def take(self) -> Calibration | None:
-        """Take the values in force at the beginning of a control period, once, if others were before.
+        """Return the values in force at the beginning of a control period if they have changed since the last call,
+        otherwise None.
 
-        May be called by another thread than the one that writes: a set is replaced as a whole.
+        Another thread than the writing one may call it, because a set of values is replaced as a whole.
         """
         values = self.in_force
         if values == self._taken:

@@ -8,38 +8,38 @@ from typing import Final, Protocol
 from can_bridge.flashing.access_level import Level
 
 MAX_CTO: Final = 8
-"""Bytes of a command or an answer: of a classic frame, which CAN FD can carry as well."""
+"""Largest number of bytes in a command or an answer: the size of a classic frame, which also fits CAN FD."""
 PROTOCOL_VERSION: Final = 1
 TRANSPORT_VERSION: Final = 1
 DRIVER_VERSION: Final = 0x10
 COMM_MODE: Final = 0x80
-"""Mode in CONNECT's answer: little-endian, addresses of bytes, no block mode; GET_COMM_MODE_INFO has the rest."""
+"""Communication mode in CONNECT's answer: little-endian, byte addresses, no block mode; GET_COMM_MODE_INFO has more."""
 CAL_PAG: Final = 0x01
 """The resource of calibration and of its pages."""
 RESOURCES: Final = CAL_PAG | 0x04
-"""That, and measurement (DAQ), which needs no key: it shows what is no secret on the bus."""
+"""The resources: calibration, and measurement (DAQ), which needs no key, since its values are no secret."""
 
 RESPONSE: Final = 0xFF
 ERROR: Final = 0xFE
 EVENT: Final = 0xFD
-"""First byte of a packet to the tool."""
+"""The first byte of a packet to the tool: a response, an error or an event."""
 STORED_EVENT: Final = 0x03
-"""Storing the calibration has ended."""
+"""The event that storing the calibration has ended."""
 STORE_REQUEST: Final = 0x01
-"""Bit of SET_REQUEST's mode and of GET_STATUS's session status: the calibration."""
+"""The bit for the calibration in SET_REQUEST's mode and in GET_STATUS's session status."""
 DAQ_RUNNING: Final = 0x40
-"""Bit of the session status: a list is measured."""
+"""The bit of the session status for a running measurement."""
 CRC_32: Final = 0x09
-"""Kind of checksum: the CRC of Ethernet."""
+"""The type of the checksum: the CRC-32 of Ethernet."""
 
 ECU_MODE: Final = 0x01
 XCP_MODE: Final = 0x02
 ALL_MODE: Final = 0x80
-"""Modes of SET_CAL_PAGE: the page that the control uses, the page that the tool sees, all segments."""
+"""Mode bits of SET_CAL_PAGE: the page that the control uses, the page that the tool accesses, all segments."""
 
 
 class Command(IntEnum):
-    """First byte of a packet from the tool."""
+    """The first byte of a packet from the tool."""
 
     CONNECT = 0xFF
     DISCONNECT = 0xFE
@@ -103,16 +103,16 @@ SHORTEST_COMMAND: Final = {
     Command.ALLOC_ODT: 5,
     Command.ALLOC_ODT_ENTRY: 6,
 }
-"""Bytes of a command; longer ones are padded. Those left out have one."""
+"""Least number of bytes of a command; padding may follow. A command that is not listed has one byte."""
 
 PROTECTED: Final = frozenset(
     {Command.SET_REQUEST, Command.DOWNLOAD, Command.SET_CAL_PAGE, Command.GET_CAL_PAGE, Command.COPY_CAL_PAGE}
 )
-"""Commands that need the resource unlocked. Reading does not: UDS shows the same values to all."""
+"""Commands that need an unlocked resource. Reading needs none, because UDS shows the same values to every tester."""
 
 
 class Error(IntEnum):
-    """Second byte of an error packet."""
+    """The second byte of an error packet."""
 
     CMD_SYNCH = 0x00
     DAQ_ACTIVE = 0x11
@@ -132,7 +132,7 @@ class Error(IntEnum):
 
 
 class Denied(Exception):  # noqa: N818  (an error packet is an answer, no error)
-    """The command is answered by this code."""
+    """The error code with which the slave answers a command."""
 
     def __init__(self, code: Error) -> None:
         super().__init__(code.name)
@@ -140,26 +140,26 @@ class Denied(Exception):  # noqa: N818  (an error packet is an answer, no error)
 
 
 XCP_SEED_LENGTH: Final = 12
-"""Bytes: two pieces. pyxcp's own unlocking fetches no third one (0.29), and no seed of UDS, which has 16 bytes, can be
-had answered through XCP."""
+"""Length of a seed, in bytes: two packets. pyxcp 0.29 reads no third packet when it unlocks. A UDS seed has 16 bytes,
+so no tester can obtain the answer to a UDS seed through XCP."""
 XCP_KEY_LENGTH: Final = 16
-"""Bytes of the answer: an AES-CMAC."""
+"""Length of a key, in bytes: an AES-CMAC."""
 _PIECE: Final = MAX_CTO - 2
 
 
 class AnswersSeeds(Protocol):
-    """What knows the secret: `can_bridge.uds.security.AccessKey`."""
+    """The owner of the secret: `can_bridge.uds.security.AccessKey`."""
 
     def answer(self, level: Level, seed: bytes) -> bytes:
-        """The right key to a seed."""
+        """Return the valid key for a seed."""
 
 
 class WrongKey(Exception):  # noqa: N818  (an answer of the tool's, no error of ours)
-    """The connection ends."""
+    """The key is wrong, and the connection ends."""
 
 
 class XcpAccess:
-    """Whether the resource is unlocked, and how far a tool is on the way there."""
+    """The lock of the calibration resource, with the progress of a tool that unlocks the resource."""
 
     def __init__(self, access: AnswersSeeds, random_bytes: Callable[[int], bytes]) -> None:
         self._access = access
@@ -177,9 +177,9 @@ class XcpAccess:
         self._forget()
 
     def seed(self, mode: int, resource: int) -> bytes:
-        """The bytes left of the seed, as one number, and the next of them; no bytes if nothing is locked. Raises Denied
-        for another resource or mode, for the rest of a seed that was not asked for, or if the source of random bytes
-        gives zeros."""
+        """Return the number of unsent seed bytes as one byte, and the next seed bytes; only a zero if nothing is
+        locked. Raises Denied for another resource or mode, for the rest of a seed that was not requested, or if the
+        random source gives zeros."""
         if mode == 0:
             self._forget()
             if resource != CAL_PAG:
@@ -199,8 +199,9 @@ class XcpAccess:
         return bytes([left]) + piece
 
     def unlock(self, left: int, data: bytes) -> None:
-        """The next bytes of the key, of which `left` are to come, these included. Raises Denied if no whole seed was
-        fetched, or a piece is missing; WrongKey if it is; another try needs another seed."""
+        """Take the next bytes of the key; `left` bytes, these included, are still to come. Raises Denied if the seed
+        was not read whole or a part of the key is missing, and WrongKey for a wrong key. Every attempt needs a new
+        seed."""
         if not self._seed or self._unsent or left != XCP_KEY_LENGTH - len(self._key):
             self._forget()
             raise Denied(Error.SEQUENCE)

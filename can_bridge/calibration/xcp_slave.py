@@ -1,8 +1,8 @@
 """The ECU's side of XCP: a state machine of time and packets.
 
 A tool reads and writes one segment with two pages (`can_bridge.calibration.segment`), and reads or measures the latest
-control period (`can_bridge.calibration.daq`). There is no block mode and no flashing: those are not announced, and
-their commands are unknown.
+control period (`can_bridge.calibration.daq`). Block mode and flashing are not announced, and their commands are
+unknown.
 """
 
 import struct
@@ -18,24 +18,24 @@ from contract.controller.calibration import PACKED_BYTES, Calibration
 from contract.errors import ConfigError
 
 A2L_NAME: Final = b"stillwake"
-"""The name of the A2L file, without its ending."""
+"""The name of the A2L file, without its extension."""
 IDLE_NS: Final = 600_000_000_000
-"""The time without a command after which an open connection ends, and what was unlocked is locked. A tool that measures
-need not send any: its connection lasts, locked."""
+"""The time without a command after which an open connection ends and its resource is locked. A tool that measures need
+not send commands: its connection stays open, but its resource is locked."""
 REFERENCE_PROPERTIES: Final = 0x0F
 WORKING_PROPERTIES: Final = REFERENCE_PROPERTIES | 0x30
-"""Of a page: the control and the tool may read it whatever the other does, and the tool may write it."""
+"""Properties of the working page: control and tool may read it independently, and the tool may write it."""
 
 
 class XcpSlave:
-    """One connection at a time.
+    """The slave, which has one connection at a time.
 
     Args:
-        random_bytes: gives so many unpredictable bytes.
-        period_ns: of the control.
+        random_bytes: returns the given number of unpredictable bytes.
+        period_ns: control period, in ns.
 
     Attributes:
-        daq: what is measured.
+        daq: list of measured values.
     """
 
     def __init__(
@@ -52,21 +52,21 @@ class XcpSlave:
         self._to_store: Calibration | None = None
 
     def to_store(self, now_ns: int) -> Calibration | None:
-        """What was in force when the tool asked to store; `stored`, `not_stored` or the connection's end ends that."""
+        """Return the values that the tool asked to store, until `stored`, `not_stored` or the end of the connection."""
         self._end_if_idle(now_ns)
         return self._to_store
 
     def stored(self) -> list[bytes]:
-        """The calibration was stored: the packets that report it to the tool."""
+        """Note that the calibration was stored, and return the packets that report it to the tool."""
         self._to_store = None
         return [bytes([xcp.EVENT, xcp.STORED_EVENT])] if self._is_connected else []
 
     def not_stored(self) -> None:
-        """Storing failed: the tool sees its request gone without the event of success."""
+        """Note that storing failed: the tool sees that its request is no longer pending and receives no event."""
         self._to_store = None
 
     def command(self, now_ns: int, data: bytes) -> list[bytes]:
-        """A packet from the tool; returns those to it. Never raises on what comes over the wire."""
+        """Take a packet from the tool and return the packets to the tool. No packet raises an exception."""
         self._end_if_idle(now_ns)
         if not data:
             return []
@@ -141,11 +141,11 @@ class XcpSlave:
         raise Denied(Error.CMD_SYNCH)
 
     def _comm_mode_info(self, data: bytes) -> bytes:
-        """Neither blocks of commands nor a queue of them."""
+        """Answer that there are neither blocks of commands nor a queue of them."""
         return bytes([xcp.RESPONSE, 0, 0, 0, 0, 0, 0, xcp.DRIVER_VERSION])
 
     def _get_id(self, data: bytes) -> bytes:
-        """An identification of the kinds 0 (text) and 1 (name of the A2L file); it is fetched by UPLOAD."""
+        """Offer an identification of type 0 (text) or 1 (name of the A2L file); the tool reads it by UPLOAD."""
         self._identification = A2L_NAME if data[1] in (0, 1) else b""
         return struct.pack("<4BI", xcp.RESPONSE, 0, 0, 0, len(self._identification))
 
@@ -274,7 +274,7 @@ def _length(count: int, greatest: int) -> int:
 
 
 def _address(data: bytes) -> int:
-    """The address in a command, behind the extension in byte 3."""
+    """Return the address in a command, which follows the address extension in byte 3."""
     if data[3] != 0:
         raise Denied(Error.OUT_OF_RANGE)
     return int.from_bytes(data[4:8], "little")
@@ -331,4 +331,4 @@ _COMMANDS: Final[Mapping[Command, Callable[[XcpSlave, bytes], bytes]]] = {
     Command.ALLOC_ODT: lambda slave, data: slave.daq.alloc_odts(data),
     Command.ALLOC_ODT_ENTRY: lambda slave, data: slave.daq.alloc_entries(data),
 }
-"""Not bound to a slave, as in `can_bridge.uds.server`."""
+"""The method of each command, not bound to a slave."""

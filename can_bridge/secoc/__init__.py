@@ -1,5 +1,6 @@
-"""Authenticated frames after AUTOSAR SecOC: a freshness value and a message authentication code behind each message.
+"""Authenticated frames after AUTOSAR SecOC: each message has a freshness value and a message authentication code (MAC).
 
-E2E protection finds faults; this finds people. The profile is our own, in the terms of AUTOSAR's "Specification of
-Secure Onboard Communication": the whole 64-bit freshness value is sent, and 64 bits of the authenticator.
+E2E protection detects faults; authentication detects attackers. The project has its own profile, in the terms of
+AUTOSAR's "Specification of Secure Onboard Communication": a frame has the whole 64-bit freshness value, and 64 bits of
+the authenticator.
 """

@@ -1,10 +1,10 @@
-"""What must outlive a power cycle: how often the node was switched on, and what it last accepted.
+"""The data that must survive a power cycle: the number of power cycles, and the newest accepted freshness values.
 
-A file of a node's own, in JSON. `begin` counts the power cycle before the first frame is sent, so that no freshness
-value is used twice. `accepted` keeps the newest value from the other node: at once when that node's power cycle is
-another one, and otherwise every `every` frames, since flash memory wears. After a restart of its own the node refuses
-everything up to the value kept. What stays open is frames accepted after that: up to `every` of them can be replayed
-to a node that has just been restarted, until the first genuine frame arrives.
+Each node has a JSON file of its own. `begin` counts the power cycle before the first frame is sent, so that no
+freshness value is used twice. `accepted` stores the newest value from the other node: at once when that node has begun
+another power cycle, and otherwise every `every` frames, since flash memory wears. A restarted node refuses every frame
+up to the stored value. One gap remains: frames accepted after that value, up to `every` of them, can be replayed to a
+node that has just restarted, until the first genuine frame arrives.
 """
 
 import json
@@ -28,8 +28,8 @@ class FreshnessRecord:
     """The content of the file.
 
     Attributes:
-        trip: power cycles so far.
-        heard: the newest freshness value kept, by frame identifier.
+        trip: number of power cycles so far.
+        heard: newest stored freshness value, by frame identifier.
     """
 
     trip: int = 0
@@ -37,7 +37,7 @@ class FreshnessRecord:
 
 
 def is_due(kept: int, freshness: int, every: int) -> bool:
-    """Whether a value accepted now is to be kept: another power cycle of the sender's, or `every` frames on."""
+    """Return whether to store a value: the sender has begun another power cycle, or `every` frames have passed."""
     return freshness >> 32 != kept >> 32 or freshness - kept >= every
 
 
@@ -45,8 +45,8 @@ class FreshnessStore:
     """The file, for one process at a time.
 
     Args:
-        path: of the file; made by the first `begin`.
-        every: frames between two writes.
+        path: path of the file; the first `begin` creates it.
+        every: number of frames between two writes.
     """
 
     def __init__(self, path: Path, *, every: int = 50) -> None:
@@ -57,10 +57,11 @@ class FreshnessStore:
         self._record = FreshnessRecord()
 
     def begin(self, key: Key) -> Authentication:
-        """Count a power cycle, and return what the node then needs.
+        """Count a power cycle, and return the node's authentication data for this cycle.
 
-        A file that is gone counts from 1 again. That is safe and loud: the other node refuses every frame. Raises
-        BusError if the file is damaged, or all power cycles are used up; StillwakeError if it cannot be written.
+        If the file is missing, power cycles count from 1 again. This is safe and is noticed, because the other node
+        then refuses every frame. Raises BusError if the file is damaged, or if no number of a power cycle is left;
+        StillwakeError if the file cannot be written.
         """
         before = self._read()
         if before.trip >= LARGEST_HALF:
@@ -69,7 +70,7 @@ class FreshnessStore:
         return Authentication(key=key, trip=self._record.trip, heard=self._record.heard)
 
     def accepted(self, frame_id: int, freshness: int) -> None:
-        """Note the value that a receiver accepted last; call it as often as you like. Raises StillwakeError if the file
+        """Note the value that a receiver accepted last. May be called at any rate. Raises StillwakeError if the file
         cannot be written."""
         if is_due(self._record.heard.get(frame_id, 0), freshness, self._every):
             heard = {**self._record.heard, frame_id: freshness}
@@ -98,7 +99,7 @@ class FreshnessStore:
                 json.dump(tree, file)
                 file.flush()
                 os.fsync(file.fileno())
-            # The new name, too, has to be on the disk before the first frame goes out.
+            # The new directory entry, too, has to be on the disk before the first frame is sent.
             folder = os.open(self._path.parent, os.O_RDONLY)
             try:
                 os.fsync(folder)
@@ -110,7 +111,7 @@ class FreshnessStore:
 
 
 def _record_of(tree: Any) -> FreshnessRecord:
-    """Raises ValueError, KeyError, TypeError or AttributeError for anything else than `_keep` writes."""
+    """Convert the content of `_keep`; raise ValueError, KeyError, TypeError or AttributeError for any other."""
     if tree["schema"] != FRESHNESS_SCHEMA:
         raise ValueError(f"schema {tree['schema']!r}, must be {FRESHNESS_SCHEMA!r}")
     heard = {int(frame_id): _whole(value, LARGEST_FRESHNESS) for frame_id, value in tree["heard"].items()}

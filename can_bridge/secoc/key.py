@@ -12,15 +12,15 @@ from contract.errors import KeyFileError
 from contract.runtime.copies import NeverCopied
 
 KEY_LENGTH: Final = 16
-"""Bytes: AES-128."""
+"""Length of a key, in bytes: AES-128."""
 
 _LONGEST: Final = 2 * KEY_LENGTH + 2
-"""Bytes of a key file: hexadecimal digits and the end of a line."""
+"""Largest size of a key file, in bytes: hexadecimal digits and the end of a line."""
 
 
 class Key(NeverCopied):
-    """A 128-bit key, prepared for use. It shows itself nowhere: not when printed, and it cannot be pickled. Raises
-    ValueError for another length, or a key of zeros, which is an empty memory's."""
+    """A 128-bit key, prepared for use. The key is never printed and cannot be pickled. Raises ValueError for another
+    length, or for a key of zeros, which an empty memory would contain."""
 
     INSTEAD: ClassVar = "a key shows itself nowhere; make another one of the same secret"
 
@@ -29,24 +29,25 @@ class Key(NeverCopied):
             raise ValueError(f"a key of {len(secret)} bytes: must have {KEY_LENGTH}")
         if not any(secret):
             raise ValueError("a key of zeros: must be a random one")
-        # Copies of a prepared one are four times as fast as one made for each frame.
+        # Copying a prepared object is four times as fast as preparing an object for each frame.
         self._prepared = CMAC(AES(secret))
 
     def cmac(self, message: bytes) -> bytes:
-        """AES-CMAC of a message, 16 bytes (NIST SP 800-38B, RFC 4493)."""
+        """Return the AES-CMAC of a message, 16 bytes (NIST SP 800-38B, RFC 4493)."""
         computing = self._prepared.copy()
         computing.update(message)
         return computing.finalize()
 
 
 def read_key(path: Path) -> Key:
-    """The key in a file; raises as `read_secret`."""
+    """Read the key in a file. Raises KeyFileError like `read_secret`."""
     return Key(read_secret(path))
 
 
 def read_secret(path: Path) -> bytes:
-    """The key in a file, to be built into a firmware: 16 bytes, or 32 hexadecimal digits and perhaps the end of a line.
-    Raises KeyFileError: no such file, other contents, a key of zeros, or one that others than its owner may read."""
+    """Read the bytes of the key in a file, to build them into a firmware: 16 bytes, or 32 hexadecimal digits with an
+    optional end of line. Raises KeyFileError if the file is missing, has other contents, holds a key of zeros, or can
+    be accessed by users other than its owner."""
     try:
         with open(path, "rb", opener=_open_without_waiting) as file:
             about = os.fstat(file.fileno())
@@ -62,13 +63,13 @@ def read_secret(path: Path) -> bytes:
         Key(secret)
         return secret
     except ValueError as error:
-        # What is in the file stays out of the message.
+        # The message must not show the content of the file.
         raise KeyFileError(f"{path}: {error}; `stillwake keygen --secret` makes a key file") from None
 
 
 def write_key(path: Path, secret: bytes) -> None:
-    """Write a key as hexadecimal digits, for its owner alone. Raises KeyFileError if there is a file already, or none
-    can be written; ValueError for what is no key."""
+    """Write a key as hexadecimal digits, readable by its owner alone. Raises KeyFileError if the file exists or cannot
+    be written; ValueError for bytes that are no key."""
     Key(secret)
     try:
         descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
@@ -87,12 +88,12 @@ def write_key(path: Path, secret: bytes) -> None:
 
 
 def _open_without_waiting(path: str, flags: int) -> int:
-    # A named pipe without a writer would keep a reader waiting for ever.
+    # Without O_NONBLOCK, opening a named pipe without a writer would block for ever.
     return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
 
 
 def _decoded(content: bytes) -> bytes:
-    """Raises ValueError, without the content."""
+    """Decode a key; raise ValueError, without the content in its message."""
     if len(content) == KEY_LENGTH:
         return content
     try:

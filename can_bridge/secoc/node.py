@@ -1,4 +1,4 @@
-"""What a node needs to secure its frames and to verify another node's."""
+"""The data that a node needs to secure its frames and to verify another node's frames."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -15,10 +15,10 @@ from contract.errors import ConfigError
 
 @dataclass(frozen=True, kw_only=True)
 class Authentication:
-    """What one node needs in one power cycle.
+    """The data that one node needs in one power cycle.
 
     Attributes:
-        trip: the node's power cycles, this one included. In virtual time there is one.
+        trip: number of the node's power cycles, including this one. In virtual time there is only one.
         heard: freshness values accepted in earlier power cycles, by frame identifier.
     """
 
@@ -32,18 +32,18 @@ class Authentication:
         return Freshness(trip=self.trip)
 
     def verifier(self, spec: MessageSpec) -> VerifierState:
-        """The receiving end of a message at power-on."""
+        """Return the state of a message's receiver at power-on."""
         return VerifierState(freshness=self.heard.get(spec.frame_id, 0))
 
 
 def authentication_in_virtual_time(config: BusConfig) -> Authentication | None:
-    """The node's part by these settings: None without a key. Both nodes are in their first power cycle, and no file is
-    written. Raises KeyFileError as `read_key`."""
+    """Return the node's authentication data for these settings, or None without a key. Both nodes are in their first
+    power cycle, and no file is written. Raises KeyFileError like `read_key`."""
     return Authentication(key=read_key(Path(config.key))) if config.key else None
 
 
 def key_of(authentication: Authentication | None, config: BusConfig) -> Key | None:
-    """The key to use; raises ConfigError if the settings and what the node was given do not agree."""
+    """Return the key to use. Raises ConfigError if the settings ask for a key and the node has none, or the reverse."""
     if message_set(config).pressure.spec.is_secured != (authentication is not None):
         given = "without a key" if authentication is None else "with a key"
         raise ConfigError(f"bus.key = {config.key!r}: the node was made {given}")
@@ -51,5 +51,5 @@ def key_of(authentication: Authentication | None, config: BusConfig) -> Key | No
 
 
 def secured(frame: Frame, *, spec: MessageSpec, key: Key | None, freshness: Freshness) -> Frame:
-    """The frame as it goes onto the bus: with its MAC, or without authentication as it is."""
+    """Return the frame as sent on the bus: with its MAC, or unchanged without authentication."""
     return frame if key is None else secure(frame, spec, key, freshness)

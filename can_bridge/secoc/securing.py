@@ -1,11 +1,11 @@
-"""Frames secured, and frames verified: what is not authentic or not fresh is dropped before E2E looks at it.
+"""Functions that secure and verify frames. A frame that is not authentic or not fresh is dropped before the E2E check.
 
     protected part (E2E header first) | zeros | freshness, 8 bytes | MAC, 8 bytes
 
-The MAC is the first 8 bytes of AES-128 CMAC over the data ID (2 bytes), everything in front of the freshness, and the
-freshness; numbers have their most significant byte first, as AUTOSAR SecOC has them. The data ID, which is not sent,
-binds a frame to its message. A forged or repeated frame cannot disturb the genuine stream: neither its counter nor its
-window sees it.
+The MAC is the first 8 bytes of AES-128 CMAC over the data ID (2 bytes), everything before the freshness, and the
+freshness; numbers have their most significant byte first, as in AUTOSAR SecOC. The data ID, which is not sent, binds a
+frame to its message. A forged or repeated frame cannot disturb the genuine stream, because neither the E2E counter nor
+the E2E window takes it into account.
 """
 
 from collections.abc import Sequence
@@ -18,18 +18,18 @@ from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_specs import FRESHNESS_LENGTH, MAC_LENGTH, MessageSpec
 
 LARGEST_HALF: Final = 0xFFFFFFFF
-"""The largest number of a power cycle, and of a frame in one."""
+"""The largest number of a power cycle, and of a frame within a power cycle."""
 LARGEST_FRESHNESS: Final = 0xFFFFFFFFFFFFFFFF
 
 
 @dataclass(frozen=True, kw_only=True)
 class Freshness:
-    """The freshness of one sender, as AUTOSAR SecOC has it with a trip counter and a message counter. Raises ValueError
-    for a half that does not fit 32 bits.
+    """The freshness of one sender, in AUTOSAR SecOC's form with a trip counter and a message counter. Raises ValueError
+    for a counter that does not fit 32 bits.
 
     Attributes:
-        trip: power cycles, this one included; from 1 on, so that every value is greater than 0.
-        count: frames of the message sent in this one before.
+        trip: number of power cycles, including this one; at least 1, so that every value is greater than 0.
+        count: number of the message's frames already sent in this power cycle.
     """
 
     trip: int = 1
@@ -42,21 +42,21 @@ class Freshness:
 
     @property
     def value(self) -> int:
-        """The number that is sent: 64 bits, the trip in the upper half."""
+        """The number that is sent: 64 bits, with the trip in the upper half."""
         return self.trip << 32 | self.count
 
     def next(self) -> Self:
-        """The freshness of the next frame.
+        """Return the freshness of the next frame.
 
-        After 2^32 frames, 2.7 years at 20 ms, it stays: receivers then refuse every frame, and the jets shut, until
-        the power has been off once.
+        After 2^32 frames, 2.7 years at 20 ms, the count stays constant: receivers then refuse every frame, and the jets
+        stay shut, until the power is switched off and on.
         """
         return type(self)(trip=self.trip, count=min(self.count + 1, LARGEST_HALF))
 
 
 def secure(frame: Frame, spec: MessageSpec, key: Key, freshness: Freshness) -> Frame:
-    """The frame of a message as it goes onto the bus, from the one with its protected part alone. Raises ValueError if
-    the message is not a secured one, or the frame not its protected part."""
+    """Return a message's frame as sent on the bus, built from a frame with the protected part alone. Raises ValueError
+    if the message is not a secured one, or if the frame is not its protected part."""
     if not spec.is_secured:
         raise ValueError(f"{spec.name}: has no room for a MAC")
     if len(frame.data) != spec.protected:
@@ -68,11 +68,11 @@ def secure(frame: Frame, spec: MessageSpec, key: Key, freshness: Freshness) -> F
 
 
 def verify(data: bytes, spec: MessageSpec, key: Key) -> int | None:
-    """The freshness value of an authentic frame's data; None for any other bytes. Never raises."""
+    """Return the freshness value of an authentic frame's data, or None for any other bytes. Never raises."""
     if len(data) != spec.length:
         return None
     covered = data[:-MAC_LENGTH]
-    # In a time that does not depend on how much of it fits.
+    # The time of the comparison must not depend on the number of equal bytes.
     if not compare_digest(data[-MAC_LENGTH:], _mac(covered, spec, key)):
         return None
     return int.from_bytes(covered[-FRESHNESS_LENGTH:], "big")
@@ -84,13 +84,13 @@ def _mac(covered: bytes, spec: MessageSpec, key: Key) -> bytes:
 
 @dataclass(frozen=True, kw_only=True)
 class VerifierState:
-    """What the receiver of one secured message must remember.
+    """The state of the receiver of one secured message.
 
     Attributes:
-        freshness: of the latest accepted frame; 0 before the first.
-        not_authentic: frames refused because of length or MAC.
-        not_fresh: authentic frames refused because of a freshness value not greater than the one before: repeated,
-            or recorded earlier.
+        freshness: value of the latest accepted frame; 0 before the first.
+        not_authentic: number of frames refused because of their length or MAC.
+        not_fresh: number of authentic frames refused because their freshness value is not greater than the one before:
+            the frame was repeated, or recorded earlier.
     """
 
     freshness: int = 0
@@ -99,16 +99,16 @@ class VerifierState:
 
     @property
     def refused(self) -> int:
-        """Frames refused for either cause."""
+        """The number of frames refused for either cause."""
         return self.not_authentic + self.not_fresh
 
 
 class Verification(NamedTuple):
-    """The outcome of one period.
+    """The result of one period.
 
     Attributes:
-        frames: those received, without what was refused.
-        none_authentic: frames of the message came, and every one was refused.
+        frames: received frames without the refused ones.
+        none_authentic: whether frames of the message were received and every one was refused.
     """
 
     state: VerifierState
@@ -120,8 +120,8 @@ def verified(state: VerifierState, frames: Sequence[Frame], *, spec: MessageSpec
     """Check the frames of one message.
 
     Args:
-        frames: received in this one, oldest first; those of other messages are passed on.
-        key: None without authentication; everything is then passed on.
+        frames: frames received in this period, oldest first; those of other messages are passed on.
+        key: None without authentication; every frame is then passed on.
     """
     if key is None:
         return Verification(state, frames, none_authentic=False)

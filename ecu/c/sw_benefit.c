@@ -1,5 +1,5 @@
-/* Whether control helps: the pressure on the base, and the differences of mirrored sensors, under control against what
- * they were with the jets shut. The twin of ecu/benefit_check.py, which gives the reasons.
+/* The benefit check: whether control reduces the suction on the base and the pressure differences of mirrored sensors,
+ * compared with the wake while the jets are shut. The twin of ecu/benefit_check.py, which gives the reasons.
  */
 #include "sw_ecu_parts.h"
 
@@ -12,7 +12,7 @@ typedef struct {
 
 static double magnitude(double value) { return value < 0.0 ? -value : value; }
 
-/* What both are in the release's wake without jets at a speed, in Cp; linear in between. */
+/* Returns both values in the release's wake without jets at a speed, in Cp; linear between two speeds. */
 static measured stated_at(const sw_release *release, double speed)
 {
     const double *before = release->resting[0];
@@ -30,7 +30,7 @@ static measured stated_at(const sw_release *release, double speed)
     return last;
 }
 
-/* Measures both in units of the release's wake at this speed. */
+/* Measures both values in units of the release's wake at this speed. */
 static measured measure(const sw_release *release, const double *cp, double speed)
 {
     const measured stated = stated_at(release, speed);
@@ -46,7 +46,7 @@ static measured measure(const sw_release *release, const double *cp, double spee
 
 static uint32_t at_most(uint32_t count, uint32_t most) { return count < most ? count : most; }
 
-/* A mean without control, or the release's as long as that may be of a calmed wake and is smaller. */
+/* Returns a mean without control; the release's instead while that is larger and the mean has too few periods. */
 static double resting(const sw_benefit *benefit, double mean)
 {
     return benefit->rested < SW_PROVEN_PERIODS && mean < 1.0 ? 1.0 : mean;
@@ -63,14 +63,14 @@ static int helps(const sw_benefit *benefit)
 
 static uint32_t one_less(uint32_t count) { return count > 0u ? count - 1u : 0u; }
 
-/* Takes this period into the means without control, which are over so many. */
+/* Takes this period into the means without control, which cover `over` periods. */
 static void rested(sw_benefit *benefit, measured now, uint32_t over)
 {
     benefit->resting_suction += (now.suction - benefit->resting_suction) / (double)over;
     benefit->resting_swing += (now.swing - benefit->resting_swing) / (double)over;
 }
 
-/* What was of control is over. */
+/* Clears the measurements under control. */
 static void forget(sw_benefit *benefit)
 {
     benefit->driven = 0;
@@ -79,7 +79,7 @@ static void forget(sw_benefit *benefit)
     benefit->doubt = 0;
 }
 
-/* The jets are shut. */
+/* Measures a period in which the jets are shut. */
 static void rest(sw_benefit *benefit, const sw_release *release, const double *cp, double speed)
 {
     benefit->waking = one_less(benefit->waking);
@@ -109,7 +109,7 @@ static void drive(sw_benefit *benefit, const sw_release *release, const double *
     if (benefit->doubt >= SW_BENEFIT_DOUBT) benefit->tested_at = speed;
 }
 
-/* A test compares what control was with the wake since the jets were shut, of which more cycles count. */
+/* Runs a period of a test, which compares control with the wake since the jets were shut; later cycles count more. */
 static uint8_t test(sw_benefit *benefit, const sw_release *release, const double *cp, double speed)
 {
     if (cp == NULL) return SW_REASON_NONE;

@@ -1,11 +1,11 @@
-/* What may be changed of a release between two control periods, how far, and what follows from it: the goal of the
- * control, the bounds on the jets, the actuator's delay. The twin of ecu/calibrating.py.
+/* The calibration: the values of a release that may be changed between two control periods, their limits, and the
+ * bounds of the command gate that follow from them. The twin of ecu/calibrating.py.
  */
 #include "sw_ecu_parts.h"
 
 static const sw_calibration greatest = SW_GREATEST_CALIBRATION;
 
-/* No number is within any limits. */
+/* Returns 0 for NaN, which is within no limits. */
 static int is_within(float value, float low, float high) { return value >= low && value <= high; }
 
 void sw_calibration_bounds(const float weights[SW_TERMS], sw_calibration *low, sw_calibration *high)
@@ -14,7 +14,7 @@ void sw_calibration_bounds(const float weights[SW_TERMS], sw_calibration *low, s
     *low = least;
     *high = greatest;
     for (int i = 0; i < SW_TERMS; i++) {
-        /* A release may have a greater weight than others can be given. */
+        /* A release's own weight may be greater than a calibrated one. */
         if (weights[i] > high->weights[i]) high->weights[i] = weights[i];
     }
 }
@@ -40,9 +40,9 @@ void sw_calibration_own(const sw_release *release, sw_calibration *own)
 
 sw_gate_limits sw_calibration_limits(const sw_calibration *values)
 {
-    sw_gate_limits limits = {SW_GATE_FLOW, SW_GATE_STEP}; /* the vehicle's, with all of their digits */
+    sw_gate_limits limits = {SW_GATE_FLOW, SW_GATE_STEP}; /* the vehicle's bounds, with all digits */
     if (values->action_limit < greatest.action_limit) {
-        /* The range ends on a step of the wire; the small number keeps a limit that is itself one. */
+        /* The range ends on a step of the message's resolution; the small number keeps a limit that is such a step. */
         const double steps = (double)values->action_limit * SW_FLOW_SCALE / SW_FLOW_RESOLUTION + 1e-6;
         limits.flow_m2_per_s = (double)(int32_t)steps * SW_FLOW_RESOLUTION;
     }

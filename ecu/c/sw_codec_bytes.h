@@ -1,4 +1,4 @@
-/* What both codecs are made of: little-endian words, and numbers that stay at their limit. */
+/* The parts that both codecs share: little-endian words, and numbers that saturate. */
 #ifndef SW_CODEC_BYTES_H
 #define SW_CODEC_BYTES_H
 
@@ -6,19 +6,19 @@
 
 static inline uint32_t sw_word(const uint8_t *data) { return (uint32_t)data[0] | ((uint32_t)data[1] << 8); }
 
-/* The lower 16 bits. */
+/* Writes the lower 16 bits of a value. */
 static inline void sw_put_word(uint8_t *data, uint32_t value)
 {
     data[0] = (uint8_t)(value & 0xffu);
     data[1] = (uint8_t)((value >> 8) & 0xffu);
 }
 
-/* The value of a two's complement field whose sign is the bit `sign`. */
+/* Returns the value of a two's complement field with the sign bit `sign`. */
 static inline int32_t sw_signed(uint32_t field, uint32_t sign) { return (int32_t)(field ^ sign) - (int32_t)sign; }
 
 static inline uint32_t sw_at_most(uint32_t value, uint32_t limit) { return value < limit ? value : limit; }
 
-/* Bits without a signal are sent as zero, and so is the header. */
+/* Clears a message: bits without a signal are sent as zero, and the header is filled in later. */
 static inline void sw_clear(uint8_t *data, int length)
 {
     for (int i = 0; i < length; i++) data[i] = 0;

@@ -11,11 +11,11 @@
 
 /* PressureClassic */
 #define ENABLE_REQUEST 0x10u
-#define AGE_LIMIT 7u /* this or more */
-#define PRESSURES 2  /* bytes; two pressures of 12 bits in three */
+#define AGE_LIMIT 7u /* this age or more */
+#define PRESSURES 2  /* first byte; two pressures of 12 bits take three bytes */
 
 /* VehicleSpeedClassic */
-#define DENSITY 3 /* bytes */
+#define DENSITY 3 /* number of its byte, as the following */
 #define SPEED 4
 #define SPEED_AGE 6
 
@@ -24,7 +24,7 @@
 #define COUNTER_VALID 0x01u
 #define NEXT_PERIOD 0x02u
 
-/* Pressure i in steps of the wire. */
+/* Returns pressure i in units of the message's resolution. */
 static int32_t steps_of(const uint8_t *data, int i)
 {
     const uint32_t word = sw_word(&data[PRESSURES + 3 * i / 2]);
@@ -75,7 +75,7 @@ void sw_emit_status(uint8_t *data, const sw_ecu_status *status)
     const uint32_t reason = status->reason;
     const uint32_t refused = sw_at_most(status->refused, SW_COUNT_LIMIT);
     sw_clear(data, SW_STATUS_BYTES);
-    /* The reason's lowest bit stands above the state, the other four in the next byte. */
+    /* The reason's lowest bit follows the state; the other four bits are in the next byte. */
     data[HEAD] = (uint8_t)((((uint32_t)status->state & 0x07u) << 4) | ((reason & 0x01u) << 7));
     data[2] = (uint8_t)(((reason >> 1) & 0x0fu) | (sw_at_most(status->bus_off, SW_BUS_OFF_LIMIT) << 4));
     /* Four counts of six bits. */

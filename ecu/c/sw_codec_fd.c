@@ -7,16 +7,16 @@
 #error "a Pressure message has four pressures"
 #endif
 
-#define FLAGS 3 /* byte behind the header, in all messages */
+#define FLAGS 3 /* byte after the header, in all messages */
 
 /* Pressure */
 #define VALID 0x0fu
 #define ENABLE_REQUEST 0x10u
-#define PRESSURES 4 /* bytes */
+#define PRESSURES 4 /* first byte */
 #define AGE 12
 
 /* VehicleSpeed */
-#define DENSITY 3 /* bytes */
+#define DENSITY 3 /* number of its byte, as the following */
 #define SPEED 4
 #define SPEED_AGE 6
 

@@ -1,10 +1,10 @@
-/* Counts that stop at their largest value, and bits that are counted. */
+/* Counts that saturate at their largest value, and the count of bits in a word. */
 #ifndef SW_COUNTS_H
 #define SW_COUNTS_H
 
 #include <stdint.h>
 
-/* Counts by pairs, fours and bytes: the same work for every value. */
+/* Counts the bits in pairs, then fours, then bytes, so that every value takes the same time. */
 static inline int sw_bit_count(uint64_t bits)
 {
     const uint64_t pairs = bits - ((bits >> 1) & UINT64_C(0x5555555555555555));

@@ -1,16 +1,16 @@
 /* AUTOSAR end-to-end protection (PRS_E2EProtocol) of the messages in use: profile 5 for CAN FD, profile 2 for classic
- * CAN, where all 16 data IDs of a message are the same.
+ * CAN, where all 16 data IDs of a message are equal.
  *
- * The CRCs go by half bytes: a table of 16 entries in place of 256, a loop without a branch on the data.
+ * The CRCs are computed by half bytes: the table has 16 entries instead of 256, and the loop has no branch on the data.
  */
 #include "sw_ecu_parts.h"
 
 #if SW_E2E_PROFILE == 5
 
-#define HEADER 3 /* CRC-16 low byte first, counter */
+#define HEADER 3 /* CRC-16 with its low byte first, then the counter */
 #define COUNTER 2
 
-/* CRC-16, polynomial 0x1021, nothing reflected: of 0 to 15. */
+/* CRC-16 of 0 to 15: polynomial 0x1021, not reflected. */
 static const uint16_t table[16] = {
     0x0000, 0x1021, 0x2042, 0x3063, 0x4084, 0x50a5, 0x60c6, 0x70e7,
     0x8108, 0x9129, 0xa14a, 0xb16b, 0xc18c, 0xd1ad, 0xe1ce, 0xf1ef,
@@ -22,7 +22,7 @@ static uint32_t with_byte(uint32_t crc, uint32_t byte)
     return ((half << 4) & 0xffffu) ^ table[(half >> 12) ^ (byte & 0x0fu)];
 }
 
-/* Over the counter, the data, and the data ID, low byte first, which is not sent. */
+/* Computes the CRC over the counter, the data, and the data ID with its low byte first; the data ID is not sent. */
 static uint32_t crc_of(const uint8_t *data, int length, uint16_t data_id)
 {
     uint32_t crc = 0xffffu;
@@ -45,10 +45,10 @@ uint8_t sw_e2e_counter(const uint8_t *data) { return data[COUNTER]; }
 
 #elif SW_E2E_PROFILE == 2
 
-#define HEADER 2 /* CRC-8, counter in the lower half of a byte whose upper half is the message's */
+#define HEADER 2 /* CRC-8, then a byte with the counter in its lower half and the message's bits in its upper half */
 #define COUNTER 1
 
-/* CRC-8, polynomial 0x2F, nothing reflected: of 0 to 15. */
+/* CRC-8 of 0 to 15: polynomial 0x2F, not reflected. */
 static const uint8_t table[16] = {
     0x00, 0x2f, 0x5e, 0x71, 0xbc, 0x93, 0xe2, 0xcd,
     0x57, 0x78, 0x09, 0x26, 0xeb, 0xc4, 0xb5, 0x9a,
@@ -60,7 +60,7 @@ static uint32_t with_byte(uint32_t crc, uint32_t byte)
     return ((half << 4) & 0xffu) ^ table[(half >> 4) ^ (byte & 0x0fu)];
 }
 
-/* Over everything behind the CRC, and the data ID, which is not sent. */
+/* Computes the CRC over everything after the CRC, and over the data ID, which is not sent. */
 static uint32_t crc_of(const uint8_t *data, int length, uint16_t data_id)
 {
     uint32_t crc = 0xffu;

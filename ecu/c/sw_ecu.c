@@ -1,5 +1,5 @@
-/* The ECU's control period: check the pressure stream, update the fail-safe, extend the window, plan, pass the first
- * free action through the command gate, answer. The twin of ecu/ecu.py.
+/* The ECU's control period: it checks the pressure stream, updates the fail-safe, extends the window, plans, passes the
+ * first free action through the command gate, and answers. The twin of ecu/ecu.py.
  */
 #include "sw_ecu.h"
 
@@ -8,13 +8,13 @@
 #include "sw_counts.h"
 #include "sw_ecu_parts.h"
 
-/* Periods without pressures that the window may bridge, and the jets. */
+/* Largest number of periods without pressures that the window, and the jets, may bridge. */
 #define LONGEST_GAP (SW_HOLD_PERIODS + SW_DECAY_PERIODS)
 
-/* What the ECU asks of the command gate in one period. */
+/* The action that the ECU requests from the command gate in one period. */
 typedef struct {
     double action; /* before the gate, in U_inf W */
-    uint8_t fault; /* why there is none although one was due, or SW_REASON_NONE */
+    uint8_t fault; /* reason why a due action is missing, or SW_REASON_NONE */
 } decision;
 
 static double newest(const sw_memory *memory) { return memory->under_way[memory->frozen]; }
@@ -30,8 +30,8 @@ static double present_speed(const sw_ecu_state *state, const sw_release *release
 #endif
 }
 
-/* This period's row; none at a speed that the release does not serve, whose pressures say nothing about control at
- * others.
+/* Adds this period's row. At a speed outside the release's range it empties the window instead, since such pressures do
+ * not describe the wake at other speeds.
  */
 static void with_row(sw_ecu_state *state, const sw_release *release, const double *cp)
 {
@@ -49,8 +49,8 @@ static void with_row(sw_ecu_state *state, const sw_release *release, const doubl
     }
 }
 
-/* One row for each skipped period; the last command stayed in force meanwhile. Rows whose distance in time is not known
- * are worth nothing: a wrong clock empties the window.
+/* Adds one row for each skipped period, in which the last command stayed in force. A wrong clock empties the window,
+ * since the time between its rows is then unknown.
  */
 static void after_silence(sw_memory *memory, const sw_timing *timing)
 {
@@ -58,7 +58,7 @@ static void after_silence(sw_memory *memory, const sw_timing *timing)
         sw_memory_emptied(memory);
         return;
     }
-    /* More silent periods than these change nothing: the window is empty and the jets follow the last command. */
+    /* More silent periods than this number change nothing: the window is empty and the jets follow the last command. */
     const int most = LONGEST_GAP > (int)memory->frozen ? LONGEST_GAP : (int)memory->frozen;
     for (int k = 0; k <= most && k < timing->skipped; k++) {
         sw_memory_bridged(memory);
@@ -66,7 +66,7 @@ static void after_silence(sw_memory *memory, const sw_timing *timing)
     }
 }
 
-/* The sensor check after this period: the memory without a sensor that lies, and why the jets must shut. */
+/* Runs the sensor check: removes an excluded sensor from the memory, and returns why the jets must shut. */
 static uint8_t check_sensors(sw_ecu *ecu, const double *cp, const double *reading)
 {
     uint8_t fault = SW_REASON_NONE;
@@ -85,7 +85,7 @@ static uint8_t check_sensors(sw_ecu *ecu, const double *cp, const double *readin
     return fault;
 }
 
-/* The benefit check after this period, and why the jets must shut; a sensor set aside has its estimate. */
+/* Runs the benefit check, with the estimate of an excluded sensor, and returns why the jets must shut. */
 static uint8_t check_benefit(sw_ecu_state *state, const sw_release *release, int usable)
 {
     uint8_t fault = SW_REASON_NONE;
@@ -101,14 +101,14 @@ static uint8_t check_benefit(sw_ecu_state *state, const sw_release *release, int
     return fault;
 }
 
-/* BUS_OFF while the CAN controller is, and in the first step after it was: no node heard what the ECU sent. */
+/* Returns BUS_OFF while the CAN controller is bus-off and in the next step, since no node received the frames. */
 static uint8_t bus_fault(const sw_bus_health *before, const sw_bus_health *now)
 {
     const int off = now->is_bus_off || now->bus_off > before->bus_off;
     return (uint8_t)(off ? SW_REASON_BUS_OFF : SW_REASON_NONE);
 }
 
-/* Member by member: a copy of the whole would take padding along, and states are compared as bytes. */
+/* Copies member by member: a copy of the struct would copy padding, and states are compared as bytes. */
 static void remember_health(sw_bus_health *health, const sw_bus_health *now)
 {
     health->is_bus_off = now->is_bus_off;
@@ -133,7 +133,7 @@ static int are_finite(const float *values, int count)
     return finite;
 }
 
-/* A plan on the window, into the memory. Whatever the control step reports, no number that is none goes on. */
+/* Stores a new plan in the memory. A plan with NaN or infinity is dropped, whatever the control step's status. */
 static decision planned(sw_ecu *ecu)
 {
     decision due = {0.0, SW_REASON_INTERNAL};
@@ -151,7 +151,7 @@ static decision planned(sw_ecu *ecu)
     return due;
 }
 
-/* What to do in a period of this mode, with this period's row in the memory. */
+/* Decides on the action of a period in this mode; the memory has the period's row already. */
 static decision decide(sw_ecu *ecu)
 {
     decision due = {0.0, SW_REASON_NONE};
@@ -172,7 +172,7 @@ static decision decide(sw_ecu *ecu)
     return due;
 }
 
-/* A command in steps of the wire: the nearest, of two the even one. The gate has left it in the wire's range. */
+/* Rounds a command to the message's resolution, half to even. The gate has limited it to the message's range. */
 static int32_t steps_of(double flow_m2_per_s)
 {
     const double exact = flow_m2_per_s / SW_FLOW_RESOLUTION;
@@ -184,14 +184,14 @@ static int32_t steps_of(double flow_m2_per_s)
     return whole;
 }
 
-/* Jets that the gate shut have a reason on the bus. */
+/* Gives the reason, for the bus, why the gate shut the jets. */
 static void told_by_the_gate(sw_fail_safe *fail_safe, uint8_t interventions)
 {
     if ((interventions & SW_GATED_NOT_FINITE) != 0) sw_fail_safe_latch(fail_safe, SW_REASON_INTERNAL);
     if ((interventions & SW_GATED_STALE) != 0) fail_safe->reason = SW_REASON_STALE;
 }
 
-/* The period's pressures into state and memory, and what the fail-safe learns of it. */
+/* Takes the period's pressures into state and memory, and fills in the inputs of the fail-safe. */
 static void receive(sw_ecu *ecu, sw_period_inputs *inputs, const sw_frame *frames, int count, int64_t now_ns)
 {
     sw_ecu_state *state = &ecu->state;
@@ -237,7 +237,7 @@ static void receive(sw_ecu *ecu, sw_period_inputs *inputs, const sw_frame *frame
     inputs->updating = ecu->surroundings.updating;
 }
 
-/* What the gate lets pass of this period's action; the fail-safe learns it. */
+/* Passes this period's action through the gate, and reports the gate's interventions to the fail-safe. */
 static sw_gated act(sw_ecu *ecu, const sw_timing *before, int64_t now_ns)
 {
     sw_ecu_state *state = &ecu->state;
@@ -250,7 +250,7 @@ static sw_gated act(sw_ecu *ecu, const sw_timing *before, int64_t now_ns)
     return passed;
 }
 
-/* Whether this build answers as the exporter's; in the ECU's own memory, of which nothing is left of use. */
+/* Checks this build against the exporter's known answer. It overwrites the ECU's memory, which is not in use yet. */
 static uint8_t judged(sw_ecu *ecu, const sw_numbers *numbers)
 {
 #ifdef SW_WITHOUT_KNOWN_ANSWER
@@ -268,7 +268,7 @@ int sw_ecu_init_of(sw_ecu *ecu, const sw_numbers *numbers)
     sw_calibration own;
     const uint8_t unfit = judged(ecu, numbers);
     unsigned char *bytes = (unsigned char *)ecu;
-    for (size_t i = 0; i < sizeof *ecu; i++) bytes[i] = 0; /* padding as well: states are compared as bytes */
+    for (size_t i = 0; i < sizeof *ecu; i++) bytes[i] = 0; /* padding as well, because states are compared as bytes */
     ecu->numbers = *numbers;
     sw_calibration_own(numbers->release, &own);
     (void)sw_ecu_calibrate(ecu, &own);
@@ -319,7 +319,7 @@ static int could_receive(const sw_receiver *receiver)
 }
 
 #if SW_PAST > 0
-/* A speed, and periods at speeds, that are divided by. */
+/* Checks the speeds that are used as divisors. */
 static int could_drive(const sw_ecu_state *state)
 {
     const sw_past *past = &state->memory.past;
@@ -330,7 +330,7 @@ static int could_drive(const sw_ecu_state *state)
 }
 #endif
 
-/* Whether all that is used as an index, shifted by, divided by, or added up is within its range. */
+/* Checks that all values used as index, shift, divisor or term of a sum are within their ranges. */
 static int could_be(const sw_ecu_state *state)
 {
     const sw_memory *memory = &state->memory;
@@ -381,7 +381,7 @@ int sw_ecu_step(sw_ecu *ecu, int64_t now_ns, const sw_frame *frames_in, int coun
     sw_fail_safe_next(&state->fail_safe, &inputs);
     const sw_gated passed = act(ecu, &before, now_ns);
     const int32_t steps = steps_of(passed.flow_m2_per_s);
-    const double action = (double)steps * SW_FLOW_RESOLUTION / SW_FLOW_SCALE; /* that the command leads to */
+    const double action = (double)steps * SW_FLOW_RESOLUTION / SW_FLOW_SCALE; /* the action that the command causes */
     sw_memory_commanded(&state->memory, action);
     remember_health(&state->health, &ecu->surroundings.health);
     ecu->trace.action = action;
@@ -391,7 +391,7 @@ int sw_ecu_step(sw_ecu *ecu, int64_t now_ns, const sw_frame *frames_in, int coun
     command.flow = steps;
     command.mode = sw_mode_on_wire(state->fail_safe.mode);
     command.enable = passed.enable;
-    /* The command rests on this period's frame, or on the one behind the command that is held. */
+    /* The counter is that of this period's frame, or of the frame on which the held command is based. */
     command.has_counter = state->has_pressures && (inputs.usable || sw_drives_jets(state->fail_safe.mode));
     command.pressure_counter = state->pressure_counter;
     return sw_write_frames(state, &command, ecu->numbers.release->bundle_hash, now_ns,

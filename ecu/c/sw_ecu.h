@@ -1,17 +1,17 @@
-/* The ECU around a control step: CAN frames in, jet command and status out, once a control period.
+/* The ECU around a control step: it takes CAN frames and returns a jet command and a status, once a control period.
  *
- * It is the twin of the Python ECU (ecu), which is its specification: the same frames at the same times
- * lead to the same frames and the same state. Freestanding C99. No allocation, no recursion, no library calls, no
- * static state: everything stands in the caller's sw_ecu. sw_ecu_settings.h, generated, has the messages of the DBC,
- * the figures of the release that is compiled in, and the vehicle's settings.
+ * It is the twin of the Python ECU (ecu), which is its specification: equal frames at equal times lead to equal frames
+ * and an equal state. The code is freestanding C99, without allocation, recursion, library calls or static state: all
+ * memory is in the caller's sw_ecu. The generated sw_ecu_settings.h has the messages of the DBC, the numbers of the
+ * release that is compiled in, and the vehicle's settings.
  *
  *     static sw_ecu ecu;
  *     sw_ecu_init(&ecu);
  *     every control period:
  *         count = sw_ecu_step(&ecu, now_ns, frames_in, n, frames_out);   send frames_out[0 .. count - 1]
  *
- * Decisions are made in integers and in double, in the order of operations of the Python ECU, and so are the same to
- * the bit; the control step and the sensor estimates are in float and int8.
+ * Decisions are made in integers and doubles, in the Python ECU's order of operations, so that they are equal bit for
+ * bit. The control step and the sensor estimates use float and int8.
  */
 #ifndef SW_ECU_H
 #define SW_ECU_H
@@ -22,50 +22,52 @@
 extern "C" {
 #endif
 
-/* Power-on: nothing received, nothing sent, jets shut, the release's own calibration. Memory of zeros is no substitute:
- * it would hold a request for control that was seen low, and a sensor set aside. Returns
- * SW_REASON_NONE, or SW_REASON_INTERNAL where this build, or the processor as it is set, computes otherwise than its
- * decisions need (sw_arithmetic; contraction). Every step looks at it again: while it is so, the jets are shut for that
- * reason. The same, up to the next init, where a control step on a known window answers otherwise than the exporter's
- * (sw_known_answer). It takes as long as the longest step; a build with SW_WITHOUT_KNOWN_ANSWER leaves it out.
+/* Initialises the ECU as at power-on: nothing received, nothing sent, jets shut, the release's own calibration. Memory
+ * of zeros is no substitute: it would mean that the request was seen low, and that a sensor is excluded. Returns
+ * SW_REASON_NONE, or SW_REASON_INTERNAL if this build, or the present mode of the processor, does not compute as
+ * exactly as the decisions need (sw_arithmetic; contraction). Every step repeats this check and shuts the jets while it
+ * fails. They stay shut until the next init if a control step on a known window differs from the exporter's
+ * (sw_known_answer). That check takes as long as the longest step; a build with SW_WITHOUT_KNOWN_ANSWER omits it.
  */
 int sw_ecu_init(sw_ecu *ecu);
 
-/* The same with the numbers of a release that stands elsewhere, as sw_image_open gives them. What they point to must stay
- * as long as the ECU runs; `numbers` itself need not.
+/* Initialises the ECU with the numbers of a release elsewhere, as sw_image_open returns them. The memory behind the
+ * pointers must stay valid while the ECU runs; `numbers` itself need not.
  */
 int sw_ecu_init_of(sw_ecu *ecu, const sw_numbers *numbers);
 
 #if SW_SECOC
-/* The bus' key and what is left of earlier power cycles, once after an init and before the first step. Without it nothing
- * is sent, and every frame is refused. Returns 0, or 1 for a key of zeros or a trip of 0, and then there is no key.
+/* Gives the ECU the bus key and the freshness values of earlier power cycles: once after an init, before the first
+ * step. Without a key the ECU sends nothing and refuses every frame. Returns 0, or 1 for a key of zeros or a trip of 0;
+ * the ECU then has no key.
  *
- * The caller overwrites `given` afterwards. It keeps in lasting memory what is newest in state.pressures.verifier and
- * state.speed.receiver.verifier: a node that restarts takes everything that is newer than what was kept.
+ * The caller overwrites `given` afterwards. It stores the newest values of state.pressures.verifier and
+ * state.speed.receiver.verifier in non-volatile memory: a restarted node accepts everything newer than the stored
+ * values.
  */
 int sw_ecu_authenticate(sw_ecu *ecu, const sw_authentication *given);
 #endif
 
-/* Other values from the next step on; call it between two steps. Returns 0, or the number of the first value that is
- * out of the limits of release and vehicle, counted from 1 in the order of the structure; nothing is changed then. What
- * was sent stays as it was sent, and a narrower range bounds the very next command. A state that is loaded must be of
- * the same delay.
+/* Changes the calibration from the next step on; call it between two steps. Returns 0, or the number of the first value
+ * outside the limits of release and vehicle, counted from 1 in the structure's order; nothing is changed then. Actions
+ * already sent stay as they are, and a narrower range limits the very next command. A state that is restored later must
+ * have the same delay.
  */
 int sw_ecu_calibrate(sw_ecu *ecu, const sw_calibration *values);
 
-/* Go on from a state that was saved: `state` of an sw_ecu of the same release, settings and calibration. Returns 0, or 1
- * for one that no ECU can have left, as of memory that failed; nothing is changed then. What is checked is what would
- * lead out of an array or of a number's range. A checksum is the caller's, who knows the memory.
+/* Continues from a saved state: `state` of an sw_ecu with the same release, settings and calibration. Returns 0, or 1
+ * for a state that no ECU can reach, such as one from failed memory; nothing is changed then. Only values are checked
+ * that would lead outside an array or a number's range. A checksum is left to the caller, which owns the memory.
  */
 int sw_ecu_restore(sw_ecu *ecu, const sw_ecu_state *state);
 
-/* One control period that begins at now_ns. frames_in has everything received since the last step, oldest first; with a
- * count of 0 it may be NULL. Writes the frames to be sent, over frames_in if that is the same memory, and returns how
- * many. A step that takes longer than a period is seen in the next one, by that one's time.
+/* Runs one control period that begins at now_ns. frames_in has all frames received since the last step, oldest first;
+ * with a count of 0 it may be NULL. Writes the frames to send, possibly over frames_in, and returns their number. A
+ * step that takes longer than a period is detected in the next step, from its time.
  */
 int sw_ecu_step(sw_ecu *ecu, int64_t now_ns, const sw_frame *frames_in, int count, sw_frame frames_out[SW_FRAMES_OUT]);
 
-/* sizeof(sw_ecu) and sizeof(sw_ecu_state), for callers in other languages. */
+/* Return sizeof(sw_ecu) and sizeof(sw_ecu_state), for callers in other languages. */
 size_t sw_ecu_bytes(void);
 size_t sw_ecu_state_bytes(void);
 

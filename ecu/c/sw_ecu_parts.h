@@ -1,11 +1,11 @@
-/* The parts of an ECU's control period, in the order they run. Each file implements one. */
+/* The parts of an ECU's control period, in the order of execution. Each part has a file. */
 #ifndef SW_ECU_PARTS_H
 #define SW_ECU_PARTS_H
 
 #include "sw_ecu_state.h"
 #include "sw_exact.h"
 
-/* The bus' key, behind the other arguments of what reads and writes frames; nothing where the release has none. */
+/* The bus key as last argument of functions that read or write frames; nothing in a build without a key. */
 #if SW_SECOC
 #define SW_BY_KEY(key) , key
 #else
@@ -14,25 +14,25 @@
 
 /* --- sw_inexact.c --- */
 
-/* SW_REASON_INTERNAL where this build, or the processor as it is set now, computes in float or double otherwise than the
- * ECU's decisions need it, as sw_arithmetic looks at it and without contraction; SW_REASON_NONE.
+/* Returns SW_REASON_INTERNAL if this build, or the present mode of the processor, does not compute floats or doubles
+ * exactly as the decisions need: sw_arithmetic fails, or operations are contracted. Otherwise SW_REASON_NONE.
  */
 uint8_t sw_inexact(void);
 
 /* --- sw_timing.c --- */
 
-/* Moves on to the step at now_ns. */
+/* Advances the timing to the step at now_ns. */
 void sw_timing_next(sw_timing *timing, int64_t now_ns);
 
 /* --- sw_e2e.c: the profile of the messages in use, SW_E2E_PROFILE --- */
 
-/* Fills the header of a message of `length` bytes in. */
+/* Fills in the header of a message of `length` bytes. */
 void sw_e2e_protect(uint8_t *data, int length, uint16_t data_id, uint8_t counter);
 
-/* Whether the CRC fits. */
+/* Returns whether the CRC is valid. */
 int sw_e2e_check(const uint8_t *data, int length, uint16_t data_id);
 
-/* The counter of a protected message. */
+/* Returns the counter of a protected message. */
 uint8_t sw_e2e_counter(const uint8_t *data);
 
 /* --- sw_codec_fd.c, sw_codec_classic.c: the set of messages in use --- */
@@ -45,7 +45,7 @@ typedef struct {
 } sw_pressure;
 
 typedef struct {
-    int32_t flow; /* in steps of the wire */
+    int32_t flow; /* in units of the message's resolution */
     uint8_t mode; /* SW_MODE_ */
     uint8_t enable;
     uint8_t has_counter;
@@ -57,7 +57,7 @@ typedef struct {
     uint8_t reason; /* SW_REASON_ */
     uint8_t set_aside;
     uint32_t bundle_hash;
-    uint32_t overruns, missed, crc_errors, refused; /* limited when they are sent */
+    uint32_t overruns, missed, crc_errors, refused; /* saturated when they are sent */
     uint32_t bus_off, tx_errors, rx_errors;
 #if SW_SECOC
     uint32_t not_authentic;
@@ -69,8 +69,8 @@ void sw_parse_pressure(const uint8_t *data, sw_pressure *pressure);
 
 #if SW_PAST > 0
 typedef struct {
-    double speed_m_per_s;     /* 0 where it is not known */
-    double density_kg_per_m3; /* of the air; 0 where it is not known */
+    double speed_m_per_s;     /* 0 if unknown */
+    double density_kg_per_m3; /* density of the air; 0 if unknown */
     uint8_t known;            /* whether the vehicle knows its speed */
     int64_t age_ns;
 } sw_speed;
@@ -79,100 +79,100 @@ typedef struct {
 void sw_parse_speed(const uint8_t *data, sw_speed *speed);
 #endif
 
-/* Into SW_COMMAND_BYTES and SW_STATUS_BYTES bytes with an empty header; SW_PLAN_AHEAD is JetCommand's NextPeriod. */
+/* Write SW_COMMAND_BYTES and SW_STATUS_BYTES bytes with an empty header; SW_PLAN_AHEAD is the signal NextPeriod. */
 void sw_emit_command(uint8_t *data, const sw_jet_command *command);
 void sw_emit_status(uint8_t *data, const sw_ecu_status *status);
 
 /* --- sw_receiver.c --- */
 
-/* A message that is received. */
+/* A received message. */
 typedef struct {
     uint32_t id;
-    int bytes; /* that E2E protects */
+    int bytes; /* length of the part that E2E protects */
     uint16_t data_id;
 #if SW_SECOC
-    int secured; /* bytes with freshness and MAC */
+    int secured; /* length with freshness and MAC */
 #endif
 } sw_message;
 
-/* The state after one period. Returns the newest frame that was good by itself, or NULL. */
+/* Updates the receiver by the frames of one period. Returns the newest frame with a good check, or NULL. */
 const sw_frame *sw_receive(sw_receiver *receiver, const sw_message *message, const sw_frame *frames,
                            int count SW_BY_KEY(const sw_secoc *secoc));
 
-/* --- sw_reception.c: from a period's frames to pressures that may be planned on, or why there are none --- */
+/* --- sw_reception.c: usable pressures from a period's frames, or the reason why there are none --- */
 
 typedef struct {
     uint8_t usable;
-    uint8_t has_request; /* whether a frame came whose request is to be believed */
+    uint8_t has_request; /* whether a frame came whose request counts */
     uint8_t enable_request;
     uint8_t unusable_because; /* SW_REASON_ */
-    uint8_t counter;          /* of the usable ones' frame */
-    int64_t sampled_ns;       /* theirs */
-    double cp[SW_SENSORS];    /* theirs */
+    uint8_t counter;          /* E2E counter of the frame with the usable pressures */
+    int64_t sampled_ns;       /* time at which they were sampled */
+    double cp[SW_SENSORS];    /* the usable pressures */
 #if SW_PAST > 0
-    double reading[SW_SENSORS]; /* the same in units of the design speed: a resting sensor does not follow the speed */
+    double reading[SW_SENSORS]; /* in units of the design speed, which a stuck reading does not follow */
 #endif
 } sw_received;
 
-/* dynamic_pressure is in Pa at Cp = 1 at the present speed; 0 where that is not known. */
+/* Evaluates a period's frames. dynamic_pressure is the pressure of Cp = 1 at the present speed, in Pa; 0 if unknown. */
 void sw_reception(sw_received *received, sw_receiver *receiver, const sw_frame *frames, int count, int64_t now_ns,
                   double dynamic_pressure SW_BY_KEY(const sw_secoc *secoc));
 
-/* Whether what a frame carries is of now, or older by at most oldest_ns. */
+/* Returns whether the content of a frame was sampled at most oldest_ns before now_ns, and not after it. */
 int sw_is_fresh(int64_t timestamp_ns, int64_t age_ns, int64_t now_ns, int64_t oldest_ns);
 
-/* Moves on to the step at step_ns with these frames: commands and statuses among them are another ECU's. */
+/* Advances to the step at step_ns with these frames: commands and statuses among them come from another ECU. */
 void sw_other_ecu_next(sw_other_ecu *other, const sw_frame *frames, int count,
                        int64_t step_ns SW_BY_KEY(const sw_secoc *secoc));
 
-/* --- sw_speed.c: the vehicle's speed, where a release serves a range of speeds --- */
+/* --- sw_speed.c: the vehicle's speed, for a release that supports a range of speeds --- */
 
 #if SW_PAST > 0
-/* Moves on by a period's frames. */
+/* Updates the speed by a period's frames. */
 void sw_speed_next(sw_speed_state *speed, const sw_release *release, const sw_frame *frames, int count,
                    int64_t now_ns SW_BY_KEY(const sw_secoc *secoc));
 
-/* Pa at Cp = 1; 0 without a speed. */
+/* Returns the pressure of Cp = 1, in Pa; 0 without a speed. */
 double sw_speed_dynamic_pressure(const sw_speed_state *speed, const sw_release *release);
 
-/* The vehicle's speed in design speeds: within the release's range, and 1 where it is not known or too far out. */
+/* Returns the vehicle's speed in design speeds, within the release's range; 1 if unknown or too far outside. */
 double sw_speed_present(const sw_speed_state *speed, const sw_release *release);
 #endif
 
-/* --- sw_past.c: rows of periods read again at steps of the present speed --- */
+/* --- sw_past.c: rows of past periods, resampled at steps of the present speed --- */
 
-/* Where pressures that are kept, or a command, are after a period in which they should get to `to`. */
+/* Returns the value after a period in which it moves from `before` by a share of the way to `to`. */
 double sw_followed(double before, double to, double share);
 
 #if SW_PAST > 0
-/* Adds this period's row, whose pressures follow those of the row before it. */
+/* Adds this period's row, with its pressures filtered by the row before. */
 void sw_past_extend(sw_past *past, const double row[SW_COLUMNS], double speed);
 
 void sw_past_empty(sw_past *past);
 
-/* The window at steps of the present speed. Returns how many of its rows have come. */
+/* Resamples the window at steps of the present speed. Returns the number of its rows that have data. */
 uint32_t sw_past_read(const sw_past *past, double window[SW_WINDOW][SW_COLUMNS]);
 #endif
 
-/* --- sw_memory.c: window, plan and actions under way --- */
+/* --- sw_memory.c: window, plan and actions in transit --- */
 
-/* Adds a row for this period at a speed, in design speeds. */
+/* Adds a row for this period at a speed, in design speeds. The following two bridge a period, and empty the window. */
 void sw_memory_observed(sw_memory *memory, const double cp[SW_SENSORS], double speed);
 void sw_memory_bridged(sw_memory *memory);
 void sw_memory_emptied(sw_memory *memory);
 void sw_memory_commanded(sw_memory *memory, double action);
 void sw_memory_without_plan(sw_memory *memory);
 
-/* The speed of the newest row, in design speeds. */
+/* Returns the speed of the newest row, in design speeds. */
 double sw_memory_speed(const sw_memory *memory);
 
-/* Takes on another delay of the actuator: so many frozen actions, fewer than SW_HORIZON. */
+/* Changes the actuator's delay: `frozen` actions are in transit, fewer than SW_HORIZON. */
 void sw_memory_freeze(sw_memory *memory, int frozen);
 
-/* Other pressures of one sensor in the rows that have come; values has a row a row of the window, or of the past. */
+/* Replaces one sensor's pressures in all rows with data; `values` has a row for each row of the window or the past. */
 void sw_memory_with_column(sw_memory *memory, int sensor, const double values[SW_KEPT][SW_SENSORS]);
 
-/* The control step's input. */
+/* Fills in the input of the control step. */
 void sw_memory_input(const sw_memory *memory, const sw_calibration *calibration, sw_input *input);
 
 /* --- sw_sensors.c --- */
@@ -180,8 +180,8 @@ void sw_memory_input(const sw_memory *memory, const sw_calibration *calibration,
 void sw_sensors_start(sw_sensors *sensors);
 
 #if SW_SENSOR_CHECK
-/* Judges a period with the memory's window; cp is NULL without pressures, and `reading` has them as they came, whatever
- * the speed is. Returns the SW_REASON_ for which the ECU must switch itself off, or SW_REASON_NONE.
+/* Judges a period by the memory's window. `cp` is NULL without pressures; `reading` has the pressures in units of the
+ * design speed at any speed. Returns the SW_REASON_ for which the ECU must switch itself off, or SW_REASON_NONE.
  */
 uint8_t sw_sensors_next(sw_sensors *sensors, const sw_numbers *numbers, sw_estimator_work *work, const sw_memory *memory,
                         const double *cp, const double *reading, int64_t skipped);
@@ -190,9 +190,9 @@ uint8_t sw_sensors_next(sw_sensors *sensors, const sw_numbers *numbers, sw_estim
 /* --- sw_benefit.c --- */
 
 #if SW_BENEFIT_CHECK
-/* Judges a period with these pressures; cp is NULL without any. `speed` is the vehicle's in design speeds, `drives`
- * whether the jets could run up to now. Returns the SW_REASON_ for which the ECU must switch itself off, or
- * SW_REASON_NONE.
+/* Judges a period with these pressures; `cp` is NULL without any. `speed` is the vehicle's speed in design speeds, and
+ * `drives` states whether the jets could run until now. Returns the SW_REASON_ for which the ECU must switch itself
+ * off, or SW_REASON_NONE.
  */
 uint8_t sw_benefit_next(sw_benefit *benefit, const sw_release *release, const double *cp, double speed, int drives);
 #endif
@@ -205,7 +205,7 @@ typedef struct {
     uint8_t enable_request;
     uint8_t unusable_because;
     uint8_t window_full;
-    uint8_t off_speed; /* the vehicle is slower or faster than the release is made for */
+    uint8_t off_speed; /* the vehicle's speed is outside the release's range */
     uint8_t tests;     /* the jets must be shut to measure the wake without them */
     uint8_t fault; /* SW_REASON_, or SW_REASON_NONE */
     uint8_t updating;
@@ -214,7 +214,7 @@ typedef struct {
 void sw_fail_safe_start(sw_fail_safe *fail_safe);
 void sw_fail_safe_next(sw_fail_safe *fail_safe, const sw_period_inputs *inputs);
 
-/* Latches a fault of the ECU's own that shows only in the course of the period. */
+/* Latches a fault of the ECU itself that is detected during the period. */
 void sw_fail_safe_latch(sw_fail_safe *fail_safe, uint8_t reason);
 
 int sw_drives_jets(uint8_t mode);
@@ -222,16 +222,16 @@ uint8_t sw_mode_on_wire(uint8_t mode);
 
 /* --- sw_calibration.c --- */
 
-/* The least and the greatest values; a release's own weights are within them. */
+/* Returns the least and the greatest values; a release's own weights are within them. */
 void sw_calibration_bounds(const float weights[SW_TERMS], sw_calibration *low, sw_calibration *high);
 
-/* The number of the first value that is out of its limits, from 1; 0 if there is none. */
+/* Returns the number of the first value outside its limits, counted from 1; 0 if there is none. */
 int sw_calibration_beyond(const sw_calibration *values, const sw_release *release);
 
-/* A release's own in this vehicle. */
+/* Returns a release's own calibration in this vehicle. */
 void sw_calibration_own(const sw_release *release, sw_calibration *own);
 
-/* The gate's bounds by values within their limits, never wider than the vehicle's. */
+/* Returns the gate's bounds for values within their limits; they are never wider than the vehicle's. */
 sw_gate_limits sw_calibration_limits(const sw_calibration *values);
 
 /* --- sw_gate.c --- */
@@ -242,14 +242,14 @@ typedef struct {
     uint8_t interventions;
 } sw_gated;
 
-/* has_previous and has_pressures state whether the times next to them are any. */
+/* Limits a command. has_previous and has_pressures state whether the times next to them are valid. */
 sw_gated sw_gate(double flow_m2_per_s, int enable, double previous_m2_per_s, int has_previous, int64_t previous_ns,
                  int has_pressures, int64_t pressure_ns, int64_t now_ns, const sw_gate_limits *limits);
 
 /* --- sw_frames.c --- */
 
-/* Writes a JetCommand, and an EcuStatus of the state, as protected frames; the counters in the state move on. Returns how
- * many: none where there should be a key and is none.
+/* Writes a JetCommand, and an EcuStatus of the state, as protected frames, and advances the state's counters. Returns
+ * the number of frames: 0 if a key is needed and missing.
  */
 int sw_write_frames(sw_ecu_state *state, const sw_jet_command *command, uint32_t bundle_hash, int64_t now_ns,
                     sw_frame frames_out[SW_FRAMES_OUT] SW_BY_KEY(const sw_secoc *secoc));

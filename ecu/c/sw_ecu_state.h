@@ -1,4 +1,4 @@
-/* What an ECU is given, runs on, and remembers between control periods. Public only because the caller owns it. */
+/* The inputs, the numbers and the state of an ECU. They are public only because the caller provides the memory. */
 #ifndef SW_ECU_STATE_H
 #define SW_ECU_STATE_H
 
@@ -16,44 +16,44 @@
 #define SW_FRAME_BYTES 64
 #define SW_FRAMES_OUT 2 /* a JetCommand and an EcuStatus */
 
-/* Hypotheses of the sensor check: each sensor may lie, each pair may be exchanged. */
+/* Hypotheses of the sensor check: each sensor may read wrongly, and each pair of sensors may be exchanged. */
 #define SW_PAIRS (SW_SENSORS * (SW_SENSORS - 1) / 2)
 #define SW_HYPOTHESES (SW_SENSORS + SW_PAIRS)
 
-/* Rows of estimates that are kept: of the window, or of the past behind it where a release serves a range of speeds. */
+/* Number of stored rows of estimates: the window's, or the past's in a release for a range of speeds. */
 #if SW_PAST > 0
 #define SW_KEPT SW_PAST
 #else
 #define SW_KEPT SW_WINDOW
 #endif
 
-/* Times are in ns of one clock that never goes back, from 0 to this: 73 years. Others are a fault of the clock. */
+/* Valid times are 0 to this limit (73 years), in ns, of one clock that never goes back. Others are a clock fault. */
 #define SW_LATEST_NS ((int64_t)1 << 61)
 
 /* A CAN frame; bytes beyond `length` are not read. */
 typedef struct {
-    int64_t timestamp_ns; /* when it was received, or handed over to be sent; of the same clock as now_ns */
+    int64_t timestamp_ns; /* time of reception, or of hand-over for sending; on the clock of now_ns */
     uint32_t id;
-    uint8_t is_extended; /* 29 bits of identifier */
+    uint8_t is_extended; /* has a 29-bit identifier */
     uint8_t is_fd;
     uint8_t length;
     uint8_t data[SW_FRAME_BYTES];
 } sw_frame;
 
-/* What the ECU does in a control period; on the wire these are SW_MODE_ (sw_ecu_settings.h). */
+/* The operating mode in a control period; on the bus it has a number SW_MODE_ (sw_ecu_settings.h). */
 typedef enum {
     SW_INIT,    /* no usable pressures since power-on */
-    SW_STANDBY, /* the request for control stands as it did at power-on: it must fall first */
-    SW_ARMED,   /* the request is low */
-    SW_WARMUP,  /* control is wanted, but the window is not full, the speed not served, or whether it helps tested */
+    SW_STANDBY, /* control has been requested since power-on: the request must fall first */
+    SW_ARMED,   /* control is not requested */
+    SW_WARMUP,  /* control is requested, but the window is not full, the speed is out of range, or a test runs */
     SW_CONTROL, /* the jets follow the controller */
     SW_HOLD,    /* pressures are missing: the last command stays */
-    SW_DECAY,   /* for longer: it is halved each period */
-    SW_FAULT,   /* the jets are shut until good frames have come and the request rises again */
-    SW_UPDATE   /* a new release is being written; a reset alone leads out */
+    SW_DECAY,   /* pressures are missing for longer: the command is halved each period */
+    SW_FAULT,   /* the jets are shut until good frames arrive and the request rises again */
+    SW_UPDATE   /* a new release is being written; only a reset ends this mode */
 } sw_operating_mode;
 
-/* What the command gate had to do, bits. */
+/* Interventions of the command gate, as bits. */
 enum {
     SW_GATED_NOT_ENABLED = 1,
     SW_GATED_NOT_FINITE = 2,
@@ -79,28 +79,28 @@ typedef enum {
 /* The CAN controller's error counters. */
 typedef struct {
     uint8_t is_bus_off;
-    uint32_t bus_off; /* how often it was, since power-on */
+    uint32_t bus_off; /* number of bus-off events since power-on */
     uint32_t tx_errors;
     uint32_t rx_errors;
 } sw_bus_health;
 
-/* What the surroundings report to the ECU; the caller writes it before a step, never while one runs, and it stays. */
+/* The conditions around the ECU. The caller writes them before a step, never during one; they stay valid. */
 typedef struct {
     sw_bus_health health;
     uint8_t fault;    /* SW_REASON_ for which the ECU must switch itself off, or SW_REASON_NONE */
-    uint8_t updating; /* a new release is to be written: shut off for good, as soon as no jet may run */
+    uint8_t updating; /* a new release is to be written: shut off until a reset, as soon as no jet may run */
 } sw_surroundings;
 
-/* Counts stop at their largest value. */
+/* The state of a receiver. Counts saturate at their largest value. */
 typedef struct {
     uint8_t stream;       /* sw_stream */
-    uint8_t has_counter;  /* whether a frame with a good CRC has come */
-    uint8_t last_counter; /* of the latest one */
-    uint8_t checks;       /* how many stand in `window`, oldest first */
+    uint8_t has_counter;  /* whether a frame with a valid CRC has arrived */
+    uint8_t last_counter; /* counter of the latest such frame */
+    uint8_t checks;       /* number of checks in `window`, oldest first */
     uint8_t window[SW_E2E_WINDOW];
     uint32_t counts[SW_CHECKS];
 #if SW_SECOC
-    sw_verifier verifier; /* in front of all that */
+    sw_verifier verifier; /* checks each frame before E2E does */
 #endif
 } sw_receiver;
 
@@ -108,22 +108,22 @@ typedef struct {
     uint8_t mode;   /* sw_operating_mode */
     uint8_t reason; /* SW_REASON_ */
     uint8_t enable_request;
-    uint32_t misses; /* periods in a row without usable pressures */
-    uint32_t good;   /* usable ones in a row */
-    uint64_t lost;   /* latest SW_LOSS_WINDOW periods, a bit each and the newest lowest */
+    uint32_t misses; /* consecutive periods without usable pressures */
+    uint32_t good;   /* consecutive periods with usable pressures */
+    uint64_t lost;   /* lost ones of the latest SW_LOSS_WINDOW periods: one bit each, the lowest is the newest */
 } sw_fail_safe;
 
 typedef struct {
     uint8_t has_step;
     uint8_t fault; /* SW_REASON_, or SW_REASON_NONE */
-    uint32_t off_time; /* latest SW_DEADLINE_WINDOW steps, a bit each */
+    uint32_t off_time; /* steps off time of the latest SW_DEADLINE_WINDOW: one bit each */
     int64_t step_ns;
     int64_t lag_ns;
     int64_t skipped;
 } sw_timing;
 
 #if SW_PAST > 0
-/* The rows of the latest control periods at the speeds they had; the last `count` have come, the others are zero. */
+/* The rows of the latest control periods with their speeds; the last `count` rows have data, the others are zero. */
 typedef struct {
     uint32_t count;
     double rows[SW_PAST][SW_COLUMNS]; /* as in the window, each in units of its own speed */
@@ -132,33 +132,33 @@ typedef struct {
 
 /* The vehicle's speed through the air. */
 typedef struct {
-    sw_receiver receiver; /* of the message */
-    uint8_t known;        /* whether one is believed that is not too old */
-    uint8_t is_off;       /* outside the release's range; once outside it has to come back by the margin */
-    double ratio;         /* to the design speed; 0 if it is not known */
-    double density;       /* of the air in kg/m3, with that speed */
+    sw_receiver receiver; /* receiver of VehicleSpeed */
+    uint8_t known;        /* whether there is an accepted speed that is not too old */
+    uint8_t is_off;       /* outside the release's range; to return, the speed must be inside by the margin */
+    double ratio;         /* speed divided by the design speed; 0 if unknown */
+    double density;       /* density of the air in kg/m3, from the same frame */
     int64_t measured_ns;
 } sw_speed_state;
 #endif
 
 typedef struct {
-    uint32_t rows; /* of the window that have come, the last ones */
-    uint32_t gap;  /* periods in a row without pressures */
+    uint32_t rows; /* number of the window's rows with data, which are the last ones */
+    uint32_t gap;  /* consecutive periods without pressures */
     double window[SW_WINDOW][SW_COLUMNS];
     float plan[SW_HORIZON];
-    uint32_t frozen; /* actions at the head of a plan that are under way, by the actuator's delay */
-    double under_way[SW_HORIZON]; /* actions sent, oldest first, `frozen` + 1 of them; zeros behind */
+    uint32_t frozen; /* actions at the beginning of a plan that are in transit, because of the actuator's delay */
+    double under_way[SW_HORIZON]; /* the latest `frozen` + 1 sent actions, oldest first; then zeros */
 #if SW_PAST > 0
-    sw_past past; /* from which the window is read */
+    sw_past past; /* source of the window */
 #endif
 } sw_memory;
 
-/* The sensor check; rows of the arrays are hypotheses. */
+/* The sensor check; each row of the arrays belongs to a hypothesis. */
 typedef struct {
-    int8_t set_aside; /* the sensor that lies; -1 without one */
+    int8_t set_aside; /* number of the excluded sensor; -1 without one */
     uint8_t implausible;
-    uint8_t judged;    /* whether `residual` holds one */
-    uint8_t has_read;  /* whether `readings` hold some */
+    uint8_t judged;   /* whether `residual` has values */
+    uint8_t has_read; /* whether `readings` has values */
     uint32_t doubt;
     uint32_t flat[SW_SENSORS];
     double readings[SW_SENSORS];
@@ -167,31 +167,31 @@ typedef struct {
     double slow[SW_HYPOTHESES][SW_SENSORS];
     double noise[SW_HYPOTHESES][SW_SENSORS];
     double score[SW_HYPOTHESES][SW_SENSORS];
-    double estimates[SW_KEPT][SW_SENSORS]; /* of each sensor by the others, in the latest periods */
+    double estimates[SW_KEPT][SW_SENSORS]; /* estimate of each sensor from the others, in the latest periods */
 } sw_sensors;
 
-/* The benefit check; suction and swing in units of the release's own wake without jets. */
+/* The benefit check; suction and swing are in units of the release's own wake without jets. */
 typedef struct {
-    uint32_t waking; /* periods with the jets shut until the wake is that without control */
-    uint32_t rested; /* periods that the means without control rest on, up to SW_PROVEN_PERIODS */
-    uint32_t driven; /* the same under control, up to the first that is judged */
+    uint32_t waking; /* periods with shut jets until the wake has recovered */
+    uint32_t rested; /* number of periods in the means without control, up to SW_PROVEN_PERIODS */
+    uint32_t driven; /* number of periods in the means under control, up to the first that is judged */
     uint32_t doubt;
-    uint32_t spent; /* periods of tests less those in which control helped, up to SW_PATIENCE */
+    uint32_t spent; /* periods of tests minus periods in which control helped, up to SW_PATIENCE */
     double resting_suction;
     double resting_swing;
     double suction;
     double swing;
-    double tested_at; /* the speed at which a test began, in design speeds; 0 without a test */
+    double tested_at; /* speed at the beginning of the test, in design speeds; 0 without a test */
 } sw_benefit;
 
-/* Whether another ECU is on the bus. */
+/* The detection of another ECU on the bus. */
 typedef struct {
     uint8_t is_there;
-    uint32_t frames;  /* of it so far */
-    int64_t until_ns; /* when it counts as gone */
+    uint32_t frames;  /* number of its frames so far */
+    int64_t until_ns; /* time at which it counts as gone */
 } sw_other_ecu;
 
-/* Everything that is remembered from one control period to the next. */
+/* The whole state from one control period to the next. */
 typedef struct {
     sw_memory memory;
     sw_sensors sensors;
@@ -203,36 +203,36 @@ typedef struct {
     sw_fail_safe fail_safe;
     sw_timing timing;
     sw_other_ecu other_ecu;
-    uint8_t command_counter; /* what the next frame will carry */
+    uint8_t command_counter; /* counter of the next frame */
     uint8_t status_counter;
-    uint8_t has_pressures; /* whether usable ones have come */
-    uint8_t pressure_counter; /* of the frame that brought the latest */
-    int64_t pressure_ns; /* when they were sampled */
-    uint32_t overruns;   /* periods left out */
-    uint32_t missed;     /* steps without usable pressures */
+    uint8_t has_pressures;    /* whether usable pressures have arrived */
+    uint8_t pressure_counter; /* counter of the frame with the latest usable pressures */
+    int64_t pressure_ns;      /* time at which they were sampled */
+    uint32_t overruns;        /* number of skipped periods */
+    uint32_t missed;          /* number of steps without usable pressures */
     sw_bus_health health;
 #if SW_SECOC
-    sw_freshness freshness; /* of the next JetCommand and the next EcuStatus */
+    sw_freshness freshness; /* freshness of the next JetCommand and the next EcuStatus */
 #endif
 } sw_ecu_state;
 
-/* What a release has besides its controller and its sensor estimator; read in place, wherever it stands. */
+/* The numbers of a release except those of its controller and its sensor estimator; read in place. */
 typedef struct {
-    double fast_deviation[SW_SENSORS][SW_SENSORS]; /* of sound sensors' residuals, in Cp: sensor i without sensor j */
-    double slow_deviation[SW_SENSORS][SW_SENSORS]; /* the same, of their slow means */
+    double fast_deviation[SW_SENSORS][SW_SENSORS]; /* of healthy residuals, in Cp: sensor i without sensor j */
+    double slow_deviation[SW_SENSORS][SW_SENSORS]; /* as fast_deviation, of their slow means */
     double resting[SW_RESTING_SPEEDS][3]; /* the wake without jets: speed, base and swing in Cp */
-    double slowest; /* of the speeds that it serves, in design speeds */
+    double slowest;                       /* lowest speed in the release's range, in design speeds */
     double fastest;
     double design_speed;     /* in m/s */
-    double design_density;   /* of the air in kg/m3 */
-    float weights[SW_TERMS]; /* of the cost terms */
+    double design_density;   /* density of the air, in kg/m3 */
+    float weights[SW_TERMS]; /* weights of the cost terms */
     uint32_t bundle_hash;    /* the first 32 bits of the release's digest */
     uint8_t base[SW_BASES];  /* sensors on the base */
-    uint8_t pairs[SW_MIRRORED_PAIRS][2]; /* mirrored sensors */
+    uint8_t pairs[SW_MIRRORED_PAIRS][2]; /* pairs of mirrored sensors */
     uint8_t reserved[SW_RELEASE_RESERVED];
 } sw_release;
 
-/* Where all numbers of a release stand: compiled in, or in an image on flash (sw_image.h). */
+/* The addresses of all numbers of a release: compiled in, or in an image on flash (sw_image.h). */
 typedef struct {
     sw_program program;
     const sw_release *release;
@@ -241,21 +241,21 @@ typedef struct {
 #endif
 } sw_numbers;
 
-/* What may be changed of a release on the vehicle, in the layout in which UDS and XCP carry it. */
+/* The values of a release that may be changed on the vehicle, in the layout of UDS and XCP. */
 typedef struct {
-    float weights[SW_TERMS]; /* of the cost terms */
-    float action_limit;      /* largest magnitude of an action, planned or let pass by the gate, in U_inf W */
+    float weights[SW_TERMS]; /* weights of the cost terms */
+    float action_limit;      /* largest magnitude of an action, in the plan and after the gate, in U_inf W */
     float command_step;      /* largest change in a control period, in U_inf W */
-    uint32_t delay_steps;    /* actuator delay in control periods that is compensated */
+    uint32_t delay_steps;    /* compensated delay of the actuator, in control periods */
 } sw_calibration;
 
 #if SW_SECOC
-/* What a node is given of the bus' key in one power cycle. */
+/* The data that a node needs in one power cycle to use the bus key. */
 typedef struct {
     uint8_t key[SW_AES_BYTES];
-    uint32_t trip;           /* power cycles so far, this one included: counted in lasting memory before */
-    uint64_t heard_pressure; /* freshness values accepted in earlier ones; 0 for none */
-    uint64_t heard_speed;    /* the same of VehicleSpeed, where the release needs it */
+    uint32_t trip;           /* number of power cycles, including this one; already counted in non-volatile memory */
+    uint64_t heard_pressure; /* freshness value accepted in earlier power cycles; 0 for none */
+    uint64_t heard_speed;    /* that of VehicleSpeed, if the release needs the message */
 } sw_authentication;
 #endif
 
@@ -265,14 +265,14 @@ typedef struct {
     double step_m2_per_s;
 } sw_gate_limits;
 
-/* What happened in the latest step, for observers. */
+/* The record of the latest step, for observers. */
 typedef struct {
-    double action; /* sent, in U_inf W */
+    double action; /* sent action, in U_inf W */
     uint8_t interventions;
-    uint8_t planned; /* whether `output` is of this step; it is in units of the present speed */
+    uint8_t planned; /* whether `output` belongs to this step; its unit is that of the present speed */
 } sw_trace;
 
-/* Scratch memory of the parts that take turns. */
+/* Scratch memory of parts that never run at the same time. */
 typedef union {
 #if SW_SENSOR_CHECK
     sw_estimator_work estimator;
@@ -281,19 +281,19 @@ typedef union {
 } sw_ecu_work;
 
 typedef struct {
-    sw_ecu_state state; /* first, so that it can be saved and compared by itself */
+    sw_ecu_state state; /* the first member, so that it can be saved and compared by itself */
     sw_surroundings surroundings;
-    sw_calibration calibration; /* in force; sw_ecu_calibrate alone changes it */
-    sw_gate_limits limits;      /* by it */
-    uint8_t unfit;              /* SW_REASON_ why it keeps the jets shut since power-on, or SW_REASON_NONE */
+    sw_calibration calibration; /* values in force; only sw_ecu_calibrate changes them */
+    sw_gate_limits limits;      /* bounds of the gate that follow from the calibration */
+    uint8_t unfit;              /* SW_REASON_ why the jets have stayed shut since power-on, or SW_REASON_NONE */
     sw_trace trace;
     sw_input input;
     sw_output output;
 #if SW_SECOC
-    sw_secoc secoc; /* by sw_ecu_authenticate; in no state that is saved */
+    sw_secoc secoc; /* set by sw_ecu_authenticate; not part of a saved state */
 #endif
     sw_ecu_work work;
-    sw_numbers numbers; /* what it runs; set by sw_ecu_init and sw_ecu_init_of */
+    sw_numbers numbers; /* numbers of the running release; set by sw_ecu_init and sw_ecu_init_of */
 } sw_ecu;
 
 #endif

@@ -1,9 +1,10 @@
-/* Each pressure estimated from the other ones, from all views of a window (contract/controller/estimator.py).
+/* Estimates of each pressure from the other pressures, for all views of a window (contract/controller/estimator.py).
  *
- * The first layer is linear in the window's columns, so that the views share it: for every place and every column that
- * stands there in some view one product, in integers, and a view's input to the first ReLU is a sum of those.
- * Activations are int16: readings in steps of 1 / SW_ESTIMATOR_ONE, hidden ones in steps of 1 / SW_INT16_QMAX of the
- * largest of their vector. Both products are exact, and the rest has one order, so that all cores have the same bits.
+ * The first layer is linear in the window's columns, so the views share its products: each column is multiplied once,
+ * in integers, for each place that it has in some view, and a view's input to the first ReLU is a sum of such products.
+ * Activations are int16: readings in units of 1 / SW_ESTIMATOR_ONE, hidden ones in units of 1 / SW_INT16_QMAX of the
+ * largest in their vector. Both products are exact, and all other operations have a fixed order, so that all processors
+ * give equal bits.
  */
 #include "sw_ecu_settings.h"
 #include "sw_exact.h"
@@ -14,7 +15,7 @@
 
 #include "sw_estimator.h"
 
-/* Most columns of a product, for sw_dots.h. */
+/* Largest number of columns of a product, for sw_dots.h. */
 #define SW_DOTS_COLUMNS SW_ESTIMATOR_LONGEST
 #include "sw_dots.h"
 
@@ -25,16 +26,14 @@
 #error "SW_ESTIMATOR_ROWS: the window has fewer"
 #endif
 
-/* Each copy of a product's code takes more flash than its calls take time. */
+/* The products are not inlined, since a copy of their code would cost more flash than a call costs time. */
 #if defined(__GNUC__)
 #define ONCE __attribute__((noinline))
 #else
 #define ONCE
 #endif
 
-/* The first layer's product of a place with a column of the window, in work->sums. Before row `first` the window is
- * taken to have been like it.
- */
+/* Computes a place's first-layer product with a window's column, in work->sums. Rows before `first` equal it. */
 ONCE static void product_of(sw_estimator_work *work, const double window[SW_WINDOW][SW_COLUMNS], int first, int place,
                             int column)
 {
@@ -48,7 +47,7 @@ ONCE static void product_of(sw_estimator_work *work, const double window[SW_WIND
     sw_dots(work->sums, w->column_rows[place], work->vector, SW_ESTIMATOR_WIDTH, SW_ESTIMATOR_ROWS);
 }
 
-/* What leaving out the sensor adds whose column's product stands in work->sums. */
+/* Computes the change of the sums if a sensor is left out; work->sums has the product of its column. */
 ONCE static void left_out(const sw_estimator_work *work, int sensor, int32_t out[SW_ESTIMATOR_WIDTH])
 {
     const sw_estimator_weights *w = work->weights;
@@ -57,7 +56,7 @@ ONCE static void left_out(const sw_estimator_work *work, int sensor, int32_t out
     }
 }
 
-/* Every column in its own place: work->all and work->out. */
+/* Computes work->all and work->out, with every column in its own place. */
 ONCE static void in_place(sw_estimator_work *work, const double window[SW_WINDOW][SW_COLUMNS], int first)
 {
     for (int h = 0; h < SW_ESTIMATOR_WIDTH; h++) work->all[h] = 0;
@@ -68,7 +67,7 @@ ONCE static void in_place(sw_estimator_work *work, const double window[SW_WINDOW
     }
 }
 
-/* Two sensors' readings in each other's place: work->crossed and work->crossed_out. */
+/* Computes work->crossed and work->crossed_out, with the readings of two sensors exchanged. */
 ONCE static void exchanged(sw_estimator_work *work, const double window[SW_WINDOW][SW_COLUMNS], int first, int one,
                            int other)
 {
@@ -85,7 +84,7 @@ ONCE static void exchanged(sw_estimator_work *work, const double window[SW_WINDO
     }
 }
 
-/* Turns the first layer's values in work->values into the second layer's, both after their ReLU. */
+/* Computes the second layer's values from the first layer's in work->values, both after their ReLU. */
 static void second_layer(sw_estimator_work *work)
 {
     const sw_estimator_weights *w = work->weights;
@@ -101,7 +100,7 @@ static void second_layer(sw_estimator_work *work)
     }
 }
 
-/* The hidden layers of a view: sums with what leaving out adds once, or twice where a second sensor is left out. */
+/* Computes the hidden layers of a view: the sums, plus the change for one sensor left out, or for two. */
 ONCE static void hidden_layers(sw_estimator_work *work, const int32_t *sums, const int32_t *out, const int32_t *also)
 {
     const sw_estimator_weights *w = work->weights;
@@ -113,7 +112,7 @@ ONCE static void hidden_layers(sw_estimator_work *work, const int32_t *sums, con
     second_layer(work);
 }
 
-/* The last layer for one sensor, in Cp. Four sums, since one would wait for each of its additions. */
+/* Computes the last layer for one sensor, in Cp. With four sums an addition need not wait for the one before. */
 ONCE static double last_layer(const sw_estimator_work *work, int sensor)
 {
     const sw_estimator_weights *w = work->weights;

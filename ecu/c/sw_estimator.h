@@ -1,7 +1,7 @@
-/* The network that estimates each pressure from the other ones: its scratch memory, its numbers, from a release's
- * sensors.onnx. sw_estimator_weights.c, generated, defines those that are compiled in.
+/* The network that estimates each pressure from the other pressures: its scratch memory, and its numbers from a
+ * release's sensors.onnx. The generated sw_estimator_weights.c defines the numbers that are compiled in.
  *
- * Matrices are int8 with one scale an output, as in that file, laid out as in sw_dots.h.
+ * Matrices are int8 with one scale for each output, as in sensors.onnx, in the layout of sw_dots.h.
  */
 #ifndef SW_ESTIMATOR_H
 #define SW_ESTIMATOR_H
@@ -12,23 +12,23 @@
 #include "sw_settings.h"
 #include "sw_workspace.h"
 
-/* Read in place, wherever they stand: little-endian, no pointers, every member aligned to SW_ALIGNMENT. */
+/* The network's numbers, read in place: little-endian, no pointers, every member aligned to SW_ALIGNMENT. */
 typedef struct sw_estimator_weights {
-    /* Standardisation of a window's columns: (value - mean) factor, in integers. */
+    /* Standardisation of a window's columns: (value - mean) * factor, in integers. */
     SW_ALIGNED float mean[SW_SENSORS + 1];
     SW_ALIGNED float factor[SW_SENSORS + 1];
 
     /* First layer: a matrix for the rows of each column, and the flag of each sensor. */
     SW_ALIGNED int8_t column_rows[SW_SENSORS + 1][SW_ESTIMATOR_WIDTH * SW_ESTIMATOR_ROWS + SW_AHEAD];
     SW_ALIGNED int8_t flags[SW_SENSORS][SW_ESTIMATOR_WIDTH];
-    SW_ALIGNED float first_scale[SW_ESTIMATOR_WIDTH]; /* of an integer */
+    SW_ALIGNED float first_scale[SW_ESTIMATOR_WIDTH]; /* scale of an integer */
     SW_ALIGNED float first_bias[SW_ESTIMATOR_WIDTH];
 
     SW_ALIGNED int8_t second_rows[SW_ESTIMATOR_WIDTH * SW_ESTIMATOR_WIDTH + SW_AHEAD];
     SW_ALIGNED float second_scale[SW_ESTIMATOR_WIDTH];
     SW_ALIGNED float second_bias[SW_ESTIMATOR_WIDTH];
 
-    /* Last layer; Cp = mean + spread output. */
+    /* Last layer: Cp = mean + spread * output. */
     SW_ALIGNED float last[SW_SENSORS][SW_ESTIMATOR_WIDTH];
     SW_ALIGNED float last_bias[SW_SENSORS];
     SW_ALIGNED float spread[SW_SENSORS];
@@ -36,22 +36,22 @@ typedef struct sw_estimator_weights {
 
 extern const sw_estimator_weights sw_own_estimator; /* compiled in */
 
-/* Sums are of the first layer, in integers: one unit of a standardised reading or of a flag is SW_ESTIMATOR_ONE. */
+/* Scratch memory. Sums are the first layer's, in integers: a reading or a flag of 1 is SW_ESTIMATOR_ONE. */
 typedef struct {
-    const sw_estimator_weights *weights; /* of the estimates that are made */
-    int32_t all[SW_ESTIMATOR_WIDTH];     /* every column in its place, no flag */
-    int32_t crossed[SW_ESTIMATOR_WIDTH]; /* the same with two readings exchanged */
-    int32_t out[SW_SENSORS][SW_ESTIMATOR_WIDTH];         /* what leaving a sensor out adds: its flag less its column */
-    int32_t crossed_out[SW_SENSORS][SW_ESTIMATOR_WIDTH]; /* the same with two readings exchanged */
+    const sw_estimator_weights *weights;         /* the network in use */
+    int32_t all[SW_ESTIMATOR_WIDTH];             /* sum of every column in its place, without flags */
+    int32_t crossed[SW_ESTIMATOR_WIDTH];         /* the sum with two readings exchanged */
+    int32_t out[SW_SENSORS][SW_ESTIMATOR_WIDTH]; /* change of the sum without a sensor: its flag minus its column */
+    int32_t crossed_out[SW_SENSORS][SW_ESTIMATOR_WIDTH]; /* the change with two readings exchanged */
     int32_t sums[SW_ESTIMATOR_WIDTH];
     float values[SW_ESTIMATOR_WIDTH];
     int16_t vector[SW_ESTIMATOR_LONGEST];
-    double estimates[SW_SENSORS + SW_SENSORS * (SW_SENSORS - 1) / 2][SW_SENSORS]; /* sw_estimate's answer */
+    double estimates[SW_SENSORS + SW_SENSORS * (SW_SENSORS - 1) / 2][SW_SENSORS]; /* the result of sw_estimate */
 } sw_estimator_work;
 
-/* The newest pressures, in Cp, by every hypothesis, into work->estimates: entry [h][i] is what the view of hypothesis h
- * gives for sensor i. Row j < SW_SENSORS leaves sensor j out with i; row SW_SENSORS + p exchanges the p-th pair and
- * leaves i out. Rows of the window have come from `first` on. Estimates are always finite.
+/* Estimates the newest pressures, in Cp, by every hypothesis, into work->estimates: entry [h][i] is the estimate for
+ * sensor i in the view of hypothesis h. Row j < SW_SENSORS leaves out the sensors j and i; row SW_SENSORS + p exchanges
+ * the p-th pair and leaves out i. The window has data from row `first` on. Estimates are always finite.
  */
 void sw_estimate(sw_estimator_work *work, const sw_estimator_weights *weights,
                  const double window[SW_WINDOW][SW_COLUMNS], int first);

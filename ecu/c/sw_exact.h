@@ -1,5 +1,5 @@
-/* Decisions must be those of the Python ECU to the bit: no multiplication may be fused with an addition. GCC knows no such
- * line; compile the ECU with -ffp-contract=off there. Arithmetic that cannot be right is refused in sw_compiler.h.
+/* No multiplication may be fused with an addition, so that decisions equal those of the Python ECU bit for bit. GCC
+ * ignores this pragma: compile the ECU with -ffp-contract=off. sw_compiler.h rejects unsuitable arithmetic.
  */
 #ifndef SW_EXACT_H
 #define SW_EXACT_H

@@ -1,8 +1,7 @@
-/* What the ECU does in each control period: one table of states and transitions, and nothing else.
+/* The fail-safe: one table of states and transitions, which decides on the ECU's mode in each control period.
  *
- * The rows are read from the first on; the first one that starts at the present mode and whose condition holds is taken,
- * in the step that sees the condition. The twin of ecu/fail_safe.py: the same rows in the same order,
- * by the same names.
+ * The rows are searched from the first on. A period takes the first row that starts at the present mode and whose
+ * condition holds. The twin of ecu/fail_safe.py, with the same rows, order and names.
  */
 #include "sw_counts.h"
 #include "sw_ecu_parts.h"
@@ -13,42 +12,42 @@ typedef enum {
     OWN_FAULT, /* clock, deadline, bus-off, sensors, another ECU, controller */
     REARMED,   /* the request rises with usable pressures, SW_REARM_FRAMES or more in a row */
     REARMED_FILLING,
-    LOW,            /* the request */
+    LOW,            /* control is not requested */
     NEVER_YET,      /* no usable pressures, and the request does not rise */
     LOW_AND_USABLE, /* usable pressures, and the request is low */
-    STANDING,       /* usable pressures, and the request stands from before */
-    INVALID,        /* the stream is not to be trusted */
-    TOO_LONG,       /* more than hold and decay periods missing in a row */
-    TOO_MANY,       /* SW_LOSS_LIMIT of the last SW_LOSS_WINDOW missing, this one too */
-    FILLING,        /* the window is not full, the release not made for the speed, or whether control helps tested */
-    USABLE,         /* pressures */
-    SHORT           /* no more than the hold periods missing in a row */
+    STANDING,       /* usable pressures, and the request has not changed from low to high */
+    INVALID,        /* the stream is not trusted */
+    TOO_LONG,       /* more consecutive periods missing than hold and decay periods */
+    TOO_MANY,       /* SW_LOSS_LIMIT of the last SW_LOSS_WINDOW periods missing, including this one */
+    FILLING,        /* the window is not full, the speed is out of the release's range, or a test runs */
+    USABLE,         /* usable pressures */
+    SHORT           /* at most as many consecutive periods missing as hold periods */
 } condition;
 
 typedef enum {
     NO_REASON,
-    QUIET,   /* none; NOT_AUTHENTIC if no frame is */
+    QUIET, /* no reason; NOT_AUTHENTIC if no frame is authentic */
     WRITING,
-    STANDS,  /* NOT_ARMED; NOT_AUTHENTIC if no frame is */
-    MISSING, /* why pressures are missing; none if they are not */
-    WAITING, /* the same; OFF_SPEED at such a speed, NOT_HELPING in a test */
-    OWN,     /* of the fault */
-    FIRST    /* the first one stays */
+    STANDS,  /* NOT_ARMED; NOT_AUTHENTIC if no frame is authentic */
+    MISSING, /* why pressures are missing; no reason if they are not */
+    WAITING, /* as MISSING; OFF_SPEED at a speed out of range, NOT_HELPING in a test */
+    OWN,     /* reason of the ECU's own fault */
+    FIRST    /* the reason of the first fault stays */
 } because;
 
 typedef struct {
-    uint16_t start; /* modes that it leads from, a bit each */
+    uint16_t start; /* modes at which the row starts, one bit each */
     uint8_t when;   /* condition */
     uint8_t to;     /* sw_operating_mode */
     uint8_t reason; /* because */
 } transition;
 
-/* What conditions are about: one period's inputs, and what has been counted up to it. */
+/* The data for the conditions: one period's inputs, and the counts up to this period. */
 typedef struct {
     const sw_period_inputs *inputs;
     uint8_t request;
-    uint8_t rises; /* it was low before this period and stands now */
-    uint8_t kept;  /* reason of the state before */
+    uint8_t rises; /* the request was low before this period and is high now */
+    uint8_t kept;  /* reason of the previous state */
     uint32_t misses;
     uint32_t good;
     int lost;
@@ -64,7 +63,7 @@ typedef struct {
 #define DECAY IN(SW_DECAY)
 #define FAULT IN(SW_FAULT)
 #define UPDATE IN(SW_UPDATE)
-#define WANTED (WARMUP | CONTROL | HOLD | DECAY) /* control is wanted and no fault stands */
+#define WANTED (WARMUP | CONTROL | HOLD | DECAY) /* control is requested and there is no fault */
 
 /* clang-format off */
 static const transition transitions[] = {
@@ -72,13 +71,13 @@ static const transition transitions[] = {
     {INIT | STANDBY | ARMED | WARMUP | FAULT, UPDATING, SW_UPDATE, WRITING},
     {INIT | STANDBY | ARMED | WANTED, OWN_FAULT, SW_FAULT, OWN},
     {FAULT, OWN_FAULT, SW_FAULT, FIRST},
-    /* Power-on, and no request. */
+    /* Power-on without a request. */
     {INIT, NEVER_YET, SW_INIT, QUIET},
     {INIT, LOW_AND_USABLE, SW_ARMED, QUIET},
     {INIT, STANDING, SW_STANDBY, STANDS},
     {STANDBY | ARMED | WANTED, LOW, SW_ARMED, QUIET},
     {STANDBY, ALWAYS, SW_STANDBY, STANDS},
-    /* The request rises, or it stands and control is wanted. */
+    /* The request rises, or control is requested already. */
     {INIT | ARMED | WANTED, INVALID, SW_FAULT, MISSING},
     {INIT | ARMED | WANTED, TOO_LONG, SW_FAULT, MISSING},
     {INIT | ARMED | WANTED, TOO_MANY, SW_FAULT, MISSING},
@@ -101,7 +100,8 @@ static uint8_t missing(const period *now)
     return now->inputs->usable ? (uint8_t)SW_REASON_NONE : now->inputs->unusable_because;
 }
 
-/* A vehicle none of whose frames is authentic cannot make its request heard: the reason alone shows why. */
+/* Returns NOT_AUTHENTIC if no frame of the vehicle is authentic, since its request is then ignored; otherwise `reason`.
+ */
 static uint8_t unless_refused(const period *now, uint8_t reason)
 {
     return missing(now) == SW_REASON_NOT_AUTHENTIC ? (uint8_t)SW_REASON_NOT_AUTHENTIC : reason;
@@ -205,7 +205,7 @@ static uint8_t reason_of(uint8_t because_of, const period *now)
     return reason;
 }
 
-/* The row that a period takes. There always is one: each mode has a row that asks for nothing. */
+/* Returns the row for a period. It always exists, since each mode has a row whose condition always holds. */
 static const transition *taken(uint8_t mode, const period *now)
 {
     for (int row = 0; row < LAST; row++) {
@@ -214,7 +214,7 @@ static const transition *taken(uint8_t mode, const period *now)
     return &transitions[LAST];
 }
 
-/* The latest periods in which control was wanted, with this one. */
+/* Returns the lost periods among the latest ones with a request for control, including this period. */
 static uint64_t lost_with(const sw_fail_safe *before, const period *now)
 {
     const unsigned counts_no_loss = FAULT | UPDATE;
@@ -243,7 +243,7 @@ void sw_fail_safe_next(sw_fail_safe *fail_safe, const sw_period_inputs *inputs)
     now.request = inputs->has_request ? inputs->enable_request : fail_safe->enable_request;
     now.rises = now.request && !fail_safe->enable_request;
     if (inputs->usable) {
-        /* Good frames that re-arm are counted from the last period with a fault of the ECU's own. */
+        /* Good frames count for re-arming only from the last period with a fault of the ECU itself on. */
         now.good = inputs->fault == SW_REASON_NONE ? sw_counted(fail_safe->good, 1) : 1u;
     } else {
         now.misses = sw_counted(fail_safe->misses, 1);
@@ -252,7 +252,7 @@ void sw_fail_safe_next(sw_fail_safe *fail_safe, const sw_period_inputs *inputs)
     now.lost = sw_bit_count(lost);
     const transition *row = taken(fail_safe->mode, &now);
     if (row->to == SW_FAULT && fail_safe->mode != SW_FAULT) {
-        /* It must be seen low from now on, as at power-on, or a rise that was not heard would end the fault. */
+        /* The request must be seen low from now on, as at power-on; otherwise an unnoticed rise would end the fault. */
         now.request = !inputs->has_request || inputs->enable_request;
     }
     fail_safe->mode = row->to;

@@ -1,10 +1,10 @@
-/* The two frames of a control period, from what the ECU decided and counts. */
+/* The two frames of a control period, built from the ECU's decision and its counters. */
 #include "sw_counts.h"
 #include "sw_ecu_parts.h"
 
 static void start_frame(sw_frame *frame, uint32_t id, int length, int64_t now_ns)
 {
-    frame->timestamp_ns = now_ns < 0 ? 0 : now_ns; /* no frame is of a time before 0: that clock is wrong */
+    frame->timestamp_ns = now_ns < 0 ? 0 : now_ns; /* a time before 0 means a wrong clock */
     frame->id = id;
     frame->is_extended = 0;
     frame->is_fd = SW_FRAMES_FD;

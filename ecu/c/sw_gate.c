@@ -1,14 +1,15 @@
-/* The last check before a jet command goes on the bus. It trusts nothing that comes from the controller.
+/* The command gate: the last check before a jet command is sent. It does not trust the controller.
  *
- * In this order: no permission, no finite number, a clock that stood still or no fresh pressure shuts the jets at once;
- * otherwise the command is brought into range and then to within one step of the command before it. Zero is the safe
- * state, so shutting is never slowed down. The twin of can_bridge/command_gate.py.
+ * The jets are shut at once without permission, without a finite number, if the clock has not advanced, or without a
+ * fresh pressure, checked in this order. Otherwise the command is limited to its range and then to one step from the
+ * previous command. Zero is the safe state, so the step limit never slows down a shut-off. The twin of
+ * can_bridge/command_gate.py.
  */
 #include <float.h>
 
 #include "sw_ecu_parts.h"
 
-/* Python's: of equals, and where one is no number, the first. */
+/* Return the smaller or the larger number as Python does: the first one if both are equal or one is NaN. */
 static double smaller(double a, double b) { return b < a ? b : a; }
 static double larger(double a, double b) { return b > a ? b : a; }
 
@@ -16,7 +17,7 @@ static double clamp(double value, double low, double high) { return smaller(larg
 
 static int is_finite(double value) { return value >= -DBL_MAX && value <= DBL_MAX; }
 
-/* The time between any two, if `to` is not the earlier one. */
+/* Returns the time between any two times, if `to` is not the earlier one. */
 static uint64_t elapsed_ns(int64_t from_ns, int64_t to_ns) { return (uint64_t)to_ns - (uint64_t)from_ns; }
 
 static sw_gated shut(uint8_t why)
@@ -25,7 +26,7 @@ static sw_gated shut(uint8_t why)
     return gated;
 }
 
-/* Largest change from the command before: in a shorter time than a period it is smaller in proportion. */
+/* Returns the largest change from the previous command: after less than a period it is smaller in proportion. */
 static double largest_change(double step_m2_per_s, int has_previous, int64_t previous_ns, int64_t now_ns)
 {
     double share = 1.0;
@@ -36,13 +37,13 @@ static double largest_change(double step_m2_per_s, int has_previous, int64_t pre
     return step_m2_per_s * share;
 }
 
-/* Pressures that are too old for a new command may still bear one that leads from the one before it towards zero. */
+/* Returns whether the pressures are fresh. Old ones still justify a command between the previous one and zero. */
 static int is_fresh(double flow_m2_per_s, double previous_m2_per_s, int64_t pressure_ns, int64_t now_ns)
 {
     const int towards_zero = smaller(0.0, previous_m2_per_s) <= flow_m2_per_s &&
                              flow_m2_per_s <= larger(0.0, previous_m2_per_s);
     const int64_t oldest_ns = towards_zero ? SW_HELD_AGE_NS : SW_FRESH_AGE_NS;
-    /* One from the future counts as stale: one of the two clocks is wrong. */
+    /* A pressure from the future counts as stale, since one of the two clocks is wrong. */
     return pressure_ns <= now_ns && elapsed_ns(pressure_ns, now_ns) <= (uint64_t)oldest_ns;
 }
 
@@ -62,7 +63,7 @@ sw_gated sw_gate(double flow_m2_per_s, int enable, double previous_m2_per_s, int
     if (in_range != flow_m2_per_s) gated.interventions = SW_GATED_RANGE;
     if (gated.flow_m2_per_s != in_range) {
         gated.interventions = (uint8_t)(gated.interventions | SW_GATED_RATE);
-        /* The range has the last word, whatever the command before was. */
+        /* The range is applied last, since the previous command may have been outside it. */
         gated.flow_m2_per_s = clamp(gated.flow_m2_per_s, -range, range);
     }
     return gated;

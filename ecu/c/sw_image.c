@@ -1,16 +1,16 @@
-/* Finds the numbers in an image, none of which is an index or a bound that it cannot be. */
+/* Finds the numbers in an image, and checks that each index and bound among them is valid. */
 #include "sw_image.h"
 
 #include <stddef.h>
 
-#define LENGTH 8 /* of the whole image, 4 bytes */
+#define LENGTH 8 /* place of the image's length, 4 bytes */
 #define LAYOUT 48
 
-#define BOUNDARY 64u /* of all members' alignments the largest */
+#define BOUNDARY 64u /* the largest alignment of any member */
 
 const uint8_t sw_layout_sha256[32] = SW_LAYOUT_SHA256;
 
-/* What numbers of a payload may be: `groups` of `run` numbers each, `stride` bytes apart from the place of the first. */
+/* Limits of numbers in a payload: `groups` of `run` numbers each, `stride` bytes apart, beginning at `place`. */
 typedef struct {
     uint32_t place, run;
     uint16_t groups, stride;
@@ -28,7 +28,7 @@ static uint32_t length_of(const uint8_t *image)
     return (uint32_t)field[0] | ((uint32_t)field[1] << 8) | ((uint32_t)field[2] << 16) | ((uint32_t)field[3] << 24);
 }
 
-/* --- What no number is within --- */
+/* --- Limits of single numbers; NaN is within none --- */
 
 #define WITHIN(NAME, TYPE, BOUND)                                                                 \
     static int NAME(const TYPE *values, uint32_t count, double lowest, double highest)            \
@@ -54,9 +54,9 @@ static int are_within(const void *values, const sw_limits *of)
     return double_within((const double *)values, of->run, of->least, of->most); /* DOUBLE */
 }
 
-/* --- What numbers within their limits must not be together --- */
+/* --- Limits of several numbers together --- */
 
-/* Filters end within the past, and have as many weights as there are. */
+/* Checks that filters end within the past, and have the right total number of weights. */
 static int filters_fit(const sw_weights *weights)
 {
     int fit = 1;
@@ -73,7 +73,7 @@ static int filters_fit(const sw_weights *weights)
     return fit;
 }
 
-/* Speeds rise, and the past reaches back far enough at the slowest. */
+/* Checks that speeds rise, and that the past is long enough for the window at the slowest speed. */
 static int speeds_fit(const sw_release *release)
 {
     int fit = 1;
@@ -99,7 +99,7 @@ static int can_run(const sw_payload *payload)
 
 sw_image_status sw_image_open(const uint8_t *image, sw_numbers *numbers)
 {
-    /* A text of their layout stands behind the numbers, for tools. */
+    /* A text of the layout follows the numbers, for tools. */
     uint32_t differing = length_of(image) < SW_IMAGE_HEADER + sizeof(sw_payload) ? 1u : 0u;
     for (int i = 0; i < 32; i++) differing |= (uint32_t)image[LAYOUT + i] ^ (uint32_t)sw_layout_sha256[i];
     if (differing != 0u) return SW_IMAGE_OTHER_BUILD;

@@ -1,7 +1,7 @@
-/* A release as an image on flash, of which this build reads the numbers in place.
+/* A release as an image on flash, whose numbers this build reads in place.
  *
- * An image is a header of SW_IMAGE_HEADER bytes and then an sw_payload. Whether it is whole, and signed by a key that is
- * trusted, is for the caller to judge before.
+ * An image is a header of SW_IMAGE_HEADER bytes, followed by an sw_payload. The caller must check first that the image
+ * is complete and signed by a trusted key.
  */
 #ifndef SW_IMAGE_H
 #define SW_IMAGE_H
@@ -16,8 +16,8 @@ extern "C" {
 
 #define SW_IMAGE_HEADER 512
 
-/* The numbers of a release: little-endian, at the places that the compiler gives them. Every compiler gives them the same
- * ones, which the image's writer knows (sw_own_layout.c compares them).
+/* The numbers of a release: little-endian, in the compiler's layout. Every compiler uses the same layout, which the
+ * image's writer uses too (sw_own_layout.c compares them).
  */
 typedef struct {
     sw_release release;
@@ -32,17 +32,17 @@ typedef struct {
 
 typedef enum {
     SW_IMAGE_OK = 0,
-    SW_IMAGE_OTHER_BUILD = 1, /* its layout, or its length, is not this build's */
-    SW_IMAGE_MISALIGNED = 2,  /* it does not stand at a multiple of 64 bytes */
-    SW_IMAGE_BAD_NUMBERS = 3  /* one is an index or a bound that it cannot be, or no number */
+    SW_IMAGE_OTHER_BUILD = 1, /* its layout or its length is not that of this build */
+    SW_IMAGE_MISALIGNED = 2,  /* its address is not a multiple of 64 bytes */
+    SW_IMAGE_BAD_NUMBERS = 3  /* a number is NaN, or an index or a bound out of its limits */
 } sw_image_status;
 
-/* SHA-256 that names the layout of this build: sizes and types of all numbers, and settings that they depend on. */
+/* SHA-256 of this build's layout: sizes and types of all numbers, and the settings on which they depend. */
 extern const uint8_t sw_layout_sha256[32];
 
-/* Where the numbers of a verified image stand, for sw_ecu_init_of. They are written only if the answer is SW_IMAGE_OK:
- * every number was looked at, once, so that none leads out of an array, and none that is divided by is 0. A board may
- * then copy *numbers->program.hot to faster memory, and point there.
+/* Returns the addresses of a verified image's numbers, for sw_ecu_init_of. They are written only if the answer is
+ * SW_IMAGE_OK: every number is checked once, so that none leads outside an array and no divisor is 0. A board may then
+ * copy *numbers->program.hot to faster memory, and point there.
  */
 sw_image_status sw_image_open(const uint8_t *image, sw_numbers *numbers);
 

@@ -1,4 +1,4 @@
-/* Whether decisions come out as they were tested: the known answer of float, the same in double, and no contraction. */
+/* The check of exact arithmetic: the known answer of float, that of double, and no contraction. */
 #include "sw_arithmetic.h"
 #include "sw_ecu_parts.h"
 
@@ -20,7 +20,7 @@ static int double_is_right(void)
     return right && !(none <= most) && !(infinite <= most);
 }
 
-/* The same in double as in float. */
+/* Makes the check of float in double as well. */
 static int is_fused(void)
 {
     const double whole = unknown(1.0), up = unknown(1.0000000074505806), down = unknown(0.99999999254941940);

@@ -1,16 +1,16 @@
-/* What the control step must be given again in the next period: window, plan and actions under way.
+/* The memory of the controller from one period to the next: window, plan and actions in transit.
  *
- * The row of the window at period k is (Cp_k, a_{k-1}): the pressures now, and the action in force when they were
- * sampled. Where a release serves a range of speeds, the window is read from a past, pressures, actions and plan are in
- * units of the present speed, and what is sent and under way stays in units of the design speed. The twin of
+ * The window's row at period k is (Cp_k, a_{k-1}): the present pressures, and the action in force when they were
+ * sampled. In a release for a range of speeds the window is resampled from a past; pressures, actions and plan are in
+ * units of the present speed, while actions sent and in transit are in units of the design speed. The twin of
  * ecu/controller_memory.py.
  */
 #include "sw_ecu_parts.h"
 
-/* Periods without pressures that the window may bridge. */
+/* Largest number of periods without pressures that the window may bridge. */
 #define LONGEST_GAP (SW_HOLD_PERIODS + SW_DECAY_PERIODS)
 
-/* Clips an index to 0 .. last. */
+/* Limits an index to 0 .. last. */
 static int clipped(int index, int last)
 {
     if (index < 0) return 0;
@@ -44,12 +44,12 @@ void sw_memory_bridged(sw_memory *memory)
 {
     if (memory->gap <= LONGEST_GAP) memory->gap++;
     if (memory->gap > LONGEST_GAP) {
-        /* The controller never plans from pressures long past. */
+        /* The controller never plans on outdated pressures. */
         sw_memory_emptied(memory);
     } else if (memory->rows > 0) {
         extended(memory, memory->window[SW_WINDOW - 1], sw_memory_speed(memory));
     } else {
-        /* There is no row yet that could stand in. */
+        /* There is no row yet that could be repeated. */
     }
 }
 
@@ -81,14 +81,13 @@ void sw_memory_commanded(sw_memory *memory, double action)
     memory->under_way[frozen] = action;
 }
 
-/* What was sent stays as it was sent. What moves is when it is taken to act: under way are the latest actions, and a row
- * of the window has the action that was in force by the new delay. An action from before the oldest row is taken for
- * that row's. The plan moves along: the action that it has for the next period is the same as before. A past begins
- * again.
+/* Sent actions do not change, but the time at which they act does: the latest actions are in transit, and a row of the
+ * window has the action that was in force under the new delay. An action older than the oldest row is replaced by that
+ * row's. The plan is shifted, so that its action for the next period stays the same. A past begins again.
  */
 void sw_memory_freeze(sw_memory *memory, int frozen)
 {
-    double sent[SW_WINDOW + SW_HORIZON]; /* by the rows, and on the line: without a gap */
+    double sent[SW_WINDOW + SW_HORIZON]; /* actions of the rows, then those in transit, without a gap */
     float plan[SW_HORIZON];
     const int later = frozen - (int)memory->frozen;
     for (int k = 0; k < SW_WINDOW; k++) sent[k] = memory->window[k][SW_SENSORS];
@@ -135,8 +134,8 @@ void sw_memory_input(const sw_memory *memory, const sw_calibration *calibration,
         input->plan[k] = memory->plan[k];
         input->free[k] = k < frozen ? 0.0f : 1.0f;
     }
-    /* The control step shifts the plan by a step. What comes first then is under way to a late actuator: as sent,
-     * whatever the gate, a hold or the wire made of the plan.
+    /* The control step shifts the plan by a step. Its first actions are then in transit to a delayed actuator, so they
+     * are replaced by the sent actions, which include the effects of gate, hold and resolution.
      */
     for (int k = 1; k <= frozen; k++) {
         const double sent = memory->under_way[k] / speed;

@@ -1,10 +1,10 @@
-/* The ECU of the release that is compiled in. */
+/* The ECU of the compiled-in release. */
 #include <stddef.h>
 
 #include "sw_ecu.h"
 #include "sw_weights.h"
 
-/* The compiler lays it out as the writer of images does. */
+/* The compiler must use the layout of the image writer. */
 typedef char as_packed[SW_RELEASE_AS_PACKED ? 1 : -1];
 
 int sw_ecu_init(sw_ecu *ecu)

@@ -1,17 +1,17 @@
-/* The receiving end of a protected message (PRS_E2EProtocol: profile check, then state machine).
+/* The receiver of a protected message (PRS_E2EProtocol: profile check, then state machine).
  *
- * Each frame gets a check from its CRC and counter; the period gets the worst of them that the state machine cares for,
- * and the latest periods' checks decide whether the stream is to be trusted.
+ * Each frame gets a check from its CRC and counter. The period gets the check that has the highest priority among them,
+ * and the checks of the latest periods decide whether the stream is trusted.
  */
 #include "sw_ecu_parts.h"
 
-/* An 11-bit identifier; a 29-bit one of the same number is another node's. */
+/* Returns whether a frame has the message's 11-bit identifier; an equal 29-bit identifier belongs to another node. */
 static int is_of(const sw_message *message, const sw_frame *frame)
 {
     return frame->id == message->id && !frame->is_extended;
 }
 
-/* The check of a frame; the receiver follows its counter. */
+/* Checks a frame, and updates the receiver's counter. */
 static sw_check checked(sw_receiver *receiver, const sw_message *message, const sw_frame *frame)
 {
 #if !SW_SECOC
@@ -20,7 +20,7 @@ static sw_check checked(sw_receiver *receiver, const sw_message *message, const 
     if (!sw_e2e_check(frame->data, message->bytes, message->data_id)) return SW_CHECK_ERROR;
     const uint32_t counter = sw_e2e_counter(frame->data);
     const uint32_t steps = (counter + (uint32_t)SW_E2E_COUNTERS - receiver->last_counter) % (uint32_t)SW_E2E_COUNTERS;
-    /* The first frame has nothing to be compared with. */
+    /* The first frame has no predecessor for a comparison. */
     const uint32_t delta = receiver->has_counter ? steps : 1u;
     receiver->has_counter = 1;
     receiver->last_counter = (uint8_t)counter;
@@ -29,7 +29,7 @@ static sw_check checked(sw_receiver *receiver, const sw_message *message, const 
     return delta <= (uint32_t)SW_E2E_MAX_DELTA ? SW_CHECK_OK_SOME_LOST : SW_CHECK_WRONG_SEQUENCE;
 }
 
-/* The one check that stands for all of a period's, which are bits of `found`. */
+/* Returns the check that represents a period; `found` has a bit for each check of its frames. */
 static sw_check of_period(uint32_t found)
 {
     static const sw_check order[] = {SW_CHECK_ERROR, SW_CHECK_OK, SW_CHECK_OK_SOME_LOST, SW_CHECK_WRONG_SEQUENCE,
@@ -45,7 +45,7 @@ static void counted(sw_receiver *receiver, sw_check check)
     if (receiver->counts[check] < UINT32_MAX) receiver->counts[check]++;
 }
 
-/* Moves the window on. */
+/* Adds a check to the window. */
 static void remember(sw_receiver *receiver, sw_check period)
 {
     if (receiver->checks == SW_E2E_WINDOW) {
@@ -63,7 +63,7 @@ static int count_of(const sw_receiver *receiver, sw_check check)
     return count;
 }
 
-/* The stream and its window after one period's check. */
+/* Updates the stream's state and the window by one period's check. */
 static void advance(sw_receiver *receiver, sw_check period)
 {
     if (receiver->stream == SW_NODATA) {
@@ -82,7 +82,7 @@ static void advance(sw_receiver *receiver, sw_check period)
     } else if (receiver->stream == SW_VALID) {
         receiver->stream = SW_INVALID;
     } else {
-        /* INIT and INVALID stay. */
+        /* INIT and INVALID do not change. */
     }
 }
 

@@ -1,13 +1,13 @@
-/* Turns a control period's frames into pressures that may be planned on, or says why there are none. In this order:
- * authentication, the end-to-end check, the age, the sensors' own diagnosis. And whether another ECU is on the bus.
+/* Usable pressures from a control period's frames, or the reason why there are none. The checks are, in this order:
+ * authentication, end-to-end protection, age, the sensors' own diagnosis. The file also detects another ECU.
  */
 #include "sw_counts.h"
 #include "sw_ecu_parts.h"
 
 #define ALL_VALID ((1u << SW_SENSORS) - 1u)
 
-/* A frame that waited in a queue, or was late before it was sent, is as old as it is. No frame is of a time before 0; the
- * order of comparisons keeps the differences within 64 bits.
+/* Waiting in a queue, before or after sending, adds to a frame's age. No frame has a time before 0; the order of
+ * comparisons keeps the differences within 64 bits.
  */
 int sw_is_fresh(int64_t timestamp_ns, int64_t age_ns, int64_t now_ns, int64_t oldest_ns)
 {
@@ -17,7 +17,7 @@ int sw_is_fresh(int64_t timestamp_ns, int64_t age_ns, int64_t now_ns, int64_t ol
 }
 
 #if SW_SECOC
-/* Whether pressures came: if none was accepted, none was authentic. */
+/* Returns whether a pressure frame came: if none was accepted, none was authentic. */
 static int came(const sw_frame *frames, int count)
 {
     int any = 0;
@@ -55,7 +55,7 @@ void sw_reception(sw_received *received, sw_receiver *receiver, const sw_frame *
     if (frame == NULL) return;
     sw_parse_pressure(frame->data, &pressure);
     if (receiver->stream != SW_VALID) {
-        /* Control is requested by a stream that is trusted alone; its end is believed of any good frame. */
+        /* Only a trusted stream can request control; any good frame can end the request. */
         received->has_request = (uint8_t)!pressure.enable_request;
         return;
     }
@@ -83,14 +83,14 @@ void sw_reception(sw_received *received, sw_receiver *receiver, const sw_frame *
     }
 }
 
-/* Whether it is a sound message of at most so many bytes. */
+/* Returns whether a frame has a valid message of at most `bytes` bytes. */
 static int is_sound(const sw_frame *frame, int bytes, uint16_t data_id)
 {
     return sw_e2e_check(frame->data, frame->length < bytes ? frame->length : bytes, data_id);
 }
 
 #if SW_SECOC
-/* An old frame that is repeated is authentic, too. */
+/* Returns whether a frame is authentic; a repeated old frame is authentic, too. */
 static int is_authentic(const sw_secoc *secoc, const sw_frame *frame)
 {
     const int is_command = frame->id == SW_COMMAND_ID;
@@ -101,7 +101,7 @@ static int is_authentic(const sw_secoc *secoc, const sw_frame *frame)
 }
 #endif
 
-/* A node does not hear its own frames. */
+/* Counts the frames of another ECU; a node does not receive its own frames. */
 static uint32_t heard_of_other(const sw_frame *frames, int count SW_BY_KEY(const sw_secoc *secoc))
 {
     uint32_t heard = 0;
@@ -117,7 +117,7 @@ static uint32_t heard_of_other(const sw_frame *frames, int count SW_BY_KEY(const
     return heard;
 }
 
-/* Both ECUs keep the jets shut until the other one has been silent for a while. */
+/* Both ECUs keep the jets shut until the other one has been silent for SW_SILENCE_NS. */
 void sw_other_ecu_next(sw_other_ecu *other, const sw_frame *frames, int count,
                        int64_t step_ns SW_BY_KEY(const sw_secoc *secoc))
 {
@@ -130,6 +130,6 @@ void sw_other_ecu_next(sw_other_ecu *other, const sw_frame *frames, int count,
         other->is_there = 0;
         other->until_ns = 0;
     } else {
-        /* It may only have lost the bus. */
+        /* The other ECU may only have lost the bus. */
     }
 }

@@ -1,5 +1,5 @@
-/* Whether the pressures are to be believed: the twin of ecu/sensor_check.py, which gives what is judged
- * and why. Sums are from left to right, as NumPy's of so few numbers.
+/* The sensor check: whether the pressures are plausible. The twin of ecu/sensor_check.py, which explains the criteria.
+ * Sums run from left to right, as in NumPy for so few numbers.
  */
 #include "sw_counts.h"
 #include "sw_ecu_parts.h"
@@ -36,20 +36,20 @@ void sw_sensors_start(sw_sensors *sensors)
 #define FLAT_ROWS SW_FLAT_PERIODS
 #endif
 
-/* Ratios to what sound sensors show. */
+/* Evidence, relative to the values of healthy sensors. */
 typedef struct {
-    double liar[SW_SENSORS]; /* that this sensor lies, and the others do not */
-    double bias[SW_SENSORS]; /* the same, of the slow means */
-    double swap;             /* that two are exchanged: the largest of all pairs */
+    double liar[SW_SENSORS]; /* that this sensor reads wrongly and the others do not */
+    double bias[SW_SENSORS]; /* as `liar`, from the slow means */
+    double swap;             /* that two sensors are exchanged: the largest of all pairs */
     double doubt;            /* that the sensors in use disagree */
-    double drift;            /* the same, of the slow means, whichever one of all sensors is left out */
+    double drift;            /* as `doubt`, from the slow means, for any sensor that may be left out */
 } levels;
 
 static double square(double value) { return value * value; }
 static double larger(double a, double b) { return a > b ? a : b; }
 static double smaller(double a, double b) { return a < b ? a : b; }
 
-/* The running mean after one more value. */
+/* Returns the running mean after one more value. */
 static double mean_with(double before, double value, int periods)
 {
     return before + (value - before) / (double)periods;
@@ -60,17 +60,17 @@ static double mean_of(const double values[SW_SENSORS])
     return (((values[0] + values[1]) + values[2]) + values[3]) / (double)SW_SENSORS;
 }
 
-/* The mean of the others' values. */
+/* Returns the mean of the values of the other sensors. */
 static double others_mean(const double values[SW_SENSORS], int own)
 {
     const double sum = ((values[0] + values[1]) + values[2]) + values[3];
     return (sum - values[own]) / (double)(SW_SENSORS - 1);
 }
 
-/* The row of the deviations for a hypothesis and a sensor: with two exchanged, each is estimated by all others. */
+/* Returns the row of deviations: for an exchange the sensor's own row, since all others estimate it. */
 static int row_of(int hypothesis, int sensor) { return hypothesis < SW_SENSORS ? hypothesis : sensor; }
 
-/* The newest estimates stand for one row more, and for each period without a step. */
+/* Repeats the newest estimates in one more row, and in one for each skipped period. */
 static void prolong(sw_sensors *sensors, int64_t skipped)
 {
     const int rows = skipped < SW_KEPT ? (int)skipped + 1 : SW_KEPT;
@@ -80,7 +80,7 @@ static void prolong(sw_sensors *sensors, int64_t skipped)
     }
 }
 
-/* How often in a row each reading was the same before. */
+/* Counts the consecutive periods in which each reading did not change. */
 static void count_flat(sw_sensors *sensors, const double *reading)
 {
     for (int s = 0; s < SW_SENSORS; s++) {
@@ -91,7 +91,7 @@ static void count_flat(sw_sensors *sensors, const double *reading)
     sensors->has_read = 1;
 }
 
-/* The running means of a hypothesis after one more residual of each sensor. */
+/* Updates the running means of a hypothesis by one more residual of each sensor. */
 static void average(sw_sensors *sensors, const sw_release *release, int h, const double readings[SW_SENSORS],
                     const double estimates[SW_SENSORS])
 {
@@ -110,7 +110,7 @@ static void average(sw_sensors *sensors, const sw_release *release, int h, const
     }
 }
 
-/* All hypotheses: each sensor may lie; each pair may be exchanged, and its readings are compared crosswise. */
+/* Updates all hypotheses: each sensor may read wrongly; each pair may be exchanged, then compared crosswise. */
 static void average_all(sw_sensors *sensors, const sw_release *release, const double cp[SW_SENSORS],
                         const sw_estimator_work *work)
 {
@@ -129,13 +129,13 @@ static void average_all(sw_sensors *sensors, const sw_release *release, const do
     sensors->judged = 1;
 }
 
-/* A sensor's own entry of a row of values over those of the others. */
+/* Returns a sensor's entry in a row of values, relative to the entries of the others. */
 static double alone_in(const double values[SW_SENSORS], int own)
 {
     return values[own] / (1.0 + others_mean(values, own));
 }
 
-/* The levels of the running means. */
+/* Computes the evidence from the running means. */
 static levels levels_of(const sw_sensors *sensors, const sw_release *release)
 {
     levels found = {{0.0}, {0.0}, 0.0, 0.0, 0.0};
@@ -169,7 +169,7 @@ static levels levels_of(const sw_sensors *sensors, const sw_release *release)
     return found;
 }
 
-/* How much a column of the window changed from row `first` on. */
+/* Returns the range of a column of the window from row `first` on. */
 static double moved(const double window[SW_WINDOW][SW_COLUMNS], int first, int column)
 {
     double least = window[first][column], most = least;
@@ -181,7 +181,7 @@ static double moved(const double window[SW_WINDOW][SW_COLUMNS], int first, int c
     return most - least;
 }
 
-/* The mean of sound sensors' residuals by all others. */
+/* Returns the mean deviation of healthy sensors' residuals, each estimated from all others. */
 static double sound_deviation(const sw_release *release)
 {
     double sound[SW_SENSORS];
@@ -189,8 +189,8 @@ static double sound_deviation(const sw_release *release)
     return mean_of(sound);
 }
 
-/* Whether the other pressures show a flow in the periods in which this one rested: their median. Before row `first` the
- * window is taken to have been like it.
+/* Returns whether the median of the other pressures shows a flow in the periods in which this sensor was stuck. Rows
+ * before row `first` are taken to be equal to it.
  */
 static int others_move(const sw_release *release, int resting, const double window[SW_WINDOW][SW_COLUMNS], int first)
 {
@@ -203,7 +203,7 @@ static int others_move(const sw_release *release, int resting, const double wind
     return median >= SW_MOVING * sound_deviation(release);
 }
 
-/* Whether two sensors in use have the same reading over a whole window, and it moves. */
+/* Returns whether two sensors in use have equal readings over a whole window while the readings change. */
 static int any_alike(const sw_release *release, const double window[SW_WINDOW][SW_COLUMNS], int set_aside)
 {
     const double sound = sound_deviation(release);
@@ -214,7 +214,7 @@ static int any_alike(const sw_release *release, const double window[SW_WINDOW][S
             const int in_use = i != set_aside && j != set_aside;
             double sum = in_use ? 0.0 : 2.0 * most + 1.0;
             for (int k = 0; k < SW_WINDOW; k++) {
-                if (sum > most) break; /* it only grows */
+                if (sum > most) break; /* the sum only grows */
                 sum += square(window[k][i] - window[k][j]);
             }
             if (sum <= most && moved(window, 0, i) >= SW_COPIED * sound) alike = 1;
@@ -223,7 +223,7 @@ static int any_alike(const sw_release *release, const double window[SW_WINDOW][S
     return alike;
 }
 
-/* The first of the sensors with the most evidence against them; -1 if none has enough. */
+/* Returns the first of the sensors with the most evidence; -1 if no sensor has enough. */
 static int liar_of(const levels *found)
 {
     int liar = -1;
@@ -238,7 +238,7 @@ static int liar_of(const levels *found)
     return liar;
 }
 
-/* Periods in doubt less those out of it. */
+/* Counts periods in doubt minus periods without doubt. */
 static uint32_t counted_doubt(uint32_t doubt, int doubted)
 {
     uint32_t next = doubt;
@@ -247,12 +247,12 @@ static uint32_t counted_doubt(uint32_t doubt, int doubted)
     } else if (next > 0) {
         next--;
     } else {
-        /* None stays none. */
+        /* The count does not fall below 0. */
     }
     return next;
 }
 
-/* What the running means and the resting readings amount to. */
+/* Judges the sensors by the running means and the stuck readings. */
 static void judge(sw_sensors *sensors, const sw_release *release, const double window[SW_WINDOW][SW_COLUMNS], int first)
 {
     const levels found = levels_of(sensors, release);
@@ -270,7 +270,7 @@ static void judge(sw_sensors *sensors, const sw_release *release, const double w
     } else if (set_aside < 0) {
         set_aside = liar_of(&found);
     } else {
-        /* It stays aside. */
+        /* The sensor stays excluded. */
     }
     const int swapped = set_aside < 0 && found.swap >= SW_SWAP_LEVEL;
     if (resting > 0 || (first == 0 && any_alike(release, window, set_aside))) {

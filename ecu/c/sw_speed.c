@@ -1,27 +1,27 @@
-/* The vehicle's speed through the air, by which pressures become coefficients and actions become flow rates. A speed
- * that is not to be trusted leaves the last one in force for a while. The twin of ecu/speed_reception.py.
+/* The vehicle's speed through the air, which turns pressures into coefficients and actions into flow rates. While no
+ * new speed is accepted, the last one stays in force for a limited time. The twin of ecu/speed_reception.py.
  */
 #include "sw_ecu_parts.h"
 
 #if SW_PAST > 0
 
-/* The time since the latest measurement; 0 if the clock is behind it. */
+/* Returns the time since the latest measurement; 0 if the clock is before it. */
 static uint64_t age_of(const sw_speed_state *speed, int64_t now_ns)
 {
     return now_ns > speed->measured_ns ? (uint64_t)now_ns - (uint64_t)speed->measured_ns : 0u;
 }
 
-/* Whether a vehicle gets from the last speed to this one so fast. */
+/* Returns whether a vehicle can change from the last speed to this one in the elapsed time. */
 static int is_plausible(const sw_speed_state *speed, const sw_release *release, double speed_m_per_s, int64_t now_ns)
 {
     const double elapsed_s = (double)age_of(speed, now_ns) * 1e-9;
-    /* Over a shorter time its rounding and a late frame would be an acceleration. */
+    /* Over a shorter time the speed's rounding and a late frame would look like an acceleration. */
     const double most = SW_MOST_ACCELERATION * (elapsed_s > SW_SHORTEST_S ? elapsed_s : SW_SHORTEST_S);
     const double change = speed_m_per_s - speed->ratio * release->design_speed;
     return !speed->known || (change <= most && change >= -most);
 }
 
-/* Takes the speed of a frame, unless that is old, not known or not plausible. */
+/* Takes the speed of a frame, unless it is old, unknown or implausible. */
 static void believe(sw_speed_state *speed, const sw_release *release, const sw_frame *frame, int64_t now_ns)
 {
     sw_speed stated;

@@ -1,22 +1,22 @@
-/* Whether the ECU's steps come on time: whole periods left out, steps too early, a clock that stands or goes back.
+/* The timing check of the ECU's steps: skipped periods, early steps, a clock that stops or goes back.
  *
- * Lateness is added up; when half a period has come together, a period was left out. An eighth of what is left is
- * forgotten with every step. The twin of ecu/timing.py, which gives the reasons.
+ * Lateness is summed; a sum of half a period counts as a skipped period. An eighth of the remaining sum is dropped at
+ * every step. The twin of ecu/timing.py, which gives the reasons.
  */
 #include "sw_counts.h"
 #include "sw_ecu_parts.h"
 
-/* The latest steps that are judged together. */
+/* Bits of the latest steps that are judged together. */
 #define JUDGED (UINT32_MAX >> (32 - SW_DEADLINE_WINDOW))
 
-/* Rounded down, as C rounds towards zero. */
+/* Divides and rounds down, whereas C rounds towards zero. */
 static int64_t floor_divided(int64_t value, int64_t by)
 {
     const int64_t towards_zero = value / by;
     return value % by < 0 ? towards_zero - 1 : towards_zero;
 }
 
-/* Differences of two times that are kept have room in 64 bits. */
+/* Limits a time, so that the difference of two stored times fits 64 bits. */
 static int64_t within_limits(int64_t now_ns)
 {
     if (now_ns < 0) return -1;
@@ -56,7 +56,7 @@ void sw_timing_next(sw_timing *timing, int64_t now_ns)
     const int64_t whole = floor_divided(2 * lag_ns + SW_PERIOD_NS, 2 * SW_PERIOD_NS); /* to the nearest */
     const uint32_t off_time = ((timing->off_time << 1) | (whole != 0 ? 1u : 0u)) & JUDGED;
     const int too_often = whole != 0 && sw_bit_count(off_time) >= SW_DEADLINE_MISSES;
-    /* Away for longer than it would bear the pressures to be away: the jets have shut meanwhile. */
+    /* The ECU was absent for longer than pressures may be: the jets have shut meanwhile. */
     const int away = whole > SW_HOLD_PERIODS + SW_DECAY_PERIODS;
     timing->fault = SW_REASON_NONE;
     if (too_often || away) timing->fault = whole > 0 ? SW_REASON_DEADLINE : SW_REASON_CLOCK;

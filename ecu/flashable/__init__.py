@@ -1,1 +1,1 @@
-"""An ECU that can be flashed and calibrated: boot, control steps, and the services a tester asks for."""
+"""An ECU that can be flashed and calibrated: boot, control steps, and the services for a tester."""

@@ -33,12 +33,12 @@ _LOCK: Final = "lock"
 
 @dataclass(frozen=True, kw_only=True)
 class EcuFolder:
-    """The folder as it was provisioned.
+    """The folder after provisioning.
 
     Attributes:
-        root: key that signs key lists.
+        root: public key that verifies key lists.
         hardware: name of the hardware.
-        serial: number of this ECU.
+        serial: serial number of this ECU.
     """
 
     folder: Path
@@ -47,16 +47,16 @@ class EcuFolder:
     serial: str
 
     def backing(self) -> FolderBacking:
-        """The store's backing; raises MediumError if the folder cannot be used."""
+        """Return the store's backing; raise MediumError if the folder cannot be used."""
         return FolderBacking(self.folder)
 
 
 def read_folder(folder: Path, *, root: Path | None = None, hardware: str | None = None) -> EcuFolder:
-    """What stands in a folder. Raises ConfigError if it is no such folder; KeyFileError if its root key cannot be read.
+    """Read an ECU's folder. Raises ConfigError if the folder is no ECU's; KeyFileError if its root key cannot be read.
 
     Args:
-        root: file of the root key, in place of the folder's own copy.
-        hardware: in place of what was provisioned.
+        root: file of a root key to use instead of the folder's own copy.
+        hardware: name to use instead of the provisioned one.
     """
     try:
         raw = (folder / IDENTITY).read_bytes()
@@ -82,18 +82,18 @@ def read_folder(folder: Path, *, root: Path | None = None, hardware: str | None 
 def provision(
     folder: Path, *, root: Path, keys: bytes, image: bytes | None, hardware: str, serial: str, fits: Fits
 ) -> EcuFolder:
-    """Make the folder of a new ECU, whole or not at all.
+    """Create the folder of a new ECU, completely or not at all.
 
     Args:
-        folder: to be made; an empty one may be there.
+        folder: folder to create; an empty folder may exist.
         root: file of the public root key.
         keys: signed key list.
-        image: of the release that runs from the start; None to flash the first one.
-        fits: whether a bundle is for this vehicle.
+        image: image of the release that runs from the start; None if the first release is to be flashed.
+        fits: checks whether a bundle is for this vehicle.
 
     Raises:
-        OutputError: something is there.
-        ConfigError: the image fails a check, or a name is none.
+        OutputError: the folder exists and is not empty.
+        ConfigError: the image fails a check, or a name is not allowed.
         KeyFileError: the root key cannot be read, or did not sign the list.
     """
     if os.path.lexists(folder) and not (folder.is_dir() and not any(folder.iterdir())):
@@ -109,7 +109,7 @@ def provision(
 
 @contextmanager
 def held(folder: Path) -> Iterator[None]:
-    """While the block lasts no other process runs this ECU; raises ConfigError if one does, or it cannot be locked."""
+    """Lock the folder for the block against other processes; raise ConfigError if the lock cannot be taken."""
     try:
         handle = open_regular(folder / _LOCK, os.O_WRONLY | os.O_CREAT)
     except OSError as error:

@@ -1,4 +1,4 @@
-"""What an ECU is given at production and by its surroundings, and what no reset changes."""
+"""The equipment of an ECU: the data from production and the access to its surroundings, which no reset changes."""
 
 import struct
 from collections.abc import Callable, Mapping
@@ -28,14 +28,14 @@ class Equipment:
     """The equipment of one ECU.
 
     Attributes:
-        root: key that signs key lists.
-        access: shared with the tester.
-        random_bytes: gives so many unpredictable bytes.
-        hardware: name of the hardware, which a bundle may demand.
-        serial: number of this one.
-        controller_of: makes a bundle's controller; raises BundleError for one that does not run here.
-        ecu_of: makes the ECU around it, with what it needs of `bus.key`.
-        log: called with an event's name, its line, and its fields.
+        root: public key that verifies key lists.
+        access: secret shared with the tester.
+        random_bytes: returns the given number of unpredictable bytes.
+        hardware: name of the hardware, which a bundle may require.
+        serial: serial number of this ECU.
+        controller_of: creates a bundle's controller; raises BundleError if the controller does not run here.
+        ecu_of: creates the ECU around the controller, with its authentication for `bus.key`.
+        log: called with an event's name, its text line, and its fields.
     """
 
     root: PublicKey
@@ -50,7 +50,7 @@ class Equipment:
 
 
 def identification(equipment: Equipment, config: Config) -> Mapping[Did, bytes]:
-    """Identifiers whose values do not change while the ECU has power."""
+    """Return the values of the identifiers that do not change while the ECU has power."""
     return {
         Did.SERIAL_NUMBER: equipment.serial.encode(),
         Did.HARDWARE: equipment.hardware.encode(),

@@ -1,4 +1,4 @@
-"""What happens in flashing and is worth a line in the log."""
+"""The events of flashing that are written to the log."""
 
 from collections.abc import Callable, Mapping
 from typing import NamedTuple
@@ -9,14 +9,14 @@ from can_bridge.flashing.state import TRIAL_BOOTS
 from can_bridge.uds.services import Session
 
 Log = Callable[..., None]
-"""Called with an event's name, its line, and its fields."""
+"""The function that logs an event, called with the event's name, its text line, and its fields."""
 
 
 class TesterAccess(NamedTuple):
-    """Where a tester stands.
+    """The access of a tester.
 
     Attributes:
-        attempts: wrong keys in a row, by level.
+        attempts: number of wrong keys in a row, by level.
     """
 
     session: Session
@@ -29,7 +29,7 @@ def no_log(event: str, line: str, **fields: str | int | float) -> None:
 
 
 def log_boot(log: Log, boot: Boot) -> None:
-    """Log what was booted, and why."""
+    """Log the booted release, and the verdicts on the slots."""
     verdicts = {f"slot_{slot.name.lower()}": verdict.in_words for slot, verdict in boot.verdicts.items()}
     if boot.bundle is None or boot.slot is None:
         log("no_release", "no release is in order: jets shut, waiting to be flashed", **verdicts)
@@ -52,7 +52,7 @@ def log_boot(log: Log, boot: Boot) -> None:
 
 
 def log_access(log: Log, before: TesterAccess, after: TesterAccess) -> None:
-    """Log a session that began or ended, a level that was unlocked, a key that was refused."""
+    """Log a session that began or ended, a level that was unlocked, or a key that was refused."""
     if after.session is not before.session:
         log("session", f"{after.session.name.lower()} session", session=after.session.name)
     if after.unlocked is not None and after.unlocked is not before.unlocked:

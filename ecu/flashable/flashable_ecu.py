@@ -1,9 +1,9 @@
-"""The ECU as a vehicle runs it: it boots a release from its store, controls, and can be flashed and calibrated.
+"""The ECU in a vehicle: it boots a release from its store, controls, and can be flashed and calibrated.
 
-`step` is a control period and one look at diagnosis, a function of time and received frames like
-`ecu.ecu.Ecu.step`. Who has time between two periods calls `control` once a period and `service` in
-between, as often as it likes; a thread of its own may do the latter. A reset loses what a loss of power would lose: the
-release is booted again and every counter begins at 0, but freshness values, which no receiver would believe twice.
+`step` runs a control period and one call of diagnosis; it is a function of time and received frames, like
+`ecu.ecu.Ecu.step`. A caller that has time between two periods calls `control` once a period and `service` any number of
+times in between, possibly in another thread. A reset has the effect of a power loss: the release is booted again and
+every counter begins at 0. Only freshness values continue, because receivers refuse a repeated value.
 """
 
 from collections.abc import Sequence
@@ -29,18 +29,19 @@ from ecu.stepped import CalibratedEcu
 
 class FlashableEcu:
     """A `ecu.stepped.SteppedEcu` with a store, just powered on. Raises ConfigError for `bus.key` without
-    `authentication`, or the other way round.
+    `authentication`, or the reverse.
 
     Args:
-        backing: of the store.
+        backing: backing of the store.
         config: bus, E2E and fail-safe settings, operating point and control period of the vehicle.
-        equipment: what it was given at production.
-        authentication: with `bus.key`, what the ECU needs of it.
-        boot_ns: for which it hears and sends nothing after a reset. In real time booting takes what it takes.
-        serviced_apart: `step` is a control period alone; another thread calls `service`.
+        equipment: data from production and access to the surroundings.
+        authentication: keys and counters of the node, with `bus.key`.
+        boot_ns: time after a reset in which the ECU neither receives nor sends, in ns. In real time the duration of the
+            boot itself comes in addition.
+        serviced_apart: whether `step` is a control period alone, and another thread calls `service`.
 
     Attributes:
-        resets: since power-on.
+        resets: number of resets since power-on.
     """
 
     def __init__(
@@ -61,7 +62,7 @@ class FlashableEcu:
         self._service_ns = 0
         self._wants_reset = False
         self.resets = 0
-        # The service works in a new cycle as soon as it is booted, the control from its next period on.
+        # The service uses a new power cycle as soon as it is booted, the control from its next period on.
         self._serviced = self._controlled = self._power_on()
 
     @property
@@ -75,17 +76,17 @@ class FlashableEcu:
 
     @property
     def trace(self) -> Trace:
-        """What the latest step did."""
+        """Trace of the latest step."""
         return self._ecu.trace
 
     @property
     def frames_rejected(self) -> int:
-        """Pressure frames that came but were not accepted."""
+        """Number of received pressure frames that were not accepted."""
         return self._ecu.frames_rejected
 
     @property
     def boot(self) -> Boot:
-        """What the latest one came to."""
+        """The result of the latest boot."""
         return self._serviced.boot
 
     @property
@@ -95,28 +96,28 @@ class FlashableEcu:
 
     @property
     def access(self) -> TesterAccess:
-        """Where the tester stands."""
+        """The access of the tester."""
         return self._serviced.access
 
     @property
     def is_busy(self) -> bool:
-        """Whether `service` has something to do without another frame."""
+        """Whether `service` has work to do without another frame."""
         cycle = self._serviced
         is_sending = cycle.calibration is not None and cycle.calibration.is_sending
         return self._wants_reset or cycle.link.is_busy or is_sending
 
     @property
     def is_measuring(self) -> bool:
-        """Whether `service` has something to send for each control period."""
+        """Whether `service` has frames to send for each control period."""
         return self._serviced.calibration is not None and self._serviced.calibration.is_measuring
 
     @property
     def needs_reset(self) -> bool:
-        """Whether only a reset leads out of the shut jets: a release is written, or a reset was asked for."""
+        """Whether the jets stay shut until a reset: a release was written, or a reset was requested."""
         return self._wants_reset or self._serviced.is_updating
 
     def restore(self, state: EcuState) -> None:
-        """Let the control go on from a state of an ECU with the same release and settings; the store stays."""
+        """Continue the control from a state of an ECU with the same release and settings; the store stays unchanged."""
         self._ecu.restore(state)
 
     def status(self) -> EcuStatus:
@@ -124,14 +125,14 @@ class FlashableEcu:
         return self._ecu.status()
 
     def step(self, now_ns: int, frames: Sequence[Frame], health: BusHealth = HEALTHY) -> list[Frame]:
-        """One control period, and one call of `service` unless that is done apart. Returns a JetCommand and an
-        EcuStatus, and what diagnosis sends. Nothing while it boots, and no command or status while a tester silenced
-        them and no jet can run.
+        """Run one control period and, unless `serviced_apart`, one call of `service`. Returns a JetCommand, an
+        EcuStatus, and the frames of diagnosis. Returns no frames while the ECU boots, and neither command nor status
+        while a tester has silenced them and no jet can run.
 
         Args:
-            now_ns: time of the step, in the clock of the frames' timestamps.
-            frames: everything received since the last step, oldest first.
-            health: of the CAN controller, for the status.
+            now_ns: time of the step, on the clock of the frames' timestamps.
+            frames: all frames received since the last step, oldest first.
+            health: state of the CAN controller, for the status.
         """
         if self._serviced_apart:
             return self.control(now_ns, frames, health)
@@ -140,13 +141,13 @@ class FlashableEcu:
         return self.control(now_ns, for_control, health) + self.service(now_ns, for_service)
 
     def control(self, now_ns: int, frames: Sequence[Frame], health: BusHealth = HEALTHY) -> list[Frame]:
-        """One control period, without diagnosis; arguments as for `step`."""
+        """Run one control period without diagnosis; the arguments are those of `step`."""
         if self._is_silent(now_ns):
             return []
         self._take_over()
         if self._controlled.calibration is not None:
             self._controlled.calibration.hand_over()
-        # What is booted next knows nothing of the jets that run now.
+        # The release that is booted next cannot tell that the jets run now, so they are shut before the reset.
         fault = Reason.UPDATING if self._wants_reset else None
         before = self._ecu.state
         sent = self._ecu.step(now_ns, frames, health, fault=fault, updating=self._controlled.is_updating)
@@ -158,7 +159,7 @@ class FlashableEcu:
         return [] if self._controlled.is_silent and not self._request.drives_jets else sent
 
     def service(self, now_ns: int, frames: Sequence[Frame]) -> list[Frame]:
-        """Diagnosis: take `MOST_FRAMES` or fewer, do at most one piece of long work, and return what is to be sent."""
+        """Run diagnosis: process up to `MOST_FRAMES` frames and one piece of long work; return the frames to send."""
         if self._is_silent(now_ns) or self._serviced is not self._controlled:
             return []
         if self._wants_reset:
@@ -175,7 +176,7 @@ class FlashableEcu:
             sent += cycle.calibration.xcp(now_ns, for_xcp, room=cycle.link.room, may_store=not cycle.link.is_working)
         return sent
 
-    # Between the two.
+    # The methods that both control and service use.
 
     def _power_on(self) -> PowerCycle:
         return PowerCycle(
@@ -200,7 +201,7 @@ class FlashableEcu:
         self.resets += 1
 
     def _take_over(self) -> None:
-        """Control by what was booted from now on: here and not where it was booted, which may be another thread."""
+        """Control by the booted release from now on; the boot itself may have run in another thread."""
         cycle = self._serviced
         if cycle is self._controlled:
             return

@@ -1,7 +1,7 @@
-"""What a tester says on the bus, to the server of diagnosis and to the calibration of the release that runs.
+"""The links of a tester on the bus: to the server of diagnosis, and to the calibration of the running release.
 
-A functional request goes to every ECU, so that it has one frame alone (ISO 15765-2, table 4): others would ask for flow
-control. It is another conversation than the physical one, of which it interrupts nothing.
+A functional request goes to every ECU, so it may have only one frame (ISO 15765-2, table 4): longer requests would need
+flow control. A functional request is independent of the physical conversation and does not interrupt it.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -27,14 +27,14 @@ from ecu.flashable.equipment import Equipment
 from ecu.stepped import CalibratedEcu
 
 XCP_PLACES: Final = 4
-"""Packets to a calibration tool that wait. A tool waits for each answer; commands that find no place are lost."""
+"""Largest number of waiting packets to a tool. A tool waits for each answer; a command without a place is lost."""
 MOST_FRAMES: Final = 128
-"""That an ECU looks at in one call. A control period of CAN FD at 2 Mbit/s holds a third of them; the rest of a flood
-is lost."""
+"""Largest number of frames that the ECU processes in one call. A control period of CAN FD at 2 Mbit/s holds a third of
+this number; the rest of a flood is lost."""
 
 
 def isotp_settings(config: BusConfig, *, is_tester: bool = False) -> IsoTpSettings:
-    """Settings of one end, with the frames and identifiers of this bus."""
+    """Return the settings of one end, with the frame format and identifiers of this bus."""
     own, other = config.diagnosis.response, config.diagnosis.request
     if is_tester:
         own, other = other, own
@@ -43,10 +43,10 @@ def isotp_settings(config: BusConfig, *, is_tester: bool = False) -> IsoTpSettin
 
 
 class DiagnosticLink:
-    """The link after power-on.
+    """The link to the server of diagnosis, just after power-on.
 
     Args:
-        config: of the bus: CAN FD or classic frames, identifiers.
+        config: settings of the bus: CAN FD or classic frames, identifiers.
     """
 
     def __init__(self, config: BusConfig, server: UdsServer) -> None:
@@ -58,31 +58,31 @@ class DiagnosticLink:
 
     @property
     def is_working(self) -> bool:
-        """Whether a request is under way."""
+        """Whether a request is being processed."""
         return self._server.is_busy
 
     @property
     def room(self) -> int:
-        """Frames that others may send beside those of the latest call."""
+        """Number of frames that other links may send in addition to those of the latest call."""
         return self._settings.burst - self._sent
 
     @property
     def is_busy(self) -> bool:
-        """Whether there is something to do at once, without another frame; time alone may end a reception later."""
+        """Whether there is work to do at once, without another frame. A reception can still end later by a timeout."""
         return self._server.is_busy or self._sent > 0
 
     def service(self, now_ns: int, frames: Sequence[Frame]) -> list[Frame]:
-        """Take frames, do at most one piece of long work, and give out what is to be sent now."""
+        """Process frames, do at most one piece of long work, and return the frames to send now."""
         self._server.look(now_ns, in_transit=self._endpoint.is_receiving or self._endpoint.is_sending)
         was_busy, requests = self._server.is_busy, 0
         for request, is_functional in self._requests(now_ns, frames):
-            # Of a flood, those that find no place for their answer are lost.
+            # In a flood, requests without a free place for their answer are lost.
             if requests < self._settings.queue and not self._endpoint.is_full:
                 is_occupied = self._endpoint.occupied > BESIDE
                 answers = self._server.request(now_ns, request, is_functional=is_functional, is_occupied=is_occupied)
                 self._send(answers)
             requests += 1
-        # A request that begins long work has done its first piece; those that come amid it do none.
+        # A request that begins long work has done its first piece in this call; requests during long work do no piece.
         if was_busy or not (requests and self._server.is_busy):
             self._send(self._server.tick(now_ns))
         sent = self._endpoint.poll(now_ns)
@@ -90,7 +90,7 @@ class DiagnosticLink:
         return sent
 
     def _requests(self, now_ns: int, frames: Sequence[Frame]) -> Iterator[tuple[bytes, bool]]:
-        """Requests as soon as they have come whole, and whether they are functional."""
+        """Yield each request as soon as it is complete, and whether it is functional."""
         for frame in frames:
             if frame.identifier == self._functional:
                 part = control_info.parse(frame.data)
@@ -107,12 +107,12 @@ class DiagnosticLink:
 
 
 class CalibrationLink:
-    """Calibrates the ECU of one release, from its boot on, whatever computes it.
+    """The calibration of the ECU of one release, from its boot on, in any language.
 
     Args:
-        bundle: that runs.
-        ecu: that runs it.
-        refusal: why nothing may be stored now; values in force can always be changed.
+        bundle: the running release.
+        ecu: the ECU that runs the release.
+        refusal: returns the reason why storing is not allowed now; values in force can always be changed.
     """
 
     def __init__(
@@ -144,17 +144,17 @@ class CalibrationLink:
             equipment.log("calibration_dropped", f"stored calibration not used: {error}")
 
     def hand_over(self) -> None:
-        """Give the ECU other values at the beginning of a control period, if others are in force now."""
+        """Calibrate the ECU at the beginning of a control period if the values in force have changed."""
         if (calibration := self._segment.take()) is not None:
             self._ecu.calibrate(calibration)
 
     @property
     def is_measuring(self) -> bool:
-        """Whether a tool is sent each control period."""
+        """Whether a tool receives each control period."""
         return self._xcp is not None and self._xcp.daq.is_running
 
     def sample(self, state: EcuState) -> None:
-        """Show a control period that has ended to the tool; by the thread of the control."""
+        """Pass the values of the ended control period to the measurement; called by the thread of the control."""
         if self._xcp is None:
             return
         measured = measured_bytes(
@@ -168,8 +168,8 @@ class CalibrationLink:
         self._xcp.daq.sample(measured)
 
     def xcp(self, now_ns: int, frames: Sequence[Frame], *, room: int, may_store: bool) -> list[Frame]:
-        """Take the tool's frames; those to it, no more than there is room for. Storing that is asked for waits until it
-        is allowed, and for what UDS works on."""
+        """Process the tool's frames and return at most `room` frames to the tool. A request to store waits until
+        `may_store`, and until UDS has finished its work."""
         if self._xcp is None:
             return []
         self._xcp.daq.look()
@@ -182,7 +182,7 @@ class CalibrationLink:
                 self.service.store(calibration)
             except Refused as refused:
                 if refused.code is not Nrc.CONDITIONS_NOT_CORRECT:
-                    # To try again in every period would wear out a memory that fails.
+                    # An attempt in every period would wear out a memory that fails.
                     self._xcp.not_stored()
             else:
                 self._waiting += self._xcp.stored()

@@ -1,4 +1,4 @@
-"""Everything of an ECU that a loss of power takes: made by booting, and made again by each reset."""
+"""The parts of an ECU that a power loss clears: a boot creates them, and each reset creates them again."""
 
 from collections.abc import Callable
 from functools import partial
@@ -25,19 +25,19 @@ from ecu.stepped import CalibratedEcu
 
 class PowerCycle:
     """The time from one boot to the next reset. Raises ConfigError for `bus.key` without `authentication`, or the
-    other way round.
+    reverse.
 
     Args:
-        request: of the vehicle, as last seen.
-        now_ns: time of the service under way.
+        request: returns the vehicle's latest request for control.
+        now_ns: returns the time of the current call of the service.
         on_reset: called when a tester's reset is due.
 
     Attributes:
-        store, boot: as booted.
-        ecu: the control at power-on; one without a release keeps the jets shut.
-        calibration: None without a release.
-        link: to the tester.
-        watch: what finds faults in the control periods.
+        store, boot: the store and the result of its boot.
+        ecu: the control at power-on; without a release, an ECU that keeps the jets shut.
+        calibration: link to a calibration tool; None without a release.
+        link: link to the tester.
+        watch: finds faults in the control periods.
     """
 
     def __init__(
@@ -55,7 +55,7 @@ class PowerCycle:
         self.store = Store(backing, root=equipment.root, hardware=equipment.hardware, fits=fit.fits)
         self.boot = self.store.boot()
         log_boot(equipment.log, self.boot)
-        # This store's check gives bundles.
+        # The check of this store returns objects of the type Bundle.
         bundle = cast("Bundle | None", self.boot.bundle)
         controller = None if bundle is None else fit.controller(bundle)
         jets = lambda: Nrc.CONDITIONS_NOT_CORRECT if request().drives_jets else None  # noqa: E731
@@ -83,16 +83,16 @@ class PowerCycle:
 
     @property
     def is_updating(self) -> bool:
-        """Whether a transfer was announced: only a reset leads out."""
+        """Whether a transfer was announced: the update then ends only by a reset."""
         return self._services.is_updating
 
     @property
     def is_silent(self) -> bool:
-        """Whether a tester wants no frames of the control; they are sent all the same while a jet can run."""
+        """Whether a tester has silenced the frames of the control; while a jet can run they are sent nevertheless."""
         return self._server.is_silent
 
     def settle_faults(self) -> None:
-        """Take what the control periods noted into the fault memory."""
+        """Store the faults of the control periods in the fault memory."""
         try:
             self._faults.settle()
         except MediumError as error:
@@ -100,6 +100,6 @@ class PowerCycle:
 
     @property
     def access(self) -> TesterAccess:
-        """Where the tester stands."""
+        """The access of the tester."""
         attempts = {level: self.store.state.failed_attempts[level] for level in Level}
         return TesterAccess(self._server.session, self._server.unlocked, attempts)

@@ -1,6 +1,6 @@
-"""Whether a release is for this vehicle and computes on this computer: before a boot, and before it is confirmed.
+"""The check that a release is for this vehicle and runs on this computer: before a boot, and before a confirmation.
 
-Everything else was verified before; the self-test shows that controller and estimator run here.
+All other checks come before; the self-test shows that controller and estimator run here.
 """
 
 from collections.abc import Callable, Iterator
@@ -20,10 +20,10 @@ from ecu.fit import check_vehicle
 
 
 class VehicleFit:
-    """Judges bundles, and keeps the controller of the last one, so that a boot makes it once.
+    """The check of bundles, which stores the controller of the last bundle, so that a boot creates it only once.
 
     Args:
-        controller_of: makes a bundle's controller.
+        controller_of: creates a bundle's controller.
     """
 
     def __init__(self, config: Config, controller_of: Callable[[Bundle], Controller]) -> None:
@@ -31,7 +31,7 @@ class VehicleFit:
         self._made: tuple[str, Controller] | None = None
 
     def fits(self, bundle: Bundle) -> Verdict:
-        """GOOD, or why it cannot run here."""
+        """Return GOOD, or the reason why the bundle cannot run here."""
         flow = self._config.flow
         point = self._config.operating_point
         manifest = bundle.manifest
@@ -49,7 +49,7 @@ class VehicleFit:
         return Verdict.GOOD
 
     def controller(self, bundle: Bundle) -> Controller:
-        """The one that the bundle was tried with, or a new one; raises BundleError if it does not run."""
+        """Return the controller from the bundle's check, or a new one; raise BundleError if it does not run."""
         if self._made is None or self._made[0] != bundle.digest:
             self._made = None
             self._made = bundle.digest, self._controller_of(bundle)
@@ -57,16 +57,16 @@ class VehicleFit:
 
 
 AMPLITUDE_CP: Final = 0.3
-"""Amplitude of the made-up pressures: what a shedding wake brings at the rear edges."""
+"""Amplitude of the synthetic pressures, in Cp: a typical value of a shedding wake at the rear edges."""
 SHEDDING_CYCLE_TC: Final = 5.0
 LIMIT_SLACK: Final = 1e-5
-"""The amount by which a plan in float32 may exceed the action limit."""
+"""Amount by which a plan in float32 may exceed the action limit."""
 
 
 def self_test(bundle: Bundle, controller: Controller) -> Long[None]:
-    """Run the controller on windows of zeros and of a shedding wake, and the estimator on the same, piece by piece.
-    Raises ControllerError if one of them fails, or an answer is not finite, of another shape, or beyond the action
-    limit."""
+    """Run the controller on windows of zeros and of a shedding wake, and the estimator on the same windows, piece by
+    piece. Raises ControllerError if controller or estimator fails, or if an answer is not finite, has another shape, or
+    exceeds the action limit."""
     sizes = bundle.manifest.sizes
     weights = np.array(bundle.manifest.mpc.weights.as_tuple())
     estimator = OnnxEstimator.of(bundle)
@@ -87,7 +87,7 @@ def self_test(bundle: Bundle, controller: Controller) -> Long[None]:
 
 
 def _windows(sizes: Sizes, control_period: float) -> Iterator[Array]:
-    """(L, S + 1) each."""
+    """Yield the windows, (L, S + 1) each."""
     yield np.zeros((sizes.window, sizes.sensors + 1))
     phase = 2 * np.pi * control_period / SHEDDING_CYCLE_TC * np.arange(sizes.window)
     shifts = np.pi * np.arange(sizes.sensors)

@@ -1,4 +1,4 @@
-"""What the control periods tell diagnosis: whether the vehicle wants control, and which faults there were."""
+"""The data for diagnosis from the control periods: whether the vehicle wants control, and which faults occurred."""
 
 import struct
 from dataclasses import dataclass, replace
@@ -14,15 +14,15 @@ from ecu.ecu_state import EcuState
 from ecu.fail_safe import OperatingMode
 
 REMEMBERED_NS: Final = 1_000_000_000
-"""The time that a request counts after the frame that carried it: what a lost bus or a lying sensor leaves open."""
+"""The time for which a request stays valid after its frame, in case of a lost bus or a wrong sensor."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class VehicleRequest:
-    """The request as seen in the control steps.
+    """The vehicle's request for control, as seen in the control steps.
 
     Attributes:
-        asked_ns: of the latest step with usable pressures that asked for control; None before the first.
+        asked_ns: time of the latest step with usable pressures and a request for control; None before the first.
         drives_jets: whether the jets could run after the latest step.
     """
 
@@ -30,13 +30,13 @@ class VehicleRequest:
     drives_jets: bool = False
 
     def seen(self, before: EcuState, after: EcuState, now_ns: int) -> Self:
-        """Look at one more control step."""
+        """Return the request after one more control step."""
         usable = after.missed == before.missed
         asks = usable and after.fail_safe.enable_request
         return replace(self, asked_ns=now_ns if asks else self.asked_ns, drives_jets=after.fail_safe.mode.drives_jets)
 
     def refusal(self, now_ns: int) -> Nrc | None:
-        """CONDITIONS_NOT_CORRECT while the jets may run, or the vehicle asked for control in the last second."""
+        """Return CONDITIONS_NOT_CORRECT while the jets may run, or within a second of a request for control."""
         asks = self.asked_ns is not None and now_ns - self.asked_ns < REMEMBERED_NS
         return Nrc.CONDITIONS_NOT_CORRECT if self.drives_jets or asks else None
 
@@ -46,14 +46,14 @@ _MOST_MS: Final = 0xFFFF_FFFF
 
 
 class FaultWatch:
-    """Looks at every control period from power-on, and notes the few that matter."""
+    """The search for faults in every control period from power-on."""
 
     def __init__(self, memory: FaultMemory) -> None:
         self._memory = memory
         self._power_on_ns: int | None = None
 
     def seen(self, before: EcuState, after: EcuState, now_ns: int) -> None:
-        """Look at one more control period."""
+        """Examine one more control period."""
         is_first, now_ns = self._power_on_ns is None, max(0, now_ns)
         self._power_on_ns = now_ns if self._power_on_ns is None else self._power_on_ns
         was, now = before.fail_safe.mode, after.fail_safe.mode
@@ -66,7 +66,7 @@ class FaultWatch:
 
 
 def _snapshot(before: EcuState, after: EcuState, since_power_on_ns: int) -> bytes:
-    """What is kept of this moment, in the order of `SNAPSHOT_FORMATS`."""
+    """Return the snapshot of this moment, in the order of `SNAPSHOT_FORMATS`."""
     return (
         _NUMBERS.pack(
             min(max(0, since_power_on_ns) // 1_000_000, _MOST_MS),

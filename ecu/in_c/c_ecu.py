@@ -1,7 +1,7 @@
-"""The ECU in C, compiled for this machine and stepped like the one in Python.
+"""The ECU in C, compiled for this machine, with the interface of the ECU in Python.
 
-The sources are those of a folder that `stillwake export --c` writes (`contract.controller.c_folder`). They are bound by
-cffi in its ABI mode: the functions and structs are read from the library's header, nothing is compiled for the binding.
+The sources come from a folder that `stillwake export --c` writes (`contract.controller.c_folder`). cffi binds them in
+its ABI mode: it reads functions and structs from the library's header, and nothing is compiled for the binding.
 """
 
 import re
@@ -32,18 +32,18 @@ _UNDEFINED: Final = re.compile(r"undefined symbol: (\w+)")
 _ALIGNMENT: Final = 64
 _Answer = Callable[[Any], int]
 _ESTIMATOR: Final = "sw_estimator_settings.h"
-"""Generated for a release with a sensor estimator."""
+"""The header that is generated for a release with a sensor estimator."""
 
 
 class CEcuState(NeverCopied):
-    """What can be read and set of an ECU in C, wherever it runs.
+    """The readable and settable parts of an ECU in C, on any machine that runs it.
 
     Args:
-        structs: of its library.
-        ecu: pointer to its `sw_ecu`, or to a mirror of it.
-        bundle_hash: that its status carries.
-        calibrate: has `sw_ecu_calibrate` run with an `sw_calibration`; what it returns.
-        restore: has `sw_ecu_restore` run with a pointer to an `sw_ecu_state`, or does the same; what it returns.
+        structs: structs of the ECU's library.
+        ecu: pointer to the ECU's `sw_ecu`, or to a mirror of it.
+        bundle_hash: short hash of the bundle, for the status.
+        calibrate: calls `sw_ecu_calibrate` with an `sw_calibration` and returns its result.
+        restore: calls `sw_ecu_restore`, or an equivalent, with a pointer to an `sw_ecu_state` and returns its result.
     """
 
     INSTEAD: ClassVar = "it stands in memory of C; give its state to restore of another ECU of the same sources"
@@ -64,7 +64,7 @@ class CEcuState(NeverCopied):
 
     @property
     def frames_rejected(self) -> int:
-        """Pressure frames that came but were not authentic, or failed their end-to-end check."""
+        """Number of received pressure frames that were not authentic or failed their end-to-end check."""
         state = self.state
         return state.verifier.refused + state.pressures.frames_rejected
 
@@ -74,22 +74,22 @@ class CEcuState(NeverCopied):
 
     @property
     def calibration(self) -> Calibration:
-        """The values in force."""
+        """The calibration in force."""
         return Calibration.unpack(bytes(self.structs.ffi.buffer(self.structs.ffi.addressof(self._ecu.calibration))))
 
     def calibrate(self, calibration: Calibration) -> None:
-        """Calibrate as `Ecu.calibrate` does; C judges."""
+        """Calibrate like `Ecu.calibrate`; the C code checks the values."""
         if (number := self._calibrate(calibration.pack())) != 0:
             name, value = CALIBRATION_NAMES[number - 1], calibration.values[number - 1]
             raise ConfigError(f"calibration: {name} = {value:g}: out of the limits of this release and vehicle")
 
     def saved(self) -> bytes:
-        """The state as it stands in memory."""
+        """Return the bytes of the state as they are in memory."""
         return bytes(self.structs.ffi.buffer(self.structs.ffi.addressof(self._ecu.state)))
 
     def restore(self, state: EcuState | bytes) -> None:
-        """Go on from a state: one that was `saved`, or one of any ECU of the same release, settings and calibration.
-        Raises ValueError for a state of another delay, or one that no ECU can have left; C judges."""
+        """Continue from a state: from `saved`, or from any ECU with the same release, settings and calibration. Raises
+        ValueError for a state with another delay, or for a state that no ECU can reach; the C code checks this."""
         ffi, place = self.structs.ffi, self.structs.ffi.new("sw_ecu_state *")
         if isinstance(state, bytes):
             ffi.buffer(place)[:] = state
@@ -102,20 +102,20 @@ class CEcuState(NeverCopied):
 
 
 class CEcu(CEcuState):
-    """A C library's ECU, compiled for this machine. It has the interface of `ecu.ecu.Ecu`. Raises
-    LibraryError if there is no compiler, it does not take the files, or they are no ECU.
+    """A C library's ECU, compiled for this machine, with the interface of `ecu.ecu.Ecu`. Raises LibraryError if there
+    is no compiler, if the compiler rejects the files, or if the files contain no ECU.
 
     Args:
-        sources: the library's files by name, `sw_ecu_settings.h` among them. Files in place of the library's own, or
-            in addition to them, are for the caller to put in: a stub controller, a fault that is planted.
-        compiler: command that compiles C; the one found here if None.
-        flags: of the compiler.
-        library: a file to keep the compiled library in; a temporary one if None.
-        secret: with `bus.key`, the key; the ECU is in its first power cycle.
+        sources: the library's files by name, including `sw_ecu_settings.h`. The caller may replace or add files, such
+            as a stub controller or a planted fault.
+        compiler: command that compiles C; None finds a compiler on this machine.
+        flags: flags of the compiler.
+        library: file in which to store the compiled library; None uses a temporary file.
+        secret: the key, with `bus.key`; the ECU is then in its first power cycle.
 
     Attributes:
-        description: what computes the step, for people.
-        lib: the loaded library, for functions and variables of it that are not the ECU's; see `Structs.ffi`.
+        description: compiler and flags behind the control step, for people.
+        lib: the loaded library, for functions and variables that do not belong to the ECU; see `Structs.ffi`.
         ecu: the `sw_ecu` itself, without its workspace.
     """
 
@@ -147,7 +147,7 @@ class CEcu(CEcuState):
         self._room = ffi.new("char[]", sizes[1] + _ALIGNMENT)
         start = -int(ffi.cast("uintptr_t", self._room)) % _ALIGNMENT
         self.ecu = ecu = ffi.cast("sw_ecu *", self._room + start)
-        # Of older versions it returns nothing.
+        # In older versions of the library the function returns nothing.
         if self.lib.sw_ecu_init(ecu):
             raise LibraryError(
                 f"the compiled ECU refuses: {' '.join(flags)}, or this process's floating-point mode, changes "
@@ -173,7 +173,7 @@ class CEcu(CEcuState):
     def step(
         self, now_ns: int, frames: Sequence[Frame], health: BusHealth = HEALTHY, **around: Unpack[Surroundings]
     ) -> list[Frame]:
-        """One control period; as `Ecu.step`."""
+        """Run one control period like `Ecu.step`."""
         self.structs.surround(self._ecu.surroundings, health, **around)
         received = self.structs.frames(frames)
         count = self._run(self._ecu, c_time(now_ns), received, len(frames), self._answers)
@@ -181,13 +181,13 @@ class CEcu(CEcuState):
 
 
 def _why(error: Exception) -> str:
-    """Say in one line why: cffi's message names the file, twice, and what else it tried."""
+    """Return the cause in one line: cffi's own message states the file twice, and every path that it searched."""
     symbol = _UNDEFINED.search(str(error))
     return str(error).splitlines()[0] if symbol is None else f"its sources lack {symbol.group(1)}"
 
 
 def bundle_hash_of(sources: Mapping[str, bytes]) -> int:
-    """The short hash of the bundle that an ECU's settings are of; raises LibraryError if they name none."""
+    """Return the short hash of the bundle in an ECU's settings; raise LibraryError if the settings state none."""
     found = _BUNDLE_HASH.search(sources.get(c_settings.HEADER, b""))
     if found is None:
         raise LibraryError(f"{c_settings.HEADER}: SW_BUNDLE_HASH is missing: it is no header of an ECU's settings")
@@ -195,11 +195,11 @@ def bundle_hash_of(sources: Mapping[str, bytes]) -> int:
 
 
 def ecu_sources(folder: Path, bundle: Bundle, config: Config) -> dict[str, bytes]:
-    """A library's ECU for a release in a vehicle: its sources, with the settings of this vehicle.
+    """Return the sources of a library's ECU for a release in a vehicle, with the settings of this vehicle.
 
-    The folder's own `sw_ecu_settings.h` is of the vehicle it was exported for; a run has settings of its own. Raises
-    LibraryError if the folder holds no library, one of another program, or one without an ECU; StillwakeError if the
-    ECU in C cannot do what the settings ask for.
+    The `sw_ecu_settings.h` in the folder is for the vehicle of the export; a run has its own settings. Raises
+    LibraryError if the folder holds no library, a library of another program, or a library without an ECU;
+    StillwakeError if the ECU in C does not support a setting.
     """
     sources = read_sources(folder, board=True)
     check_program(folder, sources, bundle)
@@ -207,7 +207,7 @@ def ecu_sources(folder: Path, bundle: Bundle, config: Config) -> dict[str, bytes
         raise LibraryError(f"library {folder}: it has the control step alone, and no ECU around it; export it again")
     check = config.ecu.sensor_check
     if bundle.manifest.sensor_estimator is None and check.enabled:
-        # As the ECU in Python.
+        # The ECU in Python makes the same choice.
         config = replace(config, ecu=replace(config.ecu, sensor_check=replace(check, enabled=False)))
     elif check.enabled and _ESTIMATOR not in sources:
         raise LibraryError(f"library {folder}: it has no sensor estimator; export it again, or switch off sensor_check")

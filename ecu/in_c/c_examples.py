@@ -1,4 +1,4 @@
-"""What the C library's examples play: frames of a vehicle with its pressures and its speed, as tables in C."""
+"""Tables for the examples of the C library: frames with the pressures and the speed of a vehicle, as C arrays."""
 
 from typing import Final
 
@@ -13,19 +13,20 @@ from contract.config.tree import Config
 
 PLAYED: Final = "examples/pressures.h"
 MOST_PERIODS: Final = 100
-"""Two seconds at 20 ms: 1600 bytes of flash, and 800 for the speed."""
+"""Largest number of periods in a table. It is two seconds at 20 ms: 1600 bytes of flash, and 800 for the speed."""
 PLAYED_KEY: Final = bytes.fromhex("2b7e151628aed2a6abf7158809cf4f3c")
-"""The key with `bus.key`: that of RFC 4493's examples, which is no secret; no other key is written into a file."""
+"""The key with `bus.key`: the key of RFC 4493's examples, which is public. No other key is written into a file."""
 ASKED_FROM: Final = 5
-"""Periods before the vehicle asks for control: a request that stands from the start is not believed."""
+"""Number of periods before the vehicle asks for control: the ECU ignores a request that is present from the start."""
 
 
 def played_pressures(rows: Array, config: Config) -> bytes:
-    """`pressures.h`: a protected pressure frame for each of the first `MOST_PERIODS` rows, and one with the speed.
+    """Return `pressures.h`: a protected pressure frame for each of the first `MOST_PERIODS` rows, and a frame with the
+    speed.
 
     Args:
-        rows: recorded pressures Cp at the sensors of the bus, then other columns, (n, S + any); limited to what the
-            wire carries.
+        rows: recorded pressures Cp at the sensors of the bus, then other columns, (n, S + any); limited to the range of
+            the message.
     """
     messages = message_set(config.bus)
     message, limit_pa = messages.pressure, messages.pressure_limit_pa

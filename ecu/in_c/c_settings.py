@@ -1,7 +1,7 @@
-"""The constants of the ECU in C: messages of the DBC, figures of a release, settings of a vehicle.
+"""The constants of the ECU in C: messages of the DBC, numbers of a release, settings of a vehicle.
 
-They become `sw_ecu_settings.h` in a library's folder, so that no number of the Python ECU is restated in C. A number in
-floating point is written with all of its digits, a double's by default.
+They become `sw_ecu_settings.h` in a library's folder, so that no number of the Python ECU is repeated in C. A
+floating-point number is written with all its digits, as a double by default.
 """
 
 from dataclasses import replace
@@ -46,20 +46,20 @@ _COUNTED: Final = (
 _MOST: Final = {"ecu.loss_window": 64, "ecu.deadline_window": 32, "bus.e2e.window": 255} | dict.fromkeys(
     _COUNTED, 2**29
 )
-"""Most periods that the C ECU's state has room for; those that are added have room in an int together."""
+"""Largest settings, in periods, that the C ECU's state can hold. Settings that are added fit an int in sum."""
 _GREATEST_WEIGHTS: Final = CostWeights(**dict.fromkeys(TERMS, LARGEST_WEIGHT))
-"""C allows a release's own weight where it is greater."""
+"""The largest cost weights of a calibration; C allows a larger weight if it is the release's own."""
 _LONGEST_PERIOD_NS: Final = 2**53
-"""Times up to it are exact in double, so that the command gate's share of a period is the same in both languages."""
+"""Longest control period, in ns. A double is exact up to it, so the command gate is equal in both languages."""
 
 
 def ecu_settings(bundle: Bundle, config: Config) -> bytes:
-    """`sw_ecu_settings.h` for a verified release in a vehicle.
+    """Return `sw_ecu_settings.h` for a verified release in a vehicle.
 
     Raises:
-        BundleError: the bundle was made for another vehicle or another number of sensors than the bus carries.
-        ConfigError: a setting that the C ECU cannot do.
-        LibraryError: a release without a sensor estimator where the settings want its check.
+        BundleError: the bundle is for another vehicle, or for another number of sensors than the bus has.
+        ConfigError: the C ECU does not support a setting.
+        LibraryError: the settings ask for the sensor check, and the release has no sensor estimator.
     """
     check_vehicle(bundle, config)
     check_settings(config)
@@ -72,7 +72,7 @@ def ecu_settings(bundle: Bundle, config: Config) -> bytes:
 
 
 def check_settings(config: Config) -> None:
-    """Raise ConfigError for a setting that the C ECU cannot do, whatever the release."""
+    """Raise ConfigError for a setting that the C ECU does not support with any release."""
     for name, most in _MOST.items():
         value = attrgetter(name)(config)
         if value > most:
@@ -153,12 +153,13 @@ def _definitions(bundle: Bundle, config: Config) -> dict[str, int | float | str]
 
 
 def _named(prefix: str, owner: object, *names: str) -> dict[str, int | float | str]:
-    """Values by names of C: the prefix and their own in capitals."""
+    """Return values by their names in C: the prefix, then the value's own name in capitals."""
     return {f"{prefix}_{name.upper()}": getattr(owner, name) for name in names}
 
 
 def release_numbers(bundle: Bundle, config: Config) -> Numbers:
-    """`sw_release` of a verified release: what it has whatever the vehicle's settings are. Zeros where it has none."""
+    """Return the `sw_release` of a verified release: its numbers that do not depend on the vehicle's settings. A number
+    that the release lacks is zero."""
     manifest, estimator, speeds = bundle.manifest, bundle.manifest.sensor_estimator, bundle.manifest.speeds
     check = BenefitCheck.of(manifest, replace(config.ecu.benefit_check, enabled=True))
     nothing, point = np.zeros((len(manifest.sensors),) * 2), manifest.operating_point
@@ -176,7 +177,7 @@ def release_numbers(bundle: Bundle, config: Config) -> Numbers:
         "pairs": np.array([[0, 0]] if check is None else check.pairs, np.uint8),
     }
     ends = members["base"].nbytes + members["pairs"].nbytes + members["weights"].nbytes + 4
-    # Compilers differ in what they fill a struct up to.
+    # Compilers differ in the size to which they pad a struct.
     return Numbers(struct="sw_release", members={**members, "reserved": np.zeros(8 - ends % 8, np.uint8)})
 
 
@@ -194,7 +195,7 @@ def _of_release(numbers: Numbers) -> dict[str, int | float | str]:
 
 
 def _of_diagnosis(config: DiagnosisConfig, period_ns: int) -> dict[str, int | float | str]:
-    """SW_FUNCTIONAL is 0 where nothing is heard under a functional identifier, SW_XCP where no tool is answered."""
+    """Return the settings of diagnosis. SW_FUNCTIONAL or SW_XCP is 0 if functional requests or XCP are disabled."""
     cycle, unit = cycle_of(period_ns)
     return {
         "SW_DIAGNOSIS_EXTENDED": int(config.request.is_extended),
@@ -212,7 +213,7 @@ def _of_diagnosis(config: DiagnosisConfig, period_ns: int) -> dict[str, int | fl
 
 
 def _of_speeds(manifest: Manifest, config: SpeedConfig) -> dict[str, int | float | str]:
-    """SW_PAST is 0 for a release that serves one speed alone: nothing of the rest is then compiled in."""
+    """Return the settings of a range of speeds. For a single speed SW_PAST is 0, and the others are not used."""
     if manifest.speeds is None:
         return {"SW_PAST": 0}
     return {
@@ -247,7 +248,7 @@ def _literal(value: int | float | str) -> str:
 
 
 def _calibration(values: Calibration) -> str:
-    """Initialises an `sw_calibration`."""
+    """Return the initialiser of an `sw_calibration`."""
     *weights, action_limit, command_step = (
         f"{np.format_float_scientific(np.float32(value), trim='0')}f" for value in values.values[:-1]
     )

@@ -1,8 +1,8 @@
 """The structs of the ECU in C, in memory and as Python values: frames, state, trace.
 
-The layout is read from the library's own headers by cffi, so that none of it is restated here. The structs have members
-of fixed width, all aligned by their own size and, but for the end of `sw_ecu`, none of them a pointer: the layout is
-the same on this machine and on a microcontroller, and bytes that an emulated one holds are read by the same functions.
+cffi reads the layout from the library's own headers, so that the layout is not repeated here. All members have a fixed
+width and are aligned to their own size, and none is a pointer, except at the end of `sw_ecu`. So the layout is the same
+on this machine and on a microcontroller, and the same functions read the memory of an emulated microcontroller.
 """
 
 import tempfile
@@ -35,7 +35,7 @@ from ecu.timing import StepTiming
 
 _HEADER: Final = "sw_ecu.h"
 _LARGEST: Final = {"int64": 2**63 - 1, "uint64": 2**64 - 1, "uint32": 2**32 - 1}
-# Scratch memory is the ECU's last member: whatever it is, the members before it stand where they stand.
+# Scratch memory is the last member of the ECU, so its size does not move the members before it.
 _STANDING_IN: Final = {
     "sw_workspace.h": b"typedef struct { char not_shown; } sw_workspace;\n",
     "sw_estimator.h": b"typedef struct { char not_shown; } sw_estimator_work;\n",
@@ -49,13 +49,13 @@ _HEALTH_COUNTS: Final = ("tx_errors", "rx_errors", "bus_off")
 
 
 class Structs:
-    """The structs of one library. `ffi` knows their types and the functions of `sw_ecu.h`. Raises LibraryError if there
-    is no ECU among the sources, or the compiler does not take its header.
+    """The structs of one library. `ffi` has their types and the functions of `sw_ecu.h`. Raises LibraryError if the
+    sources contain no ECU, or if the compiler rejects the header.
 
     Args:
         sources: the library's files by name.
         compiler: command that preprocesses C.
-        header: that is read; one that includes the ECU's, if there is more to be known than that.
+        header: the header to read; a header that includes the ECU's header gives access to more types.
     """
 
     def __init__(self, sources: Mapping[str, bytes], compiler: Sequence[str], header: str = _HEADER) -> None:
@@ -73,12 +73,12 @@ class Structs:
             raise LibraryError(f"{_HEADER}: {str(error).splitlines()[0]}") from error
 
     def size(self, name: str) -> int:
-        """Bytes of a type; of `sw_ecu` without its workspace."""
+        """Return the size of a type in bytes; for `sw_ecu` the size without its workspace."""
         ecu = name == "sw_ecu"
         return int(self.ffi.offsetof("sw_ecu", "work") if ecu else self.ffi.sizeof(name))
 
     def frames(self, frames: Sequence[Frame]) -> Any:
-        """An array of `sw_frame`. A time that C has no room for is the latest that it has."""
+        """Return an array of `sw_frame`. A time that C cannot represent becomes the nearest representable time."""
         found = self.ffi.new("sw_frame[]", len(frames))
         for place, frame in zip(found, frames, strict=True):
             place.timestamp_ns = min(frame.timestamp_ns, _LARGEST["int64"])
@@ -88,7 +88,7 @@ class Structs:
         return found
 
     def frame(self, found: Any) -> Frame:
-        """The frame of a `sw_frame`; raises ValueError if no controller could put it on the wire."""
+        """Return the frame in a `sw_frame`; raise ValueError if no CAN controller could send it."""
         return Frame(
             frame_id=found.id,
             data=bytes(self.ffi.buffer(found.data, found.length)),
@@ -106,10 +106,10 @@ class Structs:
         surroundings.updating = updating
 
     def trace(self, ecu: Any) -> Trace:
-        """Trace of a `sw_ecu`."""
+        """Return the trace of a `sw_ecu`."""
         forces = self._array(ecu.output.forces, np.float32) if ecu.trace.planned else None
         if forces is not None and self._serves_speeds:
-            # Of the newest row, on which was planned.
+            # The plan was computed at the speed of the newest row.
             forces = forces * list(ecu.state.memory.past.speeds)[-1] ** 2
         return Trace(
             mode=_MODES[ecu.state.fail_safe.mode].on_wire,
@@ -119,8 +119,8 @@ class Structs:
         )
 
     def state(self, state: Any) -> EcuState:
-        """State of a `sw_ecu_state`. Of the controller's error states C keeps bus-off alone. Raises ValueError,
-        IndexError if an enumeration has none of its values."""
+        """Return the state in a `sw_ecu_state`. C stores only bus-off of the CAN controller's error states. Raises
+        ValueError or IndexError if a value is not in its enumeration."""
         memory, sensors = state.memory, state.sensors
         fail_safe, timing = state.fail_safe, state.timing
         return EcuState(
@@ -180,8 +180,8 @@ class Structs:
         )
 
     def set_state(self, state: Any, value: EcuState) -> None:
-        """Fill in a `sw_ecu_state`; counts stop at their largest value. Of authentication is left out what a library
-        without a key has no room for."""
+        """Fill in a `sw_ecu_state`; counts saturate at their largest value. A library without a key has no room for the
+        state of authentication, which is then left out."""
         self.ffi.buffer(state)[:] = bytes(self.ffi.sizeof("sw_ecu_state"))
         self._set_memory(state.memory, value.memory)
         self._set_sensors(state.sensors, value.sensors)
@@ -236,7 +236,7 @@ class Structs:
             self._copy(getattr(sensors, name), getattr(value, name))
 
     def _copy(self, member: Any, values: Array) -> None:
-        """An array's bytes into a member of the same shape and type; before it, all of them are zero."""
+        """Copy an array's bytes into a member of the same shape and type, whose bytes must be zero before."""
         content = np.ascontiguousarray(values)
         assert content.nbytes == self.ffi.sizeof(member)
         self.ffi.memmove(member, content, content.nbytes)
@@ -248,7 +248,7 @@ class Structs:
             setattr(health, name, _count(getattr(value, name)))
 
     def _array(self, member: Any, dtype: Any = np.float64) -> Array:
-        """A copy of an array of one or two sides, as float64."""
+        """Return a copy of an array with one or two dimensions, as float64."""
         flat = np.frombuffer(self.ffi.buffer(member), dtype=dtype).astype(np.float64)
         rows = self.ffi.typeof(member)
         return flat if rows.item.kind == "primitive" else flat.reshape(rows.length, -1)
@@ -266,7 +266,7 @@ class Structs:
 
     @property
     def _serves_speeds(self) -> bool:
-        """Whether the library is of a release that serves a range of speeds."""
+        """Whether the library's release supports a range of speeds."""
         return "past" in dict(self.ffi.typeof("sw_memory").fields)
 
     def _known(self, member: Any, *, known: int) -> Array:
@@ -291,7 +291,7 @@ def _set_received(receiver: Any, value: ReceiverState) -> None:
 
 
 def _verified(receiver: Any) -> VerifierState:
-    """What authentication refused and accepted of a `sw_receiver`; as at power-on in a library without a key."""
+    """Return the authentication state of a `sw_receiver`; in a library without a key, the state at power-on."""
     if not hasattr(receiver, "verifier"):
         return VerifierState()
     return VerifierState(**{item.name: getattr(receiver.verifier, item.name) for item in fields(VerifierState)})
@@ -321,7 +321,7 @@ def _set_speed(speed: Any, value: SpeedState) -> None:
 
 
 def flattened(value: object, name: str = "") -> dict[str, Any]:
-    """A state, or any part of it, field by field: numbers, arrays, enumerations and None by dotted names."""
+    """Return a state, or any part of it, field by field: numbers, arrays, enumerations and None by dotted names."""
     if is_dataclass(value) and not isinstance(value, type | DelayLine):
         parts = ((item.name, getattr(value, item.name)) for item in fields(value))
         return {
@@ -333,9 +333,10 @@ def flattened(value: object, name: str = "") -> dict[str, Any]:
 
 
 def as_c_has_it(state: EcuState, *, is_keyed: bool) -> dict[str, Any]:
-    """A state field by field with what C keeps of it: counts up to their largest value; authentication with a key.
+    """Return a state field by field, as far as C stores it: counts saturate at their largest value, and the state of
+    authentication exists only with a key.
 
-    Of two ECUs that agree, one in C and one in Python, the values are equal; `differing` compares them.
+    The values of an ECU in C and of an ECU in Python are equal if both agree; `differing` compares them.
     """
     left_out = () if is_keyed else _OF_KEY
     found = {name: leaf for name, leaf in flattened(state).items() if not name.startswith(left_out)}
@@ -358,8 +359,8 @@ _COUNTED: Final = (
 
 
 def differing(one: EcuState, other: EcuState, *, is_keyed: bool = False) -> list[str]:
-    """Names of the fields in which two states differ as far as C keeps them, with or without `bus.key`, to the bit; NaN
-    is itself."""
+    """Return the names of the fields in which two states differ, bit for bit, as far as C stores them with or without
+    `bus.key`. NaN equals NaN."""
     first, second = as_c_has_it(one, is_keyed=is_keyed), as_c_has_it(other, is_keyed=is_keyed)
     return [name for name, value in first.items() if not _same(value, second[name])]
 
@@ -368,7 +369,7 @@ def _same(one: Any, other: Any) -> bool:
     if isinstance(one, DelayLine) and isinstance(other, DelayLine):
         one, other = np.array(one.values), np.array(other.values)
     if isinstance(one, np.ndarray) and isinstance(other, np.ndarray):
-        # A zero has a sign; of the many bits that are no number, any will do.
+        # Two zeros must have equal signs; any two NaNs count as equal, whatever their bits.
         return one.shape == other.shape and bool(
             ((one == other) & (np.signbit(one) == np.signbit(other)) | np.isnan(one) & np.isnan(other)).all()
         )
@@ -380,5 +381,6 @@ def _count(value: int) -> int:
 
 
 def c_time(value: int) -> int:
-    """A time as C takes it: one that it has no room for is the nearest that it has, and a fault of the clock."""
+    """Return a time within the range of C. The nearest representable time replaces a time out of that range, which is a
+    fault of the clock."""
     return max(-_LARGEST["int64"] - 1, min(value, _LARGEST["int64"]))

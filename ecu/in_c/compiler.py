@@ -1,4 +1,4 @@
-"""C compilers: the host's, the one in the `ziglang` package, and one way to call any of them."""
+"""C compilers: the host's compiler, the compiler in the `ziglang` package, and one way to call any of them."""
 
 import importlib.util
 import os
@@ -14,15 +14,14 @@ from contract.errors import LibraryError
 
 STANDARD: Final = ("-std=c99", "-pedantic", "-Wall", "-Wextra", "-Wconversion")
 OPTIMISED: Final = ("-O3", "-march=native", "-ffp-contract=fast")
-"""Contraction to fused multiply-adds changes roundings only; -ffast-math would break them."""
+"""Flags for speed. Contraction to fused multiply-adds changes only roundings; the sources reject -ffast-math."""
 
 EXACT: Final = ("-O3", "-march=native", "-ffp-contract=off")
-"""The ECU decides with these to the bit as the one in Python: GCC reads no pragma against contraction."""
+"""Flags for decisions equal to those in Python bit for bit; GCC ignores the pragma against contraction."""
 
 
 def host_compiler() -> list[str]:
-    """The command that compiles C here: $CC, else cc, gcc or clang, else the `ziglang` package's. Raises LibraryError
-    if there is none."""
+    """Return the compiler's command: $CC, cc, gcc, clang, or that of `ziglang`. Raises LibraryError without any."""
     named = os.environ.get("CC", "").split()
     if named:
         return named
@@ -37,20 +36,20 @@ def host_compiler() -> list[str]:
 
 
 def zig_compiler() -> list[str] | None:
-    """The command of the `ziglang` package, which compiles for other processors too; None if it is not installed."""
+    """Return the command of the `ziglang` package, which also compiles for other processors; None without it."""
     if importlib.util.find_spec("ziglang") is None:
         return None
     return [sys.executable, "-m", "ziglang", "cc"]
 
 
 def compiler_version(compiler: Sequence[str]) -> str:
-    """The first line that the compiler prints about itself; raises LibraryError if it does not run."""
+    """Return the first line that the compiler prints about itself; raise LibraryError if the compiler does not run."""
     return next(iter(_run([*compiler, "--version"], None).stdout.splitlines()), compiler[0]).strip()
 
 
 def compile_c(contents: Mapping[str, bytes], output: Path, *, compiler: Sequence[str], flags: Sequence[str]) -> None:
-    """Compile and link all C files given, warnings as errors. Raises LibraryError if the compiler does not take them;
-    the message has its first complaint."""
+    """Compile and link all C files given; warnings are errors. Raises LibraryError with the compiler's first error
+    message if the compiler rejects the files."""
     with tempfile.TemporaryDirectory() as folder:
         for name, content in contents.items():
             Path(folder, name).write_bytes(content)
@@ -61,9 +60,9 @@ def compile_c(contents: Mapping[str, bytes], output: Path, *, compiler: Sequence
 
 
 def preprocessed(source: Path, *, compiler: Sequence[str], flags: Sequence[str]) -> str:
-    """A header or source as the compiler sees it, without its line markers. Raises LibraryError if the preprocessor
-    does not take it; the message has its first complaint."""
-    # A header by itself is compiled as C, whatever its name ends in.
+    """Return a header or source after preprocessing, without line markers. Raises LibraryError with the preprocessor's
+    first error message if it rejects the file."""
+    # The option `-x c` makes the compiler treat a header as C, whatever its file extension.
     done = _run([*compiler, "-E", "-P", *flags, "-x", "c", str(source)], None)
     if done.returncode != 0:
         raise LibraryError(f"{compiler[0]}: {_complaint(done)}")

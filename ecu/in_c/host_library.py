@@ -25,17 +25,17 @@ _ALIGNMENT: Final = 64
 
 
 class CController(NeverCopied):
-    """A library compiled and loaded, with the structures and the scratch memory that its caller owns. Raises
-    LibraryError if there is no compiler, or it does not take the files.
+    """A compiled and loaded library, with the structures and the scratch memory that a caller has to provide. Raises
+    LibraryError if there is no compiler, or if the compiler rejects the files.
 
     Args:
         contents: the library's files by name.
-        sizes: those of its header, by which the structures are laid out.
-        compiler: command that compiles C; the one found here if None.
-        flags: of the compiler.
+        sizes: sizes in the library's header, which give the layout of the structures.
+        compiler: command that compiles C; None finds a compiler on this machine.
+        flags: flags of the compiler.
 
     Attributes:
-        description: what computes the step, for people.
+        description: compiler and flags behind the control step, for people.
     """
 
     INSTEAD: ClassVar = "it is a loaded library; make another one of the same sources"
@@ -59,7 +59,7 @@ class CController(NeverCopied):
                 self._step, reset = self._library.sw_control_step, self._library.sw_input_reset
             except (OSError, AttributeError) as error:
                 raise LibraryError(f"the compiled library does not load: {error}") from error
-        # Libraries of older versions do not look.
+        # Libraries of older versions do not check the arithmetic.
         if (looks := getattr(self._library, "sw_arithmetic", None)) is not None and (status := looks()) != _OK:
             raise LibraryError(f"the compiled library refuses: {REFUSALS[status]} ({' '.join(flags)})")
         self.description = f"{compiler_version(command)}, {' '.join(flags)}"
@@ -89,11 +89,11 @@ class CController(NeverCopied):
 
     @property
     def workspace_bytes(self) -> int:
-        """Scratch memory that a caller has to own."""
+        """Size of the scratch memory that a caller has to provide, in bytes."""
         return int(self._workspace.size)
 
     def warm_up(self, steps: int) -> None:
-        """Run on zeros, so that the first real step finds its code and weights in memory."""
+        """Run steps on zeros, so that code and weights are in memory at the first real step."""
         window, plan, free = (np.zeros(array.shape) for array in (self._window, self._plan, self._free))
         for _ in range(steps):
             self.control_step(window, plan, free)
@@ -107,7 +107,7 @@ class CController(NeverCopied):
         speed: float = 1.0,
         limit: float | None = None,
     ) -> ControlStep:
-        """One control step in float32; raises ControllerError if an input or a result is not finite."""
+        """Compute one control step in float32; raise ControllerError if an input or a result is not finite."""
         self._window[:], self._plan[:], self._free[:] = window, plan, free
         self._weights[:] = self._default_weights if weights is None else weights
         self._input.speed = speed
@@ -123,8 +123,9 @@ class CController(NeverCopied):
         return ControlStep(plan=new_plan, forces=forces, terms=terms, cost=float(cost))
 
     def known_answer(self) -> tuple[float, float]:
-        """Compute the first action and the cost of `sw_known_answer.c` in another build of the same sources, one that
-        fuses no operations. Raises ControllerError if they are not finite; LibraryError if it does not compile."""
+        """Compute the first action and the cost of `sw_known_answer.c` in another build of the same sources, in which
+        no operations are fused. Raises ControllerError if an input or a result is not finite; LibraryError if the
+        sources do not compile."""
         contents, sizes, command = self._made_of
         exact = CController(contents, sizes, compiler=command, flags=EXACT)
         workspace, given, found = exact._workspace.ctypes.data, exact._input, exact._output
@@ -138,7 +139,7 @@ class CController(NeverCopied):
             raise ControllerError(f"the C library answered with status {status}: {REFUSALS[status]}")
 
     def poison_workspace(self) -> None:
-        """Fill the scratch memory with NaN: no result may depend on what was there."""
+        """Fill the scratch memory with NaN: no result may depend on its earlier contents."""
         self._workspace[:] = 0xFF
 
 

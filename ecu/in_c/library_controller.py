@@ -1,4 +1,4 @@
-"""The controller of a release as its C99 library, compiled for this machine: what a vehicle's ECU would run."""
+"""The controller of a release as its C99 library, which a vehicle's ECU would run, compiled for this machine."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -13,17 +13,17 @@ from ecu.in_c.host_library import CController
 def open_library(
     folder: Path, bundle: Bundle, *, compiler: Sequence[str] | None = None, flags: Sequence[str] = OPTIMISED
 ) -> CController:
-    """Compile a folder that `stillwake export --c` wrote, to run in place of the bundle's `controller.onnx`.
+    """Compile a folder that `stillwake export --c` wrote, to run instead of the bundle's `controller.onnx`.
 
-    The header's hash names the program that the folder was generated from. It guards against mix-ups: no one signs the
-    sources, and they are compiled and run as they stand. Raises LibraryError if the folder holds no library or another
-    program's, there is no compiler, or it does not take the sources.
+    The header's hash states the program that the folder was generated from. The hash protects against mix-ups, not
+    against attacks: the sources are unsigned, and are compiled and run unchanged. Raises LibraryError if the folder
+    holds no library or another program's library, if there is no compiler, or if the compiler rejects the sources.
 
     Args:
-        folder: the library's.
-        bundle: verified release; the library must be of its program.
-        compiler: command that compiles C; the one found here if None.
-        flags: of the compiler.
+        folder: folder of the library.
+        bundle: verified release; the library must be generated from the release's program.
+        compiler: command that compiles C; None finds a compiler on this machine.
+        flags: flags of the compiler.
     """
     sources = read_sources(folder)
     precision = check_program(folder, sources, bundle)
@@ -36,12 +36,13 @@ def open_library(
 
 
 def check_program(folder: Path, sources: dict[str, bytes], bundle: Bundle) -> str:
-    """The library's precision, once its header shows it to be the bundle's; raises LibraryError if it does not."""
+    """Return the library's precision; raise LibraryError if its header is not of the bundle's program."""
     manifest = bundle.manifest
     try:
         header = ProgramSettings.of(sources)
         program, precision = header.text("SW_PROGRAM_SHA256"), header.text("SW_PRECISION")
-        # The hash covers the sizes, but the caller's structures are laid out by them: an edited header must not pass.
+        # The hash covers the sizes, but the caller's structures use the sizes in the header: an edited header must be
+        # rejected.
         sizes = [header.text(name) for name in ("SW_WINDOW", "SW_HORIZON", "SW_SENSOR_NAMES", "SW_SENSORS")]
         dbc = header.text("SW_DBC_SHA256")
     except (LibraryError, UnicodeDecodeError) as error:

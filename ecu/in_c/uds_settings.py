@@ -1,4 +1,4 @@
-"""The constants of diagnosis in C: `sw_uds_settings.h`, so that no number of the Python server is restated there."""
+"""The constants of diagnosis in C: `sw_uds_settings.h`, so that no number of the Python server is repeated in C."""
 
 from collections.abc import Mapping
 from enum import IntEnum
@@ -27,7 +27,7 @@ _NUMBERED: Final[Mapping[str, type[IntEnum]]] = {
 
 
 def uds_settings() -> bytes:
-    """The header. It is the same for every release and vehicle."""
+    """Return the header, which is the same for every release and vehicle."""
     numbers = {
         "MAX_REQUEST": services.MAX_REQUEST,
         "MAX_BLOCK": services.MAX_BLOCK,
@@ -38,7 +38,7 @@ def uds_settings() -> bytes:
         "LEVELS": len(Level),
         "ACCESS_ATTEMPTS": security.MAX_ATTEMPTS,
         "LONGEST_ANSWER": services.LONGEST_ANSWER,
-        # An answer, those beside it, and in every other place of the queue a refusal.
+        # The room holds one answer, the answers beside it, and a refusal in every other place of the queue.
         "ISOTP_ROOM": services.LONGEST_ANSWER + services.BESIDE + 3 * _ISOTP.queue,
         "ISOTP_BESIDE": services.BESIDE,
         "ISOTP_QUEUE": _ISOTP.queue,
@@ -84,7 +84,7 @@ def _of_xcp() -> dict[str, int]:
     numbers |= {item.name: item.value for item in xcp.Command}
     numbers |= {f"ERROR_{item.name}": item.value for item in xcp.Error}
     numbers |= {
-        # No error has this number.
+        # This number marks a command without an error: no error has it.
         "DONE": 0xFF,
         "SEED_LENGTH": xcp.XCP_SEED_LENGTH,
         "CONNECT_BYTES": xcp.SHORTEST_COMMAND[xcp.Command.CONNECT],
@@ -102,7 +102,7 @@ def _of_xcp() -> dict[str, int]:
 
 
 def _command(one: xcp.Command) -> str:
-    """A row of C: number, bytes at least, and whether it needs a key."""
+    """Return a row of the C table: the command's number, its least number of bytes, and whether it needs a key."""
     return f"{{{one:#x}u, {xcp.SHORTEST_COMMAND.get(one, 1)}u, {int(one in xcp.PROTECTED)}u}}"
 
 

@@ -17,14 +17,14 @@ SOURCES: Final = "sources.cmake"
 KCONFIG: Final = "zephyr/Kconfig"
 PLATFORMIO: Final = "library.json"
 PACK: Final = "stillwake.flow_controller.pdsc"
-"""Name of the CMSIS-Pack's description: vendor and name, as the format has it."""
+"""Name of the CMSIS-Pack's description file: vendor and pack name, in the format that CMSIS prescribes."""
 _ABOUT: Final = "Learned controller of jets that cut the drag of a truck's wake: a control step, and the ECU around it"
 _HOME: Final = "https://pypi.org/project/stillwake"
 _APART: Final = ("board", "examples")
-"""Folders with programs, which no library has."""
+"""Folders with programs, which are not part of the library."""
 _CLASS: Final = "Flow control"
 _FLAGS: Final = ("-O2", "-ffp-contract=off")
-"""Flags of compilers: plans are then to the bit the exporter's, and decisions those of the Python ECU."""
+"""Compiler flags: with them plans equal the exporter's, and decisions those of the Python ECU, bit for bit."""
 _IN_WORDS: Final = {
     "controller": "one control step: a window of pressures in, a plan of the jets out",
     "ecu": "the ECU around the control step: CAN frames in and out",
@@ -34,12 +34,12 @@ _IN_WORDS: Final = {
 
 @dataclass(frozen=True, kw_only=True)
 class LibraryPart:
-    """A part that a build takes or leaves: the control step, the ECU, or the sources of another folder.
+    """A part that a build includes or leaves out: the control step, the ECU, or the sources of another folder.
 
     Attributes:
-        folder: its path; "." for the folder itself.
-        needs: names of the parts below.
-        sources, headers: their paths.
+        folder: path of the part's folder; "." for the library's folder itself.
+        needs: names of the parts that this part needs.
+        sources, headers: paths of the files.
     """
 
     name: str
@@ -50,15 +50,16 @@ class LibraryPart:
 
     @property
     def described(self) -> str:
-        """The part in words."""
+        """A description of the part, for people."""
         return _IN_WORDS.get(self.name, f"{self.name}, around the ECU")
 
 
 def parts(files: Mapping[str, bytes]) -> tuple[LibraryPart, ...]:
-    """Give the parts of a library, each behind those that it needs; raises LibraryError if it has no settings.
+    """Return the parts of a library, each after the parts that it needs; raise LibraryError if the library has no
+    settings.
 
     Args:
-        files: all files of its folder by their paths.
+        files: all files of the library's folder by their paths.
     """
     precision: WeightPrecision = "int8" if ProgramSettings.of(files).text("SW_PRECISION") == "int8" else "float32"
     step = {*library_sources(static_sources(precision)), PROGRAM_WEIGHTS, PROGRAM_SETTINGS}
@@ -86,7 +87,7 @@ def parts(files: Mapping[str, bytes]) -> tuple[LibraryPart, ...]:
 
 
 def build_files(files: Mapping[str, bytes]) -> dict[str, bytes]:
-    """Give the files that build systems read, but for those that are the same for every library (`DOCUMENTS`)."""
+    """Return the files that build systems read, except the files that are the same for every library (`DOCUMENTS`)."""
     found = parts(files)
     made = {SOURCES: _cmake(found), KCONFIG: _kconfig(found), PLATFORMIO: _platformio(found), PACK: _pack(found)}
     return {name: text.encode() for name, text in made.items()}

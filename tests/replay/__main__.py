@@ -1,6 +1,8 @@
-"""python -m tests.replay [--renew] [--only DRIVE] [--json FILE]: what a change did to commands and states.
+"""The command `python -m tests.replay [--renew] [--only DRIVE] [--json FILE]`: shows how a change affects commands and
+states.
 
-Exit status 3: an answer is another than on the shelf; 4: the shelf is of another release, and nothing was judged.
+Exit status 3: an answer differs from the recorded one. Exit status 4: the recordings belong to another release, and
+nothing was compared.
 """
 
 import json
@@ -26,11 +28,11 @@ from tests.replay.shelf import SHELF, SUFFIX, ShelfError, read
 CHANGED: Final = 3
 KINDS: Final = ("python", "c")
 _NAMED: Final = 4
-"""Fields of the state that a row of the table names."""
+"""Largest number of state fields that a row of the table lists."""
 
 
 class OtherReleaseError(StillwakeError):
-    """A shelf of another release than the shipped one."""
+    """The recordings belong to another release than the shipped one."""
 
     status: ClassVar[int] = 4
 
@@ -81,8 +83,8 @@ def main(
 
 
 def provenance() -> dict[str, Any]:
-    """Where the shelf comes from. Raises OtherReleaseError if it is of another release than the shipped one; ShelfError
-    if there is no record."""
+    """Return the origin of the recordings. Raises OtherReleaseError if they belong to another release than the shipped
+    one; ShelfError if their origin is not recorded."""
     try:
         record: dict[str, Any] = json.loads((SHELF / PROVENANCE).read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:

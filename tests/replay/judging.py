@@ -1,4 +1,5 @@
-"""What a change did: both ECUs open loop over recorded drives, and their answers beside the recorded ones."""
+"""The effect of a change: both ECUs run open loop over recorded drives, and their answers are compared with recorded
+ones."""
 
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
@@ -30,22 +31,24 @@ from tests.replay.recording import open_loop, python_ecu, shipped, vehicle
 from tests.replay.shelf import Answers, read
 
 FLAGS: Final = ("-O1", "-ffp-contract=off")
-"""Compiled in a third of the time, and to the bit the same: nothing is contracted."""
+"""Compiler flags. They compile in a third of the time, and results are equal bit for bit, because nothing is
+contracted."""
 ROUNDING: Final = 1e-3
-"""U_inf W, 1.3 % of the jets' range. ONNX Runtime sums in another order on another processor or in another version:
-there commands of the ECU in Python are held to this, modes and reasons as they stand, and its state is not compared."""
+"""Largest difference of commands of the ECU in Python, in U_inf W (1.3 % of the jets' range), on another processor or
+with another version of ONNX Runtime, which then sums in another order. Modes and reasons must be equal there, and the
+state is not compared."""
 MOST_DRAWN: Final = 12
-"""Answers in a picture: nobody looks at more."""
+"""Largest number of answers in a picture, for legibility."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Verdict:
-    """One drive by one ECU.
+    """The comparison of one drive of one ECU.
 
     Attributes:
-        periods: in which its frames, or its state afterwards, are others.
-        largest: change of a command, U_inf W.
-        changed: fields of the state, in the order in which they change.
+        periods: control periods in which the frames, or the state afterwards, differ.
+        largest: largest change of a command, in U_inf W.
+        changed: names of the state's changed fields, in the order in which they change.
     """
 
     drive: str
@@ -58,7 +61,8 @@ class Verdict:
 
 
 def verdict(drive: str, kind: str, old: Answers, new: Answers, *, exact: bool = True) -> Verdict:
-    """Compare two answers; a period or a field that one of them lacks differs. Without `exact` as `ROUNDING` says."""
+    """Compare two answers; a period or a field that is missing in one of them differs. Without `exact` the commands may
+    differ by `ROUNDING`."""
     apart = [abs(one - other) for one, other in zip(old.actions, new.actions, strict=False)]
     differs = [one != other for one, other in zip_longest(old.frames, new.frames)]
     began = dict[str, int]()
@@ -84,7 +88,7 @@ def verdict(drive: str, kind: str, old: Answers, new: Answers, *, exact: bool = 
 
 
 def c_library() -> dict[str, bytes]:
-    """The shipped release in C, without a vehicle's settings; other tests hold its gates."""
+    """Return the shipped release in C, without a vehicle's settings. Other tests check its gates."""
     release = shipped()
     program = program_of(model_folder.read(model()), release.manifest.mpc)
     episodes = dataset.read(recording())
@@ -94,7 +98,7 @@ def c_library() -> dict[str, bytes]:
 
 @dataclass(frozen=True, kw_only=True)
 class Job:
-    """Drives for one ECU in one process; all by the same build if it is the one in C, whose sources these are."""
+    """Drives for one ECU in one process. For the ECU in C, `sources` build it, and all drives use this one build."""
 
     paths: Sequence[Path]
     kind: str = "python"
@@ -102,7 +106,7 @@ class Job:
 
 
 def c_jobs(paths: Sequence[Path], library: Mapping[str, bytes]) -> tuple[list[Job], dict[str, str]]:
-    """The work of the ECU in C, and why it refuses a drive, by the drives' names."""
+    """Return the jobs of the ECU in C, and its reasons for refusing a drive, by the drive's name."""
     groups, refused = defaultdict[bytes, list[Path]](list), dict[str, str]()
     for path in paths:
         drive = read(path)
@@ -116,7 +120,7 @@ def c_jobs(paths: Sequence[Path], library: Mapping[str, bytes]) -> tuple[list[Jo
 
 
 def answers(job: Job) -> list[tuple[str, str, Answers]]:
-    """(drive, ECU, what it answers) of a job."""
+    """Return (drive, ECU, answers) for each drive of a job."""
     in_c, found = None if job.sources is None else CEcu(job.sources, flags=FLAGS), []
     for path in job.paths:
         drive = read(path)
@@ -127,7 +131,7 @@ def answers(job: Job) -> list[tuple[str, str, Answers]]:
 
 
 def draw(verdicts: Sequence[Verdict], path: Path) -> None:
-    """Draw recorded and present commands and operating modes over time, the largest changes first."""
+    """Draw recorded and present commands and operating modes over time, the drives with the largest changes first."""
     chosen = sorted(verdicts, key=lambda one: -one.largest)[:MOST_DRAWN]
     figure = Figure(figsize=(12, 2.2 * len(chosen)), layout="constrained")
     axes: Any = figure.subplots(len(chosen), 2, squeeze=False)

@@ -1,4 +1,5 @@
-"""Recording drives: the ECU in Python closes the loop with the own solver's wake on the coarse mesh."""
+"""Recording of drives: the ECU in Python closes the loop with the wake of the project's own solver on the coarse
+mesh."""
 
 import tomllib
 import zlib
@@ -35,14 +36,14 @@ from wake.plants import own_wake
 
 PLANS: Final = Path(__file__).with_name("drives.toml")
 KEY: Final = bytes(range(16))
-"""Of the secured drives; it is published and protects nothing."""
+"""The key of the secured drives. It is published and protects nothing."""
 PHASES: Final = 5
-"""Phases of a shedding cycle of 25 control periods, in which drives begin by turns."""
+"""Number of phases of a shedding cycle of 25 control periods at which drives begin, in turn."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Plan:
-    """A table of `drives.toml`, which explains the attributes; `number` counts them."""
+    """A table of `drives.toml`, which explains the attributes; `number` is the table's position."""
 
     name: str
     number: int
@@ -57,7 +58,7 @@ class Plan:
 
 
 def plans(sensors: Sequence[str]) -> list[Plan]:
-    """All drives, for a release with these sensors."""
+    """Return all drives, for a release with these sensors."""
     found = []
     for number, (name, table) in enumerate(tomllib.loads(PLANS.read_text(encoding="utf-8")).items()):
         texts = [text.format(s=sensors) for text in table.get("disturb", ())]
@@ -68,7 +69,7 @@ def plans(sensors: Sequence[str]) -> list[Plan]:
 
 @contextmanager
 def vehicle(settings: Sequence[str]) -> Iterator[Config]:
-    """The settings of a drive's vehicle, whose key's file lasts as long as the block."""
+    """Yield the settings of a drive's vehicle; its key file exists during the block."""
     with TemporaryDirectory() as folder:
         write_key(key := Path(folder, "key"), KEY)
         yield replace(load_config(None, [text.format(key=key) for text in settings]), mpc=shipped().manifest.mpc)
@@ -76,7 +77,7 @@ def vehicle(settings: Sequence[str]) -> Iterator[Config]:
 
 @cache
 def shipped() -> Bundle:
-    """The shipped release."""
+    """Return the shipped release."""
     return open_release(None)
 
 
@@ -86,25 +87,25 @@ def _controller() -> OnnxController:
 
 
 def python_ecu(config: Config, kind: type[Ecu] = Ecu) -> Any:
-    """The ECU in Python, just powered on."""
+    """Return an ECU in Python that was just powered on."""
     return kind(shipped(), _controller(), config, authentication=authentication_in_virtual_time(config.bus))
 
 
 class Recorder(Ecu):
-    """The ECU, which keeps what it is given and answers, and which a tester calibrates and flashes as planned."""
+    """The ECU, which records its inputs and answers, and which is calibrated and flashed as the plan says."""
 
     def begin(self, plan: Plan) -> None:
-        """Record from here on."""
+        """Record from now on."""
         self.periods, self.answers = list[Period](), Answers()
         self._plan, self._waiting, self._powered_on = plan, list(plan.calibrate), False
 
     def restore(self, state: EcuState) -> None:
-        """Lose the state: a loop restores that at power-on and no other."""
+        """Restore a state and note a power-on: the loop restores a state only at power-on."""
         super().restore(state)
         self._powered_on = True
 
     def step(self, now_ns: int, frames: Sequence[Frame], health: BusHealth = HEALTHY, **around: Any) -> list[Frame]:
-        """One control period."""
+        """Run and record one control period."""
         packed, (begin, end) = b"", self._plan.updating
         while self._waiting and now_ns >= self._waiting[0][0] * 1e9:
             _, values = self._waiting.pop(0)
@@ -126,7 +127,8 @@ class Recorder(Ecu):
 
 
 def open_loop(ecu: CalibratedEcu, periods: Sequence[Period]) -> Answers:
-    """Give an ECU that was just powered on what another one was given, and leave it as it was."""
+    """Give an ECU that was just powered on the recorded inputs of another ECU, return its answers, and restore its
+    state and calibration."""
     power_on, own, answers = ecu.state, ecu.calibration, Answers()
     for one in periods:
         if one.powered_on:
@@ -140,7 +142,7 @@ def open_loop(ecu: CalibratedEcu, periods: Sequence[Period]) -> Answers:
 
 
 def record(start: Path, target: Path, plan: Plan) -> None:
-    """Drive from a state of the flow, and write what the ECU was given and answered."""
+    """Run a drive from a state of the flow, and write the ECU's inputs and answers to a file."""
     with vehicle(plan.settings) as config:
         coarse, point, drive = mesh_of(config), config.operating_point, None
         if plan.speeds:

@@ -1,6 +1,6 @@
-"""The shelf made anew: all drives in closed loop, the ECU in C beside each of them, and where they come from.
+"""Renewal of the recordings: all drives in closed loop, the answers of the ECU in C to each, and their origin.
 
-Finished drives wait in a folder of the hash of what they are made from: a stopped recording goes on.
+Finished drives are stored in a folder named after the hash of their sources, so that a stopped recording can continue.
 """
 
 import hashlib
@@ -32,12 +32,12 @@ _MADE_BY: Final = ("contract", "wake", "can_bridge", "ecu", "firmware_sim", "exp
 
 
 def facts() -> dict[str, Any]:
-    """The processor and the libraries on which the bits of the ECU in Python hang."""
+    """Return the processor and the library versions on which the bits of the ECU in Python depend."""
     return {"processor": machine().partition(",")[0], "versions": versions("onnxruntime", "numpy")}
 
 
 def renew(plans: Sequence[Plan], shelf: Path = SHELF) -> None:
-    """Record these drives; of the others on the shelf, those of the shipped release stay."""
+    """Record these drives. Recordings of other drives stay if they belong to the shipped release."""
     parts = PARTS / _made_from()
     parts.mkdir(parents=True, exist_ok=True)
     start, targets = parts / "start.npz", [parts / f"{plan.name}{SUFFIX}" for plan in plans]

@@ -1,7 +1,7 @@
-"""Recorded drives of the bus as files: what an ECU received by period, and what each ECU answered.
+"""Recorded drives of the bus as files: an ECU's inputs in each period, and each ECU's answers.
 
-A file is MessagePack by msgspec, packed by gzip. Of a state it has a checksum for each field, by which a change is
-found and named.
+A file is MessagePack by msgspec, compressed by gzip. It has a checksum for each field of a state, which shows the
+fields that a change affects.
 """
 
 import gzip
@@ -27,18 +27,18 @@ SUFFIX: Final = ".msgpack.gz"
 
 
 class ShelfError(StillwakeError):
-    """A shelf, or a drive on it, that cannot be used."""
+    """The folder of recordings, or a drive in it, cannot be used."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Period:
-    """What an ECU is given in a control period.
+    """The inputs of an ECU in a control period.
 
     Attributes:
-        frames: received since the step before.
-        updating: a new release is to be written.
-        powered_on: the ECU lost its state before the step.
-        calibration: packed values that it was given before the step; empty without.
+        frames: frames received since the step before.
+        updating: whether a new release is to be written.
+        powered_on: whether the ECU lost its state before the step.
+        calibration: packed values that the ECU received before the step; empty without any.
     """
 
     now_ns: int
@@ -51,13 +51,13 @@ class Period:
 
 @dataclass(frozen=True, kw_only=True)
 class Answers:
-    """What an ECU answered, by period.
+    """The answers of an ECU, by period.
 
     Attributes:
-        frames: that it sent.
-        actions: that they command, U_inf W.
-        modes, reasons: as they stand on the wire.
-        states: checksums of each field of the state after the step, by its name.
+        frames: sent frames.
+        actions: commanded actions, in U_inf W.
+        modes, reasons: their values as sent on the bus.
+        states: checksums of each field of the state after the step, by the field's name.
     """
 
     frames: list[tuple[Frame, ...]] = field(default_factory=list)
@@ -67,7 +67,7 @@ class Answers:
     states: dict[str, list[int]] = field(default_factory=dict)
 
     def add(self, ecu: CalibratedEcu, sent: Sequence[Frame]) -> None:
-        """Take down what an ECU answered in the step that it has just made."""
+        """Record the answers of an ECU to its latest step."""
         trace, state = ecu.trace, ecu.state
         self.frames.append(tuple(sent))
         self.actions.append(trace.action)
@@ -78,7 +78,7 @@ class Answers:
 
 
 def _content(value: Any) -> bytes:
-    """The bits of a field; of the many that are no number any will do."""
+    """Return the bits of a field, with one bit pattern for all NaNs."""
     if isinstance(value, np.ndarray):
         return (np.where(np.isnan(value), nan, value) if value.dtype.kind == "f" else value).tobytes()
     return repr(value).encode()
@@ -86,12 +86,12 @@ def _content(value: Any) -> bytes:
 
 @dataclass(frozen=True, kw_only=True)
 class Recorded:
-    """A drive.
+    """A recorded drive.
 
     Attributes:
-        settings: of the vehicle, on top of the release's.
-        digest: of the bundle that ran.
-        answers: by the ECU, "python" or "c"; none of one that refuses these settings.
+        settings: settings of the vehicle, in addition to the release's.
+        digest: digest of the bundle that ran.
+        answers: answers of each ECU, "python" or "c"; an ECU that refuses these settings is missing.
     """
 
     name: str
@@ -103,13 +103,13 @@ class Recorded:
 
 
 def save(path: Path, drive: Recorded) -> None:
-    """Write a drive, whole or not at all."""
+    """Write a drive to a file, completely or not at all."""
     with replacing(path) as temporary:
         temporary.write_bytes(gzip.compress(msgspec.msgpack.encode(drive), mtime=0))
 
 
 def read(path: Path) -> Recorded:
-    """Read a drive. Raises ShelfError for a file that is missing, damaged or of another making."""
+    """Read a drive. Raises ShelfError if the file is missing, damaged or in another format."""
     try:
         return msgspec.msgpack.decode(gzip.decompress(path.read_bytes()), type=Recorded)
     except (OSError, EOFError, zlib.error, msgspec.DecodeError) as error:

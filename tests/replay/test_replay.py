@@ -1,4 +1,4 @@
-"""The judge of every change sees small faults in both languages, and does not judge what it cannot."""
+"""The replay detects small faults in both languages, and does not judge recordings that it cannot judge."""
 
 import hashlib
 import json
@@ -91,7 +91,7 @@ def test_what_differs_is_counted_and_named():
     assert found.largest == pytest.approx(0.03)
     assert judging.verdict("", "c", old, new).changed == ["gone", "plan"], "a field that is missing"
     assert judging.verdict("", "c", old, old).periods == []
-    # Without bits: by the command, its mode and its reason.
+    # Without `exact` only the command, its mode and its reason are compared.
     assert judging.verdict("", "python", old, new, exact=False).periods == [2]
     assert judging.verdict("", "python", old, replace(old, reasons=[0, 1, 0]), exact=False).periods == [1]
     longer = replace(old, frames=[*old.frames, (one,)], actions=[*old.actions, 0.0])

@@ -1,4 +1,4 @@
-/* The key of the bus, written at production where SW_SECOC is 1. This one is none: the ECU then sends nothing. */
+/* The bus key, written at production if SW_SECOC is 1. This file has none: the ECU then sends nothing. */
 #ifndef SW_BOARD_BUS_KEY_H
 #define SW_BOARD_BUS_KEY_H
 

@@ -1,6 +1,7 @@
-/* A driver of Bosch's M_CAN (user's manual, revision 3.3), polled: received frames come through FIFO 0; those of control
- * leave from dedicated transmit buffers, one each, others through the transmit FIFO behind these. Whenever the bus is free
- * the controller sends the buffer, or the FIFO's oldest, with the lowest identifier. Elements have room for 64 bytes.
+/* A driver of Bosch's M_CAN (user's manual, revision 3.3), polled. Received frames come through FIFO 0. Frames of
+ * control are sent from dedicated transmit buffers, one each, other frames through the transmit FIFO after these.
+ * Whenever the bus is free, the controller sends the frame with the lowest identifier, from a buffer or the head of the
+ * FIFO. Elements have room for 64 bytes.
  */
 #include <stddef.h>
 
@@ -40,18 +41,18 @@
 #define PSR_BUS_OFF 0x80u
 #define IR_NEW_IN_FIFO_0 1u
 #define IR_BUS_OFF 0x2000000u /* the state has changed since the bit was cleared */
-#define MOST_BUS_OFFS 8u      /* that are counted at once */
-#define REFUSE_REMOTE_AND_OTHERS 0x2bu /* GFC: neither remote frames nor what no filter names */
-#define FILTER_TO_FIFO_0 ((2u << 30) | (1u << 27)) /* a classic filter: identifier and mask */
-#define EXTENDED_TO_FIFO_0 (1u << 29) /* its first word for 29 bits, with the identifier */
-#define EXTENDED_MASK ((2u << 30) | 0x1fffffffu) /* its second: classic, and the mask */
+#define MOST_BUS_OFFS 8u      /* largest number counted at once */
+#define REFUSE_REMOTE_AND_OTHERS 0x2bu             /* GFC: neither remote frames nor frames without a filter */
+#define FILTER_TO_FIFO_0 ((2u << 30) | (1u << 27)) /* classic filter: identifier and mask */
+#define EXTENDED_TO_FIFO_0 (1u << 29)              /* first word of a 29-bit filter, with the identifier */
+#define EXTENDED_MASK ((2u << 30) | 0x1fffffffu)   /* second word: classic, and the mask */
 #define ELEMENT_64_BYTES 7u
 #define STANDARD_SHIFT 18u
 #define XTD 0x40000000u
 #define FDF 0x200000u
 #define BRS 0x100000u
 
-/* The message RAM, in words: 64 filters for 11 bits and 32 for 29, 64 received elements, those to be sent. */
+/* The message RAM, in words: 64 filters for 11 bits and 32 for 29 bits, 64 received elements, elements to send. */
 #define FILTERS 0u
 #define EXTENDED_FILTERS 64u
 #define RECEIVED 128u
@@ -113,7 +114,7 @@ static void read_element(sw_frame *frame, uint32_t at)
         const uint32_t word = RAM(at + 2u + i / 4u);
         for (uint32_t j = 0; j < 4u; j++) frame->data[i + j] = (uint8_t)(word >> (8u * j));
     }
-    /* The counter has 16 bits: a frame must be fetched before it has gone round. */
+    /* The counter has 16 bits: a frame must be read before the counter overflows. */
     const uint32_t age = (CAN(TSCV) - second) & 0xffffu;
     frame->timestamp_ns = sw_board_now_ns() - (int64_t)age * (int64_t)SW_BOARD_CAN_NS;
 }
@@ -158,12 +159,12 @@ volatile uint32_t sw_board_lost;
 
 int sw_board_can_send(const sw_frame *frame, uint32_t place)
 {
-    /* What waits while the controller is bus-off would come out late, as if it were of then. */
+    /* Frames that wait while the controller is bus-off would be sent late, when they are outdated. */
     const int off = is_off();
     const uint32_t mine = UINT32_C(1) << place, old = CAN(TXBRP) & (off ? UINT32_MAX : mine);
     if (old != 0u) CAN(TXBCR) = old;
     const uint32_t left = CAN(TXBRP) & mine;
-    if ((old & mine) != left) sw_board_lost++; /* the older one was taken back */
+    if ((old & mine) != left) sw_board_lost++; /* the older frame was cancelled */
     if (off || left != 0u) {
         sw_board_lost++;
         return 1;
@@ -180,8 +181,8 @@ int sw_board_can_is_idle(void) { return CAN(TXBRP) == 0u || is_off(); }
 
 void sw_board_can_health(sw_bus_health *health)
 {
-    /* Going bus-off sets INIT; clearing it begins the recovery of 128 times eleven recessive bits. It reads back late, as
-     * it passes to another clock, so that it does not say whether the controller went off again.
+    /* A bus-off sets INIT; clearing INIT begins the recovery of 128 times eleven recessive bits. INIT reads back late,
+     * because it passes to another clock, so it does not show another bus-off.
      */
     for (uint32_t i = 0; i < MOST_BUS_OFFS && (CAN(IR) & IR_BUS_OFF) != 0u; i++) {
         CAN(IR) = IR_BUS_OFF;
@@ -193,6 +194,6 @@ void sw_board_can_health(sw_bus_health *health)
     const uint32_t errors = CAN(ECR);
     health->is_bus_off = (uint8_t)is_off();
     health->tx_errors = errors & 0xffu;
-    /* RP: the counter of 7 bits is at the passive level or above. */
+    /* RP: the 7-bit counter is at the passive level or above. */
     health->rx_errors = ((errors >> 15) & 1u) != 0u ? 128u : (errors >> 8) & 0x7fu;
 }

@@ -1,6 +1,4 @@
-/* The counter, random numbers, sleep and reset. No interrupt is served: they are masked for good, and one that is pending
- * only ends the core's sleep.
- */
+/* The counter, random numbers, sleep and reset. Interrupts are masked, never served, and only end the core's sleep. */
 #include "sw_board.h"
 
 #define COUNTER_LOW SW_BOARD_REGISTER(SW_BOARD_COUNTER)
@@ -26,7 +24,7 @@ int64_t sw_board_now_ns(void)
     return (int64_t)(((uint64_t)high << 32) | low);
 }
 
-/* A frame that came after the last look is pending, and ends the sleep at once. */
+/* Sleeps. A frame since the last poll is a pending interrupt, which ends the sleep at once. */
 void sw_board_sleep(int64_t until_ns)
 {
     COMPARE_LOW = (uint32_t)until_ns;
@@ -51,7 +49,7 @@ void sw_board_reset(void)
     for (;;) __asm__ volatile("dsb" ::: "memory");
 }
 
-/* The interrupts that end the core's sleep are pending then, and never served. */
+/* Enables the interrupts that end the core's sleep when pending; they are never served. */
 void sw_board_power_on(void) { INTERRUPTS_ENABLED = WAKING; }
 
 void sw_board_alive(void) {}

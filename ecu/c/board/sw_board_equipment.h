@@ -1,6 +1,7 @@
-/* What a board gets at production, in one file. This one has no loader: the firmware runs the numbers compiled in.
+/* The data that a board receives at production, in one file. This one has no loader: the firmware runs the numbers
+ * compiled in.
  *
- * With SW_BOARD_LOADER 1 it runs the release in its flash, can be flashed and calibrated, and needs
+ * With SW_BOARD_LOADER 1 the board runs the release in its flash, can be flashed and calibrated, and needs
  *     SW_BOARD_ROOT        the Ed25519 key that signs key lists, 32 bytes in braces
  *     SW_BOARD_ACCESS_KEY  of security access, 16 bytes in braces
  *     SW_BOARD_VEHICLE     bytes 148 to 191 of the header of every image that fits, in braces

@@ -1,6 +1,6 @@
-/* A driver of the STM32H743's flash controller (RM0433, section 4): sectors of 128 KiB, words of 32 bytes, for the bank
- * that is not the program's, so that the core runs on meanwhile: it stands still only where it reads this bank while a
- * sector of it is erased. The data cache, where it is on, must not hold this bank.
+/* A driver of the STM32H743's flash controller (RM0433, section 4): sectors of 128 KiB, words of 32 bytes. It writes
+ * the bank without the program, so that the core continues to run; the core stalls only if it reads this bank during an
+ * erasure. The data cache, if enabled, must not hold this bank.
  */
 #include <stddef.h>
 
@@ -22,7 +22,7 @@
 #define CORE_CONFIGURATION SW_BOARD_REGISTER(0xe000ed14u)
 #define IGNORE_BUS_FAULTS (1u << 8)
 
-/* Waits for the controller; the watchdog ends a wait for one that hangs. */
+/* Waits for the controller; if the controller hangs, the watchdog ends the wait. */
 static void wait(void)
 {
     while ((FLASH(SR) & SR_AT_WORK) != 0u && (FLASH(SR) & SR_ERRORS) == 0u) {
@@ -50,7 +50,7 @@ static int end(void)
     return errors != 0u;
 }
 
-static int64_t begun_ns; /* of the erasure */
+static int64_t begun_ns; /* start of the erasure */
 
 static int erase(void *context, uint32_t sector)
 {
@@ -87,7 +87,8 @@ static int program(void *context, uint32_t address, const uint8_t *word)
     return end();
 }
 
-/* A word that cannot be corrected is a bus fault; with the fault mask set and BFHFNMIGN the core goes on behind it. */
+/* Reads bytes. An uncorrectable word is a bus fault; with the fault mask and BFHFNMIGN set the core continues after it.
+ */
 static int read(void *context, uint32_t address, uint8_t *data, uint32_t length)
 {
     const uint32_t size = SW_FLASH_SECTOR * SW_BOARD_FLASH_SECTORS;

@@ -1,4 +1,4 @@
-/* What compilers call when they clear or copy; a C library would bring it. */
+/* The functions that compilers call to clear or copy memory, which a C library would provide. */
 #include <stddef.h>
 
 void *memcpy(void *restrict to, const void *restrict from, size_t count);

@@ -1,5 +1,5 @@
-/* The program: look for frames, step the ECU once a control period, then answer diagnosis, sleep. A step begins when the
- * pressures come; without them, half a period after they were due.
+/* The program: it reads frames, steps the ECU once a control period, then answers diagnosis and sleeps. A step begins
+ * when the pressures arrive; without pressures, half a period after their due time.
  */
 #include "sw_board.h"
 #include "sw_board_equipment.h"
@@ -12,23 +12,23 @@
 
 #define ROOM 128
 
-static sw_frame received[ROOM]; /* since the latest step, oldest first */
+static sw_frame received[ROOM]; /* since the last step, oldest first */
 
 typedef struct {
-    int64_t latest_ns;   /* of the latest step */
-    int64_t deadline_ns; /* when there is a step without pressures */
-    int count;           /* of frames received since then */
+    int64_t latest_ns;   /* time of the latest step */
+    int64_t deadline_ns; /* time of a step without pressures */
+    int count;           /* number of frames received since the last step */
     uint8_t came;        /* whether pressures are among them */
 } sw_board_period;
 
 #if SW_BOARD_LOADER
 
-#define SERVICE_NS INT64_C(1000000) /* between looks at a conversation's times */
-#define TALKS_NS INT64_C(5000000000) /* for so long behind a frame of it */
+#define SERVICE_NS INT64_C(1000000)  /* time between two checks of a conversation's timeouts */
+#define TALKS_NS INT64_C(5000000000) /* length of these checks after a frame of diagnosis */
 
 static sw_node node;
 static uint8_t message[SW_ISOTP_MOST];
-/* The release runs here: its bank of the flash cannot be read while a sector of it is erased. */
+/* The release runs in RAM: its bank of the flash cannot be read while a sector of the bank is erased. */
 static uint8_t image[SW_IMAGE_HEADER + sizeof(sw_payload)] __attribute__((aligned(64)));
 static int64_t talks_until_ns;
 
@@ -60,7 +60,7 @@ static int control(int64_t now_ns, int count, sw_frame *answers)
     return sw_node_control(&node, now_ns, received, count, answers);
 }
 
-/* Looks at diagnosis with these new frames. Returns when the next look is due. */
+/* Runs diagnosis with these new frames. Returns the time at which it is due next. */
 static int64_t serve(const sw_frame *frames, int count, int64_t now_ns)
 {
     sw_frame answers[SW_ISOTP_BURST];
@@ -79,7 +79,7 @@ static int64_t serve(const sw_frame *frames, int count, int64_t now_ns)
 
 static sw_ecu ecu;
 
-/* The ECU for whoever looks from outside: a debugger, a test bench. */
+/* The ECU for observers: a debugger or a test bench. */
 sw_ecu *const sw_board_ecu = &ecu;
 
 static void begin(void) { (void)sw_ecu_init(&ecu); }
@@ -132,7 +132,7 @@ static const uint32_t ids[] = {
 #endif
 };
 
-volatile uint32_t sw_board_steps; /* so far */
+volatile uint32_t sw_board_steps; /* number of steps so far */
 
 static void receive(sw_board_period *period)
 {
@@ -143,7 +143,7 @@ static void receive(sw_board_period *period)
     }
 }
 
-/* The new ones of diagnosis leave their places: control has no use for them. */
+/* Removes the new frames of diagnosis, which control does not use. */
 static void drop_requests(sw_board_period *period, int first)
 {
     int kept = first;
@@ -153,7 +153,7 @@ static void drop_requests(sw_board_period *period, int first)
     period->count = kept;
 }
 
-/* Pressures that come twice in a period are no reason for two steps. */
+/* Returns whether a step is due. Pressures that come twice in a period do not cause two steps. */
 static int is_due(const sw_board_period *period, int64_t now_ns)
 {
     return now_ns >= period->deadline_ns ||

@@ -1,12 +1,12 @@
-/* Where this board has the bus' key and freshness values. The key is compiled into a firmware that leaves no maker's house;
- * a board that is sold reads it from memory that no debugger reads.
+/* The bus key and the freshness values on this board. The key is compiled into a firmware that is never shipped; a
+ * board for sale reads it from memory that no debugger can read.
  *
- * Freshness stands in the backup SRAM, which a reset leaves alone, and a loss of the supply as long as there is a battery
- * at VBAT. It does not wear, so that every accepted value is kept. Memory that was lost counts power cycles from 1 again,
- * as if it were a new ECU: the other node refuses every frame of that, and takes no harm. A board without a battery
- * changes this file, for FRAM or for a log in flash.
+ * Freshness values are in the backup SRAM, which survives a reset, and a loss of the supply as long as a battery is at
+ * VBAT. The SRAM does not wear, so every accepted value is stored. If its content is lost, power cycles count from 1
+ * again, as in a new ECU: the other node refuses every frame, which is safe. For a board without a battery, change this
+ * file to use FRAM or a log in flash.
  *
- * There are two records, written in turn: a cut leaves the other one.
+ * There are two records, written in turn: an interrupted write leaves the other one intact.
  */
 #include "sw_board.h"
 
@@ -15,9 +15,9 @@
 
 #define RECORDS 2u
 #define WORDS 7u
-#define NUMBER 0u /* of the record; the greater one is the newer */
+#define NUMBER 0u /* number of the record; the greater one is newer */
 #define TRIP 1u
-#define HEARD_PRESSURE 2u /* and the word behind it, the low one first */
+#define HEARD_PRESSURE 2u /* this and the next word; the low word first */
 #define HEARD_SPEED 4u
 #define CHECK 6u
 #define BASIS 0x811c9dc5u /* FNV-1a */
@@ -28,7 +28,7 @@ static volatile uint32_t *record(uint32_t which)
     return &((volatile uint32_t *)(uintptr_t)SW_BOARD_BACKUP)[WORDS * which];
 }
 
-/* The check over words, not bytes; never 0, which stands for none. */
+/* Computes the check over words, not bytes; it is never 0, which marks an empty record. */
 static uint32_t check_of(const volatile uint32_t *words)
 {
     uint32_t sum = BASIS;
@@ -36,7 +36,7 @@ static uint32_t check_of(const volatile uint32_t *words)
     return sum != 0u ? sum : 1u;
 }
 
-/* The newest whole record; RECORDS without any. */
+/* Returns the newest complete record; RECORDS if there is none. */
 static uint32_t newest(void)
 {
     uint32_t found = RECORDS;

@@ -1,4 +1,4 @@
-/* The vector table, and what happens between a reset and the program. */
+/* The vector table, and the code between a reset and the program. */
 #include "sw_board_start.h"
 
 #include <stddef.h>
@@ -12,7 +12,7 @@ void *memset(void *to, int value, size_t count);
 extern unsigned char sw_board_data[], sw_board_data_end[], sw_board_data_load[], sw_board_bss[], sw_board_bss_end[],
     sw_board_stack_top[];
 
-/* The floating-point unit is off after a reset, and must be on before the first function that might use it. */
+/* Starts the program. The floating-point unit, off after a reset, must be on before any function that may use it. */
 void sw_board_start(void)
 {
     __asm__ volatile("cpsid i" ::: "memory");

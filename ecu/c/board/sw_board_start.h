@@ -1,17 +1,17 @@
-/* The start of a Cortex-M7: what a program gives to it, and a linker script with the places that sw_board_start.c names. */
+/* The start of a Cortex-M7: the program provides these functions, a linker script the addresses in sw_board_start.c. */
 #ifndef SW_BOARD_START_H
 #define SW_BOARD_START_H
 
-/* Runs after a reset: the place where the linker's program begins. */
+/* Runs after a reset: the entry point for the linker. */
 void sw_board_start(void);
 
-/* Clocks, pins, watchdog, for the board's maker. Runs before memory is filled. */
+/* Sets up clocks, pins and watchdog, for the board's maker. It runs before memory is initialised. */
 void sw_board_power_on(void);
 
-/* The program, with interrupts masked; it does not return. */
+/* Runs the program, with interrupts masked; it does not return. */
 void sw_board_main(void);
 
-/* An exception of SysTick, and any other one; the latter does not return. */
+/* Handle an exception of SysTick, and any other exception; the latter does not return. */
 void sw_board_tick(void);
 void sw_board_unexpected(void);
 

@@ -1,14 +1,14 @@
-/* The ECU as a program for Linux, on a SocketCAN interface: an example of the calls, and a start for a daemon.
+/* The ECU as a program for Linux, on a SocketCAN interface: an example of the calls, and a starting point for a daemon.
  *
  *     cc -std=c99 -O2 -ffp-contract=off -I. sw_*.c examples/main_socketcan.c -o ecu
  *     chrt -f 50 ./ecu can0
  *
- * Where the frames are authenticated (SW_SECOC), it takes two files more: the key as `stillwake keygen --secret` writes it,
- * and one of its own with freshness values, `./ecu can0 bus.key freshness`.
+ * If frames are authenticated (SW_SECOC), it takes two more files: the key as `stillwake keygen --secret` writes it,
+ * and a file of its own for freshness values, `./ecu can0 bus.key freshness`.
  *
- * It steps at absolute deadlines on CLOCK_MONOTONIC, a fixed time behind the arrival of the pressures, and gives frames
- * the kernel's time of their arrival. SIGTERM and SIGINT end it: the last commands on the bus shut the jets. The status
- * is 1 if the interface cannot be used, or fails.
+ * It steps at absolute deadlines on CLOCK_MONOTONIC, a fixed time after the arrival of the pressures, and frames have
+ * the kernel's time of arrival. SIGTERM and SIGINT end the program: its last commands shut the jets. The status is 1 if
+ * the interface cannot be used, or fails.
  */
 #define _GNU_SOURCE /* mlockall, and recvmsg's control messages */
 
@@ -29,10 +29,10 @@
 
 #include "sw_ecu.h"
 
-#define ROOM 64              /* frames a period; more wait in the socket, and grow old there */
-#define GRACE 4              /* a step is begun late by up to a period divided by this; a later one is left out */
+#define ROOM 64              /* frames per period; more wait in the socket and become old */
+#define GRACE 4              /* a step may begin late by a period divided by this; a later one is skipped */
 #define LARGEST_SLEW 32      /* a deadline moves by at most a period divided by this */
-#define SHUT_PERIODS 3       /* in which the jets are shut on the bus at the end: one frame may be lost, and another */
+#define SHUT_PERIODS 3       /* periods with shut jets at the end, since two frames may be lost */
 #define SECOND INT64_C(1000000000)
 
 static sw_ecu ecu;
@@ -54,7 +54,7 @@ static int64_t clock_ns(clockid_t clock)
     return ns_of(&now);
 }
 
-/* Returns early if a signal comes. */
+/* Sleeps until a time; returns early if a signal comes. */
 static void sleep_until(int64_t due_ns)
 {
     struct timespec due;
@@ -63,7 +63,7 @@ static void sleep_until(int64_t due_ns)
     clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &due, NULL);
 }
 
-/* A socket that hears the pressures, the speed, other ECUs and the controller's errors; -1 with errno. */
+/* Opens a socket for pressures, speed, other ECUs and the controller's errors; returns -1 with errno on failure. */
 static int open_bus(const char *interface)
 {
     const canid_t exactly = CAN_SFF_MASK | CAN_EFF_FLAG | CAN_RTR_FLAG;
@@ -92,7 +92,7 @@ static int open_bus(const char *interface)
     return -1;
 }
 
-/* The kernel's time of arrival, which is of the clock that can be set, on CLOCK_MONOTONIC; now, if there is none. */
+/* Returns the kernel's time of arrival, converted from the settable clock to CLOCK_MONOTONIC; now, if there is none. */
 static int64_t arrival_ns(struct msghdr *message)
 {
     const int64_t now_ns = clock_ns(CLOCK_MONOTONIC), date_ns = clock_ns(CLOCK_REALTIME);
@@ -107,7 +107,7 @@ static int64_t arrival_ns(struct msghdr *message)
     return now_ns;
 }
 
-/* The CAN controller's health from an error frame. */
+/* Updates the CAN controller's health by an error frame. */
 static void note_error(sw_bus_health *health, const struct canfd_frame *frame)
 {
     if ((frame->can_id & CAN_ERR_BUSOFF) != 0) {
@@ -131,7 +131,7 @@ static void to_ecu(sw_frame *frame, const struct canfd_frame *heard, int is_fd, 
     memcpy(frame->data, heard->data, sizeof frame->data);
 }
 
-/* Everything that has come, into `received`, without waiting; -1 if the interface fails. */
+/* Reads all received frames into `received`, without waiting; returns -1 if the interface fails. */
 static int receive(int bus)
 {
     int count = 0;
@@ -161,8 +161,7 @@ static int receive(int bus)
     return count;
 }
 
-/* Sends without waiting: the next period's frames are newer than those of a full queue; -1 if the interface fails.
- */
+/* Sends without waiting, since the next period's frames replace those of a full queue; -1 if the interface fails. */
 static int send_frames(int bus, const sw_frame *frames, int count)
 {
     for (int i = 0; i < count; i++) {
@@ -179,7 +178,7 @@ static int send_frames(int bus, const sw_frame *frames, int count)
     return 0;
 }
 
-/* The arrival of the pressures that the latest step used; -1 if it used none. */
+/* Returns the arrival of the pressures in the latest step; -1 if it used none. */
 static int64_t used_arrival_ns(int count, uint32_t missed_before)
 {
     int64_t found = -1;
@@ -189,7 +188,7 @@ static int64_t used_arrival_ns(int count, uint32_t missed_before)
     return found;
 }
 
-/* The next deadline that can still be kept, moved a little towards its place behind the pressures. */
+/* Returns the next deadline that can be met, moved a little towards its fixed time after the pressures. */
 static int64_t next_due(int64_t due_ns, int64_t arrived_ns)
 {
     const int64_t late_ns = clock_ns(CLOCK_MONOTONIC) - due_ns - SW_PERIOD_NS / GRACE;
@@ -204,7 +203,7 @@ static int64_t next_due(int64_t due_ns, int64_t arrived_ns)
     return next_ns + error_ns;
 }
 
-/* One control period; -1 if the interface fails. */
+/* Runs one control period; returns -1 if the interface fails. */
 static int period(int bus, int64_t *due_ns)
 {
     sw_frame answers[SW_FRAMES_OUT];
@@ -221,7 +220,7 @@ static int period(int bus, int64_t *due_ns)
 
 static const char *freshness_file;
 
-/* 32 hexadecimal digits; -1 if there are none. */
+/* Reads 32 hexadecimal digits; returns -1 if there are none. */
 static int read_key(const char *path, uint8_t key[SW_AES_BYTES])
 {
     FILE *file = fopen(path, "r");
@@ -235,7 +234,7 @@ static int read_key(const char *path, uint8_t key[SW_AES_BYTES])
     return failed ? -1 : 0;
 }
 
-/* Replaces the old file as a whole; -1 if that fails. */
+/* Replaces the old file as a whole; returns -1 if that fails. */
 static int keep_freshness(unsigned long trip, unsigned long long pressure, unsigned long long speed)
 {
     char beside[4096];
@@ -248,9 +247,9 @@ static int keep_freshness(unsigned long trip, unsigned long long pressure, unsig
     return failed || rename(beside, freshness_file) != 0 ? -1 : 0;
 }
 
-/* Counts a power cycle, then gives the ECU its key. A file that is gone counts from 1 again: the vehicle then refuses all
- * frames. This program keeps what it accepted when it ends, not amid its periods: after a crash, frames of the cycle
- * before can be played back until the first genuine one comes.
+/* Counts a power cycle, then gives the ECU its key. If the file is missing, cycles count from 1 again: the vehicle then
+ * refuses all frames. The program stores accepted values only at its end: after a crash, frames of the cycle before can
+ * be replayed until the first genuine frame comes.
  */
 static int authenticate(const char *key_file)
 {
@@ -281,7 +280,7 @@ static int keep_accepted(void)
 
 #endif
 
-/* The last frames: jets shut and not enabled, as at power-on, but that they go on counting. */
+/* Sends the last frames: jets shut and not enabled, as at power-on, but with counters that continue. */
 static int shut(int bus, int64_t due_ns)
 {
     sw_frame answers[SW_FRAMES_OUT];

@@ -5,17 +5,17 @@
  *         -T examples/mps2_an500.ld -Wl,-e,sw_board_start -o ecu.elf
  *     qemu-system-arm -M mps2-an500 -nographic -icount shift=1,sleep=off -semihosting -kernel ecu.elf
  *
- * The program brings its own vehicle: pressures.h, generated, has the frames of its control periods, in which
- * the request for control is low at first, since one that stands from the start is not believed. The program prints each
- * JetCommand as it would go out, then its figures, and ends. On a vehicle, a CAN driver takes the place of `vehicle` and
- * of the printing. The interrupt only counts: the step runs in the main loop, so that other interrupts, those of the CAN
- * controller first, are not held up by it.
+ * The program simulates the vehicle: the generated pressures.h has the frames of its control periods. The request for
+ * control is low at first, since the ECU ignores a request that is present from the start. The program prints each
+ * JetCommand, then its figures, and ends. On a vehicle, a CAN driver replaces `vehicle` and the printing. The interrupt
+ * only counts: the step runs in the main loop, so that it does not delay other interrupts, those of the CAN controller
+ * first.
  */
 #include "pressures.h"
 #include "sw_board_start.h"
 #include "sw_ecu.h"
 
-#define CLOCK_HZ INT64_C(25000000) /* of SysTick on this board */
+#define CLOCK_HZ INT64_C(25000000) /* clock of SysTick on this board */
 #define TICK_NS (INT64_C(1000000000) / CLOCK_HZ)
 #define RELOAD (SW_PERIOD_NS / TICK_NS)
 #define REGISTER(address) (*(volatile uint32_t *)(address))
@@ -24,7 +24,7 @@
 #define SYSTICK_VALUE REGISTER(0xe000e018u)
 
 static sw_ecu ecu;
-static volatile uint32_t periods; /* since the start; written by the interrupt alone */
+static volatile uint32_t periods; /* since the start; only the interrupt writes it */
 
 /* --- The host, by semihosting: a debugger or an emulator prints. --- */
 
@@ -73,7 +73,7 @@ static void print_frame(const char *name, const sw_frame *frame)
 
 void sw_board_tick(void) { periods++; }
 
-/* The ns since the start: whole periods, and what SysTick, which counts down, has done of this one. */
+/* Returns the ns since the start: whole periods, and the part of this period, as SysTick counts down. */
 static int64_t now_ns(void)
 {
     uint32_t before, value;
@@ -88,11 +88,11 @@ static void start_clock(void)
 {
     SYSTICK_RELOAD = (uint32_t)(RELOAD - 1);
     SYSTICK_VALUE = 0;
-    SYSTICK_CONTROL = 7; /* the core's clock, an interrupt, on */
+    SYSTICK_CONTROL = 7; /* core clock, interrupt, on */
 }
 
-/* Returns the number of the period that has begun. Between the look and the sleep no interrupt may be served, or it would
- * be slept through; one that is pending ends the sleep all the same.
+/* Returns the number of the period that has begun. Interrupts are masked between check and sleep, or one could be
+ * missed; a pending interrupt still ends the sleep.
  */
 static uint32_t next_period(uint32_t done)
 {
@@ -104,7 +104,7 @@ static uint32_t next_period(uint32_t done)
 
 /* --- The vehicle --- */
 
-#define SENT 2 /* most frames in a period */
+#define SENT 2 /* largest number of frames in a period */
 
 static void send(sw_frame *frame, uint32_t period, uint32_t id, const uint8_t *data, int length)
 {
@@ -116,7 +116,7 @@ static void send(sw_frame *frame, uint32_t period, uint32_t id, const uint8_t *d
     for (int i = 0; i < length; i++) frame->data[i] = data[i];
 }
 
-/* The frames of a period, counted from 1: pressures, and the speed where the release needs it. Returns how many. */
+/* Writes the frames of a period, counted from 1: pressures, and speed if the release needs it; returns their number. */
 static int vehicle(sw_frame frames[SENT], uint32_t period)
 {
     int count = 1;
@@ -132,7 +132,7 @@ static int vehicle(sw_frame frames[SENT], uint32_t period)
 
 typedef struct {
     uint32_t steps;
-    uint32_t left_out; /* periods that began while the step of another ran */
+    uint32_t left_out; /* periods that began during the step of another period */
     uint32_t active;   /* steps in which the jets followed the controller */
     int64_t longest_ns;
 } figures;
@@ -155,9 +155,9 @@ void sw_board_power_on(void) {}
 void sw_board_main(void)
 {
     figures seen = {0, 0, 0, 0};
-    (void)sw_ecu_init(&ecu); /* what it refuses, the reason at the end has */
+    (void)sw_ecu_init(&ecu); /* if it refuses, the reason at the end shows it */
 #if SW_SECOC
-    /* On a vehicle the key is in memory that no debugger reads, and the power cycle counted in lasting memory. */
+    /* On a vehicle no debugger can read the key, and non-volatile memory counts the power cycle. */
     const sw_authentication given = {PLAYED_KEY, 1, 0, 0};
     (void)sw_ecu_authenticate(&ecu, &given);
 #endif
@@ -181,7 +181,7 @@ void sw_board_main(void)
     for (;;) __asm__ volatile("wfi");
 }
 
-/* Any exception but SysTick. */
+/* Handles any exception except SysTick. */
 void sw_board_unexpected(void)
 {
     print("unexpected exception\n");

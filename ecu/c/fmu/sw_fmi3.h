@@ -1,6 +1,6 @@
-/* The names that the FMI 3.0 standard (fmi-standard.org, section 2.2) gives to types and functions of an FMU's binary.
+/* The types and functions of an FMU's binary, by their names in the FMI 3.0 standard (fmi-standard.org, section 2.2).
  *
- * Stated here and not taken from the standard's headers, so that the sources of an FMU compile by themselves.
+ * They are declared here instead of including the standard's headers, so that the sources of an FMU compile alone.
  */
 #ifndef SW_FMI3_H
 #define SW_FMI3_H

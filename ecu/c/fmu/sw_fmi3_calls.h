@@ -1,5 +1,5 @@
-/* Which calls an instance may get, by FMI 3.0's state machine of a co-simulation without event mode, and with what numbers.
- * Every other call is answered by fmi3Error and a sentence, and changes nothing.
+/* The calls and numbers that an instance may receive, by FMI 3.0's state machine of a co-simulation without event mode.
+ * Every other call returns fmi3Error with a message, and changes nothing.
  */
 #ifndef SW_FMI3_CALLS_H
 #define SW_FMI3_CALLS_H
@@ -8,12 +8,12 @@
 
 #include "sw_fmi3.h"
 
-/* Functions have the standard's parameters, whatever they do with them. */
+/* Functions have the standard's parameters, even unused ones. */
 #if defined(__GNUC__)
 #pragma GCC diagnostic ignored "-Wunused-parameter"
 #endif
 
-/* Bits, so that several may be named. */
+/* Modes as bits, so that they can be combined. */
 enum { INSTANTIATED = 1, INITIALISING = 2, STEPPING = 4, TERMINATED = 8 };
 
 typedef struct {
@@ -27,12 +27,12 @@ static inline fmi3Status fmu_refused(const fmu_logger *to, fmi3String why)
     return fmi3Error;
 }
 
-/* Heads a function of FMI with an instance in `found`. */
+/* Begins a function of FMI with an instance in `found`. */
 #define FMU_ONLY_IN(MODES, NAME, WHEN)                                                                        \
     if (found == NULL) return fmi3Error;                                                                      \
     if ((found->kept.mode & (uint32_t)(MODES)) == 0u) return fmu_refused(&found->logger, "fmi3" NAME ": only " WHEN)
 
-/* Refuses any other than one number for each reference. */
+/* Refuses a call without exactly one number for each reference. */
 #define FMU_ONE_EACH(NAME) \
     if (size != count) return fmu_refused(&found->logger, "fmi3" NAME ": must have one number for each value reference")
 
@@ -41,7 +41,7 @@ static inline int fmu_is_number(double value)
     return value >= -1.7976931348623157e308 && value <= 1.7976931348623157e308;
 }
 
-/* What is wrong with the first call for an FMU of this token, or NULL. */
+/* Returns the error in the first call for an FMU with this token, or NULL. */
 static inline fmi3String fmu_wrong_instance(fmi3String token, fmi3String own, fmi3Boolean event_mode)
 {
     if (token == NULL || strcmp(token, own) != 0) {
@@ -50,7 +50,7 @@ static inline fmi3String fmu_wrong_instance(fmi3String token, fmi3String own, fm
     return event_mode ? "eventModeUsed: this FMU has no event mode; pass false" : NULL;
 }
 
-/* What is wrong with an experiment's times, or NULL. */
+/* Returns the error in an experiment's times, or NULL. */
 static inline fmi3String fmu_wrong_times(double start, fmi3Boolean has_stop, double stop)
 {
     if (!(start > -2e9 && start < 2e9)) return "startTime: must be a number of seconds, at most 63 years from 0";
@@ -58,7 +58,7 @@ static inline fmi3String fmu_wrong_times(double start, fmi3Boolean has_stop, dou
     return NULL;
 }
 
-/* What is wrong with a step of an instance that stands at a time, or NULL. */
+/* Returns the error in a step of an instance at a time, or NULL. */
 static inline fmi3String fmu_wrong_step(double stands, double point, double size)
 {
     const double behind_s = point - stands;
@@ -69,7 +69,7 @@ static inline fmi3String fmu_wrong_step(double stands, double point, double size
     return NULL;
 }
 
-/* A function of a kind without variables, and one that is not for this kind of FMU. */
+/* Functions for a type without variables, and functions that this kind of FMU does not support. */
 #define FMU_NONE_OF(NAME, ...)                                                                                     \
     SW_EXPORT fmi3Status fmi3##NAME(fmi3Instance fmu, const fmi3ValueReference references[], size_t count,         \
                                     __VA_ARGS__)                                                                   \

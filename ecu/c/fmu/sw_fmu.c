@@ -1,10 +1,11 @@
 /* The ECU as an FMU for co-simulation, FMI 3.0.
  *
- * Inside, a vehicle sends its pressures and its speed as protected frames, and reads the ECU's frames: nothing reaches
- * the ECU but by its messages, and what runs is the ECU of sw_ecu.h to the bit. It steps at start, start + period, and
- * so on, on the inputs that stand there; a communication step of any length has the steps that begin in it.
+ * Inside, a vehicle sends its pressures and its speed as protected frames, and reads the ECU's frames. The ECU receives
+ * nothing but these messages, and it is the ECU of sw_ecu.h, bit for bit. It steps at start, start + period, and so on,
+ * with the inputs of that time; a communication step of any length includes the steps that begin in it.
  *
- * This file is for a computer, not for a vehicle: the standard has an FMU allocate its instances and saved states.
+ * This file is for a computer, not for a vehicle: the standard requires an FMU to allocate its instances and saved
+ * states.
  */
 #include <stdlib.h>
 #include <string.h>
@@ -14,18 +15,18 @@
 #include "sw_fmi3_calls.h"
 #include "sw_fmu_settings.h"
 
-#define ALIGNMENT 64u /* of the ECU's workspace at most */
+#define ALIGNMENT 64u /* largest alignment of the ECU's workspace */
 
 typedef enum { FLOAT32, FLOAT64, INT8, UINT8, INT16, UINT16, INT32, UINT32, INT64, UINT64, BOOLEAN } kind;
 enum { NO_MESSAGE, PRESSURE, SPEED, COMMAND, STATUS };
 
-/* A variable, and the signal of the DBC that carries it. */
+/* A variable, and its signal in the DBC. */
 typedef struct {
-    kind type; /* of the functions that get and set it */
+    kind type; /* type of its get and set functions */
     int is_input;
     double first; /* value at the start */
     int message;
-    int start; /* bit */
+    int start; /* first bit */
     int bits;
     int is_signed;
     double scale;
@@ -33,31 +34,31 @@ typedef struct {
 
 static const variable variables[SW_FMU_VARIABLES] = SW_FMU_TABLE;
 
-/* What the wrapper remembers; the ECU's memory is its own. */
+/* The wrapper's memory; the ECU has its own. */
 typedef struct {
     double values[SW_FMU_VARIABLES]; /* by value reference; 0 is the time */
     double start;
-    int64_t next_ns; /* the ECU's next step, from the start on */
-    uint32_t mode;   /* of FMI's state machine */
+    int64_t next_ns; /* time of the ECU's next step, from the start on */
+    uint32_t mode;   /* mode in FMI's state machine */
     uint8_t pressure_counter;
     uint8_t speed_counter;
 } memory;
 
 typedef struct {
-    sw_ecu ecu; /* first, for its alignment */
+    sw_ecu ecu; /* the first member, because of its alignment */
     memory kept;
     fmu_logger logger;
-    void *room; /* as it was allocated */
+    void *room; /* address of the allocation */
 } instance;
 
-/* A saved state, in memory and as bytes alike. */
+/* A saved state, equal in memory and as bytes. */
 typedef struct {
-    char token[sizeof SW_FMU_TOKEN]; /* of the FMU that saved it */
+    char token[sizeof SW_FMU_TOKEN]; /* token of the FMU that saved it */
     memory kept;
     sw_ecu_state ecu;
 } saved;
 
-/* Returns as sw_ecu_init. */
+/* Powers the ECU on; returns the result of sw_ecu_init. */
 static int power_on(instance *fmu)
 {
     (void)memset(&fmu->kept, 0, sizeof fmu->kept);
@@ -66,7 +67,7 @@ static int power_on(instance *fmu)
     return sw_ecu_init(&fmu->ecu);
 }
 
-/* --- Signals. Bits count from the lowest of the first byte on, as in the DBC. --- */
+/* --- Signals: bits count from the lowest bit of the first byte on, as in the DBC --- */
 
 static void put(uint8_t *data, uint32_t reference, int32_t steps)
 {
@@ -88,7 +89,7 @@ static double taken(const uint8_t *data, const variable *signal)
     return (double)steps * signal->scale;
 }
 
-/* The nearest whole number, of two the even one, if it is within the bounds; `otherwise` if not, or for no number. */
+/* Rounds to a whole number, half to even; returns `otherwise` for a number outside the bounds, or for NaN. */
 static int32_t nearest(double value, int32_t least, int32_t most, int32_t otherwise)
 {
     if (!(value > (double)least - 1.0 && value < (double)most + 1.0)) return otherwise;
@@ -101,8 +102,8 @@ static int32_t nearest(double value, int32_t least, int32_t most, int32_t otherw
     return found >= least && found <= most ? found : otherwise;
 }
 
-/* An age in steps of the wire: to the nearest, or for the few steps of the classic set up, so that none looks fresher
- * than it is. What the wire has no room for, and what is no number, has its last step.
+/* Converts an age to units of its signal: to the nearest, but upwards in the classic set with its few values, so that
+ * no age looks fresher. An age out of range, or NaN, becomes the last value.
  */
 static int32_t age_steps(double seconds)
 {
@@ -127,7 +128,7 @@ static void start_frame(sw_frame *frame, uint32_t id, int length, int64_t now_ns
 
 static uint8_t next_counter(uint8_t counter) { return (uint8_t)((counter + 1u) % SW_E2E_COUNTERS); }
 
-/* A pressure beyond a transducer's range stays at its end and is not valid. */
+/* Writes the pressures. A pressure beyond a transducer's range is limited to its end and marked as invalid. */
 static void write_pressures(memory *kept, sw_frame *frame)
 {
     start_frame(frame, SW_PRESSURE_ID, SW_PRESSURE_BYTES, kept->next_ns);
@@ -149,7 +150,7 @@ static void write_pressures(memory *kept, sw_frame *frame)
     kept->pressure_counter = next_counter(kept->pressure_counter);
 }
 
-/* A speed or a density that does not fit the wire is sent as unknown. */
+/* Writes the speed. A speed or a density out of the signal's range is sent as unknown. */
 static void write_speed(memory *kept, sw_frame *frame)
 {
     const int32_t unknown = (int32_t)SW_SPEED_UNKNOWN;
@@ -170,7 +171,7 @@ static void read_frame(memory *kept, const sw_frame *frame)
     }
 }
 
-/* One control period of the ECU, on the inputs that stand. */
+/* Runs one control period of the ECU with the present inputs. */
 static void step(instance *fmu)
 {
     memory *kept = &fmu->kept;
@@ -245,7 +246,7 @@ SW_EXPORT fmi3Status fmi3Terminate(fmi3Instance fmu)
 SW_EXPORT fmi3Status fmi3Reset(fmi3Instance fmu)
 {
     if (fmu == NULL) return fmi3Error;
-    (void)power_on(fmu); /* what it refuses, each step answers with a reason */
+    (void)power_on(fmu); /* if it refuses, each step returns a reason */
     return fmi3OK;
 }
 
@@ -265,7 +266,7 @@ SW_EXPORT fmi3Status fmi3DoStep(fmi3Instance fmu, fmi3Float64 point, fmi3Float64
     if (!(until_ns < (double)SW_LATEST_NS)) {
         return fmu_refused(&found->logger, "communicationStepSize: must end within 73 years of the start");
     }
-    /* A period that begins with the next communication step, to the microsecond, belongs to that step. */
+    /* A period that begins with the next communication step, within a microsecond, belongs to that step. */
     while ((double)kept->next_ns < until_ns - 1e3) step(found);
     kept->values[0] = point + size;
     *reached = kept->values[0];

@@ -1,5 +1,5 @@
-/* Functions of FMI 3.0 that are the same for every FMU here; most of them a binary has to have and does not do: its
- * modelDescription.xml announces none of them. Of a kind without variables none can be had.
+/* Functions of FMI 3.0 that are the same for every FMU here. A binary must have most of them but does not support them:
+ * its modelDescription.xml announces none. Functions for a type without variables return an error.
  */
 #include "sw_fmi3_calls.h"
 

@@ -6,7 +6,7 @@
 #define LABEL "stillwake access"
 #define LABEL_BYTES 16u
 
-/* A level's number is that of the request for its seed: 1, 3, .. */
+/* Returns a level's place; the level's number is that of its seed request: 1, 3, .. */
 static uint32_t place_of(uint8_t level) { return (level - 1u) / 2u; }
 
 static void close(sw_access *access, uint32_t place, int64_t now_ns)
@@ -15,7 +15,7 @@ static void close(sw_access *access, uint32_t place, int64_t now_ns)
     access->closed_until_ns[place] = now_ns + SW_ACCESS_DELAY_NS;
 }
 
-/* Each level has a key of its own, so that an answer for one is none for another. */
+/* Computes the expected answer. Each level has its own key, so that no answer is valid for two levels. */
 static void expected(uint8_t level, const uint8_t key[SW_AES_BYTES], const uint8_t *seed, uint32_t length,
                      uint8_t answer[SW_ANSWER_BYTES])
 {
@@ -76,7 +76,7 @@ uint8_t sw_access_unlock(sw_access *access, sw_store *store, int64_t now_ns, uin
     if (access->asked != level) return SW_NRC_SEQUENCE_ERROR;
     access->asked = 0;
     const uint32_t count = (uint32_t)sw_store_failed_attempts(store, level) + 1u;
-    /* A full sector is not left with the jets on: there is no attempt until they are shut. */
+    /* Counting may fill the sector, which must not happen while jets run: no attempt until they are shut. */
     if (!sw_store_has_room(store)) return SW_NRC_CONDITIONS_NOT_CORRECT;
     if (sw_store_keep_failed_attempts(store, level, count) != SW_STORE_DONE) return SW_NRC_PROGRAMMING_FAILURE;
     expected(level, key, access->seed, SW_SEED_BYTES, right);

@@ -1,8 +1,8 @@
 /* Security access (ISO 14229-1, service 0x27): seeds, keys, wrong attempts and the delay after them. The twin of
  * can_bridge/uds/security.py and access_key.py.
  *
- * A seed is good for one answer. An attempt is counted in the store before the answer is looked at: cutting the supply at
- * the right moment gains no attempt.
+ * A seed is valid for one answer. An attempt is counted in the store before the answer is checked, so that cutting the
+ * supply at the right moment gains no attempt.
  */
 #ifndef SW_ACCESS_H
 #define SW_ACCESS_H
@@ -14,37 +14,37 @@
 #include "sw_store.h"
 #include "sw_uds_settings.h"
 
-#define SW_SEED_BYTES 16u   /* of a seed, */
-#define SW_ANSWER_BYTES 16u /* and of the key that the tester sends for it */
+#define SW_SEED_BYTES 16u   /* length of a seed, */
+#define SW_ANSWER_BYTES 16u /* and of the tester's key for it */
 
-/* Fills in so many unpredictable bytes. Returns 0, or 1 if the source gives none. */
+/* Fills in `count` unpredictable bytes. Returns 0, or 1 if the source fails. */
 typedef int (*sw_random)(void *context, uint8_t *bytes, uint32_t count);
 
 typedef struct {
     uint8_t unlocked; /* security level; 0: none */
-    uint8_t asked;    /* the level whose seed was given last, 0: none */
+    uint8_t asked;    /* level of the latest seed; 0: none */
     uint8_t seed[SW_SEED_BYTES];
-    uint8_t is_closed[SW_LEVELS]; /* whether there is a delay, by the level's place */
+    uint8_t is_closed[SW_LEVELS]; /* whether a delay is running, by the level's place */
     int64_t closed_until_ns[SW_LEVELS];
 } sw_access;
 
-/* Gives a level with too many wrong attempts before power-on its delay again. */
+/* Restarts the delay of a level that had too many wrong attempts before power-on. */
 void sw_access_power_on(sw_access *access, const sw_store *store, int64_t now_ns);
 
-/* Locks every level: at the end of a session. */
+/* Locks every level, at the end of a session. */
 void sw_access_lock(sw_access *access);
 
-/* Writes a new seed, zeros if the level is unlocked already. Returns 0 or the SW_NRC_ of the refusal. */
+/* Writes a new seed, or zeros if the level is unlocked already. Returns 0 or the SW_NRC_ of the refusal. */
 uint8_t sw_access_seed(sw_access *access, int64_t now_ns, uint8_t level, sw_random random, void *context,
                        uint8_t seed[SW_SEED_BYTES]);
 
 #if SW_XCP
-/* What unlocks a level after a seed of `length` bytes, with the key that the tool shares. */
+/* Computes the answer that unlocks a level after a seed of `length` bytes, with the key shared with the tool. */
 void sw_access_answer(uint8_t level, const uint8_t key[SW_AES_BYTES], const uint8_t *seed, uint32_t length,
                       uint8_t answer[SW_ANSWER_BYTES]);
 #endif
 
-/* Unlocks the level whose seed was given last, if the answer is right. Returns 0 or the SW_NRC_ of the refusal. */
+/* Unlocks the level of the latest seed if the answer is right. Returns 0 or the SW_NRC_ of the refusal. */
 uint8_t sw_access_unlock(sw_access *access, sw_store *store, int64_t now_ns, uint8_t level,
                          const uint8_t key[SW_AES_BYTES], const uint8_t answer[SW_ANSWER_BYTES]);
 

@@ -1,4 +1,4 @@
-/* Calibration by diagnosis: in force, stored, restored. */
+/* Calibration by diagnosis: values in force, stored and restored. */
 #include "sw_calibrating.h"
 
 #include <stddef.h>
@@ -25,7 +25,7 @@ const sw_calibration *sw_calibrating_in_force(const sw_calibrating *calibrating)
 static const sw_calibration *sw_calibrating_in_force(const sw_calibrating *calibrating) { return &calibrating->working; }
 #endif
 
-/* Has the working page in force, as a whole, after a change of it. */
+/* Puts the whole working page in force after a change. */
 static void put_in_force(sw_calibrating *calibrating)
 {
     calibrating->is_changed = 1;
@@ -35,7 +35,7 @@ static void put_in_force(sw_calibrating *calibrating)
 #endif
 }
 
-/* Changes the working page, if all values are in the limits. Returns whether they are. */
+/* Changes the working page if all values are within their limits. Returns whether they are. */
 static int change(sw_calibrating *calibrating, const uint8_t *value)
 {
     sw_calibration values;
@@ -88,7 +88,7 @@ uint8_t sw_calibrating_read(const sw_calibrating *calibrating, uint32_t number, 
     return 0;
 }
 
-/* Keeps `length` bytes of these values, none for 0. Writing a flash memory can take longer than a control period. */
+/* Stores `length` bytes of these values; 0 deletes them. Writing flash can take longer than a control period. */
 static uint8_t keep(sw_calibrating *calibrating, const sw_calibration *values, uint32_t length)
 {
     if (calibrating->request->drives_jets) return SW_NRC_CONDITIONS_NOT_CORRECT;

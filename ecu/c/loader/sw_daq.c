@@ -1,16 +1,16 @@
-/* The list of DAQ: allocated, written, started; and the packets of a period. */
+/* The list of DAQ: allocation, entries, start; and the packets of a period. */
 #include "sw_daq.h"
 
 #if SW_XCP
 
 #include "sw_ecu_parts.h"
 
-/* The order of the commands that allocate. */
+/* Stages of the allocation, in the order of its commands. */
 enum { NOTHING, FREED, LISTS, ODTS, ENTRIES };
 
 #define MOST_IN_ODT (SW_XCP_MAX_CTO - 1u)
 #define NO_BITS 0xffu
-#define STOP 0u /* modes of START_STOP_DAQ_LIST, and of START_STOP_SYNCH for those that are selected */
+#define STOP 0u /* modes of START_STOP_DAQ_LIST, and of START_STOP_SYNCH for selected lists */
 #define START 1u
 #define SELECT 2u
 #define STOP_SELECTED 2u
@@ -120,7 +120,7 @@ static uint8_t set_pointer(sw_daq *daq, const uint8_t *data)
     return SW_XCP_DONE;
 }
 
-/* Bytes of the ODT at the pointer, without those of the entry there. */
+/* Returns the bytes of the ODT at the pointer, without those of the entry there. */
 static uint32_t beside(const sw_daq *daq)
 {
     uint32_t bytes = 0;
@@ -185,7 +185,7 @@ static uint8_t start_stop_selected(sw_daq *daq, const uint8_t *data)
     return SW_XCP_DONE;
 }
 
-/* --- What there is --- */
+/* --- Properties --- */
 
 static uint8_t processor_info(const sw_daq *daq, sw_answer *answer)
 {

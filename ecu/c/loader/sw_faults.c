@@ -1,4 +1,4 @@
-/* The fault memory, and what testers read of it. */
+/* The fault memory, and the services with which testers read it. */
 #include "sw_faults.h"
 
 #include <stddef.h>
@@ -16,7 +16,7 @@
 #define AT_FAILURE (TEST_FAILED | FAILED_THIS_CYCLE | PENDING | CONFIRMED | FAILED_SINCE_CLEAR)
 #define UNTESTED (NOT_COMPLETED_SINCE_CLEAR | NOT_COMPLETED_THIS_CYCLE)
 
-/* The record: magic, of each fault status, age, has_snapshot and snapshot, CRC-32. */
+/* The record: magic; status, age, has_snapshot and snapshot of each fault; CRC-32. */
 #define MAGIC 4u
 #define FAULT_BYTES (3u + SW_SNAPSHOT_BYTES)
 #define BODY_END (MAGIC + SW_FAULT_COUNT * FAULT_BYTES)
@@ -81,7 +81,7 @@ static void packed(const sw_faults *faults, uint8_t record[RECORD_BYTES])
     for (uint32_t i = 0; i < SW_FAULT_COUNT; i++) {
         const sw_fault *fault = &faults->faults[i];
         uint8_t *at = &record[MAGIC + i * FAULT_BYTES];
-        /* What the next power-on changes in any case is left out. */
+        /* Bits that the next power-on changes in any case are left out. */
         uint32_t status = fault->status & ~TEST_FAILED;
         if ((status & (PENDING | CONFIRMED)) == 0u) status |= NOT_COMPLETED_THIS_CYCLE;
         at[0] = (uint8_t)status;
@@ -117,7 +117,7 @@ void sw_faults_open(sw_faults *faults)
     }
 }
 
-/* Keeps the record if it is not the one that is kept. Returns an sw_store_result. */
+/* Stores the record if it differs from the stored one. Returns an sw_store_result. */
 static sw_store_result keep_if_different(sw_faults *faults)
 {
     uint8_t record[RECORD_BYTES];
@@ -152,7 +152,7 @@ static void take(sw_faults *faults, uint8_t reason, const uint8_t snapshot[SW_SN
     faults->is_changed = 1;
 }
 
-/* While it is off the latest result alone waits: it is how the tests stand once it is on. */
+/* Notes a result. While `is_off`, only the latest result waits, which gives the tests' states at its end. */
 static void note(sw_faults *faults, uint8_t reason)
 {
     if (faults->is_off) {
@@ -163,7 +163,7 @@ static void note(sw_faults *faults, uint8_t reason)
     }
 }
 
-/* A result that waited for the end of `is_off`. */
+/* Takes the result that waited for the end of `is_off`. */
 static void take_waiting(sw_faults *faults)
 {
     if (!faults->has_latest || faults->is_off) return;
@@ -258,7 +258,7 @@ static void put_fault(const sw_faults *faults, uint32_t place, sw_answer *answer
     sw_answer_byte(answer, faults->faults[place].status);
 }
 
-/* Faults with one of these status bits; 0: all. Returns how many, and writes them if `answer` is not NULL. */
+/* Counts faults with one of these status bits (0: all), and writes them if `answer` is not NULL. Returns the number. */
 static uint32_t list(const sw_faults *faults, uint32_t mask, sw_answer *answer)
 {
     uint32_t found = 0;
@@ -320,7 +320,7 @@ uint8_t sw_faults_report(const sw_faults *faults, const uint8_t *body, uint32_t 
     } else if (mask != 0u) {
         (void)list(faults, mask, answer);
     } else {
-        /* No bit, no fault. */
+        /* Without a bit there is no fault to list. */
     }
     return SW_UDS_DONE;
 }

@@ -1,7 +1,7 @@
-/* The fault memory: for each trouble code its status, its age and one snapshot, over resets. The twin of
+/* The fault memory: status, age and one snapshot of each trouble code, which survive resets. The twin of
  * can_bridge/uds/fault_memory.py, of fault_reports.py next to it, and of ecu/flashable/watched_control.py.
  *
- * It is written only while no jet can run, and only where it differs.
+ * It is written only while no jet can run, and only if its content has changed.
  */
 #ifndef SW_FAULTS_H
 #define SW_FAULTS_H
@@ -14,8 +14,8 @@
 
 typedef struct {
     uint8_t status;
-    uint8_t age;          /* operation cycles without it, of a confirmed fault */
-    uint8_t has_snapshot; /* of the first failure in the latest cycle that had one */
+    uint8_t age;          /* of a confirmed fault: operation cycles without the fault */
+    uint8_t has_snapshot; /* snapshot of the first failure in the latest cycle with a failure */
     uint8_t snapshot[SW_SNAPSHOT_BYTES];
 } sw_fault;
 
@@ -24,26 +24,26 @@ typedef struct {
     sw_store *store;
     const sw_vehicle_request *request;
     sw_fault faults[SW_FAULT_COUNT]; /* in the order of SW_FAULT_CODES */
-    uint8_t is_off;                  /* a tester wants no faults to be entered */
-    uint8_t is_changed;              /* since the record was looked at */
+    uint8_t is_off;                  /* a tester has switched off the setting of faults */
+    uint8_t is_changed;              /* since the record was last compared */
     uint8_t has_latest;              /* whether a result waits for the end of `is_off` */
-    uint8_t latest;                  /* the reason that failed; SW_REASON_NONE: all tests passed */
+    uint8_t latest;                  /* reason of the failed test; SW_REASON_NONE: all tests passed */
     uint8_t latest_snapshot[SW_SNAPSHOT_BYTES];
-    /* What the control period under way began with. */
+    /* The state before the present control period. */
     uint8_t has_power_on;
-    uint8_t was; /* sw_operating_mode before it */
+    uint8_t was; /* sw_operating_mode before the period */
     int64_t power_on_ns;
-    float pressures_cp[SW_SENSORS]; /* the newest before it */
+    float pressures_cp[SW_SENSORS]; /* newest pressures before the period */
 } sw_faults;
 
-/* Begins the next operation cycle of what was kept: at power-on, once the store is open. */
+/* Begins the next operation cycle of the stored faults: at power-on, after the store is open. */
 void sw_faults_open(sw_faults *faults);
 
-/* Looks at the ECU before and after each control period. */
+/* Examine the ECU before and after each control period. */
 void sw_faults_before(sw_faults *faults);
 void sw_faults_after(sw_faults *faults, int64_t now_ns);
 
-/* Takes a result that waits, and keeps what changed if that is allowed now. A memory that fails is not tried again. */
+/* Takes a waiting result, and stores changes if that is allowed now. A failed write is not attempted again. */
 void sw_faults_settle(sw_faults *faults);
 
 /* Services 0x14, 0x19 and 0x85. Each returns SW_UDS_DONE or the SW_NRC_ of the refusal. */

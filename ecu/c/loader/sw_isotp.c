@@ -1,4 +1,4 @@
-/* ISO-TP: messages from frames, and frames from messages. */
+/* ISO-TP: messages assembled from frames, and divided into frames. */
 #include "sw_isotp.h"
 
 #include <stddef.h>
@@ -6,16 +6,16 @@
 #include "sw_bytes.h"
 #include "sw_counts.h"
 
-enum { SINGLE, FIRST, CONSECUTIVE, FLOW }; /* the high half of a frame's first byte */
+enum { SINGLE, FIRST, CONSECUTIVE, FLOW }; /* upper half of a frame's first byte */
 enum { FLOW_CONTINUE, FLOW_WAIT, FLOW_OVERFLOW, NO_ANSWER };
 enum { IDLE, READY, WAITING, SENDING };
 
 #define CLASSIC 8u
-#define PADDING 0xccu /* fewest stuff bits */
-#define NUMBERS 16u   /* sequence numbers are counted in four bits */
+#define PADDING 0xccu /* causes the fewest stuff bits */
+#define NUMBERS 16u   /* sequence numbers have four bits */
 #define MS INT64_C(1000000)
 #define LONGEST_MS 0x7fu
-#define SHORTEST_CODE 0xf1u /* of 100 us .. 900 us */
+#define SHORTEST_CODE 0xf1u /* codes of 100 us .. 900 us */
 #define LONGEST_CODE 0xf9u
 #if SW_FRAMES_FD
 #define FRAME_LENGTH 64u
@@ -23,7 +23,7 @@ enum { IDLE, READY, WAITING, SENDING };
 #define FRAME_LENGTH CLASSIC
 #endif
 
-/* Bytes of the longest message that fits a single frame of this length. */
+/* Returns the length of the longest message that fits a single frame of this length. */
 static uint32_t capacity(uint32_t frame_length) { return frame_length - (frame_length <= CLASSIC ? 1u : 2u); }
 
 /* --- Reception --- */
@@ -34,7 +34,7 @@ static void abort_reception(sw_isotp *end)
     end->wanted = 0;
 }
 
-/* A whole message, in its frame; its bytes, or 0. */
+/* Copies a message in a single frame. Returns its length, or 0. */
 static uint32_t single_of(const sw_frame *frame, uint8_t *message)
 {
     const uint32_t low = frame->data[0] & 0xfu;
@@ -55,7 +55,7 @@ static uint32_t in_one(sw_isotp *end, const sw_frame *frame, uint8_t *message)
     return length;
 }
 
-/* A message begins, and replaces one that is on the way. A length of more than 12 bits is no message for us. */
+/* Begins a message, which replaces an incomplete one. A length of more than 12 bits is not supported. */
 static void first(sw_isotp *end, int64_t now_ns, const sw_frame *frame)
 {
     if (frame->length < CLASSIC) return;
@@ -83,8 +83,8 @@ static void first(sw_isotp *end, int64_t now_ns, const sw_frame *frame)
     sw_bytes_copy(end->message, &data[2], end->received);
 }
 
-/* The next piece. Only a last frame may be shorter than the first: a shorter one is ignored, and the next one then has
- * the wrong number.
+/* Takes the next piece. Only the last frame may be shorter than the first. A shorter frame in between is ignored, and
+ * the following one then has the wrong number.
  */
 static uint32_t consecutive(sw_isotp *end, int64_t now_ns, const sw_frame *frame)
 {
@@ -110,7 +110,7 @@ static uint32_t consecutive(sw_isotp *end, int64_t now_ns, const sw_frame *frame
 
 /* --- Transmission --- */
 
-/* Bytes of the message under way, and of those that wait. */
+/* Returns the bytes of the message being sent and of the waiting ones. */
 static uint32_t used(const sw_isotp_queue *queue)
 {
     uint32_t bytes = queue->under_way;
@@ -138,14 +138,14 @@ static void wait_for_flow(sw_isotp *end, int64_t now_ns)
     end->flow_until_ns = now_ns + SW_ISOTP_WAIT_NS;
 }
 
-/* Least time between frames from its byte; codes that are reserved mean the longest. */
+/* Returns the least time between frames for its code; reserved codes mean the longest time. */
 static int64_t separation_ns(uint32_t code)
 {
     if (code >= SHORTEST_CODE && code <= LONGEST_CODE) return (int64_t)(code - SHORTEST_CODE + 1u) * (MS / 10);
     return (code < LONGEST_MS ? code : LONGEST_MS) * MS;
 }
 
-/* The receiver's answer; ignored while none is due. */
+/* Takes the receiver's flow control; it is ignored if none is due. */
 static void flow(sw_isotp *end, int64_t now_ns, const sw_frame *frame)
 {
     if (frame->length < 3u || end->state != WAITING) return;
@@ -185,7 +185,7 @@ static void put_all(sw_frame *frame, const uint8_t *data, uint32_t count)
     for (uint32_t i = 0; i < count; i++) put(frame, data[i]);
 }
 
-/* Fills a frame up to the next length that it can have, and to 8 bytes at least. */
+/* Pads a frame to the next valid length, and to 8 bytes at least. */
 static void pad(sw_frame *frame)
 {
     static const uint8_t lengths[] = {8, 12, 16, 20, 24, 32, 48, 64};
@@ -194,7 +194,7 @@ static void pad(sw_frame *frame)
     while (frame->length < lengths[i]) put(frame, PADDING);
 }
 
-/* The frame with which the message under way begins. */
+/* Writes the first frame of the message being sent. */
 static void begin(sw_isotp *end, int64_t now_ns, sw_frame *frame)
 {
     const uint32_t length = end->queue.under_way;
@@ -214,7 +214,7 @@ static void begin(sw_isotp *end, int64_t now_ns, sw_frame *frame)
     wait_for_flow(end, now_ns);
 }
 
-/* The frame that goes on with it. */
+/* Writes its next consecutive frame. */
 static void go_on(sw_isotp *end, int64_t now_ns, sw_frame *frame)
 {
     const uint32_t left = (uint32_t)end->queue.under_way - end->sent;
@@ -230,11 +230,11 @@ static void go_on(sw_isotp *end, int64_t now_ns, sw_frame *frame)
         end->left_in_block--;
         if (end->left_in_block == 0u) wait_for_flow(end, now_ns);
     } else {
-        /* All that is left may follow. */
+        /* A block size of 0 allows all remaining frames. */
     }
 }
 
-/* The oldest message that waits is under way now, if there is one. */
+/* Begins to send the oldest waiting message, if there is one. */
 static void take_next(sw_isotp *end)
 {
     sw_isotp_queue *queue = &end->queue;
@@ -245,7 +245,7 @@ static void take_next(sw_isotp *end)
     end->state = READY;
 }
 
-/* Whether the message under way has a frame for now, which is written. */
+/* Writes the next frame if the message being sent has one now. Returns whether it has. */
 static int next_frame(sw_isotp *end, int64_t now_ns, sw_frame *frame)
 {
     take_next(end);
@@ -262,7 +262,7 @@ static int next_frame(sw_isotp *end, int64_t now_ns, sw_frame *frame)
     return may;
 }
 
-/* --- The end as a whole --- */
+/* --- The whole endpoint --- */
 
 static void tick(sw_isotp *end, int64_t now_ns)
 {
@@ -314,7 +314,7 @@ uint32_t sw_isotp_receive(sw_isotp *end, int64_t now_ns, const sw_frame *frame, 
         flow(end, now_ns, frame);
         break;
     default:
-        break; /* for a later version of the standard */
+        break; /* reserved for a later version of the standard */
     }
     return length;
 }

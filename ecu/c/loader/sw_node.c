@@ -8,14 +8,14 @@
 
 /* --- Boot --- */
 
-/* Whether this build can run it. */
+/* Returns whether this build can run the image. */
 static int opens(const uint8_t *image)
 {
     sw_numbers numbers;
     return sw_image_open(image, &numbers) == SW_IMAGE_OK;
 }
 
-/* The booted image where it runs: in the flash, or in memory that can be read while the flash is written. */
+/* Returns the address where the booted image runs: in the flash, or in memory that is readable during flash writes. */
 static const uint8_t *image_of(const sw_node *node)
 {
     const sw_store *store = &node->store;
@@ -26,7 +26,7 @@ static const uint8_t *image_of(const sw_node *node)
     return sw_store_read_image(store, equipment->image, count) == 0 ? equipment->image : NULL;
 }
 
-/* The ECU of the booted image; without one, an ECU that stays shut. */
+/* Starts the ECU of the booted image; without an image, an ECU that stays shut. */
 static void start_ecu(sw_node *node)
 {
     const uint8_t *image = image_of(node);
@@ -65,14 +65,14 @@ static int64_t clipped(int64_t now_ns)
     return now_ns < SW_LATEST_NS ? now_ns : SW_LATEST_NS;
 }
 
-/* A control period without a release, or whose release is no longer there: jets shut, and the reason on the bus, with the
- * counts that stand in the state. Nothing of the release is read. The twin of ecu/flashable/shut_ecu.py.
+/* Runs a control period without a release, or if the release has been overwritten: jets shut, the reason on the bus,
+ * and the counts in the state. Nothing of the release is read. The twin of ecu/flashable/shut_ecu.py.
  */
 static int shut_step(sw_node *node, int64_t now_ns, sw_frame frames_out[SW_FRAMES_OUT])
 {
     sw_ecu_state *state = &node->ecu.state;
     sw_jet_command command = {0};
-    const int updating = node->ecu.surroundings.updating; /* once it is, until a reset */
+    const int updating = node->ecu.surroundings.updating; /* once true, it stays true until a reset */
     state->fail_safe.mode = updating ? SW_UPDATE : SW_FAULT;
     state->fail_safe.reason = updating ? SW_REASON_UPDATING : SW_REASON_NO_RELEASE;
     state->health = node->ecu.surroundings.health;
@@ -91,7 +91,7 @@ int sw_node_control(sw_node *node, int64_t now_ns, const sw_frame *frames_in, in
     const uint32_t missed = ecu->state.missed;
     int sent;
     sw_faults_before(&services->faults);
-    /* What is booted next knows nothing of the jets that run now. */
+    /* The release that is booted next cannot tell that the jets run now, so they are shut before the reset. */
     ecu->surroundings.fault = services->uds.wants_reset ? SW_REASON_UPDATING : SW_REASON_NONE;
     ecu->surroundings.updating = services->programming.is_updating;
     if (has_release) {
@@ -114,9 +114,7 @@ int sw_node_control(sw_node *node, int64_t now_ns, const sw_frame *frames_in, in
 
 /* --- Diagnosis --- */
 
-/* Requests that have come whole, SW_ISOTP_QUEUE of them at most, and of a flood those that still find a place for their
- * answer. Returns how many.
- */
+/* Takes at most SW_ISOTP_QUEUE requests; one without a place for its answer is lost. Returns their number. */
 static uint32_t take_requests(sw_node *node, int64_t now_ns, const sw_frame *frames_in, int count)
 {
     uint8_t single[SW_FRAME_BYTES];
@@ -137,7 +135,7 @@ static uint32_t take_requests(sw_node *node, int64_t now_ns, const sw_frame *fra
     return requests;
 }
 
-/* Sets what the records of diagnosis may do, and looks how an erasure for later ones stands. */
+/* Sets the permissions for the records of diagnosis, and checks the progress of an erasure. */
 static void look_after_records(sw_node *node)
 {
     if (!node->has_begun) node->begun_ns = node->services.request.now_ns;
@@ -146,8 +144,8 @@ static void look_after_records(sw_node *node)
     if (sw_store_is_erasing(&node->store) && node->store.work != SW_WORK_CLEAR) sw_records_care(&node->store.records);
 }
 
-/* Cares for records when diagnosis has nothing to do. No erasure begins while the vehicle asks for control, or may be
- * about to, as it may after power-on; one that has begun comes to its end.
+/* Maintains the records while diagnosis is idle. No erasure begins while the vehicle asks for control, or could soon do
+ * so after power-on; an erasure that has begun is completed.
  */
 static void care_for_records(sw_node *node)
 {
@@ -159,7 +157,7 @@ static void care_for_records(sw_node *node)
 }
 
 #if SW_XCP
-/* The calibration tool's frames; a store that it asked for waits for what UDS works on, and for the memory. */
+/* Takes the calibration tool's frames. A requested store waits until UDS and the memory are idle. */
 static void hear_tool(sw_node *node, int64_t now_ns, const sw_frame *frames_in, int count)
 {
     const int may_store = !sw_uds_is_busy(&node->services.uds) && !sw_store_is_erasing(&node->store);
@@ -196,7 +194,7 @@ int sw_node_service(sw_node *node, int64_t now_ns, const sw_frame *frames_in, in
     sw_uds_look(uds, time_ns);
     const int looked_at = count < (int)SW_MOST_FRAMES ? count : (int)SW_MOST_FRAMES;
     const uint32_t requests = take_requests(node, time_ns, frames_in, looked_at);
-    /* A request that begins long work has done its first piece; those that come amid it do none. */
+    /* A request that begins long work has done its first piece; requests during long work do no piece. */
     if (was_busy || requests == 0u || !sw_uds_is_busy(uds)) sw_uds_tick(uds, time_ns);
 #if SW_XCP
     hear_tool(node, time_ns, frames_in, looked_at);

@@ -1,7 +1,7 @@
-/* The ECU as a vehicle runs it: it boots a release from its flash memory, controls, and can be flashed and calibrated. The
- * twin of ecu/flashable.
+/* The ECU in a vehicle: it boots a release from its flash memory, controls, and can be flashed and calibrated. The twin
+ * of ecu/flashable.
  *
- * Freestanding C99. No allocation, no recursion, no static state: everything stands in the caller's sw_node.
+ * The code is freestanding C99, without allocation, recursion or static state: all memory is in the caller's sw_node.
  *
  *     static sw_node node;
  *     static uint8_t message[SW_ISOTP_MOST];
@@ -10,14 +10,14 @@
  *         count = sw_node_step(&node, now_ns, frames_in, n, frames_out);   send frames_out[0 .. count - 1]
  *     in between, whenever there is time and a frame for diagnosis or sw_node_is_busy:
  *         count = sw_node_service(&node, now_ns, frames_in, n, room, frames_out);
- *     whenever what was sent is on the bus and sw_node_wants_reset: reset the microcontroller.
+ *     whenever all frames have been sent and sw_node_wants_reset: reset the microcontroller.
  *
- * An image runs where it stands in the flash, or from a copy (sw_equipment). Flash memory that cannot be read while a
- * sector of it is erased, a second on some chips, needs the copy: else a control period waits as long. A transfer may
- * replace the very image that runs on trial: from its announcement on, which a reset alone leads out of, the ECU sends the
- * counts and the pressure counter as they stood, and refuses the self-test.
+ * An image runs in place in the flash, or from a copy (sw_equipment). The copy is needed if the flash cannot be read
+ * while one of its sectors is erased, which takes a second on some chips; a control period would have to wait as long.
+ * A transfer may overwrite the image that is running on trial. From the announcement of a transfer until a reset, the
+ * ECU therefore sends unchanged counts and an unchanged pressure counter, and refuses the self-test.
  *
- * A call does at most one piece of long work. No call may interrupt another one of the same node.
+ * A call does at most one piece of long work. No call may interrupt another call for the same node.
  */
 #ifndef SW_NODE_H
 #define SW_NODE_H
@@ -34,7 +34,7 @@
 extern "C" {
 #endif
 
-#define SW_NODE_FRAMES (SW_FRAMES_OUT + SW_ISOTP_BURST) /* that a step sends at most */
+#define SW_NODE_FRAMES (SW_FRAMES_OUT + SW_ISOTP_BURST) /* largest number of frames of a step */
 
 typedef struct {
     sw_store store;
@@ -43,49 +43,49 @@ typedef struct {
 #if SW_XCP
     sw_xcp xcp;
 #endif
-    uint32_t bundle_hash; /* of the release that was booted; 0 without one */
+    uint32_t bundle_hash; /* short hash of the booted release; 0 without one */
     uint8_t is_sending;
-    uint8_t is_full;   /* whether more might be sent than there was room for */
-    uint8_t has_begun; /* whether diagnosis was looked at since power-on, at begun_ns first */
+    uint8_t is_full;   /* whether more frames wait than there was room for */
+    uint8_t has_begun; /* whether sw_node_service has run since power-on, at begun_ns first */
     int64_t begun_ns;
     sw_ecu ecu; /* last; the caller writes `ecu.surroundings.health` as for sw_ecu_step */
 } sw_node;
 
-/* Power-on: boots the flash memory's release. `message` has SW_ISOTP_MOST bytes; all that is given outlives the node.
- * Returns as sw_ecu_init.
+/* Powers on: boots the release in the flash memory. `message` has SW_ISOTP_MOST bytes; all arguments must outlive the
+ * node. Returns the result of sw_ecu_init.
  */
 int sw_node_init(sw_node *node, const sw_equipment *equipment, const sw_flash *flash, uint8_t *message);
 
-/* One control period and one look at diagnosis; frames_in as for sw_ecu_step, and not the memory of frames_out. Returns
- * how many frames there are to be sent.
+/* Runs one control period and one call of diagnosis; frames_in as for sw_ecu_step, but not in the memory of frames_out.
+ * Returns the number of frames to send.
  */
 int sw_node_step(sw_node *node, int64_t now_ns, const sw_frame *frames_in, int count,
                  sw_frame frames_out[SW_NODE_FRAMES]);
 
-/* The two parts of it, for whoever runs them apart. Of the frames of a call diagnosis looks at SW_MOST_FRAMES. It sends
- * no more than there is `room` for, in a CAN controller's memory; what is left comes with a later call, for which a
- * millisecond is early enough.
+/* The two parts of sw_node_step, for callers that run them separately. Diagnosis processes SW_MOST_FRAMES frames of a
+ * call. It returns at most `room` frames, the free places of the CAN controller; the rest follows in a call a
+ * millisecond later.
  */
 int sw_node_control(sw_node *node, int64_t now_ns, const sw_frame *frames_in, int count,
                     sw_frame frames_out[SW_FRAMES_OUT]);
 int sw_node_service(sw_node *node, int64_t now_ns, const sw_frame *frames_in, int count, int room,
                     sw_frame frames_out[SW_ISOTP_BURST]);
 
-/* Whether a frame is for diagnosis: a tester's, or a calibration tool's. */
+/* Returns whether a frame is for diagnosis: a tester's, or a calibration tool's. */
 int sw_node_is_request(const sw_frame *frame);
 
-/* Whether sw_node_service has something to do without another frame. */
+/* Returns whether sw_node_service has work to do without another frame. */
 int sw_node_is_busy(const sw_node *node);
 
-/* Whether that is to wait, for the flash memory or for frames to leave: then a look every millisecond is enough. */
+/* Returns whether that work waits for flash or for frames to be sent: one call per millisecond is then enough. */
 int sw_node_waits(const sw_node *node);
 
 int sw_node_wants_reset(const sw_node *node);
 
-/* Whether only a reset leads out of the shut jets: an image is being written, or a reset was asked for. */
+/* Returns whether the jets stay shut until a reset: an image is being written, or a reset was requested. */
 int sw_node_needs_reset(const sw_node *node);
 
-/* sizeof(sw_node), and that without its sw_ecu, for callers in other languages. */
+/* Return sizeof(sw_node), and its size without sw_ecu, for callers in other languages. */
 size_t sw_node_bytes(void);
 size_t sw_node_loader_bytes(void);
 

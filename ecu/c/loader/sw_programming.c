@@ -22,7 +22,7 @@ uint8_t sw_programming_take_keys(sw_programming *programming, const uint8_t *val
     sw_sha256_of(value, length, digest);
     const int is_again = programming->has_keys && sw_bytes_equal(digest, programming->keys_digest, sizeof digest);
     if (is_again) return SW_UDS_DONE;
-    /* A signature takes a good part of a control period to verify, here and before a way back. */
+    /* Verifying a signature takes a large part of a control period, here and before a revert. */
     uint8_t code = sw_request_refusal(programming->request);
     if (code == 0u) code = sw_store_refusal(sw_store_take_keys(programming->store, value, length));
     if (code == SW_UDS_DONE) {
@@ -41,17 +41,17 @@ uint8_t sw_programming_download(const sw_programming *programming, uint32_t offs
     return is_missing ? 0u : SW_NRC_OUT_OF_RANGE;
 }
 
-/* --- The self-test: whether the release that runs computes on this very chip. The twin of ecu/flashable/self_test.py.
- * It uses the ECU's own memory for the control step: nothing of it is read in a later period. ---
+/* --- The self-test: whether the running release computes on this chip. The twin of ecu/flashable/self_test.py. It uses
+ * the ECU's memory for the control step, which no later period reads. ---
  */
 
-#define AMPLITUDE 0.3f /* in Cp: what a shedding wake brings at the rear edges */
-/* A shedding cycle is an angle of 2 pi in 25 periods. */
+#define AMPLITUDE 0.3f /* in Cp: a typical amplitude of a shedding wake at the rear edges */
+/* Sine and cosine of a period's phase angle: a shedding cycle of 2 pi takes 25 periods. */
 #define SINE 0.2486898872f
 #define TWICE_COSINE 1.9371663222f
-#define SLACK 1e-5f /* by which a plan in float32 may exceed the action limit */
+#define SLACK 1e-5f /* amount by which a plan in float32 may exceed the action limit */
 
-/* Pressures of a shedding wake, opposite ones at sensors next to each other; or zeros. */
+/* Fills in pressures of a shedding wake, with opposite signs at neighbouring sensors; or zeros. */
 static void fill(sw_input *input, float amplitude)
 {
     float now = 0.0f;
@@ -77,7 +77,7 @@ static int runs(sw_ecu *ecu, float amplitude, float most)
     fill(&ecu->input, amplitude);
     for (int i = 0; i < SW_TERMS; i++) ecu->input.weights[i] = ecu->numbers.release->weights[i];
     ecu->input.speed = 1.0f;
-    ecu->input.limit = FLT_MAX; /* the program's own is looked at */
+    ecu->input.limit = FLT_MAX; /* the test compares with the program's own limit */
     ecu->trace.planned = 0;
     int sound = sw_control_step_of(&ecu->numbers.program, &ecu->work.control, &ecu->input, output) == SW_OK;
     for (int k = 0; k < SW_HORIZON; k++) {
@@ -87,7 +87,7 @@ static int runs(sw_ecu *ecu, float amplitude, float most)
     return sound;
 }
 
-/* Runs the controller on what must lead to a finite plan within the action limit, piece by piece. */
+/* Runs the controller, piece by piece, on windows that must lead to a finite plan within the action limit. */
 static uint8_t test_piece(sw_programming *programming)
 {
     programming->has_passed = 0;
@@ -104,9 +104,9 @@ static uint8_t test_piece(sw_programming *programming)
     return SW_UDS_DONE;
 }
 
-/* --- Routines: what the store does in pieces is begun here, and sw_programming_go_on goes on with it --- */
+/* --- Routines: long work of the store begins here and continues in sw_programming_go_on --- */
 
-/* Writes the answer of what the store did: what an announcement wants, what a check found. */
+/* Writes the answer with the store's result: the missing part of an announced image, or the result of a check. */
 static uint8_t ended(const sw_programming *programming, sw_store_result result, sw_answer *answer)
 {
     const sw_store *store = programming->store;
@@ -116,9 +116,9 @@ static uint8_t ended(const sw_programming *programming, sw_store_result result, 
     } else if (programming->routine == SW_ROUTINE_CHECK) {
         sw_answer_byte(answer, store->verdict);
     } else if (store->verdict != SW_VERDICT_GOOD) {
-        return SW_NRC_CONDITIONS_NOT_CORRECT; /* the release before may not run any more */
+        return SW_NRC_CONDITIONS_NOT_CORRECT; /* the earlier release may not run any more */
     } else {
-        /* Going back has nothing to state. */
+        /* A revert has no further data to report. */
     }
     return SW_UDS_DONE;
 }
@@ -133,8 +133,8 @@ static uint8_t announce(sw_programming *programming, const uint8_t *option, sw_a
     return ended(programming, sw_store_announce(programming->store, sw_number(option, 4), &option[4]), answer);
 }
 
-/* A tester that confirms what does not run on trial takes another release for its own; and none stays that did not pass
- * its self-test since this boot.
+/* Confirms the release on trial. Refused if no release is on trial, as the tester then mistakes the release, or if the
+ * release has not passed its self-test since this boot.
  */
 static uint8_t confirm(sw_programming *programming)
 {
@@ -147,7 +147,7 @@ static uint8_t confirm(sw_programming *programming)
     } else if (!programming->has_confirmed) {
         code = SW_NRC_SEQUENCE_ERROR;
     } else {
-        /* The same again. */
+        /* A repeated confirmation is acknowledged. */
     }
     return code;
 }

@@ -20,29 +20,29 @@ typedef struct {
     sw_store *store;
     const sw_vehicle_request *request;
     uint8_t is_updating;   /* an image was announced since power-on: the jets stay shut until a reset */
-    uint8_t has_passed;    /* the release that runs passed its latest self-test, since the last announcement */
-    uint8_t has_confirmed; /* the release on trial was, since the last announcement */
-    uint8_t has_keys;      /* whether a key list was taken */
-    uint8_t keys_digest[SW_SHA256_BYTES]; /* its SHA-256, to acknowledge it again */
-    uint16_t routine; /* that was begun last */
-    uint8_t piece;    /* of a self-test */
+    uint8_t has_passed;    /* the running release passed its latest self-test, since the last announcement */
+    uint8_t has_confirmed; /* the release on trial was confirmed, since the last announcement */
+    uint8_t has_keys;      /* whether a key list was accepted */
+    uint8_t keys_digest[SW_SHA256_BYTES]; /* its SHA-256, to acknowledge a repeated list */
+    uint16_t routine;                     /* routine that was begun last */
+    uint8_t piece;                        /* next piece of a self-test */
 } sw_programming;
 
-/* Whether the image that was booted still stands where it was. */
+/* Returns whether the booted image has not been overwritten. */
 int sw_programming_has_release(const sw_programming *programming);
 
-/* Looks whether a reset interrupts no control: a session may have begun before the control did. */
+/* Checks that a reset would not interrupt control, which may have begun after the session. */
 uint8_t sw_programming_before_reset(const sw_programming *programming);
 
 uint8_t sw_programming_take_keys(sw_programming *programming, const uint8_t *value, uint32_t length);
 
-/* Begins a routine; its status record goes behind what the answer has. */
+/* Begins a routine, and appends its status record to the answer. */
 uint8_t sw_programming_begin(sw_programming *programming, uint32_t routine, const uint8_t *option, sw_answer *answer);
 
-/* Does one more piece of it. */
+/* Does one more piece of the routine. */
 uint8_t sw_programming_go_on(sw_programming *programming, sw_answer *answer);
 
-/* Looks whether `length` bytes of the announced image are what is missing from `offset` on. */
+/* Checks that `length` bytes of the announced image are missing from `offset` on. */
 uint8_t sw_programming_download(const sw_programming *programming, uint32_t offset, uint32_t length);
 
 #endif

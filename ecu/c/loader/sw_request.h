@@ -1,4 +1,4 @@
-/* Why something is not done now, in codes of UDS: the vehicle asks for control, or the store answered so. The twin of
+/* The reasons to refuse a request now, as UDS codes: the vehicle asks for control, or the store refuses. The twin of
  * ecu/flashable/vehicle_request.py.
  */
 #ifndef SW_REQUEST_H
@@ -9,26 +9,26 @@
 #include "sw_store.h"
 #include "sw_uds_settings.h"
 
-/* What a handler returns besides a negative response code (SW_NRC_). */
+/* Results of a handler besides a negative response code (SW_NRC_). */
 #define SW_UDS_DONE 0u /* the answer is positive */
-#define SW_UDS_MORE 1u /* its service goes on with it, a piece a call */
+#define SW_UDS_MORE 1u /* the service continues, one piece per call */
 
-/* The vehicle's request for control, as the control periods saw it: while it stands nothing is flashed. */
+/* The vehicle's request for control, as the control periods saw it: while it is valid nothing is flashed. */
 typedef struct {
     uint8_t has_asked;
     uint8_t drives_jets;
-    int64_t asked_ns; /* the latest period with usable pressures that asked for control */
-    int64_t now_ns;   /* the latest look at diagnosis */
+    int64_t asked_ns; /* time of the latest period with usable pressures and a request for control */
+    int64_t now_ns;   /* time of the latest call of diagnosis */
 } sw_vehicle_request;
 
-/* Why nothing may be flashed now: the SW_NRC_, or 0. */
+/* Returns the SW_NRC_ for which nothing may be flashed now, or 0. */
 static inline uint8_t sw_request_refusal(const sw_vehicle_request *request)
 {
     const int asks = request->has_asked && request->now_ns - request->asked_ns < SW_REMEMBERED_NS;
     return (uint8_t)(request->drives_jets || asks ? SW_NRC_CONDITIONS_NOT_CORRECT : 0u);
 }
 
-/* The refusal for what the store answers; SW_UDS_DONE and SW_UDS_MORE for what is none. */
+/* Returns the refusal for a result of the store; SW_UDS_DONE or SW_UDS_MORE if the store does not refuse. */
 static inline uint8_t sw_store_refusal(sw_store_result result)
 {
     static const uint8_t codes[] = { /* in the order of sw_store_result */

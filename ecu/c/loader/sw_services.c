@@ -1,4 +1,4 @@
-/* The services of UDS, and who may use them. One more service is one more of `rows`, with a function that handles it. */
+/* The services of UDS, and their permissions. A new service needs an entry in `rows`, and a function. */
 #include "sw_services.h"
 
 #include <stddef.h>
@@ -6,16 +6,16 @@
 #define HARD_RESET 1u
 #define START 1u
 #define PLAIN 0x00u         /* data format of a download: neither compressed nor encrypted */
-#define FOUR_AND_FOUR 0x44u /* bytes of length and of address in a download request */
+#define FOUR_AND_FOUR 0x44u /* numbers of bytes for length and address in a download request */
 #define TWO_BYTES 0x20u     /* format of the block length in its answer */
 #define P2_UNIT_MS 10u
 #define ENABLE 0u
 #define DISABLE_SENDING 1u
-#define NORMAL 0x01u /* communication that comprises JetCommand and EcuStatus: these messages, or with */
+#define NORMAL 0x01u /* communication types that include JetCommand and EcuStatus: these messages alone, or with */
 #define NORMAL_AND_NETWORK 0x03u /* network management */
 #define COUNT(table) (sizeof(table) / sizeof(table)[0])
 
-/* Who may write an identifier or start a routine, and with how many bytes; 0xffff: any number. */
+/* Permission to write an identifier or start a routine, and the number of its bytes; 0xffff: any number. */
 typedef struct {
     uint16_t number;
     uint8_t sessions;
@@ -39,7 +39,7 @@ static const permission routines[] = {
     {SW_ROUTINE_CHECK, SW_IN_PROGRAMMING, SW_LEVEL_PROGRAMMING, 0},
 };
 
-/* Whether a number may be used in this session, unlocked, with this many bytes: 0 or the refusal. */
+/* Returns 0 if a number is allowed in this session, unlocked, with this many bytes; else the refusal. */
 static uint8_t refusal(const sw_services *services, const permission *table, uint32_t count, uint32_t number,
                        uint32_t length)
 {
@@ -84,7 +84,7 @@ static uint8_t control_communication(sw_services *services, const uint8_t *body,
     if (body[0] != ENABLE && body[0] != DISABLE_SENDING) return SW_NRC_SUB_FUNCTION_NOT_SUPPORTED;
     if (length != 2u) return SW_NRC_INCORRECT_LENGTH;
     if (body[1] != NORMAL && body[1] != NORMAL_AND_NETWORK) return SW_NRC_OUT_OF_RANGE;
-    /* Under the conditions of a reset: no control is interrupted. */
+    /* The conditions are those of a reset: no control is interrupted. */
     const uint8_t code = body[0] == DISABLE_SENDING ? sw_programming_before_reset(&services->programming) : 0u;
     if (code != 0u) return code;
     services->uds.is_silent = (uint8_t)(body[0] == DISABLE_SENDING);
@@ -101,7 +101,7 @@ static uint8_t hear_tester(sw_services *services, const uint8_t *body, uint32_t 
     return SW_UDS_DONE;
 }
 
-/* Writes the value of an identifier behind what the answer has. Returns 0, or the SW_NRC_ for one that is not there. */
+/* Appends the value of an identifier to the answer. Returns 0, or the SW_NRC_ for an unknown identifier. */
 static uint8_t identifier(const sw_services *services, uint32_t number, sw_answer *answer)
 {
     static const uint8_t dbc[] = SW_DBC_SHA256_BYTES;
@@ -147,7 +147,7 @@ static uint8_t identifier(const sw_services *services, uint32_t number, sw_answe
     return code;
 }
 
-/* The standard leaves out what is not there, if anything else is. */
+/* Reads identifiers. As in the standard, unknown ones are left out if at least one is known. */
 static uint8_t read(sw_services *services, const uint8_t *body, uint32_t length, sw_answer *answer)
 {
     const uint32_t before = answer->length;
@@ -161,7 +161,7 @@ static uint8_t read(sw_services *services, const uint8_t *body, uint32_t length,
     return answer->length > SW_LONGEST_ANSWER ? SW_NRC_RESPONSE_TOO_LONG : SW_UDS_DONE;
 }
 
-/* A level's seed has its number, the answer to the seed the next one. */
+/* Handles security access: an odd sub-function requests the seed of its level, the next number answers it. */
 static uint8_t give_access(sw_services *services, const uint8_t *body, uint32_t length, sw_answer *answer)
 {
     const int is_answer = body[0] % 2u == 0u;
@@ -212,7 +212,7 @@ static uint8_t routine_on(sw_services *services, sw_answer *answer)
     return sw_programming_go_on(&services->programming, answer);
 }
 
-/* --- A download: blocks in their order. A tester that missed an answer sends its request again. --- */
+/* --- A download: blocks in order. A tester that missed an answer repeats its request. --- */
 
 static uint8_t download(sw_services *services, const uint8_t *body, uint32_t length, sw_answer *answer)
 {
@@ -235,14 +235,14 @@ static uint8_t download(sw_services *services, const uint8_t *body, uint32_t len
     } else if (transfer->has_last || transfer->offset != offset || transfer->length != bytes) {
         return SW_NRC_CONDITIONS_NOT_CORRECT;
     } else {
-        /* The same again, before the first block. */
+        /* A request repeated before the first block is acknowledged. */
     }
     sw_answer_byte(answer, TWO_BYTES);
     sw_answer_number(answer, SW_MAX_BLOCK, 2);
     return SW_UDS_DONE;
 }
 
-/* Whether to write this block: SW_UDS_MORE; SW_UDS_DONE if it is the last one again, or what is wrong with it. */
+/* Judges a block: SW_UDS_MORE to write it, SW_UDS_DONE for a repeated last block, or the SW_NRC_ of the refusal. */
 static uint8_t judged(const sw_transfer *transfer, uint8_t counter, uint32_t bytes, const uint8_t *digest)
 {
     const int is_last = transfer->has_last && transfer->last == counter
@@ -254,7 +254,7 @@ static uint8_t judged(const sw_transfer *transfer, uint8_t counter, uint32_t byt
     return bytes > transfer->missing ? SW_NRC_TRANSFER_SUSPENDED : SW_UDS_MORE;
 }
 
-/* If it fails there is no transfer any more: what the memory holds is known only after a new announcement. */
+/* Ends a block. A failed write ends the transfer: the memory's content is known only after a new announcement. */
 static uint8_t block_written(sw_transfer *transfer, uint8_t code)
 {
     if (code == SW_UDS_DONE) transfer->state = SW_TRANSFER_OPEN;
@@ -287,7 +287,7 @@ static uint8_t take_block(sw_services *services, const uint8_t *body, uint32_t l
     return block_written(transfer, sw_store_refusal(sw_store_append(services->uds.store, &body[1], bytes)));
 }
 
-/* All bytes came; the routine that checks finds out whether they are the announced ones. */
+/* Ends a transfer whose bytes have all arrived; the check routine compares them with the announced image. */
 static uint8_t end_transfer(sw_services *services, const uint8_t *body, uint32_t length, sw_answer *answer)
 {
     sw_transfer *transfer = &services->transfer;
@@ -300,7 +300,7 @@ static uint8_t end_transfer(sw_services *services, const uint8_t *body, uint32_t
     return SW_UDS_DONE;
 }
 
-/* --- Faults: sw_faults.c has these services --- */
+/* --- Faults: sw_faults.c implements these services --- */
 
 static uint8_t clear_faults(sw_services *services, const uint8_t *body, uint32_t length, sw_answer *answer)
 {
@@ -320,7 +320,7 @@ static uint8_t set_faults(sw_services *services, const uint8_t *body, uint32_t l
 
 static const sw_service rows[] = {
     {SW_SERVICE_SESSION, SW_IN_ALL, 1, 0, control_session, NULL},
-    /* The programming session begins only while the jets are shut; the reset looks again. */
+    /* The programming session begins only while the jets are shut; the reset checks this again. */
     {SW_SERVICE_RESET, SW_IN_PROGRAMMING, 1, 0, reset, NULL},
     {SW_SERVICE_CLEAR_FAULTS, SW_IN_ALL, 0, 1, clear_faults, NULL},
     {SW_SERVICE_REPORT_FAULTS, SW_IN_ALL, 1, 0, report_faults, NULL},
@@ -336,8 +336,8 @@ static const sw_service rows[] = {
     {SW_SERVICE_FAULT_SETTING, SW_IN_PROGRAMMING | SW_IN_EXTENDED, 1, 0, set_faults, NULL},
 };
 
-/* Drops a transfer that is under way; it can be resumed after a reset. A tester that goes away amid it would leave the jets
- * shut until the next power-on; the release that ran before is in order.
+/* Drops an open transfer, which can be resumed after a reset. If a tester disappears during a transfer, a reset is
+ * needed, or the jets would stay shut until the next power-on; the earlier release is intact.
  */
 static void end_session(sw_services *services, uint8_t next)
 {

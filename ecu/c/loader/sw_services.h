@@ -1,4 +1,4 @@
-/* What the UDS server serves of an ECU: the parts behind the services, and the table of these. The twin of
+/* The ECU behind the UDS server: the parts behind the services, and the table of services. The twin of
  * can_bridge/uds/permissions.py and transfer.py, and of the handlers in server.py.
  */
 #ifndef SW_SERVICES_H
@@ -11,27 +11,27 @@
 #include "sw_programming.h"
 #include "sw_uds.h"
 
-/* What an ECU is given at production; no reset changes it, and it outlives the node. */
+/* The data of an ECU from production; no reset changes them, and they outlive the node. */
 typedef struct {
-    const sw_rules *rules;     /* by which images and key lists are judged */
-    const uint8_t *access_key; /* shared with the tester, SW_AES_BYTES */
-    const char *hardware;      /* its name; UTF-8, as the following */
-    const char *serial;        /* number of this ECU */
+    const sw_rules *rules;     /* rules for the judgement of images and key lists */
+    const uint8_t *access_key; /* secret shared with the tester, SW_AES_BYTES */
+    const char *hardware;      /* name of the hardware; UTF-8, as the following */
+    const char *serial;        /* serial number of this ECU */
     const char *software;      /* version of the loader */
     sw_random random;
     void *context; /* for `random` */
-    uint8_t *image; /* for a copy of the image that runs, at a multiple of 64 bytes; NULL: it runs in the flash */
-    uint32_t image_bytes; /* of the copy: SW_IMAGE_HEADER + sizeof(sw_payload) */
+    uint8_t *image; /* memory for a copy of the running image, at a multiple of 64 bytes; NULL: it runs in the flash */
+    uint32_t image_bytes; /* size of the copy: SW_IMAGE_HEADER + sizeof(sw_payload) */
 } sw_equipment;
 
 typedef enum { SW_NO_TRANSFER, SW_TRANSFER_OPEN, SW_TRANSFER_CLOSED } sw_transfer_state;
 
-/* A download that was asked for. The block that was taken last is remembered by its SHA-256, to acknowledge it again. */
+/* A requested download. The SHA-256 of the last block serves to acknowledge it again. */
 typedef struct {
     uint8_t state;    /* sw_transfer_state */
     uint8_t expected; /* counter of the next block */
     uint8_t has_last;
-    uint8_t last; /* counter of the block that was taken last */
+    uint8_t last; /* counter of the last accepted block */
     uint32_t offset;
     uint32_t length;
     uint32_t missing;
@@ -40,7 +40,7 @@ typedef struct {
 
 struct sw_services {
     const sw_equipment *equipment;
-    sw_programming programming; /* beside a pointer: no byte is lost to alignment */
+    sw_programming programming; /* next to a pointer, so that alignment needs no padding */
     sw_vehicle_request request;
     sw_uds uds;
     sw_calibrating calibrating;
@@ -48,7 +48,7 @@ struct sw_services {
     sw_transfer transfer;
 };
 
-/* Connects the parts: at power-on, in memory of zeros. What is given outlives them. */
+/* Connects the parts, at power-on, in memory of zeros. All arguments must outlive them. */
 void sw_services_init(sw_services *services, const sw_equipment *equipment, sw_store *store, sw_isotp *isotp,
                       sw_ecu *ecu);
 

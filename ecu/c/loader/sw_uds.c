@@ -5,7 +5,7 @@
 
 #define MS INT64_C(1000000)
 #define S3_NS ((int64_t)SW_S3_MS * MS)
-/* Half the limits, which are for the last moment on the bus. */
+/* Half the limits, since the limits end when the answer is on the bus. */
 #define FIRST_PENDING_NS ((int64_t)SW_P2_MS * MS / 2)
 #define NEXT_PENDING_NS ((int64_t)SW_P2_EXTENDED_MS * MS / 2)
 #define POSITIVE 0x40u
@@ -74,7 +74,7 @@ static void set_up(sw_answer *answer, sw_uds *uds, uint32_t service)
     sw_answer_byte(answer, service + POSITIVE);
 }
 
-/* A refusal that an ECU does not send to a functional request (ISO 14229-1, section 7.5). */
+/* Returns whether a refusal is not sent after a functional request (ISO 14229-1, section 7.5). */
 static int is_unsent(uint8_t code)
 {
     return code == SW_NRC_SERVICE_NOT_SUPPORTED || code == SW_NRC_SUB_FUNCTION_NOT_SUPPORTED ||
@@ -82,7 +82,7 @@ static int is_unsent(uint8_t code)
            code == SW_NRC_SERVICE_NOT_IN_SESSION;
 }
 
-/* Ends a piece of a request, with the code that it came to. */
+/* Ends a piece of a request with its result code. */
 static void came_to(sw_uds *uds, uint8_t number, uint8_t code, const sw_answer *answer)
 {
     uds->under_way = code == SW_UDS_MORE ? service_of(uds, number) : NULL;
@@ -97,8 +97,8 @@ static void came_to(sw_uds *uds, uint8_t number, uint8_t code, const sw_answer *
     uds->heard_ns = uds->now_ns;
 }
 
-/* Keeps a request that cannot begin yet where no other one comes; one to every ECU must not take the place of one that is
- * on its way to this.
+/* Stores a request that cannot begin yet where no other request is stored. A functional request must not replace a
+ * physical request that is still being received.
  */
 static uint8_t put_off(sw_uds *uds, const uint8_t *request, uint32_t length)
 {
@@ -108,7 +108,7 @@ static uint8_t put_off(sw_uds *uds, const uint8_t *request, uint32_t length)
     return SW_UDS_MORE;
 }
 
-/* Does the first piece of a request; the bit that suppresses its answer is taken off. */
+/* Does the first piece of a request; the bit that suppresses its answer is removed. */
 static uint8_t began(sw_uds *uds, uint8_t *request, uint32_t length, sw_answer *answer)
 {
     const sw_service *service = service_of(uds, request[0]);
@@ -123,7 +123,7 @@ static uint8_t began(sw_uds *uds, uint8_t *request, uint32_t length, sw_answer *
     return service->handle(uds->services, &request[1], length - 1u, answer);
 }
 
-/* Goes on with the request under way, or begins it if it waited. */
+/* Continues the request in progress, or begins the waiting request. */
 static uint8_t went_on(sw_uds *uds, sw_answer *answer)
 {
     const uint32_t length = uds->waiting;
@@ -162,7 +162,7 @@ void sw_uds_tick(sw_uds *uds, int64_t now_ns)
     if (uds->under_way == NULL) return;
     const uint8_t number = uds->under_way->number;
     if (uds->now_ns >= uds->pending_ns) {
-        /* A tester that received response-pending waits for the answer, even if it wanted none. */
+        /* A tester that received response-pending waits for the answer, even if it suppressed the answer. */
         uds->is_quiet = 0;
         uds->is_functional = 0;
         uds->pending_ns = uds->now_ns + NEXT_PENDING_NS;

@@ -1,9 +1,9 @@
-/* The ECU's side of UDS (ISO 14229-1): requests in, answers out, time as an argument. The twin of can_bridge/uds/server.py,
- * job.py and sessions.py. What is served stands in a table that it is given.
+/* The ECU's side of UDS (ISO 14229-1): it takes requests and returns answers, with time as an argument. The twin of
+ * can_bridge/uds/server.py, job.py and sessions.py. The caller gives the table of services.
  *
- * Every request is checked in the order of the standard's figures: is the service there, is it in this session, is the
- * length right, is the sub-function there and in this session, is the level unlocked, is it its turn; then the ECU behind
- * it may refuse for reasons of its own. One request is worked on at a time, in pieces, one for each sw_uds_tick.
+ * Every request is checked in the order of the standard's figures: service, session, length, sub-function and its
+ * session, security level, sequence. The ECU behind the service may then refuse for its own reasons. One request is
+ * processed at a time, in pieces, one for each sw_uds_tick.
  */
 #ifndef SW_UDS_H
 #define SW_UDS_H
@@ -16,81 +16,79 @@
 #include "sw_request.h"
 #include "sw_store.h"
 
-/* Whatever the services work on; the server only hands it to them. */
+/* The data of the services; the server only passes a pointer to them. */
 typedef struct sw_services sw_services;
 
-/* The sessions in which something is there, a bit each. */
+/* The sessions in which a service exists, one bit each. */
 #define SW_IN_DEFAULT (1u << SW_SESSION_DEFAULT)
 #define SW_IN_PROGRAMMING (1u << SW_SESSION_PROGRAMMING)
 #define SW_IN_EXTENDED (1u << SW_SESSION_EXTENDED)
 #define SW_IN_ALL (SW_IN_DEFAULT | SW_IN_PROGRAMMING | SW_IN_EXTENDED)
 
-/* `body` is what follows the service's number, without the bit that suppresses the answer; `answer` begins with the
- * number of the positive one. Both functions return SW_UDS_DONE, SW_UDS_MORE or the SW_NRC_ of the refusal.
+/* A service. `body` follows the service's number, without the bit that suppresses the answer; `answer` begins with the
+ * number of the positive answer. Both functions return SW_UDS_DONE, SW_UDS_MORE or the SW_NRC_ of the refusal.
  */
 typedef struct {
     uint8_t number;
     uint8_t sessions;
     uint8_t has_sub_function;
-    uint8_t writes; /* needs the flash memory: it waits while a sector is erased for later use */
+    uint8_t writes; /* needs the flash memory: waits while a sector is erased for later use */
     uint8_t (*handle)(sw_services *services, const uint8_t *body, uint32_t length, sw_answer *answer);
-    uint8_t (*go_on)(sw_services *services, sw_answer *answer); /* a further piece; NULL where the first is all */
+    uint8_t (*go_on)(sw_services *services, sw_answer *answer); /* does a further piece; NULL if there is only one */
 } sw_service;
 
 typedef struct {
     const sw_service *rows;
     uint32_t count;
-    void (*end_session)(sw_services *services, uint8_t next); /* ends what belonged to the session */
+    void (*end_session)(sw_services *services, uint8_t next); /* ends the session's own activities */
 } sw_service_table;
 
 typedef struct {
     const sw_service_table *table;
     sw_services *services;
-    sw_isotp *isotp; /* answers are written into its queue */
+    sw_isotp *isotp; /* its queue receives the answers */
     sw_store *store;
-    const sw_service *under_way; /* the service that is worked on, or NULL */
+    const sw_service *under_way; /* the service in progress, or NULL */
     uint8_t session;  /* SW_SESSION_ */
-    uint8_t has_time; /* whether now_ns is one */
+    uint8_t has_time; /* whether now_ns is valid */
     uint8_t reset_is_due;
     uint8_t wants_reset; /* the ECU must be reset */
-    uint8_t is_silent; /* a tester wants no frames of the control; they are sent all the same while a jet can run */
-    uint8_t is_quiet; /* the tester wants no positive answer to it */
-    uint8_t is_functional; /* every ECU has the request: what others may serve is passed over in silence */
-    uint16_t waiting; /* bytes of a request that waits for the memory to be erased; 0: none does */
+    uint8_t is_silent; /* a tester has silenced the frames of control; they are sent nevertheless while a jet can run */
+    uint8_t is_quiet;  /* the tester has suppressed the positive answer */
+    uint8_t is_functional; /* every ECU has the request: it is not refused if other ECUs may support it */
+    uint16_t waiting;      /* bytes of a request that waits for the end of an erasure; 0: none waits */
     sw_access access;
-    int64_t now_ns;   /* a clock that goes back stands still here */
-    int64_t heard_ns; /* since when the tester has been silent */
+    int64_t now_ns;   /* does not follow a clock that goes back */
+    int64_t heard_ns; /* time at which the tester was last heard */
     int64_t pending_ns;
 } sw_uds;
 
-/* Whether a request or a reset is under way: sw_uds_tick goes on with it. */
+/* Returns whether a request or a reset is in progress, which sw_uds_tick continues. */
 int sw_uds_is_busy(const sw_uds *uds);
 
-/* Ends a session in which no tester was heard for S3: at the beginning of each look at diagnosis. While a message is on its
- * way, in either direction, and while a request is worked on, the tester is there (ISO 14229-2).
+/* Ends a session in which no tester was heard for S3; called first in each call of diagnosis. The tester counts as
+ * present while a message is being transferred, in either direction, and while a request is in progress (ISO 14229-2).
  */
 void sw_uds_look(sw_uds *uds, int64_t now_ns);
 
-/* Takes a whole request of `length` bytes, 1 or more, perhaps one to every ECU, and does the first piece of it. One that
- * comes before a long answer to another one is on the bus is not begun: the tester has to send it again.
+/* Takes a complete request of `length` bytes, 1 or more, physical or functional, and does its first piece. A request
+ * that comes while a long answer is still being sent is not begun: the tester has to repeat it.
  */
 void sw_uds_request(sw_uds *uds, int64_t now_ns, uint8_t *request, uint32_t length, int is_functional);
 
-/* Goes on with what is under way: one piece of it, or the reset that was answered before. Call it at least every 20 ms
- * while the server is busy.
- */
+/* Does a piece of the present request, or the answered reset. Call it at least every 20 ms while it is busy. */
 void sw_uds_tick(sw_uds *uds, int64_t now_ns);
 
-/* Whether what is worked on is still read where it came: in the message of the sw_isotp. */
+/* Returns whether the request in progress is still read from the message of the sw_isotp. */
 int sw_uds_holds_message(const sw_uds *uds);
 
-/* Whether what is worked on waits for the memory: a look every millisecond is enough. */
+/* Returns whether the request in progress waits for the memory: one call per millisecond is then enough. */
 int sw_uds_waits(const sw_uds *uds);
 
-/* Whether a security level is not the one that is unlocked; 0: no level is needed. */
+/* Returns whether a security level is locked; level 0 is never locked. */
 int sw_uds_is_locked(const sw_uds *uds, uint8_t level);
 
-/* Begins a session, and ends whatever belonged to the one before. */
+/* Begins a session, and ends the activities of the session before. */
 void sw_uds_change_session(sw_uds *uds, uint8_t session);
 
 #endif

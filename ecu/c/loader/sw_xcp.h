@@ -1,8 +1,9 @@
-/* The ECU's side of XCP on CAN (ASAM MCD-1 XCP 1.x): packets in, packets out, time as an argument. The twin of
- * can_bridge/calibration/xcp.py and xcp_slave.py. Compiled in where SW_XCP is 1.
+/* The ECU's side of XCP on CAN (ASAM MCD-1 XCP 1.x): it takes and returns packets, with time as an argument. The twin
+ * of can_bridge/calibration/xcp.py and xcp_slave.py. Compiled in if SW_XCP is 1.
  *
- * A tool reads and writes the calibration that UDS reads and writes (sw_calibrating), and reads or measures the latest
- * control period (sw_daq). It waits for each answer: SW_XCP_PLACES packets wait to be sent, and what finds no place is lost.
+ * A tool reads and writes the same calibration as UDS (sw_calibrating), and reads or measures the latest control period
+ * (sw_daq). It waits for each answer: at most SW_XCP_PLACES packets wait to be sent, and commands without a free place
+ * are lost.
  */
 #ifndef SW_XCP_H
 #define SW_XCP_H
@@ -25,32 +26,32 @@ typedef struct {
     const uint8_t *access_key;
     sw_random random;
     void *context;   /* for `random` */
-    int64_t last_ns; /* of the latest command */
+    int64_t last_ns; /* time of the latest command */
     uint8_t is_connected;
     uint8_t has_to_store;
-    sw_calibration to_store; /* in force when the tool asked to store */
+    sw_calibration to_store; /* values in force at the tool's request to store */
     sw_xcp_access access;
     sw_xcp_memory memory;
     sw_xcp_packets waiting;
     sw_daq daq;
 } sw_xcp;
 
-/* At power-on, in memory of zeros; what is given outlives it. */
+/* Initialises the slave at power-on, in memory of zeros; all arguments must outlive it. */
 void sw_xcp_init(sw_xcp *xcp, sw_calibrating *calibrating, const uint8_t *access_key, sw_random random, void *context);
 
-/* Whether a frame is the tool's. */
+/* Returns whether a frame comes from the tool. */
 int sw_xcp_is_command(const sw_frame *frame);
 
-/* Takes such a frame. */
+/* Processes a frame from the tool. */
 void sw_xcp_command(sw_xcp *xcp, int64_t now_ns, const sw_frame *frame);
 
-/* Looks at the time, and stores what was asked for if it may be now; once in each look at diagnosis. */
+/* Checks for a timeout, and stores requested values if allowed; called once in each call of diagnosis. */
 void sw_xcp_look(sw_xcp *xcp, int64_t now_ns, int may_store);
 
-/* Frames to be put on the bus now, no more than there is room for. Returns how many. */
+/* Writes the frames to send now, at most `room`. Returns their number. */
 int sw_xcp_poll(sw_xcp *xcp, int64_t now_ns, int room, sw_frame *frames);
 
-/* Whether packets wait. */
+/* Returns whether packets wait to be sent. */
 int sw_xcp_is_sending(const sw_xcp *xcp);
 
 #endif

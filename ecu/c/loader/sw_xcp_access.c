@@ -1,9 +1,9 @@
-/* Seed and key of XCP, in pieces that a packet carries. */
+/* Seed and key of XCP, in pieces of a packet's size. */
 #include "sw_xcp_access.h"
 
 #if SW_XCP
 
-#define PIECE (SW_XCP_MAX_CTO - 2u) /* bytes of a seed or a key in a packet */
+#define PIECE (SW_XCP_MAX_CTO - 2u) /* bytes of a seed or a key per packet */
 
 static void forget(sw_xcp_access *access)
 {
@@ -36,7 +36,7 @@ uint8_t sw_xcp_access_seed(sw_xcp_access *access, const uint8_t *data, sw_random
     } else if (access->unsent == 0u) {
         code = SW_XCP_ERROR_SEQUENCE;
     } else {
-        /* The rest of it. */
+        /* Mode 1 requests the rest of the seed. */
     }
     if (code != SW_XCP_DONE) return code;
     const uint32_t piece = access->unsent < PIECE ? access->unsent : PIECE;

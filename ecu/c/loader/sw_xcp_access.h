@@ -1,4 +1,4 @@
-/* How a calibration tool unlocks the calibration: seed and key of XCP. The twin of XcpAccess in
+/* The unlocking of the calibration by a tool: seed and key of XCP. The twin of XcpAccess in
  * can_bridge/calibration/xcp.py.
  */
 #ifndef SW_XCP_ACCESS_H
@@ -15,17 +15,17 @@
 typedef struct {
     uint8_t is_unlocked;
     uint8_t has_seed;
-    uint8_t unsent;    /* bytes of the seed, */
-    uint8_t key_bytes; /* and of the key that have come */
+    uint8_t unsent;    /* bytes of the seed to send, */
+    uint8_t key_bytes; /* and received bytes of the key */
     uint8_t seed[SW_XCP_SEED_LENGTH];
     uint8_t key[SW_ANSWER_BYTES];
 } sw_xcp_access;
 
-/* Locks the calibration: at the beginning and at the end of a connection. */
+/* Locks the calibration, at the beginning and at the end of a connection. */
 void sw_xcp_access_lock(sw_xcp_access *access);
 
-/* Answer GET_SEED and UNLOCK, whose length was looked at: SW_XCP_DONE or the SW_XCP_ERROR_ of the refusal. Another try needs
- * another seed; a wrong key, ACCESS_LOCKED, ends the connection.
+/* Answer GET_SEED and UNLOCK of checked length: SW_XCP_DONE or the SW_XCP_ERROR_ of the refusal. Every attempt needs a
+ * new seed; a wrong key, ACCESS_LOCKED, ends the connection.
  */
 uint8_t sw_xcp_access_seed(sw_xcp_access *access, const uint8_t *data, sw_random random, void *context,
                            sw_answer *answer);

@@ -1,4 +1,4 @@
-/* The memory that a calibration tool sees: what it reads and writes, and the two pages. */
+/* The memory that a calibration tool reads and writes, and its two pages. */
 #include "sw_xcp_memory.h"
 
 #if SW_XCP
@@ -10,7 +10,7 @@ static int is_inside(uint32_t address, uint32_t length, uint32_t start, uint32_t
     return address >= start && address - start <= size && length <= size - (address - start);
 }
 
-/* Copies what a tool sees there, sizeof(sw_measured) bytes at most. */
+/* Copies bytes from an address in the tool's memory, sizeof(sw_measured) bytes at most. */
 static uint8_t read(const sw_xcp_memory *memory, uint32_t address, uint32_t length, uint8_t *bytes)
 {
     if (is_inside(address, length, SW_XCP_MEASURED, sizeof(sw_measured))) {

@@ -1,4 +1,4 @@
-/* The memory that a calibration tool sees: the calibration's two pages, and the latest control period. The twin of the
+/* The memory of a calibration tool: the calibration's two pages, and the latest control period. The twin of the
  * handlers in can_bridge/calibration/xcp_slave.py.
  */
 #ifndef SW_XCP_MEMORY_H
@@ -14,19 +14,19 @@
 typedef struct {
     sw_calibrating *calibrating;
     const sw_daq *daq;
-    const char *text; /* that is fetched: what is left of a name */
-    uint32_t address; /* MTA */
+    const char *text; /* rest of a name that UPLOAD returns */
+    uint32_t address; /* memory transfer address (MTA) */
     uint8_t text_bytes;
-    uint8_t page; /* that the tool sees */
+    uint8_t page; /* page that the tool accesses */
 } sw_xcp_memory;
 
-/* At the end of a connection. */
+/* Resets the memory's state, at the end of a connection. */
 void sw_xcp_memory_end(sw_xcp_memory *memory);
 
-/* Has a name fetched by UPLOAD. */
+/* Sets a name that UPLOAD returns next. */
 void sw_xcp_memory_text(sw_xcp_memory *memory, const char *text, uint32_t bytes);
 
-/* Answers a command of calibration, whose length was looked at: SW_XCP_DONE or the SW_XCP_ERROR_ of the refusal. */
+/* Answers a calibration command of checked length: SW_XCP_DONE or the SW_XCP_ERROR_ of the refusal. */
 uint8_t sw_xcp_memory_command(sw_xcp_memory *memory, const uint8_t *data, uint32_t length, sw_answer *answer);
 
 #endif

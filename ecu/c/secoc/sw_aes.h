@@ -1,18 +1,18 @@
-/* AES-128 (FIPS 197), encryption alone. The schedule of a key stands in its caller's memory.
+/* AES-128 (FIPS 197), encryption only. The caller provides the memory for the schedule of a key.
  *
- * It looks up no table and takes no branch by a secret: every block takes the same time, whatever key and block are.
+ * The code has no table and no branch that depends on a secret: every block takes the same time for any key and data.
  */
 #ifndef SW_AES_H
 #define SW_AES_H
 
 #include <stdint.h>
 
-#define SW_AES_BYTES 16 /* of a key, and of a block */
+#define SW_AES_BYTES 16 /* bytes of a key, and of a block */
 #define SW_AES_ROUNDS 10
 #define SW_AES_PLANES 8 /* bits of a byte */
 
 typedef struct {
-    uint16_t rounds[SW_AES_ROUNDS + 1][SW_AES_PLANES]; /* the key, and that of each round, as planes (sw_aes.c) */
+    uint16_t rounds[SW_AES_ROUNDS + 1][SW_AES_PLANES]; /* the key and the round keys, as planes (sw_aes.c) */
 } sw_aes_key;
 
 void sw_aes_prepare(sw_aes_key *prepared, const uint8_t key[SW_AES_BYTES]);

@@ -1,6 +1,6 @@
 #include "sw_cmac.h"
 
-/* A block times x, in GF(2^128). */
+/* Multiplies a block by x in GF(2^128). */
 static void doubled(uint8_t to[SW_AES_BYTES], const uint8_t block[SW_AES_BYTES])
 {
     uint32_t carry = 0x87u & (0u - ((uint32_t)block[0] >> 7));

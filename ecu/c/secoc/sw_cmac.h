@@ -4,18 +4,18 @@
 
 #include "sw_aes.h"
 
-/* A key that is prepared: a MAC then takes one encryption for each of its blocks. */
+/* A prepared key: a MAC then takes one encryption for each block. */
 typedef struct {
     sw_aes_key aes;
-    uint8_t whole[SW_AES_BYTES];  /* goes into a last block that is whole, K1 in RFC 4493 */
-    uint8_t padded[SW_AES_BYTES]; /* and into one that is not, K2 */
+    uint8_t whole[SW_AES_BYTES];  /* added to a complete last block, K1 in RFC 4493 */
+    uint8_t padded[SW_AES_BYTES]; /* added to a padded last block, K2 */
 } sw_cmac_key;
 
 void sw_cmac_prepare(sw_cmac_key *prepared, const uint8_t key[SW_AES_BYTES]);
 
 void sw_cmac(const sw_cmac_key *key, const uint8_t *message, uint32_t length, uint8_t mac[SW_AES_BYTES]);
 
-/* Both at once, by a key that is used once. */
+/* Prepares a key and computes a MAC, for a key that is used once. */
 void sw_aes_cmac(const uint8_t key[SW_AES_BYTES], const uint8_t *message, uint32_t length, uint8_t mac[SW_AES_BYTES]);
 
 #endif

@@ -13,7 +13,7 @@ int sw_secoc_begin(sw_secoc *secoc, const uint8_t key[SW_AES_BYTES])
     return any != 0u ? 0 : 1;
 }
 
-/* The MAC of a frame of `length` bytes, over the data ID, which is not sent, and everything in front of the MAC. */
+/* Computes the MAC of a frame of `length` bytes, over the data ID, which is not sent, and everything before the MAC. */
 static void mac_of(const sw_secoc *secoc, const uint8_t *data, uint32_t length, uint16_t data_id,
                    uint8_t mac[SW_AES_BYTES])
 {
@@ -32,7 +32,7 @@ int sw_secoc_is_authentic(const sw_secoc *secoc, const uint8_t *data, uint32_t b
     uint32_t different = 0;
     if (!secoc->is_given || bytes != length) return 0;
     mac_of(secoc, data, length, data_id, mac);
-    /* In a time that does not depend on how much of it fits. */
+    /* The time of the comparison must not depend on the number of equal bytes. */
     for (uint32_t i = 0; i < MAC_BYTES; i++) different |= (uint32_t)mac[i] ^ sent[FRESHNESS_BYTES + i];
     *freshness = 0;
     for (uint32_t i = 0; i < FRESHNESS_BYTES; i++) *freshness = *freshness << 8 | sent[i];

@@ -1,5 +1,5 @@
-/* Authenticated frames after AUTOSAR SecOC: what is not authentic or not fresh is refused before E2E looks at it. The twin
- * of can_bridge/secoc/securing.py, which draws the frame:
+/* Authenticated frames after AUTOSAR SecOC: a frame that is not authentic or not fresh is refused before the E2E check.
+ * The twin of can_bridge/secoc/securing.py, which describes the frame:
  *
  *     protected part | zeros | freshness, 8 bytes | MAC, 8 bytes
  */
@@ -10,39 +10,39 @@
 
 #include "sw_cmac.h"
 
-#define SW_SECOC_LONGEST 64u /* bytes of a frame */
+#define SW_SECOC_LONGEST 64u /* largest length of a frame */
 
-/* The bus' key in use. Without one nothing is authentic, and nothing may be sent. */
+/* The bus key in use. Without a key no frame is authentic, and no frame may be sent. */
 typedef struct {
     uint8_t is_given;
     sw_cmac_key cmac;
 } sw_secoc;
 
-/* What the receiver of one message must remember. Counts stop at their largest value. */
+/* The state of the receiver of one message. Counts saturate at their largest value. */
 typedef struct {
-    uint64_t freshness; /* of the latest accepted frame; 0 before the first */
-    uint32_t not_authentic; /* frames refused because of length or MAC */
-    uint32_t not_fresh;     /* authentic ones, repeated or recorded earlier */
+    uint64_t freshness;     /* value of the latest accepted frame; 0 before the first */
+    uint32_t not_authentic; /* number of frames refused because of their length or MAC */
+    uint32_t not_fresh;     /* number of authentic frames that were repeated, or recorded earlier */
 } sw_verifier;
 
-/* What the sender must remember: the freshness of its next frames. */
+/* The state of the sender: the freshness of its next frames. */
 typedef struct {
-    uint32_t trip;  /* power cycles, this one included; from 1 on */
-    uint32_t count; /* frames of a message sent in this one; it stays at its largest value */
+    uint32_t trip;  /* number of power cycles, including this one; at least 1 */
+    uint32_t count; /* number of a message's frames sent in this power cycle; saturates */
 } sw_freshness;
 
-/* Takes a key. Returns 0, or 1 for a key of zeros, which is an empty memory's; there is none then. */
+/* Prepares a key. Returns 0, or 1 for a key of zeros, which an empty memory contains; there is then no key. */
 int sw_secoc_begin(sw_secoc *secoc, const uint8_t key[SW_AES_BYTES]);
 
-/* Whether a frame of `bytes` bytes is authentic as this message, which has `length`. Its freshness value, if it is. */
+/* Returns whether a frame of `bytes` bytes is authentic for a message of `length` bytes, and its freshness value. */
 int sw_secoc_is_authentic(const sw_secoc *secoc, const uint8_t *data, uint32_t bytes, uint32_t length, uint16_t data_id,
                           uint64_t *freshness);
 
-/* Whether it is accepted, which is remembered: authentic, and fresher than the latest one. */
+/* Returns whether a frame is accepted: authentic, and fresher than the latest. The state then stores its value. */
 int sw_secoc_accepts(sw_verifier *verifier, const sw_secoc *secoc, const uint8_t *data, uint32_t bytes, uint32_t length,
                      uint16_t data_id);
 
-/* Writes freshness and MAC behind the protected part and the zeros that follow it, into `length` bytes in all. */
+/* Writes freshness and MAC after the protected part and its zeros; all parts have `length` bytes. */
 void sw_secoc_secure(const sw_secoc *secoc, uint8_t *data, uint32_t length, uint16_t data_id,
                      const sw_freshness *freshness);
 

@@ -1,5 +1,5 @@
-/* Bytes and numbers in them, where there is no library; big-endian unless the name says otherwise. And an answer that is
- * being written.
+/* Functions on bytes and the numbers in them, without a library; numbers are big-endian unless the name says otherwise.
+ * And an answer that is being written.
  */
 #ifndef SW_BYTES_H
 #define SW_BYTES_H
@@ -23,7 +23,7 @@ static inline void sw_bytes_fill(uint8_t *to, uint8_t value, uint32_t length)
     for (uint32_t i = 0; i < length; i++) to[i] = value;
 }
 
-/* The number that `count` bytes are, 4 at most. */
+/* Returns the number in `count` bytes, 4 at most. */
 static inline uint32_t sw_number(const uint8_t *bytes, uint32_t count)
 {
     uint32_t value = 0;
@@ -43,7 +43,7 @@ static inline uint32_t sw_little_u32(const uint8_t *data)
     return data[0] | (uint32_t)data[1] << 8 | (uint32_t)data[2] << 16 | (uint32_t)data[3] << 24;
 }
 
-/* Bytes beyond its room are counted and not kept. */
+/* An answer. Bytes beyond its room are counted, but not stored. */
 typedef struct {
     uint8_t *bytes;
     uint32_t room;
@@ -61,7 +61,7 @@ static inline void sw_answer_bytes(sw_answer *answer, const uint8_t *bytes, uint
     for (uint32_t i = 0; i < count; i++) sw_answer_byte(answer, bytes[i]);
 }
 
-/* The lowest `count` bytes of a number. */
+/* Appends the lowest `count` bytes of a number. */
 static inline void sw_answer_number(sw_answer *answer, uint64_t value, uint32_t count)
 {
     for (uint32_t i = count; i > 0u; i--) sw_answer_byte(answer, (uint32_t)(value >> (8u * (i - 1u)) & 0xffu));

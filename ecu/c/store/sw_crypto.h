@@ -1,4 +1,4 @@
-/* What a store needs of cryptography: SHA-256 (FIPS 180-4) in pieces, Ed25519 (RFC 8032). */
+/* The cryptography of the store: SHA-256 (FIPS 180-4) in pieces, Ed25519 (RFC 8032). */
 #ifndef SW_CRYPTO_H
 #define SW_CRYPTO_H
 
@@ -9,20 +9,20 @@
 typedef struct {
     uint32_t state[8];
     uint8_t block[64];
-    uint64_t length; /* bytes so far */
+    uint64_t length; /* number of bytes so far */
 } sw_sha256;
 
 void sw_sha256_begin(sw_sha256 *hash);
 void sw_sha256_add(sw_sha256 *hash, const uint8_t *data, uint32_t length);
 void sw_sha256_end(sw_sha256 *hash, uint8_t digest[SW_SHA256_BYTES]);
 
-/* All of it at once. */
+/* Computes the digest of all data at once. */
 void sw_sha256_of(const uint8_t *data, uint32_t length, uint8_t digest[SW_SHA256_BYTES]);
 
-/* Whether a key is of small order: anyone can sign anything for it. */
+/* Returns whether a key is of small order: anyone can forge signatures of such a key. */
 int sw_key_is_weak(const uint8_t key[32]);
 
-/* Whether a signature of these bytes is this key's; never by a key of small order. */
+/* Returns whether a signature of these bytes is this key's; never for a key of small order. */
 int sw_signature_is_good(const uint8_t signature[64], const uint8_t key[32], const uint8_t *data, uint32_t length);
 
 #endif

@@ -1,16 +1,16 @@
-/* The flash memory that the store stands in, as the loader needs it: erased by sector, written once by word.
+/* The flash memory of the store, as the loader needs it: erased by sector, written once by word.
  *
- * Addresses are bytes from the start of the store's part of the flash, which the driver maps. Its sectors are, in order:
- * two for records, SW_SLOT_SECTORS for slot A, as many for slot B.
+ * Addresses are bytes from the start of the store's part of the flash, which the driver maps. The sectors are, in
+ * order: two for records, SW_SLOT_SECTORS for slot A, and as many for slot B.
  */
 #ifndef SW_FLASH_H
 #define SW_FLASH_H
 
 #include <stdint.h>
 
-#define SW_FLASH_WORD 32u /* bytes that are programmed at once, and have one error-correcting code */
+#define SW_FLASH_WORD 32u /* bytes that are programmed together and share an error-correcting code */
 #ifndef SW_FLASH_SECTOR
-#define SW_FLASH_SECTOR 131072u /* bytes that are erased at once */
+#define SW_FLASH_SECTOR 131072u /* bytes that are erased together */
 #endif
 #ifndef SW_SLOT_SECTORS
 #define SW_SLOT_SECTORS 3u
@@ -20,21 +20,21 @@
 #define SW_SLOT_BYTES (SW_SLOT_SECTORS * SW_FLASH_SECTOR)
 #define SW_FLASH_BYTES (SW_RECORD_SECTORS * SW_FLASH_SECTOR + 2u * SW_SLOT_BYTES)
 
-/* How an erasure that was begun stands. */
+/* The state of an erasure. */
 typedef enum { SW_FLASH_DONE = 0, SW_FLASH_FAILED = 1, SW_FLASH_AT_WORK = 2 } sw_flash_state;
 
-/* Each call but `erased` returns 0, or 1 if the memory failed. After a call in which the supply goes, the words that it
- * touched have any value, or none: reading them fails.
+/* A driver. Each function except `erased` returns 0, or 1 if the memory failed. If the supply fails during a call, the
+ * words that it touched have any value, or cannot be read.
  *
- * Erasing takes a second on some chips, so `erase` only begins it: all bytes are 0xFF once `erased` is no longer AT_WORK,
- * and until then nothing but that is called. A driver gives an erasure up that takes longer than the chip's longest.
+ * Erasing takes a second on some chips, so `erase` only begins it: all bytes are 0xFF once `erased` no longer returns
+ * AT_WORK; until then no other function is called. A driver aborts an erasure that takes longer than the chip allows.
  */
 typedef struct {
     void *context;
-    const uint8_t *memory;                          /* where it is mapped */
-    int (*erase)(void *context, uint32_t sector);   /* begins */
-    sw_flash_state (*erased)(void *context);        /* how that stands */
-    int (*program)(void *context, uint32_t address, const uint8_t *word); /* a word that was erased, to its end */
+    const uint8_t *memory;                                                /* address at which it is mapped */
+    int (*erase)(void *context, uint32_t sector);                         /* begins an erasure */
+    sw_flash_state (*erased)(void *context);                              /* state of the erasure */
+    int (*program)(void *context, uint32_t address, const uint8_t *word); /* programs an erased word to its end */
     int (*read)(void *context, uint32_t address, uint8_t *data, uint32_t length); /* 1: a word cannot be corrected */
 } sw_flash;
 

@@ -1,4 +1,4 @@
-/* SHA-256 as its standard writes it down; what Ed25519 needs. */
+/* SHA-256, written as in its standard; and the SHA-512 that Ed25519 needs. */
 #include "sw_crypto.h"
 
 #include "sw_bytes.h"
@@ -8,7 +8,7 @@
 #define BLOCK 64u
 #define LENGTH 8u /* bytes of the length at the end of the last block */
 
-/* First 32 bits of the fractions of the cube roots of the first 64 primes. */
+/* First 32 bits of the fractional parts of the cube roots of the first 64 primes. */
 static const uint32_t rounds[64] = {
     0x428a2f98u, 0x71374491u, 0xb5c0fbcfu, 0xe9b5dba5u, 0x3956c25bu, 0x59f111f1u, 0x923f82a4u, 0xab1c5ed5u,
     0xd807aa98u, 0x12835b01u, 0x243185beu, 0x550c7dc3u, 0x72be5d74u, 0x80deb1feu, 0x9bdc06a7u, 0xc19bf174u,
@@ -49,7 +49,7 @@ static void mix(sw_sha256 *hash)
 
 void sw_sha256_begin(sw_sha256 *hash)
 {
-    /* The same of the square roots of the first 8 primes. */
+    /* First 32 bits of the fractional parts of the square roots of the first 8 primes. */
     static const uint32_t start[8] = {
         0x6a09e667u, 0xbb67ae85u, 0x3c6ef372u, 0xa54ff53au, 0x510e527fu, 0x9b05688cu, 0x1f83d9abu, 0x5be0cd19u,
     };
@@ -86,7 +86,7 @@ void sw_sha256_of(const uint8_t *data, uint32_t length, uint8_t digest[SW_SHA256
     sw_sha256_end(&hash, digest);
 }
 
-/* --- SHA-512, and Ed25519 by it, as Monocypher has them (vendor/README.md). Nothing of ours follows. --- */
+/* --- SHA-512 and Ed25519, from Monocypher (vendor/README.md). No code of this project follows. --- */
 
 #if defined(__GNUC__)
 #pragma GCC diagnostic ignored "-Wconversion"

@@ -6,22 +6,22 @@
 
 #define WORD SW_FLASH_WORD
 #define WORDS (SW_FLASH_SECTOR / WORD)
-#define TRIES 3u /* places in which a record is tried */
-#define FILLED (WORDS / 2u) /* of a sector, from which on it is left when there is time */
+#define TRIES 3u            /* places at which a write is attempted */
+#define FILLED (WORDS / 2u) /* words of a sector from which on it is left when there is time */
 
-/* First byte of a word: what it is. A blank word has 0xFF. */
+/* First byte of a word: its type. A blank word has 0xFF. */
 #define IS_SECTOR 0xc3u
 #define IS_FIRST 0xa5u
 #define IS_FURTHER 0x5au
 
-/* The first word of a record: what it is, kind, length (2), CRC-32 of kind, length and data (4), data. */
+/* The first word of a record: type, kind, length (2), CRC-32 of kind, length and data (4), data. */
 #define KIND 1u
 #define LENGTH 2u
 #define CRC 4u
 #define DATA 8u
 #define IN_FIRST (WORD - DATA)
 #define IN_FURTHER (WORD - 1u)
-/* The first word of a sector: what it is, magic (3), sequence (4), CRC-32 of these (4). */
+/* The first word of a sector: type, magic (3), sequence (4), CRC-32 of these fields (4). */
 #define SEQUENCE 4u
 #define SECTOR_CRC 8u
 
@@ -49,7 +49,7 @@ static int read_word(const sw_records *records, uint32_t sector, uint32_t word, 
     return records->flash->read(records->flash->context, address_of(sector, word), data, WORD);
 }
 
-/* A word that reads back as it was written; 1: it does not. */
+/* Writes a word and reads it back. Returns 1 if they differ. */
 static int write_word(const sw_records *records, uint32_t sector, uint32_t word, const uint8_t data[WORD])
 {
     uint8_t found[WORD];
@@ -75,13 +75,13 @@ static uint32_t crc_begun(sw_record_kind kind, uint32_t length)
     return sw_crc32(0, head, 3);
 }
 
-/* Where the data of the record's word with this number begins, and how many bytes it can have. */
+/* Returns where the data of a record's word with this number begins, and how many bytes fit in it. */
 static uint32_t offset_of(uint32_t number) { return number == 0u ? 0u : IN_FIRST + (number - 1u) * IN_FURTHER; }
 static uint32_t begin_in(uint32_t number) { return number == 0u ? DATA : 1u; }
 
 static uint32_t lesser(uint32_t one, uint32_t other) { return one < other ? one : other; }
 
-/* Whether a record stands at a word, whole. */
+/* Returns whether a complete record begins at a word. */
 static int is_record(const sw_records *records, uint32_t word, const uint8_t first[WORD])
 {
     const uint32_t kind = first[KIND];
@@ -98,7 +98,7 @@ static int is_record(const sw_records *records, uint32_t word, const uint8_t fir
     return crc == sw_big_u32(&first[CRC]);
 }
 
-/* Whether a sector is valid, and its sequence. */
+/* Returns whether a sector is valid, and its sequence. */
 static int is_valid(const sw_records *records, uint32_t sector, uint32_t *sequence)
 {
     uint8_t data[WORD];
@@ -173,7 +173,7 @@ sw_flash_state sw_records_erased(sw_records *records)
     return state;
 }
 
-/* A blank sector, erased if need be and allowed. */
+/* Makes a sector blank: erases it if necessary and allowed. */
 static int blanked(sw_records *records, uint32_t sector)
 {
     sw_flash_state state = SW_FLASH_AT_WORK;
@@ -215,17 +215,17 @@ int sw_records_read(const sw_records *records, sw_record_kind kind, uint32_t off
     return 0;
 }
 
-/* A record to be written. */
+/* A record to write. */
 typedef struct {
     sw_record_kind kind;
     const sw_part *parts;
     uint32_t count, length;
 } record;
 
-/* Bytes of it from `offset` on; 1: what is kept cannot be read. */
+/* Copies bytes of the record from `offset` on. Returns 1 if a stored part cannot be read. */
 static int gathered(const sw_records *records, const record *of, uint32_t offset, uint8_t *data, uint32_t length)
 {
-    uint32_t begin = 0; /* of a part */
+    uint32_t begin = 0; /* first byte of a part */
     for (uint32_t i = 0; i < of->count; i++) {
         const sw_part *part = &of->parts[i];
         const uint32_t from = begin > offset ? begin : offset;
@@ -236,7 +236,7 @@ static int gathered(const sw_records *records, const record *of, uint32_t offset
                    && sw_records_read(records, of->kind, part->place + from - begin, &data[from - offset], to - from) != 0) {
             return 1;
         } else {
-            /* Nothing of this part. */
+            /* The requested bytes have nothing of this part. */
         }
         begin += part->length;
     }
@@ -271,7 +271,7 @@ static int write_record(const sw_records *records, uint32_t sector, uint32_t wor
     return 0;
 }
 
-/* Words as they stand to another sector; 1: one cannot be read there; 2: one cannot be written here. */
+/* Copies words to another sector. Returns 1 if a word cannot be read, 2 if one cannot be written. */
 static int copied(const sw_records *records, uint32_t from, uint32_t sector, uint32_t to, uint32_t count)
 {
     for (uint32_t i = 0; i < count; i++) {
@@ -282,8 +282,8 @@ static int copied(const sw_records *records, uint32_t from, uint32_t sector, uin
     return 0;
 }
 
-/* The newest records, with this one in place of an older if there is one, into the other sector, which is valid from its
- * last word on.
+/* Moves the newest records into the other sector, with this record in place of an older one of its kind. The other
+ * sector becomes valid with its last word.
  */
 static int moved(sw_records *records, const record *of)
 {
@@ -305,7 +305,7 @@ static int moved(sw_records *records, const record *of)
         if (failed == 0) {
             next.words[i] = next.end;
         } else {
-            next.lengths[i] = 0; /* it cannot be read any more: the others need not be lost with it */
+            next.lengths[i] = 0; /* an unreadable record must not cost the others */
         }
         next.end += count;
     }
@@ -325,7 +325,7 @@ static int moved(sw_records *records, const record *of)
     return 0;
 }
 
-/* Whether a move would leave more than half of what is written behind. */
+/* Returns whether a move would free more than half of the written words. */
 static int is_worth_a_move(const sw_records *records)
 {
     uint32_t kept = 1;
@@ -344,14 +344,14 @@ void sw_records_care(sw_records *records)
         if (is_blank_sector(records, sector)) {
             records->other = SW_OTHER_BLANK;
         } else if (sw_records_begin_erasing(records, sector) != 0) {
-            records->other = SW_OTHER_BAD; /* a memory that fails is not tried again */
+            records->other = SW_OTHER_BAD; /* a failed memory is not attempted again */
         } else {
-            /* The next call looks how it stands. */
+            /* The next call checks the progress. */
         }
     } else if (records->other == (uint8_t)SW_OTHER_BLANK && is_worth_a_move(records)) {
         if (moved(records, NULL) != 0) records->other = SW_OTHER_BAD;
     } else {
-        /* There is room. */
+        /* There is still room. */
     }
 }
 
@@ -374,7 +374,7 @@ int sw_records_keep_parts(sw_records *records, sw_record_kind kind, const sw_par
             records->other = SW_OTHER_UNKNOWN;
         } else {
             const uint32_t word = records->end;
-            records->end += words; /* what failed there stays */
+            records->end += words; /* a failed place stays unused */
             if (write_record(records, records->sector, word, &of) == 0) {
                 records->words[(uint32_t)kind - 1u] = word;
                 records->lengths[(uint32_t)kind - 1u] = of.length;

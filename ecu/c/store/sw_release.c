@@ -16,7 +16,7 @@
 #define LIST_ROOT 16u
 #define LIST_KEYS 48u
 
-/* Whether keys ascend, so that none is there twice. */
+/* Returns whether the keys ascend, so that none occurs twice. */
 static int ascend(const uint8_t *keys, uint32_t count)
 {
     for (uint32_t i = 1; i < count; i++) {
@@ -105,7 +105,7 @@ static int all_zero(const uint8_t *data, uint32_t length)
     return found == 0u;
 }
 
-/* Bytes of a name of printable ASCII, padded with zeros; 0: it is none. */
+/* Returns the length of a name of printable ASCII, padded with zeros; 0 if it is invalid. */
 static uint32_t name_length(const uint8_t *field)
 {
     uint32_t length = 0;

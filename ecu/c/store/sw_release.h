@@ -1,5 +1,5 @@
-/* Which keys may sign releases (contract/release/key_list.py); the header of a release as an image
- * (contract/release/controller_image.py), and whether this ECU may run it.
+/* The keys that may sign releases (contract/release/key_list.py); the header of a release as an image
+ * (contract/release/controller_image.py); and the judgement whether this ECU may run it.
  */
 #ifndef SW_RELEASE_H
 #define SW_RELEASE_H
@@ -7,12 +7,12 @@
 #include <stdint.h>
 
 #define SW_MOST_KEYS 16u
-#define SW_KEY_LIST_BYTES (48u + 2u * SW_MOST_KEYS * 32u + 64u) /* of the longest list */
+#define SW_KEY_LIST_BYTES (48u + 2u * SW_MOST_KEYS * 32u + 64u) /* length of the longest list */
 
-/* Whether a list was signed by the root key and is in order. */
+/* Returns whether a list is signed by the root key and well-formed. */
 int sw_key_list_is_good(const uint8_t *data, uint32_t length, const uint8_t root[32]);
 
-/* The version of a list that is good, or of zeros, which stand for none: it is 0 then, and no key is in the list. */
+/* Returns the version of a valid list; 0 for a list of zeros, which stands for no list and has no keys. */
 uint32_t sw_key_list_version(const uint8_t *list);
 int sw_key_is_allowed(const uint8_t *list, const uint8_t key[32]);
 int sw_key_is_revoked(const uint8_t *list, const uint8_t key[32]);
@@ -20,7 +20,7 @@ int sw_key_is_revoked(const uint8_t *list, const uint8_t key[32]);
 #define SW_HEADER_BYTES 512u
 #define SW_NAME_BYTES 64u
 
-/* The checks in the order in which they are made, as can_bridge/flashing/verdicts.py has them; also on the wire. */
+/* The verdicts in the order of the checks, as in can_bridge/flashing/verdicts.py; the bus has the same numbers. */
 typedef enum {
     SW_VERDICT_GOOD = 0,
     SW_VERDICT_INCOMPLETE = 1,
@@ -37,36 +37,36 @@ typedef enum {
     SW_VERDICT_TOO_OLD = 12,
     SW_VERDICT_UNREADABLE = 13,
     SW_VERDICT_EMPTY = 14,
-    SW_VERDICT_WRONG_BUILD = 15, /* judged behind WRONG_DBC; and last, of an image that sw_image_open refuses */
+    SW_VERDICT_WRONG_BUILD = 15, /* checked after WRONG_DBC; and at last, if sw_image_open refuses the image */
     SW_VERDICT_NONE = 0xff       /* not judged yet */
 } sw_verdict;
 
-/* What this ECU is. */
+/* The properties of this ECU by which releases are judged. */
 typedef struct {
     uint8_t root[32];        /* Ed25519 key that signs key lists */
-    uint8_t layout[32];      /* SHA-256 that names the build's layout of the payload */
+    uint8_t layout[32];      /* SHA-256 of the build's layout of the payload */
     uint8_t dbc[32];         /* SHA-256 of stillwake.dbc */
     uint8_t hardware[64];    /* UTF-8, zero padded */
     uint8_t vehicle[44];     /* bytes 148..191 of the header of every image that fits: control period, operating point,
                                 action limit, number of sensors */
 } sw_rules;
 
-/* What the store keeps of an image in order. */
+/* The facts that the store keeps of a valid image. */
 typedef struct {
     uint32_t security_version;
-    uint8_t digest[32]; /* of the release */
+    uint8_t digest[32]; /* digest of the release */
     uint8_t name[SW_NAME_BYTES];
     uint8_t name_length;
     uint8_t signer[32];
 } sw_release_facts;
 
-/* Judge the header of an image of `length` bytes, its payload's SHA-256 being as given, by a key list. WRONG_HASH,
- * INCOMPLETE, UNREADABLE and EMPTY are for the caller to find, and whether the build can run the payload.
+/* Judges the header of an image of `length` bytes, with the given SHA-256 of its payload, by a key list. The caller has
+ * to find WRONG_HASH, INCOMPLETE, UNREADABLE and EMPTY, and to check whether the build can run the payload.
  */
 sw_verdict sw_release_judge(const uint8_t header[SW_HEADER_BYTES], uint32_t length, const uint8_t payload_sha256[32],
                             const uint8_t *keys, const sw_rules *rules, uint32_t least_security_version);
 
-/* Reads a header that is GOOD. */
+/* Reads a header with the verdict GOOD. */
 void sw_release_read(const uint8_t header[SW_HEADER_BYTES], sw_release_facts *facts);
 
 #endif

@@ -1,8 +1,8 @@
-/* Ed25519 signatures (RFC 8032), judged as OpenSSL judges them, which verifies the same images in Python: sB - hA is
- * computed by Monocypher's arithmetic of points, and its encoding is compared with R byte by byte.
+/* Ed25519 signatures (RFC 8032), verified like OpenSSL, which verifies the same images in Python: Monocypher's
+ * arithmetic of points computes sB - hA, and its encoding is compared with R byte by byte.
  *
- * Monocypher's own check allows any difference of small order between both sides of the equation, and its tables take
- * half a KiB of the stack; here one bit of both scalars after the other takes one table's entry of each point.
+ * Monocypher's own check allows a difference of small order between both sides of the equation, and its tables take
+ * half a KiB of the stack. This code processes both scalars bit by bit, with one table entry for each point.
  */
 #if defined(__GNUC__)
 #pragma GCC diagnostic push
@@ -17,10 +17,10 @@
 #include "monocypher-ed25519.h"
 #include "sw_crypto.h"
 
-#define POINT 32u /* bytes of one, and of a scalar */
+#define POINT 32u /* bytes of a point, and of a scalar */
 #define SCALAR_BITS 253
 
-/* y of the points that eight times are nothing, the last two not reduced: anyone can sign anything for these keys. */
+/* The y of the points of small order, the last two not reduced: anyone can forge signatures of these keys. */
 static const uint8_t small_order[7][POINT] = {
     {0x00},
     {0x01},
@@ -41,7 +41,7 @@ static uint32_t bit_of(const uint8_t scalar[POINT], int bit)
     return ((uint32_t)scalar[bit / 8] >> (bit % 8)) & 1u;
 }
 
-/* Whether R is, byte by byte, the encoding of sB - hA. */
+/* Returns whether R is, byte by byte, the encoding of sB - hA. */
 static int equals_r(const uint8_t signature[64], const uint8_t key[POINT], const uint8_t h[POINT])
 {
     ge sum, work;
@@ -72,7 +72,7 @@ int sw_key_is_weak(const uint8_t key[32])
     return weak;
 }
 
-/* SHA-512 of R, the key and the data, reduced by the group's order. */
+/* Computes SHA-512 of R, the key and the data, reduced by the group's order. */
 static void challenge(uint8_t h[POINT], const uint8_t *signature, const uint8_t *key, const uint8_t *data, uint32_t length)
 {
     uint8_t hash[64];

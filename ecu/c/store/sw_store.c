@@ -17,7 +17,7 @@ static int is_blank(const sw_store *store, uint32_t address)
     return all == 0xffu;
 }
 
-/* Where writing behind the first bytes can go on: behind all of them, or at the start of a sector; SW_NO_OFFSET: nowhere. */
+/* Returns where writing can continue: after all received bytes, or at the start of a sector; SW_NO_OFFSET: nowhere. */
 static uint32_t begin_again(const sw_store *store, uint32_t slot)
 {
     const sw_slot_state *standing = &store->state.slots[slot];
@@ -25,7 +25,7 @@ static uint32_t begin_again(const sw_store *store, uint32_t slot)
     if (standing->received == standing->length) return standing->received;
     for (uint32_t at = begin; at < standing->length; at += WORD) {
         if (!is_blank(store, sw_slots_address(slot) + at)) {
-            /* A word is written once: the sector that has one too many is erased. */
+            /* A word is written only once: a sector with an unknown word is erased. */
             const uint32_t sector = standing->received / SW_FLASH_SECTOR * SW_FLASH_SECTOR;
             return sector > 0u ? sector : SW_NO_OFFSET;
         }
@@ -41,9 +41,7 @@ static int written(const sw_store *store, uint32_t address, const uint8_t word[W
     return !sw_bytes_equal(found, word, WORD);
 }
 
-/* Writes the bytes of a slot from `from` on; `tail` are the bytes of its last word that is not whole. Returns 1 if the memory
- * failed.
- */
+/* Writes a slot's bytes from `from` on; `tail` has its last incomplete word. Returns 1 if the memory failed. */
 static int write_bytes(const sw_store *store, uint32_t slot, uint32_t from, uint8_t *tail, const uint8_t *data,
                        uint32_t length)
 {
@@ -61,7 +59,7 @@ static int write_bytes(const sw_store *store, uint32_t slot, uint32_t from, uint
 
 /* --- What may be done with which slot --- */
 
-/* Whether it was booted and failed, so that its image has to come again. */
+/* Returns whether a slot was booted and failed, so that its image has to be transferred again. */
 static int is_known_bad(const sw_store *store, uint32_t slot)
 {
     const uint8_t phase = store->state.slots[slot].phase;
@@ -69,8 +67,8 @@ static int is_known_bad(const sw_store *store, uint32_t slot)
            && store->verdicts[slot] != SW_VERDICT_NONE;
 }
 
-/* The slot that is not protected: by the release that runs, if it is confirmed, or by the confirmed one. SW_NO_SLOT: the
- * release before boots from the next reset on, and the ECU was not reset yet.
+/* Returns the slot that is not protected. The running release is protected if it is confirmed, otherwise the confirmed
+ * one. SW_NO_SLOT after a revert until the reset.
  */
 static uint32_t writable_slot(const sw_store *store)
 {
@@ -84,7 +82,7 @@ static uint32_t writable_slot(const sw_store *store)
     return 1u - running;
 }
 
-/* The state with an empty slot; a confirmed release in the other one is active then. */
+/* Returns the state with an empty slot; a confirmed release in the other slot is then active. */
 static sw_store_state *without(sw_store *store, uint32_t slot)
 {
     sw_store_state *next = sw_state_draft(store);
@@ -101,7 +99,7 @@ static int holds(const sw_slot_state *slot, const sw_slot_state *other)
 
 int sw_store_is_erasing(const sw_store *store) { return store->records.is_erasing; }
 
-/* An erasure of it comes to its end first. */
+/* Drops the work in progress; an erasure is completed first. */
 static void drop_work(sw_store *store)
 {
     const int clears = store->work == SW_WORK_CLEAR;
@@ -115,7 +113,7 @@ void sw_store_drop(sw_store *store)
     store->announced = SW_NO_SLOT;
 }
 
-/* The slot is announced, and the memory stands exactly behind what was received. */
+/* Announces the slot, when the memory is writable directly after the received bytes. */
 static sw_store_result announced(sw_store *store)
 {
     const sw_slot_state *announced_slot = &store->scratch.next.slot;
@@ -151,7 +149,7 @@ sw_store_result sw_store_announce(sw_store *store, uint32_t length, const uint8_
         next->received = wanted;
         return announced(store);
     }
-    /* What a cut leaves behind these bytes does not count until the slot is announced. */
+    /* Remains of an interrupted write after these bytes do not count until the slot is announced. */
     sw_store_state *state = without(store, slot);
     if (wanted != SW_NO_OFFSET) {
         next->received = wanted;
@@ -163,7 +161,7 @@ sw_store_result sw_store_announce(sw_store *store, uint32_t length, const uint8_
     return SW_STORE_MORE;
 }
 
-/* A piece of the bytes; with the last one they count. The draft of the state stands in the scratch memory. */
+/* Appends a piece of the bytes; they count from the last piece on. The scratch memory has the draft of the state. */
 static sw_store_result appended(sw_store *store)
 {
     sw_store_state *next = &store->scratch.next.state;
@@ -247,7 +245,7 @@ static sw_store_result reverted(sw_store *store)
     return sw_state_keep(store, next) == 0 ? SW_STORE_DONE : SW_STORE_BAD_MEMORY;
 }
 
-/* Begins to erase the next sector, or looks how that stands. */
+/* Begins to erase the next sector, or checks the progress. */
 static sw_store_result cleared(sw_store *store)
 {
     const uint32_t sector = SW_RECORD_SECTORS + store->slot * SW_SLOT_SECTORS + store->at;
@@ -300,7 +298,7 @@ sw_store_result sw_store_confirm(sw_store *store)
     sw_store_state *next = sw_state_draft(store);
     sw_slot_state *standing = &next->slots[slot];
     if (standing->phase == SW_PHASE_CONFIRMED) return SW_STORE_DONE;
-    /* A release of a key that was taken off the list would not boot again, and the one before may be too old from now on. */
+    /* If the release's key was removed from the list, it would not boot again, and the earlier one might be too old. */
     if (standing->phase != SW_PHASE_TRIAL || !sw_key_is_allowed(store->keys, standing->facts.signer)) {
         return SW_STORE_OUT_OF_ORDER;
     }
@@ -316,7 +314,7 @@ sw_store_result sw_store_confirm(sw_store *store)
 sw_store_result sw_store_revert(sw_store *store)
 {
     const uint32_t trial = sw_state_in_phase(&store->state, SW_PHASE_TRIAL);
-    /* What runs decides: a request that comes again, its answer lost, must not lead back to where it was. */
+    /* The running release decides: a repeated request, whose answer was lost, must not undo the first one. */
     const uint32_t now = store->running != SW_NO_SLOT ? store->running : store->state.active;
     drop_work(store);
     if (trial != SW_NO_SLOT) {

@@ -1,12 +1,12 @@
-/* What the store keeps over a loss of power. First its slots: the record of can_bridge/flashing/state.py, byte by byte, and
- * behind it the bytes of each slot behind its last whole word, which cannot be written yet.
+/* The data that survive a power loss. First the slots: the record of can_bridge/flashing/state.py, byte by byte, then
+ * the bytes of each slot after its last complete word, which cannot be written yet.
  */
 #include "sw_store.h"
 
 #include "sw_bytes.h"
 
 #define MAGIC 4u
-#define SLOT 112u /* bytes of one, before its name */
+#define SLOT 112u /* bytes of a slot, before its name */
 #define REST 7u
 #define CRC 4u
 #define MOST_BYTES (MAGIC + 2u * (SLOT + SW_NAME_BYTES) + REST + CRC + 2u * SW_FLASH_WORD)
@@ -59,7 +59,7 @@ static uint32_t encoded(const sw_store_state *state, uint8_t *data)
     return at + 2u * SW_FLASH_WORD;
 }
 
-/* Reads a record that this store wrote, as its CRC says; 0: it is another version's. */
+/* Reads a record that this store wrote, as its CRC shows. Returns 0 for a record of another version. */
 static int decoded(const uint8_t *data, uint32_t length, sw_store_state *state)
 {
     uint32_t at = MAGIC;
@@ -148,7 +148,7 @@ void sw_state_give_up(sw_slot_state *slot)
 
 /* --- Key list, calibrations, failed attempts and faults: the twin of can_bridge/flashing/remembered.py --- */
 
-/* The record of calibrations: magic (4), number (1); of each digest (32), length (2), bytes. */
+/* The record of calibrations: magic (4), number (1); for each digest (32), length (2), bytes. */
 #define HEAD 5u
 #define ENTRY 34u
 #define DIGEST 32u
@@ -195,7 +195,7 @@ sw_store_result sw_store_take_keys(sw_store *store, const uint8_t *data, uint32_
     return SW_STORE_DONE;
 }
 
-/* A release's calibration: its place in the record, and its length; 0: there is none. */
+/* Finds a release's calibration: its place in the record, and its length; 0: none. */
 static uint32_t found(const sw_store *store, const uint8_t digest[DIGEST], uint32_t *place)
 {
     uint8_t data[ENTRY];
@@ -217,7 +217,7 @@ static uint32_t found(const sw_store *store, const uint8_t digest[DIGEST], uint3
     return 0;
 }
 
-/* Finds it like `found`; 0 also where it cannot be read. */
+/* Finds a calibration like `found`; returns 0 also if it cannot be read. */
 static uint32_t readable(const sw_store *store, const uint8_t digest[DIGEST], uint32_t *place)
 {
     uint8_t data[DIGEST];
@@ -252,7 +252,7 @@ static int is_before(const uint8_t one[DIGEST], const uint8_t other[DIGEST])
     return one[i] < other[i];
 }
 
-/* The record has the calibrations of the releases that are here, by their digests. */
+/* The record has the calibrations of the stored releases, by their digests. */
 sw_store_result sw_store_keep_calibration(sw_store *store, const uint8_t *data, uint32_t length)
 {
     uint8_t head[HEAD], own_head[ENTRY], other_head[ENTRY];
@@ -261,7 +261,7 @@ sw_store_result sw_store_keep_calibration(sw_store *store, const uint8_t *data, 
     if (length > SW_MAX_CALIBRATION) return SW_STORE_OUT_OF_RANGE;
     const uint8_t *own = store->state.slots[store->running].facts.digest;
     const uint8_t *other = store->state.slots[1u - store->running].facts.digest;
-    /* One release in both slots has one calibration. */
+    /* A release in both slots has one calibration. */
     const uint32_t kept = sw_bytes_equal(own, other, DIGEST) ? 0u : readable(store, other, &place);
     const uint32_t first = is_before(own, other) ? 1u : 3u;
     sw_part parts[5] = {0};
@@ -302,7 +302,7 @@ sw_store_result sw_store_keep_failed_attempts(sw_store *store, uint8_t level, ui
     if (place > 1u) return SW_STORE_OUT_OF_RANGE;
     const uint8_t before = store->state.attempts[place];
     if (attempts == before) return SW_STORE_DONE;
-    /* Amid other work, whose scratch memory stays as it is. */
+    /* The state is changed directly, as other work may be using the scratch memory. */
     store->state.attempts[place] = attempts;
     if (sw_state_keep(store, &store->state) == 0) return SW_STORE_DONE;
     store->state.attempts[place] = before;

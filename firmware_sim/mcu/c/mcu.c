@@ -1,5 +1,5 @@
-/* The control step on a bare Cortex-M7: one call per row of the window. A test bench, or a bus driver, fills mcu_row and
- * reads mcu_output. While the window fills, rows are only pushed.
+/* The control step on a bare Cortex-M7: one call for each row of the window. A test bench, or a bus driver, fills
+ * mcu_row and reads mcu_output. Until the window is full, rows are only added.
  */
 #include <stddef.h>
 
@@ -11,18 +11,18 @@ int mcu_push(void);
 int mcu_step(void);
 int mcu_longest_step(void);
 
-float mcu_row[SW_COLUMNS]; /* pressures Cp, and the action that was commanded one step before */
+float mcu_row[SW_COLUMNS]; /* pressures Cp, and the action of the step before */
 sw_input mcu_input;
 sw_output mcu_output;
 static sw_workspace workspace;
 
 extern unsigned char mcu_hot_start[], mcu_hot_end[], mcu_hot_load[];
 
-/* Constants that every step reads go to data TCM, then the program on it begins again. */
+/* Copies constants that every step reads to data TCM, then resets the input. */
 void mcu_reset(void)
 {
     memcpy(mcu_hot_start, mcu_hot_load, (size_t)(mcu_hot_end - mcu_hot_start));
-    (void)sw_input_reset(&mcu_input); /* every step looks at the arithmetic again */
+    (void)sw_input_reset(&mcu_input); /* every step checks the arithmetic again */
 }
 
 int mcu_push(void)
@@ -39,7 +39,7 @@ int mcu_step(void)
     return (int)status;
 }
 
-/* A weight that no prior knows has all iterations run. */
+/* A weight that the prior does not support makes all iterations run. */
 int mcu_longest_step(void)
 {
     mcu_input.weights[SW_RATE] += 1e-6f;

@@ -1,4 +1,4 @@
-"""python -m tests.proofs.prove: see `proof`."""
+"""The command `python -m tests.proofs.prove`; see `proof`."""
 
 from tests.proofs.command_line import main
 from tests.proofs.prove import proof

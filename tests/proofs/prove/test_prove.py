@@ -1,4 +1,4 @@
-"""The machine proofs that take a second each; `make prove` has all of them."""
+"""The machine proofs that take a second each; `make prove` runs all proofs."""
 
 import shutil
 import sys

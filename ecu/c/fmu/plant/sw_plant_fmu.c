@@ -1,5 +1,5 @@
-/* The front of the plant's FMU, which is Python: order of calls, references, numbers and times are judged here, and what is
- * in order goes on to the binary of pythonfmu3 beside this one, for which each error in Python is fatal.
+/* The front end of the plant's FMU, which is written in Python. It checks the order of calls, references, numbers and
+ * times, and passes valid calls on to pythonfmu3's binary in the same folder, for which each error in Python is fatal.
  */
 #define _GNU_SOURCE /* dladdr */
 #include <dlfcn.h>
@@ -12,7 +12,7 @@
 #define BEHIND "pythonfmu.so"
 #define TIME 0u
 
-/* Its functions, with their names of the standard. */
+/* The binary's functions, by their names in the standard. */
 #define FUNCTIONS(OF)                                                                                                     \
     OF(fmi3Instance, InstantiateCoSimulation, fmi3String, fmi3String, fmi3String, fmi3Boolean, fmi3Boolean, fmi3Boolean,  \
        fmi3Boolean, const fmi3ValueReference[], size_t, fmi3InstanceEnvironment, fmi3LogMessageCallback,                  \
@@ -54,7 +54,7 @@ typedef struct {
     fmi3FMUState plant;
 } saved;
 
-/* The binary beside this one; NULL if it does not load. */
+/* Loads the binary in the same folder; returns NULL if that fails. */
 static void *beside(void)
 {
     Dl_info own;
@@ -116,7 +116,7 @@ SW_EXPORT void fmi3FreeInstance(fmi3Instance fmu)
     free(found);
 }
 
-/* Enters the mode that a call leads to, unless it failed. */
+/* Enters the mode that a call leads to, unless the call failed. */
 static fmi3Status led_to(instance *found, fmi3Status status, uint32_t mode)
 {
     if (status <= fmi3Warning) found->kept.mode = mode;
@@ -177,7 +177,7 @@ SW_EXPORT fmi3Status fmi3DoStep(fmi3Instance fmu, fmi3Float64 point, fmi3Float64
     return status;
 }
 
-/* --- Variables: numbers alone --- */
+/* --- Variables: only floats --- */
 
 SW_EXPORT fmi3Status fmi3GetFloat64(fmi3Instance fmu, const fmi3ValueReference references[], size_t count,
                                     fmi3Float64 values[], size_t size)
@@ -227,7 +227,7 @@ NONE_GOT_OR_SET(Int64)
 NONE_GOT_OR_SET(UInt64)
 NONE_GOT_OR_SET(Boolean)
 
-/* --- States, in memory alone --- */
+/* --- States, only in memory --- */
 
 SW_EXPORT fmi3Status fmi3GetFMUState(fmi3Instance fmu, fmi3FMUState *state)
 {

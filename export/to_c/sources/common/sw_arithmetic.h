@@ -1,9 +1,10 @@
-/* Whether a build computes as C99 and IEEE 754 have it, in float: a known answer.
+/* The check that a build computes floats as C99 and IEEE 754 define: a known answer.
  *
- * It finds sums and products in another order, divisions made products, more digits than the type has, small numbers
- * taken as zero, numbers that must not be NaN or infinite, zeros without a sign, and another rounding than to the nearest:
- * the compiler's doing, or the processor's mode of now. What goes in is unknown to the compiler, so that it does the same
- * to this as to all that it compiles with the same flags. What a macro tells is refused in sw_compiler.h.
+ * It detects sums and products in another order, divisions replaced by products, more digits than the type has, small
+ * numbers taken as zero, the assumption that numbers are never NaN or infinite, zeros without a sign, and rounding
+ * other than to the nearest. The cause may be the compiler, or the present mode of the processor. The inputs are
+ * unknown to the compiler, so that it treats this code like all code with the same flags. sw_compiler.h rejects what a
+ * macro shows.
  */
 #ifndef SW_ARITHMETIC_H
 #define SW_ARITHMETIC_H
@@ -16,13 +17,13 @@ static inline float sw_unknown(float value)
     return held;
 }
 
-/* 0 if the number has these bits. */
+/* Returns 0 if the number has these bits. */
 static inline uint32_t sw_other(float value, uint32_t bits) { return sw_to_bits(value) ^ bits; }
 
-/* 0 if it has, within the few last steps that a contraction to fused operations moves it. */
+/* Returns 0 if the number is within the few last places by which contraction to fused operations may change it. */
 static inline uint32_t sw_far(float value, uint32_t bits) { return (sw_to_bits(value) - bits + 4u) & ~7u; }
 
-/* Whether products are added without having been rounded: one that rounds to 1, less 1. */
+/* Returns whether a product is added without rounding: a product that rounds to 1, minus 1, is then not 0. */
 static inline int sw_float_fused(void)
 {
     const float one = sw_unknown(1.0f), above = sw_unknown(1.00012207f), below = sw_unknown(0.99987793f);
@@ -30,7 +31,7 @@ static inline int sw_float_fused(void)
     return product - one != 0.0f || above * below - one != 0.0f;
 }
 
-/* 0 if all is right; contraction, which the control step allows, changes none of it. */
+/* Returns 0 if all is correct; contraction, which the control step allows, changes none of it. */
 static inline uint32_t sw_float_wrong(void)
 {
     const float one = sw_unknown(1.0f), three = sw_unknown(3.0f), five = sw_unknown(5.0f), seven = sw_unknown(7.0f);

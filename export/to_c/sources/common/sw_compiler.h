@@ -1,5 +1,5 @@
-/* Arithmetic in which a control would be wrong is refused here, as far as macros tell; the rest is found by a known answer
- * (sw_arithmetic.h). GCC and Clang state these macros before any header is read, each those that it knows.
+/* Arithmetic that makes control wrong is rejected here, as far as macros show it; a known answer detects the rest
+ * (sw_arithmetic.h). GCC and Clang predefine these macros, each compiler some of them.
  */
 #ifndef SW_COMPILER_H
 #define SW_COMPILER_H

@@ -1,5 +1,5 @@
-/* Finite numbers; exp, tanh, the logistic function and the square root, without branches so that loops over them vectorise.
- * The error bounds are held by tests over all arguments that a controller meets.
+/* Tests for finite numbers; exp, tanh, the logistic function and the square root, without branches, so that compilers
+ * can vectorise loops over them. Tests check the error bounds over all arguments that occur in a controller.
  */
 #ifndef SW_MATH_H
 #define SW_MATH_H
@@ -33,7 +33,7 @@ static inline uint32_t sw_to_bits(float value)
 
 static inline float sw_abs(float value) { return sw_from_bits(sw_to_bits(value) & 0x7fffffffu); }
 
-/* Whether all are finite numbers; comparisons with NaN are false. */
+/* Returns whether all numbers are finite; comparisons with NaN are false. */
 static inline int sw_all_finite(const float *values, int count)
 {
     const float largest = 3.40282347e38f;
@@ -42,16 +42,16 @@ static inline int sw_all_finite(const float *values, int count)
     return finite;
 }
 
-/* exp(x) within 1.5e-7 relative for -87 <= x <= 88; held at its value there beyond.
- * x = n ln 2 + r with |r| <= ln 2 / 2; exp(r) = 1 + r + r^2 q(r), q fitted for the least largest error.
+/* Returns exp(x) within 1.5e-7 relative for -87 <= x <= 88; beyond, the value at the limit. x = n ln 2 + r with |r| <=
+ * ln 2 / 2; exp(r) = 1 + r + r^2 q(r), with q fitted for the smallest maximum error.
  */
 static inline float sw_exp(float x)
 {
-    const float magic = 12582912.0f; /* 1.5 2^23: adding it rounds to an integer, which the low bits then hold */
+    const float magic = 12582912.0f; /* 1.5 2^23: adding it rounds to an integer, in the low bits */
     const float held = sw_min(sw_max(x, -87.0f), 88.0f);
     const float shifted = held * 1.44269504f + magic;
     const float n = shifted - magic;
-    /* ln 2 in two parts, the first with so few digits that its product with n is exact. */
+    /* ln 2 has two parts; the first has so few digits that its product with n is exact. */
     const float r = (held - n * 0.693359375f) + n * 2.12194440e-4f;
     float q = 1.38145406e-3f;
     q = q * r + 8.36874545e-3f;

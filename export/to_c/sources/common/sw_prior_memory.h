@@ -1,4 +1,4 @@
-/* The prior of the plan: its numbers, and its scratch memory. Without one SW_PRIOR_UNITS is 0. */
+/* The prior of the plan: its numbers and its scratch memory. SW_PRIOR_UNITS is 0 without a prior. */
 #ifndef SW_PRIOR_MEMORY_H
 #define SW_PRIOR_MEMORY_H
 
@@ -12,15 +12,15 @@
 
 #if SW_PRIOR_UNITS > 0
 
-/* Inputs of the units: the filtered rows. Of their gates: the filtered sums of the sensors' pairs. */
+/* Inputs of the units: the filtered rows. Inputs of their gates: the filtered sums of the sensors' pairs. */
 #define SW_PRIOR_INPUTS (SW_PRIOR_FILTERS * SW_PRIOR_ROW)
 #define SW_PRIOR_SUMS (SW_PRIOR_FILTERS * (SW_PRIOR_ROW - 1))
-/* The units, filled up with zeros to eight at a time. */
+/* The number of units, padded with zeros to a multiple of eight. */
 #define SW_PRIOR_OUTPUTS ((SW_PRIOR_UNITS + 7) / 8 * 8)
 
-/* Members of sw_weights: the first row of a past that each filter reads, and how many; the rows' weights, filter by filter;
- * the layers. The two matrices are the numbers times their scales, which are 1 in a float32 library: a unit's weights on
- * its inputs, each for all that schedules it, and those of its gate on the sums.
+/* Members of sw_weights: the first row of the past that each filter reads, and the number of its rows; the rows'
+ * weights, filter by filter; the layers. The two matrices are the numbers times their scales, which are 1 in a float32
+ * library: a unit's weights on its inputs, one for each scheduling variable, and those of its gate on the sums.
  */
 #define SW_PRIOR_NUMBERS                                                                        \
     SW_ALIGNED int32_t prior_filter_rows[SW_PRIOR_FILTERS][2];                                  \
@@ -41,12 +41,12 @@
 #endif
 
 typedef struct {
-    float rows[SW_PRIOR_MEMORY + SW_HORIZON][SW_PRIOR_ROW]; /* oldest first: what was, then what is predicted */
+    float rows[SW_PRIOR_MEMORY + SW_HORIZON][SW_PRIOR_ROW]; /* oldest first: the past, then the prediction */
     float schedule[SW_SCHEDULED];
     float inputs[SW_PRIOR_INPUTS];
-    float weight[SW_PRIOR_INPUTS][SW_PRIOR_OUTPUTS]; /* as they are scheduled in this control step */
+    float weight[SW_PRIOR_INPUTS][SW_PRIOR_OUTPUTS]; /* the scheduled weights of this control step */
     float outputs[SW_PRIOR_OUTPUTS];
-    float gated[SW_PRIOR_OUTPUTS]; /* the last layer's weights times the gates */
+    float gated[SW_PRIOR_OUTPUTS]; /* the last layer's weights multiplied by the gates */
 } sw_prior_scratch;
 
 #endif

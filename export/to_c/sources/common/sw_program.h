@@ -1,7 +1,7 @@
-/* Where the numbers of a trained program stand: compiled in, or in an image on flash that is read in place.
+/* The addresses of a trained program's numbers: compiled in, or in an image on flash that is read in place.
  *
- * They are structures without pointers, laid out as sw_weights.h has them, so that they may stand wherever they are
- * aligned to SW_ALIGNMENT bytes: `hot`, which every step of every roll-out reads whole, in faster memory than the others.
+ * The numbers are structures without pointers, laid out as in sw_weights.h, so any address aligned to SW_ALIGNMENT
+ * bytes will do: `hot`, which every step of every roll-out reads completely, may be in faster memory than the others.
  */
 #ifndef SW_PROGRAM_H
 #define SW_PROGRAM_H
@@ -11,11 +11,11 @@
 /* Columns of the window: the sensors, then the action. */
 #define SW_COLUMNS (SW_SENSORS + 1)
 
-/* A length rounded up to whole registers, or to whole pairs of words of int8 weights; what is added is zero throughout. */
+/* A length rounded up to whole registers, or to whole pairs of words of int8 weights; the padding is zero. */
 #define SW_PADDED(n) (((n) + SW_LANES - 1) / SW_LANES * SW_LANES)
 
-/* Tables start at SW_ALIGNMENT bytes where the compiler can align them: a cache line, or the words that products on a
- * Cortex-M read whole. Images are for compilers that can.
+/* Tables are aligned to SW_ALIGNMENT bytes if the compiler supports it: a cache line, or the words that products on a
+ * Cortex-M read completely. Images need such a compiler.
  */
 #if defined(__GNUC__)
 #define SW_ALIGNED __attribute__((aligned(SW_ALIGNMENT)))
@@ -28,7 +28,7 @@ struct sw_hot;
 
 typedef struct {
     const struct sw_weights *weights;
-    const struct sw_hot *hot; /* of an int8 library; others have none */
+    const struct sw_hot *hot; /* numbers of an int8 library; others have none */
 } sw_program;
 
 #endif

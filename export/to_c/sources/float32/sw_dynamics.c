@@ -33,7 +33,7 @@ void sw_roll_out_adjoint(sw_workspace *work)
     const sw_weights *w = work->program.weights;
     sw_dynamics_tape *tape = &work->phase.tape.dynamics;
     float adjoint[SW_LATENT] = {0}, change[SW_LATENT + 1];
-    /* sw_dots does not reach the padding. */
+    /* sw_dots does not write the padding. */
     for (int c = SW_DYN1; c < SW_DYN1_P; c++) tape->hidden1[c] = 0.0f;
     for (int k = SW_HORIZON - 1; k >= 0; k--) {
         for (int l = 0; l < SW_LATENT; l++) adjoint[l] += work->d_latents[l][k];

@@ -1,15 +1,15 @@
-/* The three products that nearly all the time goes into, written so that compilers vectorise them as they stand: every
- * inner loop runs over independent sums, and no sum has to be reordered.
+/* The three products that take nearly all the time. Compilers vectorise them without reordering a sum, because every
+ * inner loop runs over independent sums.
  *
- * Vectors are padded to whole registers (SW_LANES) with zeros. Matrices are rows of such vectors; a matrix stands in
- * memory once and serves forward pass and adjoint, one of them by sw_combine and the other by sw_dots.
+ * Vectors are padded to whole registers (SW_LANES) with zeros. Matrices are rows of such vectors. Forward pass and
+ * adjoint use a single copy of a matrix, one by sw_combine and the other by sw_dots.
  */
 #ifndef SW_KERNELS_H
 #define SW_KERNELS_H
 
 #include "sw_workspace.h"
 
-/* y = start + w^T x; w is (rows, columns). Eight rows at a time share the load and store of y. */
+/* y = start + w^T x; w is (rows, columns). Eight rows at a time share one load and store of y. */
 static inline void sw_combine(float *restrict y, const float *restrict start, const float *restrict w,
                               const float *restrict x, int rows, int columns)
 {
@@ -33,7 +33,7 @@ static inline void sw_combine(float *restrict y, const float *restrict start, co
 #error "sw_lane_sum adds up 16 numbers"
 #endif
 
-/* The sum of SW_LANES numbers, by halves. */
+/* Returns the sum of SW_LANES numbers, by halves. */
 static inline float sw_lane_sum(float lanes[SW_LANES])
 {
     for (int j = 0; j < 8; j++) lanes[j] += lanes[j + 8];
@@ -71,8 +71,8 @@ static inline void sw_dots(float *restrict y, const float *restrict w, const flo
 }
 
 /* y[o][t] += sum over i of w(o, i) x[i][t] for every step t of the horizon, with w(o, i) = w[o stride_o + i stride_i]:
- * the matrix or its transpose. Steps fill the registers, so neither needs a second copy. Four outputs at a time share
- * the loads of x.
+ * the matrix or its transpose, from one copy. The steps fill the registers. Four outputs at a time share the loads of
+ * x.
  */
 static inline void sw_product(float *restrict y, const float *restrict w, int stride_o, int stride_i,
                               const float *restrict x, int outputs, int inputs)

@@ -1,11 +1,11 @@
-/* Layer norm and ELU as one, and their adjoint.
+/* Layer norm and ELU in one function, and their adjoint.
  *
- * The matrices in front of a norm are stored centred, C W with C = I - 11^T / n, so that its input u has mean zero:
+ * The matrices before a norm are stored centred, C W with C = I - 11^T / n, so that the norm's input u has mean zero:
  * the norm is xhat = r u with r = 1 / sqrt(mean u^2 + eps), and h = ELU(y), y = gain xhat + offset. The adjoint needs
- * xhat and slope = ELU'(y) gain r: with t = slope dJ/dh, it is dJ/du = t - xhat mean(t xhat). The projection onto mean
- * zero that is missing there is in the centred matrix already.
+ * xhat and slope = ELU'(y) gain r: with t = slope dJ/dh, it is dJ/du = t - xhat mean(t xhat). The missing projection
+ * onto mean zero is already in the centred matrix.
  *
- * Padding stays zero: there u, gain and offset are.
+ * Padding stays zero, because u, gain and offset are zero in it.
  */
 #ifndef SW_NORM_H
 #define SW_NORM_H
@@ -13,7 +13,7 @@
 #include "sw_kernels.h"
 #include "sw_math.h"
 
-/* Makes h of u, in its place in `hidden`, xhat and slope; `width` counts what is not padding. */
+/* Computes h from u, in place in `hidden`, and xhat and slope; `width` is the length without padding. */
 static inline void sw_norm_elu(float *restrict hidden, float *restrict xhat, float *restrict slope,
                                const float *restrict gain, const float *restrict offset, int width, int padded)
 {
@@ -32,7 +32,7 @@ static inline void sw_norm_elu(float *restrict hidden, float *restrict xhat, flo
     }
 }
 
-/* Makes dJ/du of dJ/dh, in its place in `d`. */
+/* Computes dJ/du from dJ/dh, in place in `d`. */
 static inline void sw_norm_elu_adjoint(float *restrict d, const float *restrict xhat, const float *restrict slope,
                                        int width, int padded)
 {

@@ -1,5 +1,6 @@
-/* The numbers of a trained program; sw_weights.c, generated, defines those that are compiled in. Matrices are stored with
- * their shorter side, or their inputs, as rows, so that rows are long; what feeds a norm is centred (sw_norm.h).
+/* The numbers of a trained program; the generated sw_weights.c defines those that are compiled in. Matrices are stored
+ * with their shorter side, or their inputs, as rows, so that rows are long; matrices before a norm are centred
+ * (sw_norm.h).
  */
 #ifndef SW_WEIGHTS_H
 #define SW_WEIGHTS_H
@@ -8,9 +9,9 @@
 
 #define SW_CELLS (4 * SW_LSTM_P)
 
-typedef float sw_prior_number; /* of the prior's matrices (sw_prior_memory.h) */
+typedef float sw_prior_number; /* type of the prior's matrices (sw_prior_memory.h) */
 
-/* Read in place, wherever they stand: little-endian, no pointers, every member aligned to SW_ALIGNMENT. */
+/* The numbers are read in place: little-endian, no pointers, every member aligned to SW_ALIGNMENT. */
 typedef struct sw_weights {
     /* Scaling: (value - mean) factor of a window's columns, and physical forces = mean + std scaled. */
     SW_ALIGNED float window_mean[SW_SENSORS + 1];
@@ -57,11 +58,11 @@ typedef struct sw_weights {
     SW_ALIGNED float adam_unbias[SW_ITERATIONS];
     SW_ALIGNED float adam_epsilon;
     SW_ALIGNED float default_weights[SW_TERMS];
-    SW_ALIGNED float known_answer[2]; /* first action and cost in sw_known_answer.c; zeros where none is known */
+    SW_ALIGNED float known_answer[2]; /* first action and cost in sw_known_answer.c; zeros if unknown */
     SW_PRIOR_NUMBERS
 } sw_weights;
 
-/* Compiled in. */
+/* The numbers that are compiled in. */
 extern const sw_weights sw_own_weights;
 #define SW_OWN_PROGRAM {&sw_own_weights, NULL}
 

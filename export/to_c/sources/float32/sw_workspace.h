@@ -1,4 +1,4 @@
-/* Scratch memory of a control step. Public only because the caller owns it. */
+/* Scratch memory of a control step. It is public only because the caller provides it. */
 #ifndef SW_WORKSPACE_H
 #define SW_WORKSPACE_H
 
@@ -12,7 +12,7 @@
 #define SW_DYN2_P SW_PADDED(SW_DYN2)
 #define SW_HORIZON_P SW_PADDED(SW_HORIZON)
 
-/* Numbers of the forward pass that the adjoint comes back to (sw_norm.h), and what they are made from. */
+/* Numbers of the forward pass that the adjoint needs (sw_norm.h), and their inputs. */
 typedef struct {
     float xhat1[SW_HORIZON][SW_DYN1_P];
     float slope1[SW_HORIZON][SW_DYN1_P];
@@ -32,22 +32,22 @@ typedef struct {
 
 typedef struct {
     float gates[4 * SW_LSTM_P];
-    float hidden[SW_SENSORS + 1 + SW_LSTM]; /* the row of the window, then the hidden state */
+    float hidden[SW_SENSORS + 1 + SW_LSTM]; /* row of the window, then the hidden state */
     float cell[SW_LSTM_P];
     float normed[SW_LSTM_P];
     float head[SW_HEAD_P];
 } sw_encoder_scratch;
 
 typedef struct sw_workspace {
-    sw_program program; /* that this control step runs */
-    float z[SW_LATENT];                       /* latent state now */
-    float latents[SW_LATENT][SW_HORIZON_P];   /* one to SW_HORIZON steps ahead */
+    sw_program program;                       /* the running program */
+    float z[SW_LATENT];                       /* present latent state */
+    float latents[SW_LATENT][SW_HORIZON_P];   /* 1 to SW_HORIZON steps ahead */
     float forces[2][SW_HORIZON_P];            /* Cd, then Cl */
     float d_forces[2][SW_HORIZON_P];          /* dJ/d(Cd, Cl) */
     float d_latents[SW_LATENT][SW_HORIZON_P]; /* dJ/dz through the forces alone */
     float limit; /* bound on an action in this control step */
     float plan[SW_HORIZON];
-    float start[SW_HORIZON];    /* of the optimiser */
+    float start[SW_HORIZON];    /* the optimiser's initial plan */
     float gradient[SW_HORIZON]; /* dJ/da */
     float moment1[SW_HORIZON];  /* Adam's m and v */
     float moment2[SW_HORIZON];

@@ -1,17 +1,17 @@
-/* (Cd, Cl) = f_dec(z) for every step of the horizon, and its adjoint, in integers. No step waits for another, so they are
- * taken two at a time.
+/* (Cd, Cl) = f_dec(z) for every step of the horizon, and its adjoint, in integers. Steps do not depend on each other,
+ * so they are computed two at a time.
  */
 #include "sw_networks.h"
 #include "sw_norm.h"
 
-/* A long function that is called: a copy for each of its calls would take 2 KiB of flash. */
+/* The function is not inlined: a copy for each of its calls would take 2 KiB of flash. */
 #if defined(__GNUC__)
 #define CALLED __attribute__((noinline))
 #else
 #define CALLED
 #endif
 
-/* Products for the first one or for both of the vectors. */
+/* Computes the products for the first vector or for both. */
 static CALLED void multiply(sw_decoder_scratch *s, const int8_t *matrix, int rows, int columns, int count)
 {
     if (count == 2) {
@@ -21,20 +21,20 @@ static CALLED void multiply(sw_decoder_scratch *s, const int8_t *matrix, int row
     }
 }
 
-/* A layer's input, saturated. The widest range can take the most negative integer, too. */
+/* Saturates a layer's input. A layer with the widest range can take the most negative integer, too. */
 static inline int16_t held(int32_t value)
 {
     const int32_t qmax = SW_QMAX(SW_DECODER_P);
     return (int16_t)sw_held(value, qmax == SW_INT16_QMAX ? -qmax - 1 : -qmax, qmax);
 }
 
-/* The sum of residuals as a layer's input. */
+/* Converts the sum of residuals to a layer's input. */
 static void round_residuals(int16_t *restrict vector, const int32_t *restrict x, int32_t factor)
 {
     for (int o = 0; o < SW_DECODER_P; o++) vector[o] = held(sw_scaled(x[o], factor));
 }
 
-/* The same after a block's output has been added. */
+/* Adds a block's output, then converts the sum of residuals to a layer's input. */
 static void add_residuals(int32_t *restrict x, const int16_t *restrict elu, int16_t *restrict vector, int32_t of_elu,
                           int32_t factor)
 {
@@ -83,7 +83,7 @@ static CALLED void decode_steps(sw_workspace *work, int first, int count)
     }
 }
 
-/* x + sums, in both, in a unit four times as coarse as the coarser one, so that it cannot overflow; returns it. */
+/* Writes x + sums to both. The unit is four times the coarser one, so that nothing overflows; returns the unit. */
 static float add_adjoints(int32_t *restrict x, float unit, int32_t *restrict sums, float unit_of_sums)
 {
     const float coarser = 4.0f * sw_fmax(unit, unit_of_sums);
@@ -96,7 +96,7 @@ static float add_adjoints(int32_t *restrict x, float unit, int32_t *restrict sum
     return coarser;
 }
 
-/* x times the scales of the first layer's rows as int16, as fine as their largest allows; returns the unit. */
+/* Converts x times the scales of the first layer's rows to int16, as finely as the largest allows; returns the unit. */
 static float round_adjoints(int16_t *restrict vector, int32_t *restrict x, float unit, const sw_weights *w)
 {
     uint32_t bits = 0;

@@ -1,18 +1,19 @@
 /* sw_dots.h for cores with the Arm DSP extension (Cortex-M4, M7, M33): one instruction multiplies and adds two pairs.
  *
- * Loops are written out, because compilers run out of registers there, and ordered for cores that issue two
- * instructions at a time. Each needs thirteen registers; what is used once in a pass over the columns is on the stack.
+ * The loops are written in assembly, because compilers run out of registers there, and ordered for cores that issue two
+ * instructions at a time. Each loop needs thirteen registers; values used once per pass over the columns are on the
+ * stack.
  */
 #ifndef SW_DOTS_DSP_H
 #define SW_DOTS_DSP_H
 
 #include "sw_workspace.h"
 
-/* Lines of instructions belong together by what they do. */
+/* Instructions on one line belong to one operation. */
 /* clang-format off */
 
-/* Widening alternates with multiplying, and weights are loaded two rows ahead: the last loads read from the SW_AHEAD
- * bytes that follow every matrix.
+/* Sign extension alternates with multiplication, and weights are loaded two rows ahead: the last loads read from the
+ * SW_AHEAD bytes that follow every matrix.
  */
 #define SW_ONE_TILE                                                                                        \
     "ldrd %[xa], %[xb], [%[x]], #8\n" "sxtb16 %[t], %[wa]\n" "sxtb16 %[u], %[wa], ror #8\n"                \
@@ -26,7 +27,7 @@
 #define SW_EIGHT_COLUMNS SW_ONE_TILE SW_ONE_TILE
 #define SW_SIXTEEN_COLUMNS "2:\n" "subs %[count], #1\n" SW_EIGHT_COLUMNS SW_EIGHT_COLUMNS "bne 2b\n"
 
-/* The stack has y, the rows left, a vector's bytes, and sixteens of its columns. */
+/* The stack has y, the number of rows left, a vector's bytes, and the number of groups of sixteen columns. */
 #define SW_FOUR_ROWS(columns)                                                                            \
     __asm__ volatile("sub sp, #16\n" "strd %[s0], %[s1], [sp]\n" "strd %[s2], %[s3], [sp, #8]\n"           \
                      "ldr %[wa], [%[w]], #4\n" "ldr %[wb], [%[w]], #4\n"                                     \
@@ -46,7 +47,7 @@ static inline void sw_dots(int32_t *restrict y, const int8_t *restrict w, const 
                            int columns)
 {
     int32_t wa, wb, xa, xb, t, u, count, bytes = 2 * columns, sixteens = columns / 16;
-    /* Decided when this is compiled, since sizes are constants. */
+    /* The compiler decides this, since sizes are constants. */
     if (columns % 16 == 0) {
         SW_FOUR_ROWS(SW_SIXTEEN_COLUMNS);
     } else if (columns == 8) {
@@ -58,9 +59,7 @@ static inline void sw_dots(int32_t *restrict y, const int8_t *restrict w, const 
 
 /* clang-format off */
 
-/* Two rows of a tile by both vectors, x the first one and z the second: eight multiplications, with all else between
- * them.
- */
+/* Two rows of a tile by both vectors, x and then z: eight multiplications, with all else in between. */
 #define SW_TWO_ROWS                                                                                          \
     "smlad %[s0], %[t], %[za], %[s0]\n" "ldr %[u], [%[w]], #12\n"                                           \
     "smlad %[s1], %[t], %[xa], %[s1]\n" "sxtb16 %[wa], %[wa], ror #8\n"                                     \
@@ -71,9 +70,9 @@ static inline void sw_dots(int32_t *restrict y, const int8_t *restrict w, const 
     "smlad %[s2], %[u], %[zb], %[s2]\n" "ldrd %[za], %[zb], [%[x], %[apart]]\n"                             \
     "smlad %[s3], %[u], %[xb], %[s3]\n" "ldrd %[xa], %[xb], [%[x]], #8\n"
 
-/* Two rows after two rows, by both vectors; every other pair begins in the middle of a tile. On the stack:
- * 0 y, 4 the rows left, 8 the bytes that w goes past in a row of tiles, 12 those that x goes past, both with what is
- * loaded ahead, 16 where w is after the last tile, 20 how far from there the next pair begins, one of two distances.
+/* Pairs of rows by both vectors; every other pair begins in the middle of a tile. On the stack: 0 y, 4 the number of
+ * rows left, 8 the bytes that w advances in a row of tiles, 12 those that x advances, both with the loads ahead, 16 the
+ * address of w after the last tile, 20 the distance from there to the next pair, one of two distances.
  */
 #define SW_TWO_ROWS_TWICE(tiles)                                                                                 \
     __asm__ volatile("sub sp, #24\n" "strd %[s0], %[s1], [sp]\n" "strd %[s2], %[s3], [sp, #8]\n"           \
@@ -99,7 +98,7 @@ static inline void sw_dots(int32_t *restrict y, const int8_t *restrict w, const 
 static inline void sw_dots_two(int32_t *restrict y, const int8_t *restrict w, const int16_t *restrict x, int rows,
                                int columns)
 {
-#if SW_APART > 510 /* further than an instruction reaches */
+#if SW_APART > 510 /* beyond the offset of an instruction */
     sw_dots(y, w, x, rows, columns);
     sw_dots(y + SW_APART, w, x + SW_APART, rows, columns);
 #else

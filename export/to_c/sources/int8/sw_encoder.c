@@ -4,7 +4,7 @@
 #include "sw_networks.h"
 #include "sw_norm.h"
 
-/* A gate's argument as sw_logistic_points takes it. */
+/* Returns a gate's argument for sw_logistic_points. */
 static inline int32_t gate(const sw_encoder_scratch *e, const sw_weights *w, int number, int k)
 {
     const int c = number * SW_LSTM_P + k;
@@ -26,7 +26,7 @@ static void update_cells(sw_encoder_scratch *e, const sw_weights *w)
     }
 }
 
-/* The normed output of the LSTM as the next layer's input. */
+/* Writes the normalised output of the LSTM as the next layer's input. */
 static void normalise(sw_encoder_scratch *e, const sw_weights *w)
 {
     const float qmax = (float)SW_QMAX(SW_LSTM_P);

@@ -1,4 +1,4 @@
-/* Integers for activations: their range, and rounding to them. */
+/* Integers for activations: their range, and the rounding to them. */
 #ifndef SW_INTEGER_H
 #define SW_INTEGER_H
 
@@ -8,17 +8,17 @@
 /* Largest magnitude of an activation or adjoint in a vector of n numbers, so that no product can overflow 32 bits. */
 #define SW_QMAX(n) ((n) <= SW_FULL_RANGE_WIDTH ? SW_INT16_QMAX : SW_SUM_QMAX / (n))
 
-/* The nearest integer of a number between -32768 and 32767, ties to even. */
+/* Returns the nearest integer of a number between -32768 and 32767; ties go to the even one. */
 static inline int16_t sw_rounded(float value)
 {
-    const float magic = 12582912.0f; /* as in sw_exp; these are its bits */
+    const float magic = 12582912.0f; /* as in sw_exp; the integer holds its bits */
     return (int16_t)(int32_t)(sw_to_bits(value + magic) - 0x4b400000u);
 }
 
-/* The sum of two integers, as an instruction makes it: only numbers that no export writes go beyond 32 bits. */
+/* Returns the sum of two integers modulo 2^32; no exported program has numbers that overflow. */
 static inline int32_t sw_sum(int32_t a, int32_t b) { return (int32_t)((uint32_t)a + (uint32_t)b); }
 
-/* The larger and the smaller of two numbers; if the first is a NaN, the second. */
+/* Return the larger and the smaller of two numbers; the second one if the first is NaN. */
 #if defined(__ARM_FEATURE_NUMERIC_MAXMIN) || defined(__ARM_FPV5__)
 static inline float sw_fmax(float a, float b) { return __builtin_fmaxf(a, b); }
 static inline float sw_fmin(float a, float b) { return __builtin_fminf(a, b); }
@@ -29,31 +29,31 @@ static inline float sw_fmin(float a, float b) { return sw_min(a, b); }
 
 static inline int16_t sw_saturated(float value, float qmax) { return sw_rounded(sw_fmin(sw_fmax(value, -qmax), qmax)); }
 
-/* An integer held between two others. */
+/* Limits an integer to a range. */
 static inline int32_t sw_held(int32_t value, int32_t least, int32_t most)
 {
     return value < least ? least : value > most ? most : value;
 }
 
-/* value factor / 2^32 to the nearest, ties upwards: one instruction of a Cortex-M with the DSP extension. */
+/* Returns value factor / 2^32, rounded, ties upwards: one instruction of a Cortex-M with the DSP extension. */
 static inline int32_t sw_scaled(int32_t value, int32_t factor)
 {
     return (int32_t)(((int64_t)value * factor + 0x80000000LL) >> 32);
 }
 
-/* start + value factor / 2^16, cut off: one instruction as well. */
+/* Returns start + value factor / 2^16, rounded down: one instruction as well. */
 static inline int32_t sw_scaled_on(int32_t start, int32_t factor, int16_t value)
 {
     return sw_sum(start, (int32_t)(((int64_t)factor * value) >> 16));
 }
 
-/* A number cut off to an integer; one beyond is the least or the greatest. */
+/* Converts a number to an integer by truncation, limited to the range of integers. */
 static inline int32_t sw_cut(float value) { return (int32_t)sw_fmin(sw_fmax(value, -2147483648.0f), 2147483520.0f); }
 
-/* A factor for sw_scaled; too large a one is the largest. */
+/* Returns a factor for sw_scaled, limited to the largest one. */
 static inline int32_t sw_factor(float value) { return (int32_t)sw_fmin(value * 4294967296.0f, 2147483520.0f); }
 
-/* A 64-bit sum in float, without a library's help. */
+/* Converts a 64-bit sum to float without a library. */
 static inline float sw_float_of(int64_t sum)
 {
     return (float)(int32_t)(sum >> 32) * 4294967296.0f + (float)(uint32_t)(sum & 0xffffffff);

@@ -1,12 +1,12 @@
-/* Layer norm and ELU as one, and their adjoint, between integer products, in integers throughout.
+/* Layer norm and ELU in one function, and their adjoint, between integer products, in integers throughout.
  *
- * Forwards, h = ELU(y) with y = gain xhat + offset and xhat = r (u - mean u), r = 1 / sqrt(var u + eps). The tape keeps
- * xhat, which cannot exceed sqrt(n) and so needs no calibration, as int16, ELU' as uint8, and r. Backwards, with
- * t = ELU'(y) gain dJ/dh, it is dJ/du = r (t - mean t - xhat mean(t xhat)), and ELU' = min(h, 0) + 1.
+ * Forwards, h = ELU(y) with y = gain xhat + offset and xhat = r (u - mean u), r = 1 / sqrt(var u + eps). The tape
+ * stores xhat as int16, ELU' as uint8, and r; xhat cannot exceed sqrt(n) and so needs no calibration. Backwards, with t
+ * = ELU'(y) gain dJ/dh, it is dJ/du = r (t - mean t - xhat mean(t xhat)), and ELU' = min(h, 0) + 1.
  *
- * A norm forgets its input's unit, so u is an integer of a unit that belongs to the layer: as fine as its largest sum
- * allows. Only what is one number a layer is in float. Constants stand in eights, for cores that take eight at a time.
- * Padding has zeros for constants, which leave no trace.
+ * A norm does not depend on its input's unit, so u is an integer in a unit of the layer: as fine as its largest sum
+ * allows. Only values with one number per layer are float. Constants are grouped in eights, for processors that take
+ * eight at a time. Padding has zeros for constants, so it has no effect.
  */
 #ifndef SW_NORM_H
 #define SW_NORM_H
@@ -21,7 +21,7 @@
 #include "sw_norm_plain.h"
 #endif
 
-/* Makes xhat, h and ELU' of the sums of a product; returns r. Sums are scratch afterwards. */
+/* Computes xhat, h and ELU' from the sums of a product; returns r. The sums are overwritten. */
 static inline float sw_norm_elu(int32_t *restrict sums, sw_tape_eight *restrict tape, int16_t *restrict hidden,
                                 const int32_t channel[][4][8], const float layer[2], int width)
 {
@@ -35,8 +35,8 @@ static inline float sw_norm_elu(int32_t *restrict sums, sw_tape_eight *restrict 
     return r;
 }
 
-/* A bound of numbers whose magnitudes' bits have been gathered, the factor that takes it to `top`, and the shift that
- * a number needs before sw_scaled, so that it loses no digit there.
+/* A scale for rounding: a bound of numbers from the collected bits of their magnitudes, the factor that takes it to
+ * `top`, and the shift that a number needs before sw_scaled so that no digit is lost.
  */
 typedef struct {
     float factor;
@@ -53,17 +53,17 @@ static inline sw_fine sw_fine_of(float bound, float top)
     return fine;
 }
 
-/* The bits of a number's magnitude, or all those below its highest. */
+/* Returns the bits of a number's magnitude, or all bits below its highest bit. */
 static inline uint32_t sw_bits_of(int32_t value) { return (uint32_t)(value ^ (value >> 31)); }
 
-/* Makes dJ/du times the scales of the rows in front, as int16 for the transposed product, of dJ/dh in `unit`, in sums.
- * Returns what that product's sums have to be multiplied by. Sums are scratch afterwards.
+/* Computes dJ/du times the scales of the rows before, as int16 for the transposed product, from dJ/dh in `unit`, in
+ * sums. Returns the factor for that product's sums. The sums are overwritten.
  */
 static inline float sw_norm_adjoint(int32_t *restrict sums, float unit, int16_t *restrict vector,
                                     const sw_tape_eight *restrict tape, const int32_t channel[][2][8],
                                     const float layer[2], float r, int width)
 {
-    const float one = 512.0f; /* of what is scaled last: 2^23 is a scale's one, 2^32 that of sw_scaled */
+    const float one = 512.0f; /* unit of the last scaling: 2^23 represents 1 in a scale, 2^32 in sw_scaled */
     const float top = (float)SW_QMAX(SW_PADDED(width)) * one;
     int64_t sum = 0, along = 0;
     uint32_t bits = 0;
@@ -77,10 +77,10 @@ static inline float sw_norm_adjoint(int32_t *restrict sums, float unit, int16_t 
             bits |= sw_bits_of(value);
         }
     }
-    /* xhat's integers are SW_XHAT_QMAX / sqrt(n) a unit, so this is mean(t xhat) for a xhat in integers. */
+    /* A unit of xhat is SW_XHAT_QMAX / sqrt(n) as an integer, so this is mean(t xhat) for xhat in integers. */
     const float project = sw_float_of(along) * (1.0f / (SW_XHAT_QMAX * SW_XHAT_QMAX));
     const float mean = sw_float_of(sum) / (float)width;
-    /* No result exceeds this, whatever xhat is; the bound costs a bit or two and saves a pass. */
+    /* This bounds every result for any xhat. The bound costs a bit or two of precision and saves a pass. */
     const sw_fine fine = sw_fine_of((float)bits + sw_abs(mean) + SW_XHAT_QMAX * sw_abs(project), top);
     const int32_t centre = (int32_t)(-mean * fine.factor), slant = (int32_t)(-project * fine.factor * 65536.0f);
     for (int c = 0; c < SW_PADDED(width); c += 8) {
@@ -93,7 +93,7 @@ static inline float sw_norm_adjoint(int32_t *restrict sums, float unit, int16_t 
     return fine.factor > 0.0f ? unit * r * layer[SW_LAYER_ADJOINT] * one / fine.factor : 0.0f;
 }
 
-/* Values times scales as int16, as fine as their largest allows; returns what one integer stands for. */
+/* Converts values times scales to int16, as finely as the largest allows; returns the value of one integer. */
 static inline float sw_rounded_finely(int16_t *restrict vector, const float *restrict values,
                                       const float *restrict scales, int width)
 {

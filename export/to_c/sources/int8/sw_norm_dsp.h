@@ -1,7 +1,8 @@
 /* The loops of sw_norm.h's forward pass for cores with the Arm DSP extension, two outputs at a time.
  *
- * Written out and ordered for cores that issue two instructions at a time, as in sw_dots_dsp.h; the results are those of
- * sw_norm_plain.h to the bit. Each needs thirteen registers; where its loop ends is on the stack.
+ * The loops are in assembly and ordered for cores that issue two instructions at a time, as in sw_dots_dsp.h; the
+ * results equal those of sw_norm_plain.h bit for bit. Each needs thirteen registers; the end of its loop is on the
+ * stack.
  */
 #ifndef SW_NORM_DSP_H
 #define SW_NORM_DSP_H
@@ -12,10 +13,10 @@
 #error "the table's step and range stand in these instructions"
 #endif
 
-/* Lines of instructions belong together by what they do. */
+/* Instructions on one line belong to one operation. */
 /* clang-format off */
 
-/* u = sum scale + bias of the outputs at `at`, and the sums of u and u^2, with the loads for those at `next`. */
+/* Computes u = sum scale + bias of the outputs at `at`, and the sums of u and u^2; loads the data at `next`. */
 #define SW_TWO_SUMS(at, second, next)                                                                       \
     "smmlar %[r], %[a], %[m], %[x]\n"                                                                       \
     "smmlar %[q], %[b], %[n], %[y]\n"     next                                                              \
@@ -27,7 +28,7 @@
     "ldrd %[m], %[n], [%[of], #" at "]\n" "smlal %[low], %[high], %[q], %[q]\n"                             \
     "ldrd %[x], %[y], [%[of], #" of_bias "]\n"
 
-/* Makes u of sums and returns the sum of them; that of their squares is added to *squares. */
+/* Computes u from sums in place, and returns the sum of u; adds the sum of squares to *squares. */
 static inline int32_t sw_norm_sums(int32_t *restrict sums, const int32_t channel[][4][8], int64_t *squares, int width)
 {
     int32_t b, m, n, x, y, r, q, sum = 0;
@@ -49,7 +50,7 @@ static inline int32_t sw_norm_sums(int32_t *restrict sums, const int32_t channel
     return sum;
 }
 
-/* xhat, h and ELU' of two outputs. */
+/* Computes xhat, h and ELU' of two outputs. */
 #define SW_TWO_OUTPUTS(sum, gain, offset, second, xhat, slope, other)                                       \
     "ldrd %[a], %[b], [%[s], #" sum "]\n"          "ldrd %[g], %[h], [%[of], #" gain "]\n"                  \
     "smmlar %[a], %[a], %[factor], %[shift]\n"     "ldr %[e], [%[of], #" offset "]\n"                       \
@@ -70,7 +71,7 @@ static inline int32_t sw_norm_sums(int32_t *restrict sums, const int32_t channel
     "str %[a], [%[hidden]], #4\n"                  "usat %[h], #8, %[h], asr #4\n"                          \
     "strb %[h], [%[tape], #" other "]\n"
 
-/* Makes xhat = shift + u factor, and h and ELU' of gain xhat + offset. */
+/* Computes xhat = shift + u factor, and h and ELU' of gain xhat + offset. */
 static inline void sw_norm_outputs(const int32_t *restrict u, sw_tape_eight *restrict tape, int16_t *restrict hidden,
                                    const int32_t channel[][4][8], int32_t factor, int32_t shift, int width)
 {

@@ -4,7 +4,7 @@
 
 #include "sw_tables.h"
 
-/* Makes u of sums and returns the sum of them; that of their squares is added to *squares. */
+/* Computes u from sums in place, and returns the sum of u; adds the sum of squares to *squares. */
 static inline int32_t sw_norm_sums(int32_t *restrict sums, const int32_t channel[][4][8], int64_t *squares, int width)
 {
     int32_t sum = 0;
@@ -22,7 +22,7 @@ static inline int32_t sw_norm_sums(int32_t *restrict sums, const int32_t channel
     return sum;
 }
 
-/* Makes xhat = shift + u factor, and h and ELU' of gain xhat + offset. */
+/* Computes xhat = shift + u factor, and h and ELU' of gain xhat + offset. */
 static inline void sw_norm_outputs(const int32_t *restrict u, sw_tape_eight *restrict tape, int16_t *restrict hidden,
                                    const int32_t channel[][4][8], int32_t factor, int32_t shift, int width)
 {

@@ -1,12 +1,12 @@
-/* ELU, the logistic function and tanh on integers, by tables of points with straight lines between them. */
+/* ELU, the logistic function and tanh on integers, by tables with linear interpolation. */
 #ifndef SW_TABLES_H
 #define SW_TABLES_H
 
 #include "sw_integer.h"
 #include "sw_weights.h"
 
-/* A table's value at x >= 0 on a straight line between its points, which are `step` apart. A point is a word: its value
- * in the lower half, the rise to the next one in the upper half.
+/* Returns a table's value at x >= 0, interpolated linearly between points that are `step` apart. A point is a word: its
+ * value in the lower half, the rise to the next point in the upper half.
  */
 static inline int16_t sw_between(const uint32_t *points, int32_t x, int32_t step)
 {
@@ -15,27 +15,27 @@ static inline int16_t sw_between(const uint32_t *points, int32_t x, int32_t step
     return (int16_t)(point + (uint32_t)rise);
 }
 
-/* ELU(y) in integers of 1 / SW_ELU_ONE, from y in integers of 1 / SW_ELU_ARGUMENT_ONE plus SW_ELU_START: a straight
- * line between points 1 / 32 apart, which is off by 1.5 integers at most. From -8 on downwards and from 8 on upwards it
- * stays.
+/* Returns ELU(y) in integers of 1 / SW_ELU_ONE, from y in integers of 1 / SW_ELU_ARGUMENT_ONE plus SW_ELU_START. The
+ * error of the interpolation between points 1 / 32 apart is at most 1.5 integers. Below -8 and above 8 the value is
+ * constant.
  */
 static inline int16_t sw_elu(int32_t y)
 {
     return sw_between(sw_elu_points, sw_held(y, 0, 2 * SW_ELU_START - 1), SW_ELU_STEP);
 }
 
-/* ELU' of h in integers of 1 / 256, less one so that it is a byte. */
+/* Returns ELU' from h in integers of 1 / 256, minus one so that it fits a byte. */
 static inline uint8_t sw_slope_of(int16_t h) { return (uint8_t)sw_held((h + SW_ELU_ONE) >> SW_SLOPE_SHIFT, 0, 255); }
 
-/* 1 / (1 + exp(-x)) in integers of 1 / SW_LOGISTIC_QMAX, from x in 1 / SW_LOGISTIC_ONE plus SW_LOGISTIC_START: a
- * straight line between points 1 / 32 apart, off by 5e-5 at most. Beyond -16 and 16 it stays.
+/* Returns 1 / (1 + exp(-x)) in integers of 1 / SW_LOGISTIC_QMAX, from x in 1 / SW_LOGISTIC_ONE plus SW_LOGISTIC_START.
+ * The error of the interpolation between points 1 / 32 apart is at most 5e-5. Beyond -16 and 16 the value is constant.
  */
 static inline int32_t sw_table_logistic(int32_t x)
 {
     return sw_between(sw_logistic_points, sw_held(x, 0, 2 * SW_LOGISTIC_START - 1), SW_LOGISTIC_STEP);
 }
 
-/* tanh(x) in integers of 1 / SW_LOGISTIC_QMAX, from 2 x as above: 2 sw_table_logistic(2 x) - 1. */
+/* Returns tanh(x) in integers of 1 / SW_LOGISTIC_QMAX, from 2 x as above: 2 sw_table_logistic(2 x) - 1. */
 static inline int32_t sw_table_tanh(int32_t x) { return 2 * sw_table_logistic(x) - SW_LOGISTIC_QMAX; }
 
 #endif

@@ -1,42 +1,42 @@
-/* The numbers of a trained program; sw_weights.c, generated, defines those that are compiled in. Matrices are int8 with one
- * scale an output, W[o][i] ~ scale[o] q[o][i]. They are laid out as in sw_dots.h, and SW_AHEAD zeros follow each for loads
- * ahead of their use. The adjoint has a transposed copy of its own.
+/* The numbers of a trained program; the generated sw_weights.c defines those that are compiled in. Matrices are int8
+ * with one scale for each output, W[o][i] ~ scale[o] q[o][i]. Their layout is that of sw_dots.h, and each is followed
+ * by SW_AHEAD zeros for loads ahead of their use. The adjoint has a transposed copy of its own.
  *
- * An activation is scale times its int16. Forward scales are constants from calibration; an adjoint's scale is found
- * when it is rounded.
+ * An activation is scale times its int16. Forward scales are constants from calibration; an adjoint's scale is computed
+ * when the adjoint is rounded.
  */
 #ifndef SW_WEIGHTS_H
 #define SW_WEIGHTS_H
 
 #include "sw_workspace.h"
 
-/* Tables: where the argument 0 stands, and the distance between points, in integers of the argument. */
+/* Tables: position of the argument 0, and distance between points, in integers of the argument. */
 #define SW_ELU_START (SW_ELU_RANGE * SW_ELU_ARGUMENT_ONE)
 #define SW_ELU_STEP (SW_ELU_ARGUMENT_ONE / SW_POINTS_PER_UNIT)
 #define SW_LOGISTIC_START (SW_LOGISTIC_RANGE * SW_LOGISTIC_ONE)
 #define SW_LOGISTIC_STEP (SW_LOGISTIC_ONE / SW_POINTS_PER_UNIT)
 
-/* Tables for sw_between (sw_tables.h); they are the same for every program. */
+/* Tables for sw_between (sw_tables.h), which are the same for every program. */
 extern const uint32_t sw_elu_points[2 * SW_ELU_START / SW_ELU_STEP];
 extern const uint32_t sw_logistic_points[2 * SW_LOGISTIC_START / SW_LOGISTIC_STEP];
 
-/* Constants of outputs stand in eights. Of an output: value = sum scale + bias. Where a norm follows all are integers:
- * the value, in a unit of its layer, is sw_scaled(sum, scale) + bias, and sw_scaled_on(offset, gain, xhat) is sw_elu's
- * argument, xhat being an integer of the tape, SW_XHAT_QMAX at its bound, sqrt(n) in a layer of width n.
+/* Constants of outputs, grouped in eights: value = sum scale + bias. Before a norm all are integers: the value, in a
+ * unit of its layer, is sw_scaled(sum, scale) + bias, and sw_scaled_on(offset, gain, xhat) is sw_elu's argument; xhat
+ * is an integer of the tape, SW_XHAT_QMAX at its bound, which is sqrt(n) in a layer of width n.
  */
 enum { SW_SCALE, SW_BIAS, SW_GAIN, SW_OFFSET };
 
-/* An output in the adjoint has its gain as part of the layer's largest, in 1 / 2^22, and its row's scale as part of the
- * matrix's largest, in 1 / 2^23.
+/* Constants of an output in the adjoint: its gain relative to the layer's largest, in 1 / 2^22, and its row's scale
+ * relative to the matrix's largest, in 1 / 2^23.
  */
 enum { SW_ADJOINT_GAIN, SW_ADJOINT_SCALE };
 
-/* A layer with a norm has epsilon in its unit, and the unit of its adjoint. */
+/* Constants of a layer with a norm: epsilon in the layer's unit, and the unit of its adjoint. */
 enum { SW_LAYER_EPSILON, SW_LAYER_ADJOINT };
 
-typedef int8_t sw_prior_number; /* of the prior's matrices (sw_prior_memory.h) */
+typedef int8_t sw_prior_number; /* type of the prior's matrices (sw_prior_memory.h) */
 
-/* Read in place, wherever they stand: little-endian, no pointers, every member aligned to SW_ALIGNMENT. */
+/* The numbers are read in place: little-endian, no pointers, every member aligned to SW_ALIGNMENT. */
 typedef struct sw_weights {
     /* Scaling: (value - mean) factor of a window's columns, and physical forces = mean + std scaled. */
     SW_ALIGNED float window_mean[SW_SENSORS + 1];
@@ -73,13 +73,13 @@ typedef struct sw_weights {
     SW_ALIGNED float dyn3_scale[SW_LATENT_P];
     SW_ALIGNED float state_inverse_scale;
 
-    /* Decoder. Its sum of residuals has a unit of its own: what an ELU's 1 is in it, and factors for sw_scaled that make
-     * it the input of each block and of the last layer.
+    /* Decoder. Its sum of residuals has its own unit: the value of an ELU's 1 in this unit, and the factors for
+     * sw_scaled that turn the sum into the input of each block and of the last layer.
      */
     SW_ALIGNED int8_t decoder_rows[SW_DECODER_P * SW_LATENT_P + SW_AHEAD];
     SW_ALIGNED int8_t decoder_adjoint_rows[SW_LATENT_P * SW_DECODER_P + SW_AHEAD];
     SW_ALIGNED float decoder_channel[SW_DECODER_P / 8][2][8];
-    SW_ALIGNED int32_t decoder_scale[SW_DECODER_P]; /* as part of the largest, in 1 / 2^31 */
+    SW_ALIGNED int32_t decoder_scale[SW_DECODER_P]; /* relative to the largest, in 1 / 2^31 */
     SW_ALIGNED float decoder_largest;
     SW_ALIGNED int8_t block_rows[SW_BLOCKS][SW_DECODER_P * SW_DECODER_P + SW_AHEAD];
     SW_ALIGNED int8_t block_adjoint_rows[SW_BLOCKS][SW_DECODER_P * SW_DECODER_P + SW_AHEAD];
@@ -100,12 +100,12 @@ typedef struct sw_weights {
     SW_ALIGNED float adam_unbias[SW_ITERATIONS];
     SW_ALIGNED float adam_epsilon;
     SW_ALIGNED float default_weights[SW_TERMS];
-    SW_ALIGNED float known_answer[2]; /* first action and cost in sw_known_answer.c; zeros where none is known */
+    SW_ALIGNED float known_answer[2]; /* first action and cost in sw_known_answer.c; zeros if unknown */
     SW_PRIOR_NUMBERS
 } sw_weights;
 
-/* Matrices that every step of every roll-out reads whole. The last column of the first layer belongs to the action over
- * its standard deviation.
+/* Matrices that every step of every roll-out reads completely. The last column of the first layer belongs to the action
+ * divided by its standard deviation.
  */
 typedef struct sw_hot {
     SW_ALIGNED int8_t dyn1_rows[SW_DYN1_P * SW_STATE_P + SW_AHEAD];
@@ -116,7 +116,7 @@ typedef struct sw_hot {
     SW_ALIGNED int8_t dyn3_adjoint_rows[SW_DYN2_P * SW_LATENT_P + SW_AHEAD];
 } sw_hot;
 
-/* Compiled in. */
+/* The numbers that are compiled in. */
 extern const sw_weights sw_own_weights;
 extern const sw_hot sw_own_hot;
 #define SW_OWN_PROGRAM {&sw_own_weights, &sw_own_hot}

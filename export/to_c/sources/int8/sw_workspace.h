@@ -1,4 +1,4 @@
-/* Scratch memory of a control step, int8 weights. Public only because the caller owns it. */
+/* Scratch memory of a control step with int8 weights. It is public only because the caller provides it. */
 #ifndef SW_WORKSPACE_H
 #define SW_WORKSPACE_H
 
@@ -12,7 +12,7 @@
 #error "constants of outputs stand in eights, and so do the loops over them"
 #endif
 
-/* A number of rows rounded up to those that sw_dots takes at a time. */
+/* A number of rows, rounded up to a multiple of the rows that sw_dots takes at a time. */
 #define SW_ROWS(n) (((n) + 3) / 4 * 4)
 
 #define SW_ROW_P SW_PADDED(SW_SENSORS + 1)
@@ -30,7 +30,7 @@
 #define SW_WIDEST SW_MAX(SW_MAX(SW_DYN1_P, SW_DYN2_P), SW_STATE_P)
 #define SW_LONGEST SW_MAX(SW_WIDEST, SW_MAX(SW_DECODER_P, SW_MAX(SW_LSTM_P, SW_MAX(SW_HEAD_P, SW_ROW_P))))
 
-/* What the adjoint needs of a layer's forward pass, of eight outputs (sw_norm.h). */
+/* The data of a layer's forward pass that the adjoint needs, for eight outputs (sw_norm.h). */
 typedef struct {
     int16_t xhat[8];
     uint8_t slope[8];
@@ -58,7 +58,7 @@ typedef struct {
     int16_t vector[SW_MAX(SW_LSTM_P, SW_HEAD_P)];
 } sw_encoder_scratch;
 
-/* The decoder takes two steps of the horizon at a time; their vectors, and their sums, stand so many numbers apart. */
+/* The decoder takes two steps of the horizon at a time; this is the distance of their vectors, and of their sums. */
 #define SW_APART SW_MAX(SW_DECODER_P, SW_LATENT_P)
 
 typedef struct {
@@ -75,15 +75,15 @@ typedef struct {
 } sw_dynamics_scratch;
 
 typedef struct sw_workspace {
-    sw_program program; /* that this control step runs */
-    float z[SW_LATENT];                       /* latent state now */
-    float latents[SW_HORIZON_P][SW_LATENT];   /* one to SW_HORIZON steps ahead */
+    sw_program program;                       /* the running program */
+    float z[SW_LATENT];                       /* present latent state */
+    float latents[SW_HORIZON_P][SW_LATENT];   /* 1 to SW_HORIZON steps ahead */
     float forces[2][SW_HORIZON_P];            /* Cd, then Cl */
     float d_forces[2][SW_HORIZON_P];          /* dJ/d(Cd, Cl) */
     float d_latents[SW_HORIZON_P][SW_LATENT]; /* dJ/dz through the forces alone */
     float limit; /* bound on an action in this control step */
     float plan[SW_HORIZON];
-    float start[SW_HORIZON];    /* of the optimiser */
+    float start[SW_HORIZON];    /* the optimiser's initial plan */
     float gradient[SW_HORIZON]; /* dJ/da */
     float moment1[SW_HORIZON];  /* Adam's m and v */
     float moment2[SW_HORIZON];

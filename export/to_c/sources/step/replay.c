@@ -1,15 +1,15 @@
-/* Replays recorded rows through the controller on a host: an example of the calls, and a program for debuggers and
- * sanitisers. It is the only file here that is not part of the library.
+/* The replay of recorded rows through the controller on a host: an example of the calls, and a program for debuggers
+ * and sanitisers. Only this file of the folder is not part of the library.
  *
  *     cc -std=c99 -O3 *.c -o replay && ./replay < recorded.txt
  *     ./replay recorded.txt expected.txt
  *
- * A row is the pressures Cp at the sensors and the action that was commanded one step before. From the first full window
- * on, each row has an answer of four numbers: the planned action, the predicted mean Cd and Cl, and the cost.
+ * A row has the pressures Cp at the sensors and the action of the step before. From the first full window on, each row
+ * has an answer of four numbers: the planned action, the predicted mean Cd and Cl, and the cost.
  *
- * With one file, each answer is printed, and its plan goes into the next step, as on a vehicle. With a second file,
- * each answer starts from a plan of zeros and is compared with a line of that file. The last line gives how many agree;
- * the status is 1 if one of them is further off than compilers differ.
+ * With one file, each answer is printed, and its plan is used in the next step, as on a vehicle. With a second file,
+ * each answer starts from a plan of zeros and is compared with a line of that file. The last line states how many
+ * answers agree; the status is 1 if an answer differs by more than different compilers do.
  */
 #include <stdio.h>
 
@@ -20,10 +20,11 @@ static sw_workspace workspace;
 static sw_input input;
 static sw_output output;
 
-/* Compilers round in different orders. A gradient near zero may change its sign with that, and Adam makes a step of its
- * learning rate, 1e-3, of every sign. What such steps change in the forces depends on the plant, so those are compared
- * in parts of the standard deviation that they had in training. Plans are not handed on: a sequence of control steps
- * can make any such difference larger. */
+/* Compilers round in different orders. This may change the sign of a gradient near zero, and Adam makes a step of its
+ * learning rate, 1e-3, for every sign. The effect of such steps on the forces depends on the plant, so forces are
+ * compared in units of their standard deviation in training. Plans are not used in the next step, since a sequence of
+ * control steps can amplify any such difference.
+ */
 static const double tolerance = 5e-3, force_tolerance = 3e-2;
 
 static const char *const names[4] = {"action", "mean Cd", "mean Cl", "cost"};
@@ -36,7 +37,7 @@ static int read_row(FILE *rows, float pressures[SW_SENSORS], float *previous_act
     return fscanf(rows, "%f", previous_action) == 1;
 }
 
-/* Whether the next line of the file has these four numbers. */
+/* Returns whether the next line of the file has these four numbers. */
 static int is_expected(FILE *expected, const double answer[4], int row)
 {
     for (int i = 0; i < 4; i++) {

@@ -1,10 +1,10 @@
-/* One control step: sensor window in, jet plan out.
+/* The control step: it takes a window of sensor values and returns a plan for the jets.
  *
- * Freestanding C99. No allocation, no recursion, no library calls, no static state: everything that is written stands
- * in the caller's structures, so that several controllers may run side by side. But for a few comparisons in the cost,
- * and for the iterations, which are left out where no weight asks for any, the work of a step does not depend on the data.
- * Compile the sources as C; C++ may include this header. sw_settings.h, generated, has the sizes and the hash of the
- * program, and sw_weights.c its numbers. They need not be compiled in: with the functions that end in _of they may stand
+ * The code is freestanding C99, without allocation, recursion, library calls or static state: it writes only to the
+ * caller's structures, so that several controllers may run side by side. The work of a step does not depend on the
+ * data, except for a few comparisons in the cost, and for the iterations, which are skipped if no weight needs them.
+ * Compile the sources as C; C++ may include this header. The generated sw_settings.h has the sizes and the hash of the
+ * program, and sw_weights.c its numbers. The numbers need not be compiled in: the functions that end in _of use numbers
  * anywhere in memory (sw_program.h).
  */
 #ifndef STILLWAKE_H
@@ -32,59 +32,59 @@ extern "C" {
  *     SW_PRIOR             mean (a[k] - where the optimiser started)^2
  */
 
-/* What a control step needs to know. Actions are jet flow rates in U_inf W, pressures are Cp. */
+/* The input of a control step. Actions are jet flow rates in U_inf W, pressures are Cp. */
 typedef struct {
     float window[SW_WINDOW][SW_COLUMNS]; /* oldest row first; row k is Cp at step k and the action commanded at k - 1 */
-    float plan[SW_HORIZON];              /* the previous step's plan as it came out; it is shifted by one step here */
-    float free[SW_HORIZON];              /* 1 where the shifted plan may be changed, 0 where it is committed */
-    float weights[SW_TERMS];             /* of the cost terms */
-    float speed;                         /* the vehicle's, as a ratio to the design speed */
-    float limit;                         /* bound on the actions, whatever the speed; the program's own is never exceeded */
+    float plan[SW_HORIZON];  /* plan of the previous step, unchanged; the control step shifts it by one step */
+    float free[SW_HORIZON];  /* 1 if the action of the shifted plan may change, 0 if it is committed */
+    float weights[SW_TERMS]; /* weights of the cost terms */
+    float speed;             /* the vehicle's speed, relative to the design speed */
+    float limit;             /* bound on the actions at any speed; the program's own bound is never exceeded */
 } sw_input;
 
-/* Its answer. */
+/* The output of a control step. */
 typedef struct {
-    float plan[SW_HORIZON];      /* actions from now on; the first one is to be commanded */
-    float forces[SW_HORIZON][2]; /* predicted Cd and Cl, one to SW_HORIZON steps ahead */
+    float plan[SW_HORIZON];      /* actions from now on; command the first one */
+    float forces[SW_HORIZON][2]; /* predicted Cd and Cl, 1 to SW_HORIZON steps ahead */
     float terms[SW_TERMS];       /* unweighted cost terms of the plan */
     float cost;                  /* weights . terms */
 } sw_output;
 
 typedef enum {
     SW_OK = 0,
-    SW_NOT_FINITE = 1,      /* an input or a result is not a finite number: do not command the plan */
-    SW_WRONG_ARITHMETIC = 2 /* this build, or the processor as it is set now, computes otherwise; the plan is zeros */
+    SW_NOT_FINITE = 1,      /* an input or a result is NaN or infinite: do not command the plan */
+    SW_WRONG_ARITHMETIC = 2 /* this build, or the processor's mode, computes differently; the plan is zeros */
 } sw_status;
 
-/* SW_OK, or SW_WRONG_ARITHMETIC: by a known answer whether sums, divisions, and small numbers are as IEEE 754 has them. Some
- * flags of a compiler change that (-ffast-math and its parts), and so do modes of a processor (small numbers as zero,
- * rounding). Every control step looks by itself.
+/* Returns SW_OK, or SW_WRONG_ARITHMETIC: a known answer shows whether sums, divisions and small numbers follow IEEE
+ * 754. Some flags of a compiler change them (-ffast-math and its parts), and so do modes of a processor (small numbers
+ * as zero, rounding). Every control step makes this check itself.
  */
 sw_status sw_arithmetic(void);
 
-/* Start: an empty window, no plan, every action free, the program's cost weights and action limit, the design speed.
- * Answers as sw_arithmetic.
+/* Resets the input: an empty window, no plan, every action free, the program's cost weights and action limit, the
+ * design speed. Returns the result of sw_arithmetic.
  */
 sw_status sw_input_reset(sw_input *input);
 
-/* Move the window on by one row: pressures Cp at the sensors, and the action commanded one step before. */
+/* Appends a row to the window: pressures Cp at the sensors, and the action commanded one step before. */
 void sw_input_push(sw_input *input, const float pressures[SW_SENSORS], float previous_action);
 
-/* One control step. The workspace needs no preparation and carries nothing from step to step. */
+/* Runs a control step. The workspace needs no preparation and holds no state between steps. */
 sw_status sw_control_step(sw_workspace *work, const sw_input *input, sw_output *output);
 
-/* Once, at the start: a control step with all iterations on a window of the program's own, against the answer that the
- * exporter wrote beside its numbers. SW_WRONG_ARITHMETIC if it is another: to the bit, and where this build fuses
- * operations within what that changes. SW_OK as well where no answer was written. Leaves `input` as sw_input_reset.
+/* Compares a control step, with all iterations and on a window of the program's own, with the exporter's answer; call
+ * it once at the start. Returns SW_WRONG_ARITHMETIC if they differ: in any bit, or, if this build fuses operations, by
+ * more than this explains. Returns SW_OK also if no answer was written. Resets `input` as sw_input_reset does.
  */
 sw_status sw_known_answer(sw_workspace *work, sw_input *input, sw_output *output);
 
-/* The same three with the numbers of any program that this library has the sizes of. */
+/* These three functions take the numbers of any program with this library's sizes. */
 sw_status sw_input_reset_of(const sw_program *program, sw_input *input);
 sw_status sw_control_step_of(const sw_program *program, sw_workspace *work, const sw_input *input, sw_output *output);
 sw_status sw_known_answer_of(const sw_program *program, sw_workspace *work, sw_input *input, sw_output *output);
 
-/* sizeof(sw_workspace), for callers in other languages. */
+/* Returns sizeof(sw_workspace), for callers in other languages. */
 size_t sw_workspace_bytes(void);
 
 #ifdef __cplusplus

@@ -1,5 +1,5 @@
-/* A control step: start the plan, encode, optimise the plan, predict what it does. And its input: a window that moves on by
- * a row.
+/* A control step: it takes the initial plan, encodes the window, optimises the plan, and predicts its effects. And the
+ * input: a window to which a row is added.
  */
 #include "stillwake.h"
 #include "sw_cost.h"
@@ -35,7 +35,7 @@ void sw_input_push(sw_input *input, const float pressures[SW_SENSORS], float pre
 
 size_t sw_workspace_bytes(void) { return sizeof(sw_workspace); }
 
-/* Projected Adam on the actions that are free; `iteration` counts from 0. */
+/* Makes a step of projected Adam on the free actions; `iteration` counts from 0. */
 static void adam_step(sw_workspace *work, const float free_actions[SW_HORIZON], int iteration)
 {
     const sw_weights *w = work->program.weights;
@@ -51,8 +51,8 @@ static void adam_step(sw_workspace *work, const float free_actions[SW_HORIZON], 
     }
 }
 
-/* The weights that the iterations take, and whether any of them is not 0. Of a goal that the prior knows its plan has the
- * best already (contract/controller/goal.py): what is left is what is asked beyond.
+/* Computes the weights for the iterations, and returns whether any is not 0. For a goal that the prior supports, its
+ * plan is the best already (contract/controller/goal.py): only the part of the weights beyond that goal remains.
  */
 static int asked_of_iterations(float asked[SW_TERMS], const float weights[SW_TERMS])
 {
@@ -64,12 +64,12 @@ static int asked_of_iterations(float asked[SW_TERMS], const float weights[SW_TER
     asked[SW_LIFT] = sw_max(weights[SW_LIFT] - SW_DEAREST_LIFT * weights[SW_DRAG_MEAN], 0.0f);
     for (int i = 0; i < SW_TERMS; i++) any |= asked[i] > 0.0f || asked[i] < 0.0f;
 #else
-    any = 1; /* the start may be beyond the limit */
+    any = 1; /* the initial plan may exceed the limit */
 #endif
     return any;
 }
 
-/* An answer of zeros. */
+/* Writes an output of zeros. */
 static sw_status refused(sw_output *output)
 {
     for (int k = 0; k < SW_HORIZON; k++) {
@@ -115,7 +115,7 @@ sw_status sw_control_step_of(const sw_program *program, sw_workspace *work, cons
         output->forces[k][0] = work->forces[0][k];
         output->forces[k][1] = work->forces[1][k];
     }
-    /* The inputs as well: clipping makes a finite action of a NaN. */
+    /* The inputs are checked as well, since clipping turns a NaN into a finite action. */
     const int finite = sw_all_finite(&input->window[0][0], SW_WINDOW * SW_COLUMNS) & sw_all_finite(input->plan, SW_HORIZON) &
                        sw_all_finite(input->weights, SW_TERMS) & sw_all_finite(&input->speed, 1) &
                        sw_all_finite(&input->limit, 1) & sw_all_finite(&output->forces[0][0], 2 * SW_HORIZON) &

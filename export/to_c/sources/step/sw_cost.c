@@ -1,6 +1,4 @@
-/* The terms of the cost, one by one, and its gradient. Subgradients at kinks: ties of the largest or smallest Cd share it
- * evenly, and |Cl| has slope 0 at 0.
- */
+/* The cost's terms and gradient. At kinks equal largest or smallest Cd share the slope, and |Cl| has slope 0 at 0. */
 #include "sw_cost.h"
 
 #include "sw_math.h"

@@ -4,10 +4,10 @@
 
 #include "stillwake.h"
 
-/* Unweighted cost terms of work->forces and work->plan. */
+/* Computes the unweighted cost terms of work->forces and work->plan. */
 void sw_cost_terms(const sw_workspace *work, float previous_action, float terms[SW_TERMS]);
 
-/* dJ/dforces, work->d_forces, and dJ/da with the forces held fixed, work->gradient. */
+/* Computes dJ/dforces, work->d_forces, and dJ/da with the forces held fixed, work->gradient. */
 void sw_cost_gradient(sw_workspace *work, float previous_action, const float weights[SW_TERMS]);
 
 #endif

@@ -1,15 +1,15 @@
-/* The known answer of a whole control step. Sums and divisions that are right (sw_arithmetic.h) do not make a network that
- * is: a compiler may build one of its products wrongly, a linker may leave numbers out, and memory ages.
+/* The known answer of a whole control step. Correct sums and divisions (sw_arithmetic.h) do not guarantee a correct
+ * network: a compiler may build a product wrongly, a linker may omit numbers, and memory ages.
  */
 #include "stillwake.h"
 #include "sw_arithmetic.h"
 #include "sw_weights.h"
 
-/* What fused operations change in an answer, in parts of 1 and of itself: as far as replay.c lets answers be. */
+/* Largest change of an answer by fused operations, absolute plus relative: the tolerance of replay.c. */
 #define FUSED 5e-3f
 
-/* A window that the program's own scaling makes, so that it needs no memory: a few steps of 3/8 of a standard deviation,
- * other ones in each column. All weights are 1, so that the iterations run.
+/* Fills a window from the program's own scaling, so that no stored data are needed: a few steps of 3/8 of a standard
+ * deviation, different in each column. All weights are 1, so that the iterations run.
  */
 static void ask(const sw_program *program, sw_input *input)
 {

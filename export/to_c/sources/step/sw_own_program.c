@@ -1,4 +1,4 @@
-/* The control step of the program that is compiled in. */
+/* The control step of the compiled-in program. */
 #include "stillwake.h"
 #include "sw_weights.h"
 

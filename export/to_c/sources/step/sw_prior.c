@@ -1,4 +1,4 @@
-/* The plan that the optimiser starts from: a feedback on the past, followed over the horizon on predicted differences. */
+/* The optimiser's initial plan: a feedback on the past, applied over the horizon to predicted differences. */
 #include "sw_prior.h"
 
 #include "sw_math.h"
@@ -6,21 +6,21 @@
 
 #if SW_PRIOR_UNITS > 0
 
-/* What schedules the units and their gates, in the order of their weights. */
+/* The scheduling variables of the units and their gates, in the order of their weights. */
 enum { ONE, SPEED, EFFORT, LIFT, LIMIT };
 
 #if SW_SCHEDULED != 5
 #error "five weights of a unit on an input are added up here"
 #endif
 
-/* Where a weight of the cost lies in the range that the prior knows. */
+/* Returns the position of a cost weight in the range that the prior supports. */
 static float root_of(float weight, float dearest)
 {
     if (weight < dearest) return sw_sqrt(weight / dearest);
     return weight > 0.0f ? 1.0f : 0.0f;
 }
 
-/* Speed and goal as contract/controller/goal.py has them. */
+/* Computes the schedule from speed and goal, as in contract/controller/goal.py. */
 static void take_schedule(float schedule[SW_SCHEDULED], const sw_workspace *work, const sw_input *input)
 {
     const float *weights = input->weights, share = work->limit / work->program.weights->action_limit;
@@ -31,7 +31,7 @@ static void take_schedule(float schedule[SW_SCHEDULED], const sw_workspace *work
     schedule[LIMIT] = sw_min(sw_max((1.0f - share) / (1.0f - SW_NARROWEST), 0.0f), 1.0f);
 }
 
-/* The weights of the units on their inputs at the present speed and goal. */
+/* Computes the weights of the units on their inputs at the present speed and goal. */
 static void take_weights(sw_prior_scratch *prior, const sw_weights *w)
 {
     for (int u = 0; u < SW_PRIOR_OUTPUTS; u++) {
@@ -46,8 +46,8 @@ static void take_weights(sw_prior_scratch *prior, const sw_weights *w)
     }
 }
 
-/* Rows before the present one, and the differences of the present one. The window does not hold the oldest, which is taken
- * to be like the one after it.
+/* Takes the rows before the present one, and the differences of the present one. The window lacks the oldest row, which
+ * is taken to be equal to the one after it.
  */
 static void take_past(sw_prior_scratch *prior, const float window[SW_WINDOW][SW_COLUMNS])
 {
@@ -61,7 +61,7 @@ static void take_past(sw_prior_scratch *prior, const float window[SW_WINDOW][SW_
     for (int c = 0; c < SW_PRIOR_ROW; c++) prior->rows[0][c] = prior->rows[1][c];
 }
 
-/* The sum of products of weights with values, `apart` numbers from each other: two sums do not wait for each other. */
+/* Returns the sum of products of weights with values, `apart` numbers apart; it adds two sums side by side. */
 static float product(const float *weights, const float *values, int apart, int count)
 {
     float sum = 0.0f, other = 0.0f;
@@ -74,7 +74,7 @@ static float product(const float *weights, const float *values, int apart, int c
     return sum + other;
 }
 
-/* What is read of the past that begins at a row: the first columns of its rows, filtered. */
+/* Filters the past that begins at a row: the first columns of its rows. */
 static void filter_past(sw_prior_scratch *prior, const sw_weights *w, int begin, int columns)
 {
     const float *weight = w->prior_filter;
@@ -87,7 +87,7 @@ static void filter_past(sw_prior_scratch *prior, const sw_weights *w, int begin,
     }
 }
 
-/* The last layer's weights behind the gates, which read the sums of the newest rows; `rows` holds these meanwhile. */
+/* Multiplies the last layer's weights by the gates, which read sums of the newest rows; `rows` holds these. */
 static void take_gates(sw_prior_scratch *prior, const sw_weights *w, const float window[SW_WINDOW][SW_COLUMNS])
 {
     const float(*newest)[SW_COLUMNS] = &window[SW_WINDOW - SW_PRIOR_MEMORY];
@@ -105,9 +105,7 @@ static void take_gates(sw_prior_scratch *prior, const sw_weights *w, const float
     }
 }
 
-/* The products of the weights with the inputs: eight units at a time share the loads of the inputs, and their sums do not
- * wait for each other.
- */
+/* Computes the products of weights and inputs. Eight units at a time share the loads; their sums are independent. */
 static void multiply(float *outputs, const float *weights, const float *inputs)
 {
     for (int first = 0; first < SW_PRIOR_OUTPUTS; first += 8) {
@@ -136,7 +134,7 @@ static void multiply(float *outputs, const float *weights, const float *inputs)
     }
 }
 
-/* The action that the feedback wants, before it is scaled by what the jets can do. */
+/* Returns the feedback's action, before it is scaled by the jets' limit. */
 static float wanted(sw_prior_scratch *prior)
 {
     float sum = 0.0f, other = 0.0f;
@@ -148,7 +146,7 @@ static float wanted(sw_prior_scratch *prior)
     return sw_tanh(sum + other);
 }
 
-/* The next differences after the past that begins at a row. */
+/* Predicts the next differences after the past that begins at a row. */
 static void predict(sw_prior_scratch *prior, const sw_weights *w, int begin)
 {
     for (int p = 0; p < SW_PRIOR_ROW - 1; p++) {

@@ -1,4 +1,4 @@
-/* The plan that the optimiser starts from, work->plan: the prior's, or without a prior the shifted previous one. */
+/* Computes the optimiser's initial plan, work->plan: the prior's, or without a prior the shifted previous plan. */
 #ifndef SW_PRIOR_H
 #define SW_PRIOR_H
 
