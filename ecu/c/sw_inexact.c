@@ -1,4 +1,7 @@
 /* The check of exact arithmetic: the known answer of float, that of double, and no contraction. */
+/* First: it switches contraction off for the checks of sw_arithmetic.h as well. */
+#include "sw_exact.h"
+
 #include "sw_arithmetic.h"
 #include "sw_ecu_parts.h"
 

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 from contract.config.controller import CostWeights, MpcConfig
 from contract.config.learning import ModelConfig
+from contract.controller.goal import DEAREST_EFFORT
 from contract.controller.interface import ControllerError
 from ecu.in_c.host_library import CController
 from examples.random_programs import random_program
@@ -80,10 +81,10 @@ SKIPS, ALWAYS = b"? SW_ITERATIONS : 0;", b">= 0 ? SW_ITERATIONS : 0;"
 MOVES, MOVES_OTHERWISE = b"const float moved = ", b"const float moved = 0.001f + "
 GOALS = (
     (0, CostWeights(lift=0.0)),
-    (0, CostWeights(drag_mean=2.0, lift=1.9, effort=150.0)),
+    (0, CostWeights(drag_mean=2.0, lift=1.9, effort=1.5 * DEAREST_EFFORT)),
     (0, CostWeights(drag_mean=0.5, lift=0.5, effort=3.0)),
     (1, CostWeights(lift=1.1)),
-    (1, CostWeights(effort=101.0)),
+    (1, CostWeights(effort=DEAREST_EFFORT + 1.0)),
     (1, CostWeights(rate=1e-3)),
 )
 """Whether the iterations have something to do."""

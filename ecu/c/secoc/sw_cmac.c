@@ -3,17 +3,16 @@
 /* Multiplies a block by x in GF(2^128). */
 static void doubled(uint8_t to[SW_AES_BYTES], const uint8_t block[SW_AES_BYTES])
 {
-    uint32_t carry = 0x87u & (0u - ((uint32_t)block[0] >> 7));
-    for (int i = SW_AES_BYTES - 1; i >= 0; i--) {
-        const uint32_t byte = (uint32_t)block[i] << 1 ^ carry;
-        carry = (uint32_t)block[i] >> 7;
-        to[i] = (uint8_t)byte;
+    const uint32_t carry = 0x87u & (0u - ((uint32_t)block[0] >> 7));
+    for (int i = 0; i < SW_AES_BYTES - 1; i++) {
+        to[i] = (uint8_t)((uint32_t)block[i] << 1 ^ (uint32_t)block[i + 1] >> 7);
     }
+    to[SW_AES_BYTES - 1] = (uint8_t)((uint32_t)block[SW_AES_BYTES - 1] << 1 ^ carry);
 }
 
 static void add_bytes(uint8_t block[SW_AES_BYTES], const uint8_t *other, uint32_t count)
 {
-    for (uint32_t i = 0; i < count; i++) block[i] = (uint8_t)(block[i] ^ other[i]);
+    for (uint32_t i = 0; i < SW_AES_BYTES && i < count; i++) block[i] = (uint8_t)(block[i] ^ other[i]);
 }
 
 void sw_cmac_prepare(sw_cmac_key *prepared, const uint8_t key[SW_AES_BYTES])

@@ -9,6 +9,7 @@ import numpy as np
 
 from contract.config.controller import CostWeights, MpcConfig
 from contract.config.learning import ModelConfig
+from contract.controller.goal import DEAREST_EFFORT
 from contract.controller.interface import ControlStep
 from contract.runtime.onnx_session import OnnxController
 from examples.random_programs import random_program
@@ -54,7 +55,11 @@ def test_a_prior_of_1_0_0_gives_the_plan_that_its_formula_gives(name):
 
 @each("lowering", ["reference", "ONNX"])
 def test_at_a_goal_within_the_range_the_plan_is_the_priors_to_the_bit(lowering):
-    goals = [DRAG, replace(DRAG, lift=1.0), replace(DRAG, drag_mean=0.5, effort=50.0, lift=0.3, prior=2.0)]
+    goals = [
+        DRAG,
+        replace(DRAG, lift=1.0),
+        replace(DRAG, drag_mean=0.5, effort=0.5 * DEAREST_EFFORT, lift=0.3, prior=2.0),
+    ]
     few, many = (program(iterations=count, learning_rate=0.01) for count in (1, 9))
     graphs = [build_controller(one).SerializeToString() for one in (few, many)]
     lowered: list[Callable[..., ControlStep]] = [OnnxController(graph, few.sizes).control_step for graph in graphs]
@@ -76,7 +81,7 @@ def test_at_a_goal_within_the_range_the_plan_is_the_priors_to_the_bit(lowering):
 def test_beyond_the_range_the_plan_moves_against_the_slope_of_what_is_asked_beyond(knows_goal):
     """Adam's first step is -lr sign(g), here of a cost written out: the prior knows the rest of it, or drag alone."""
     one = program(iterations=1, learning_rate=1e-6)
-    effort, lift = 250.0, 3.0
+    effort, lift = 50.0 + 2.0 * DEAREST_EFFORT, 3.0
     if not knows_goal:
         assert one.prior is not None
         first, gate, goals = one.prior.first.copy(), one.prior.gate.copy(), slice(2, 4)
