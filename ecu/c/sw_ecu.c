@@ -30,9 +30,7 @@ static double present_speed(const sw_ecu_state *state, const sw_release *release
 #endif
 }
 
-/* Adds this period's row. At a speed outside the release's range it empties the window instead, since such pressures do
- * not describe the wake at other speeds.
- */
+/* Adds this period's row. At a speed outside the release's range it empties the window instead. */
 static void with_row(sw_ecu_state *state, const sw_release *release, const double *cp)
 {
     sw_memory *memory = &state->memory;
@@ -49,9 +47,7 @@ static void with_row(sw_ecu_state *state, const sw_release *release, const doubl
     }
 }
 
-/* Adds one row for each skipped period, in which the last command stayed in force. A wrong clock empties the window,
- * since the time between its rows is then unknown.
- */
+/* Adds one row for each skipped period, in which the last command stayed in force. A wrong clock empties the window. */
 static void after_silence(sw_memory *memory, const sw_timing *timing)
 {
     if (timing->fault == SW_REASON_CLOCK) {
