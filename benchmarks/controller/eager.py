@@ -9,6 +9,7 @@ import torch
 from torch import Tensor, nn
 
 from contract.arrays import Array
+from contract.controller.goal import DEAREST_EFFORT, DEAREST_LIFT
 from export.program.controller_program import ControllerProgram
 from export.program.weights import Linear, Norm
 
@@ -83,7 +84,7 @@ class EagerController:
         filters, output, predictor = map(self._tensor, (prior.filters, prior.output, prior.predictor))
         # The goal's inputs: the square roots of the weights on effort and lift, relative to 100 and 1 times the weight
         # on drag, and a measure of how far the action limit is lowered, which is 1 at half of the limit.
-        prices = torch.sqrt(w[[5, 2]] / (w[0] * self._tensor([9.0, 1.0])))
+        prices = torch.sqrt(w[[5, 2]] / (w[0] * self._tensor([DEAREST_EFFORT, DEAREST_LIFT])))
         share = limit / self._program.action_limit
         parts = [1.0, 2.5 * (speed - 1.0), *prices.clamp(max=1.0), min(1.0, 2.0 - 2.0 * share)]
         hidden = sum(part * self._tensor(each) for part, each in zip(parts, prior.first, strict=True))
@@ -138,7 +139,7 @@ class EagerController:
         asked = w.clone()
         if self._program.prior is not None:
             # The weights that the prior was trained for are left out: drag, and effort and lift within their ranges.
-            asked[[0, 2, 5]] = (w[[0, 2, 5]] - w[0] * self._tensor([1.0, 1.0, 9.0])).clamp(min=0.0)
+            asked[[0, 2, 5]] = (w[[0, 2, 5]] - w[0] * self._tensor([1.0, DEAREST_LIFT, DEAREST_EFFORT])).clamp(min=0.0)
         # Only the free actions are parameters, so the optimiser cannot change the committed actions.
         free_actions = committed[chosen].clone().requires_grad_(True)
         mpc = self._program.mpc
