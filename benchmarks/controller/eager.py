@@ -138,8 +138,7 @@ class EagerController:
         start = committed = self.start(window, committed, chosen, w, speed, limit)
         asked = w.clone()
         if self._program.prior is not None:
-            # The weights that the prior was trained for are left out: drag, and effort and lift within their ranges.
-            asked[[0, 2, 5]] = (w[[0, 2, 5]] - w[0] * self._tensor([1.0, DEAREST_LIFT, DEAREST_EFFORT])).clamp(min=0.0)
+            asked[[0, 2, 5]] = 0.0  # drag, lift and effort, which the prior was trained for
         # Only the free actions are parameters, so the optimiser cannot change the committed actions.
         free_actions = committed[chosen].clone().requires_grad_(True)
         mpc = self._program.mpc

@@ -2,11 +2,11 @@
 
     python -m benchmarks iterations [--workers 2] [--json FILE]
 
-A release's iterations act on the part of a cost that its prior does not know (`contract.controller.goal.beyond`). So
-the run without them is the same release at the nearest goal that the prior knows. Where that is the case's own goal, no
-iteration acts, both runs have the same inputs, and none is made. Each other case has a cost of its own, that of its
-weights taken of the whole flow. Both runs of a pair begin in the same wake; what is shown is the change of that cost in
-per cent, with the 95 % interval of its mean by Student's t.
+A release's iterations act on the terms of a cost that its prior does not know (`unknown_to_prior` in
+`contract.controller.goal`). So the run without them is the same release without the weights of these terms. Where they
+have none anyway, no iteration acts, both runs have the same inputs, and none is made. Each other case has a cost of its
+own, that of its weights taken of the whole flow. Both runs of a pair begin in the same wake; what is shown is the
+change of that cost in per cent, with the 95 % interval of its mean by Student's t.
 """
 
 from collections.abc import Mapping
@@ -120,12 +120,13 @@ def _kept(folder: Path, bundle: Path, starts: list[Path], run: tuple[Case, int, 
 
 
 def calibrated(own: Calibration, case: Case, *, iterated: bool) -> Calibration:
-    """The values on the vehicle: the case's, or those that leave nothing to the iterations."""
+    """The values on the vehicle: the case's, or those that leave nothing to the iterations.
+
+    A goal outside the range is the prior's own matter (`unknown_to_prior`), so no iteration acts there.
+    """
     weights = replace(own.weights, **case.weights)
     if not iterated:
-        dearest = {"effort": DEAREST_EFFORT, "lift": DEAREST_LIFT}
-        known = {name: min(getattr(weights, name), weights.drag_mean * most) for name, most in dearest.items()}
-        weights = replace(weights, **NONE, **known)
+        weights = replace(weights, **NONE)
     return replace(own, weights=weights, action_limit=case.limit * own.action_limit, delay_steps=case.delay)
 
 

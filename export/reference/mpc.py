@@ -16,7 +16,7 @@ import numpy as np
 
 from contract.arrays import Array
 from contract.config.controller import CostWeights
-from contract.controller.goal import Goal, beyond
+from contract.controller.goal import Goal, unknown_to_prior
 from contract.controller.interface import ControlStep
 from export.program.controller_program import ControllerProgram
 from export.reference.cost import cost_gradient, cost_terms
@@ -38,7 +38,7 @@ def control_step(
 ) -> ControlStep:
     """Compute the outputs of `controller.onnx`; arguments as in `contract.controller.interface`.
 
-    If the plan starts at a prior, the optimiser uses the part of the cost that the prior does not cover (`beyond`).
+    If the plan starts at a prior, the optimiser uses only terms that the prior does not know (`unknown_to_prior`).
     Terms and cost are those of the given weights.
 
     Args:
@@ -55,7 +55,7 @@ def control_step(
     asked = _weights(program, weights)
     remaining = asked
     if program.prior is not None:
-        left = beyond(CostWeights.of(asked), knows_goal=program.prior.knows_goal)
+        left = unknown_to_prior(CostWeights.of(asked), knows_goal=program.prior.knows_goal)
         remaining = np.array(left.as_tuple())
     optimised = optimise(program, z, start, previous_action, free, remaining, limit)
     return evaluate(program, z, optimised, previous_action, asked, start)

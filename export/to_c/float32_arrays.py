@@ -186,8 +186,9 @@ def prior_settings(prior: PriorWeights) -> dict[str, int | np.float32]:
         "SW_PRIOR_FILTER_ROWS": int(ranges[:, 1].sum()),
         "SW_SCHEDULED": len(SCHEDULED),
         "SW_SPEED_SCALE": np.float32(SPEED_SCALE),
-        "SW_DEAREST_EFFORT": np.float32(DEAREST_EFFORT if prior.knows_goal else 0.0),
-        "SW_DEAREST_LIFT": np.float32(DEAREST_LIFT if prior.knows_goal else 0.0),
+        "SW_PRIOR_KNOWS_GOAL": int(prior.knows_goal),
+        "SW_DEAREST_EFFORT": np.float32(DEAREST_EFFORT),
+        "SW_DEAREST_LIFT": np.float32(DEAREST_LIFT),
         "SW_NARROWEST": np.float32(NARROWEST),
     }
 

@@ -29,7 +29,7 @@ from export.to_onnx.decoder import DecoderGraph
 from export.to_onnx.dynamics import DynamicsGraph
 from export.to_onnx.encoder import lower_encoder
 from export.to_onnx.graph_builder import Graph, store_for
-from export.to_onnx.prior import lower_beyond, lower_prior, lower_schedule
+from export.to_onnx.prior import lower_prior, lower_schedule, lower_unknown
 
 
 def build_controller(lowered: Program) -> onnx.ModelProto:
@@ -53,7 +53,7 @@ def build_controller(lowered: Program) -> onnx.ModelProto:
             window=window, committed=start, free=free, schedule=schedule,
             reach=graph.op("Mul", share, reach), bound=bound,
         )  # fmt: skip
-        iterated = lower_beyond(graph, weights, knows_goal=program.prior.knows_goal)
+        iterated = lower_unknown(graph, weights, knows_goal=program.prior.knows_goal)
     before = previous_action(graph, program.sizes, window)
     cost = Cost(graph, program.mpc, weights, before, start, iterated)
     z = lower_encoder(graph, program, window, store)

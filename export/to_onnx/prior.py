@@ -43,15 +43,10 @@ def lower_schedule(graph: Graph, weights: str, speed: str | None, share: str) ->
     return schedule, reach
 
 
-def lower_beyond(graph: Graph, weights: str, *, knows_goal: bool) -> str:
-    """Add the weights (8,) of the iterations after a prior, which covers drag and goal, or drag alone."""
-    known, kept = np.zeros(len(TERMS)), np.ones(len(TERMS))
-    if knows_goal:
-        known[[TERMS.index("effort"), TERMS.index("lift")]] = DEAREST_EFFORT, DEAREST_LIFT
-    kept[TERMS.index("drag_mean")] = 0.0
-    drag = graph.slice(weights, TERMS.index("drag_mean"), TERMS.index("drag_mean") + 1)
-    rest = graph.op("Sub", weights, graph.op("Mul", drag, graph.constant(known, "known")))
-    return graph.op("Mul", graph.op("Relu", rest), graph.constant(kept, "kept"))
+def lower_unknown(graph: Graph, weights: str, *, knows_goal: bool) -> str:
+    """Add the weights (8,) of the iterations after a prior, which knows drag and goal, or drag alone."""
+    known = {"drag_mean", "effort", "lift"} if knows_goal else {"drag_mean"}
+    return graph.op("Mul", weights, graph.constant([float(name not in known) for name in TERMS], "unknown"))
 
 
 def lower_prior(

@@ -83,8 +83,8 @@ GOALS = (
     (0, CostWeights(lift=0.0)),
     (0, CostWeights(drag_mean=2.0, lift=1.9, effort=1.5 * DEAREST_EFFORT)),
     (0, CostWeights(drag_mean=0.5, lift=0.5, effort=3.0)),
-    (1, CostWeights(lift=1.1)),
-    (1, CostWeights(effort=DEAREST_EFFORT + 1.0)),
+    (0, CostWeights(effort=4.0 * DEAREST_EFFORT, lift=4.0)),
+    (1, CostWeights(lift_mean=1.0)),
     (1, CostWeights(rate=1e-3)),
 )
 """Whether the iterations have something to do."""

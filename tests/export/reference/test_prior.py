@@ -54,11 +54,12 @@ def test_a_prior_of_1_0_0_gives_the_plan_that_its_formula_gives(name):
 
 
 @each("lowering", ["reference", "ONNX"])
-def test_at_a_goal_within_the_range_the_plan_is_the_priors_to_the_bit(lowering):
+def test_at_any_goal_that_the_prior_knows_the_plan_is_the_priors_to_the_bit(lowering):
     goals = [
         DRAG,
         replace(DRAG, lift=1.0),
         replace(DRAG, drag_mean=0.5, effort=0.5 * DEAREST_EFFORT, lift=0.3, prior=2.0),
+        replace(DRAG, drag_mean=0.5, effort=9.0 * DEAREST_EFFORT, lift=4.0),
     ]
     few, many = (program(iterations=count, learning_rate=0.01) for count in (1, 9))
     graphs = [build_controller(one).SerializeToString() for one in (few, many)]
@@ -78,24 +79,27 @@ def test_at_a_goal_within_the_range_the_plan_is_the_priors_to_the_bit(lowering):
 
 
 @each("knows_goal", [True, False])
-def test_beyond_the_range_the_plan_moves_against_the_slope_of_what_is_asked_beyond(knows_goal):
-    """Adam's first step is -lr sign(g), here of a cost written out: the prior knows the rest of it, or drag alone."""
+def test_the_plan_moves_against_the_slope_of_the_terms_that_the_prior_does_not_know(knows_goal):
+    """Adam's first step is -lr sign(g), here of a cost written out: of effort and lift too if the prior knows drag
+    alone."""
     one = program(iterations=1, learning_rate=1e-6)
-    effort, lift = 50.0 + 2.0 * DEAREST_EFFORT, 3.0
     if not knows_goal:
         assert one.prior is not None
         first, gate, goals = one.prior.first.copy(), one.prior.gate.copy(), slice(2, 4)
         first[goals], gate[:, goals] = 0.0, 0.0
-        one, effort, lift = replace(one, prior=replace(one.prior, first=first, gate=gate)), 50.0, 1.0
-    goal = np.array(replace(DRAG, drag_mean=2.0, effort=effort, lift=lift).as_tuple())
+        one = replace(one, prior=replace(one.prior, first=first, gate=gate))
+    goal = np.array(replace(DRAG, drag_mean=2.0, effort=9.0 * DEAREST_EFFORT, lift=3.0, smoothness=70.0).as_tuple())
     for window in random_windows(one, 5):
         given, z = (window, np.zeros(HORIZON), np.ones(HORIZON), goal), encode(one, window)
 
-        def beyond(plan: np.ndarray, z: np.ndarray = z) -> float:
+        def unknown(plan: np.ndarray, z: np.ndarray = z) -> float:
+            smoothness = 70.0 * (np.diff(plan) ** 2).mean()
+            if knows_goal:
+                return float(smoothness)
             lift = predict(one, z, plan)[:, 1]
-            return float(50.0 * (plan**2).mean() + 1.0 * np.abs(lift).mean())
+            return float(smoothness + 9.0 * DEAREST_EFFORT * (plan**2).mean() + 3.0 * np.abs(lift).mean())
 
         start, steps = starting_plan(one, *given), 1e-7 * np.eye(HORIZON)
-        slope = [beyond(start + step) - beyond(start - step) for step in steps]
+        slope = [unknown(start + step) - unknown(start - step) for step in steps]
         moved = control_step(one, *given).plan - start
         np.testing.assert_allclose(moved, -1e-6 * np.sign(slope), rtol=0.01)

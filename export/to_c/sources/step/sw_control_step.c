@@ -51,8 +51,8 @@ static void adam_step(sw_workspace *work, const float free_actions[SW_HORIZON], 
     }
 }
 
-/* Computes the weights for the iterations, and returns whether any is not 0. For a goal that the prior supports, its
- * plan is the best already (contract/controller/goal.py): only the part of the weights beyond that goal remains.
+/* Computes the weights for the iterations, and returns whether any is not 0. For a goal that the prior knows, its plan
+ * is the best already (contract/controller/goal.py): only the weights of other terms remain.
  */
 static int asked_of_iterations(float asked[SW_TERMS], const float weights[SW_TERMS])
 {
@@ -60,8 +60,10 @@ static int asked_of_iterations(float asked[SW_TERMS], const float weights[SW_TER
     for (int i = 0; i < SW_TERMS; i++) asked[i] = weights[i];
 #if SW_PRIOR_UNITS > 0
     asked[SW_DRAG_MEAN] = 0.0f;
-    asked[SW_EFFORT] = sw_max(weights[SW_EFFORT] - SW_DEAREST_EFFORT * weights[SW_DRAG_MEAN], 0.0f);
-    asked[SW_LIFT] = sw_max(weights[SW_LIFT] - SW_DEAREST_LIFT * weights[SW_DRAG_MEAN], 0.0f);
+#if SW_PRIOR_KNOWS_GOAL
+    asked[SW_EFFORT] = 0.0f;
+    asked[SW_LIFT] = 0.0f;
+#endif
     for (int i = 0; i < SW_TERMS; i++) any |= asked[i] > 0.0f || asked[i] < 0.0f;
 #else
     any = 1; /* the initial plan may exceed the limit */
