@@ -142,7 +142,7 @@ def test_an_image_is_what_the_compiler_makes_and_runs_in_any_build_of_its_layout
 
 
 SANITISERS = (
-    *("-O1", "-ffp-contract=off", "-fno-sanitize-recover=all"),
+    *("-O0", "-ffp-contract=off", "-fno-sanitize-recover=all"),
     "-fsanitize=address,undefined,float-divide-by-zero,float-cast-overflow",
 )
 OPENED = Path(__file__).with_name("c").joinpath("opened_images.c").read_bytes()
