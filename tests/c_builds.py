@@ -1,13 +1,16 @@
 """Every C build of the tests once: the same files, compiler and flags give the same file, whoever asks for it.
 
 Builds are kept in pytest's cache directory under the hash of all that they are made from, so that workers of one
-session share them, and the next session finds them. `compile_c` keeps its arguments and errors; what does not compile
-is not kept.
+session share them, and the next session finds them. So is every object file: of a build that differs in one source,
+one source is compiled. `compile_c` keeps its arguments and errors; what does not compile is not kept.
 """
 
 import hashlib
 import os
+import re
 import shutil
+import subprocess
+import tempfile
 import time
 from collections.abc import Mapping, Sequence
 from functools import cache
@@ -27,6 +30,11 @@ MODULES = (
 """Where `compile_c` is called by its name."""
 
 KEPT_S = 14 * 24 * 3600.0
+_INCLUDED = re.compile(rb"^[ \t]*#[ \t]*include[ \t]*([^\s<].*)", re.MULTILINE)
+_LINKING = ("-shared", "-static", "-r", "-Wl,", "-l", "-L", "-nostd", "-nostart")
+"""Beginnings of flags that concern the linker alone: clang takes them for a mistake where it only compiles."""
+_WHOLE = ("ziglang", "-c", "-E", "-S", "-fsyntax-only", "-include", "-T", "--coverage", "-flto")
+"""A command with one of these is left as it is; zig keeps objects itself."""
 
 compile_c = compilers.compile_c
 """The function itself, whatever stands in its place."""
@@ -50,10 +58,50 @@ class SharedBuilds:
         with FileLock(f"{built}.lock"):
             if not built.exists():
                 unfinished = built.with_suffix(".part")
-                compile_c(contents, unfinished, compiler=compiler, flags=flags)
+                if not self._linked(contents, unfinished, compiler, flags):
+                    compile_c(contents, unfinished, compiler=compiler, flags=flags)
                 unfinished.replace(built)
             os.utime(built)
             shutil.copy(built, output)
+
+    def _linked(
+        self, contents: Mapping[str, bytes], output: Path, compiler: Sequence[str], flags: Sequence[str]
+    ) -> bool:
+        """Link kept objects and new ones; False where the compiler is to be asked for all at once, and for errors."""
+        sources = sorted(name for name in contents if name.endswith(".c"))
+        if len(sources) < 2 or any(word in _WHOLE for word in (*compiler, *flags)):
+            return False
+        used = [flag for flag in flags if not flag.startswith(_LINKING)]
+        kept = {name: self._folder / f"{_key(needed(contents, name), compiler, used)}.o" for name in sources}
+        new = [name for name in sources if not kept[name].exists()]
+        with tempfile.TemporaryDirectory() as folder:
+            for name, content in contents.items():
+                Path(folder, name).write_bytes(content)
+            command = [*compiler, *compilers.STANDARD, "-Werror", *used, "-c", *new]
+            if new and subprocess.run(command, cwd=folder, capture_output=True, check=False).returncode != 0:
+                return False
+            for name in new:
+                unfinished = kept[name].with_suffix(f".{os.getpid()}")
+                shutil.copy(Path(folder, name).with_suffix(".o"), unfinished)
+                unfinished.replace(kept[name])
+            for path in kept.values():
+                os.utime(path)
+            command = [*compiler, *flags, *map(str, kept.values()), "-o", str(output.resolve())]
+            return subprocess.run(command, cwd=folder, capture_output=True, check=False).returncode == 0
+
+
+def needed(contents: Mapping[str, bytes], source: str) -> dict[str, bytes]:
+    """A source with all that it includes of these files; all of them, if it includes by a macro's name."""
+    found, left = dict[str, bytes](), [source]
+    while left:
+        name = left.pop()
+        if name in contents and name not in found:
+            found[name] = contents[name]
+            for words in _INCLUDED.findall(contents[name]):
+                if not words.startswith(b'"'):
+                    return dict(contents)
+                left.append(words.split(b'"')[1].decode())
+    return found
 
 
 def _key(contents: Mapping[str, bytes], compiler: Sequence[str], flags: Sequence[str]) -> str:

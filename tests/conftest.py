@@ -34,10 +34,10 @@ if TYPE_CHECKING:
 pytest_plugins = ["tests.budget"]
 
 # How long an example takes is the machine's affair: no test fails because another process had the processor. The same
-# examples each time, so that a change passes or fails by itself; `make full` draws others.
+# examples each time, so that a change passes or fails by itself, and half of them; `make full` draws others, and all.
 settings.register_profile("drawn", deadline=None, suppress_health_check=[HealthCheck.too_slow])
-settings.register_profile("whole", settings.get_profile("drawn"), derandomize=True)
-# Of `make check`: tests that do not say how many examples they need take a quarter of them.
+settings.register_profile("whole", settings.get_profile("drawn"), derandomize=True, max_examples=50)
+# Of `make check`: a quarter of them.
 settings.register_profile("fast", settings.get_profile("whole"), max_examples=25)
 settings.load_profile("whole")
 

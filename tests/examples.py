@@ -5,9 +5,9 @@ from typing import Any
 from hypothesis import settings
 
 _USUAL = 100
-"""Of the profile `whole` in `tests/conftest.py`."""
+"""Of the profile `drawn` in `tests/conftest.py`."""
 
 
 def examples(count: int, **others: Any) -> settings:
-    """So many of them; in `make check`, whose profile takes fewer by default, fewer in the same proportion."""
+    """So many of them; in `make test` and `make check`, whose profiles take fewer by default, in proportion."""
     return settings(max_examples=max(5, count * settings().max_examples // _USUAL), **others)

@@ -22,10 +22,7 @@ OF_THE_COMMAND_LINE = {"typer", "rich"}
     [
         ("contract", ROOMS - {"contract"}),
         ("can_bridge", ROOMS - {"contract", "can_bridge"}),
-        (
-            "ecu",
-            ROOMS - {"contract", "can_bridge", "ecu"},
-        ),
+        ("ecu", ROOMS - {"contract", "can_bridge", "ecu"}),
     ],
 )
 @pytest.mark.slow

@@ -11,14 +11,7 @@ from contract.config.vehicle import BenefitCheckConfig, SensorCheckConfig
 from contract.recording import dataset
 from contract.release.bundle import load
 from contract.shipped import BUNDLE, recording
-from ecu.benefit_check import (
-    MOVED,
-    PATIENCE,
-    UNSTATED,
-    BenefitCheck,
-    BenefitCheckState,
-    mirrored_pairs,
-)
+from ecu.benefit_check import MOVED, PATIENCE, UNSTATED, BenefitCheck, BenefitCheckState, mirrored_pairs
 from tests.ecu.conftest import RecordingController, make_bench
 
 RELEASE = load(BUNDLE)

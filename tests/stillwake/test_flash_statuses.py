@@ -10,10 +10,8 @@ from typing import Any
 
 import pytest
 
-from can_bridge.flashing.backing import MediumError
-from can_bridge.flashing.store import Store
 from can_bridge.secoc.key import write_key
-from can_bridge.tester import asking
+from can_bridge.tester import asking, messages
 from can_bridge.uds.services import Did
 from contract.config.vehicle import BusConfig
 from contract.errors import BusError
@@ -22,7 +20,7 @@ from contract.shipped import BUNDLE
 from stillwake.console.progress import Report
 from tests.can_bridge.flashing.releases import RELEASE, SECOND, keys, provisioned
 from tests.can_bridge.flashing.store_ecu import SECRET, VALUES, StoreEcu
-from tests.can_bridge.tester.ecu_to_flash import SHIPPED, SHIPPED_BY, EcuToFlash
+from tests.can_bridge.tester.ecu_to_flash import SHIPPED, EcuToFlash
 from tests.can_bridge.tester.served import served
 
 NUMBERS = count()
@@ -94,31 +92,20 @@ def test_a_release_that_the_ecu_would_refuse_is_not_sent(flash: Flash, ecu: EcuT
     assert ecu.routines == []
 
 
-@pytest.mark.slow
-def test_silence(call: Flash, flash: Flash, ecu: EcuToFlash, monkeypatch: pytest.MonkeyPatch) -> None:
-    with monkeypatch.context() as patch:
-        patch.setattr(asking, "P2_S", 0.01)
-        patch.setattr("can_bridge.tester.sequence.THERE_S", 0.05)
-        ends(
-            call(),
-            3,
-            "see that it has power, runs with --slots, and that interface, channel, bus.frames and bus.diagnosis",
-        )
-    monkeypatch.setattr(asking, "P2_S", 0.2)
-    monkeypatch.setattr("can_bridge.tester.transport.FLOW_CONTROL_MS", 200)
-    monkeypatch.setattr("can_bridge.tester.transfer.STARTING_S", 0.2)
-    ecu.memory.on_written = lambda received: setattr(ecu, "is_dead", received >= 40_000)
-    ends(flash(), 3, f"of {len(SHIPPED)} bytes and still the release from before: the same command goes on from there")
-    ecu.is_dead, ecu.memory.on_written = False, lambda received: None
-    written = ecu.memory.written
-    assert flash().code == 0
-    assert ecu.memory.written - written == len(SHIPPED) - 40_640
+def test_silence(call: Flash, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(asking, "P2_S", 0.01)
+    monkeypatch.setattr("can_bridge.tester.sequence.THERE_S", 0.05)
+    ends(call(), 3, "see that it has power, runs with --slots, and that interface, channel, bus.frames and")
 
 
-@pytest.mark.slow
-def test_what_the_ecu_objects_to(
-    flash: Flash, ecu: EcuToFlash, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_each_error_has_the_status_of_its_remedy() -> None:
+    """`tests/can_bridge/tester` brings each about."""
+    statuses = {"NoAnswer": 3, "Lost": 3, "Access": 4, "NotNow": 5, "WrongRelease": 6, "WrongKeys": 6}
+    statuses |= {"ImageRefused": 6, "Refused": 7, "NotPassed": 8}
+    assert {name: getattr(messages, f"{name}Error").status for name in statuses} == statuses
+
+
+def test_what_the_ecu_objects_to(flash: Flash, ecu: EcuToFlash, tmp_path: Path) -> None:
     for did, value, words in (
         (Did.DBC_SHA256, bytes(32), "is for the stillwake.dbc"),
         (Did.PERIOD_NS, (10_000_000).to_bytes(8, "big"), "has a control period of 20 ms, the ECU one of 10 ms"),
@@ -133,21 +120,8 @@ def test_what_the_ecu_objects_to(
     ends(flash(), 5, "its jets are enabled or the vehicle asks for control")
     assert ecu.memory.written == 0
     ecu.is_wanted = False
-
-    def fails(_store: Store, _data: bytes) -> Any:
-        raise MediumError("worn out", 0)
-
-    with monkeypatch.context() as patch:
-        patch.setattr(Store, "append", fails)
-        ends(flash(), 7, "the ECU refused to take a block of the image: programming failure (0x72)")
-    ecu.spoils = True
-    ends(flash(), 8, "the ECU did not start the new release; old runs")
-    ecu.spoils = False
-    ecu.store.take_keys(keys(2, RELEASE, revoked=(SHIPPED_BY,)))
-    ends(flash(), 6, "the bundle is signed by a key that was revoked; it keeps the one it has")
     write_key(tmp_path / "wrong.key", bytes([7] * 16))
-    for words in ("it is not its own", "it is not its own", "takes none for 10 s"):
-        ends(flash("--access", tmp_path / "wrong.key"), 4, words)
+    ends(flash("--access", tmp_path / "wrong.key"), 4, "it is not its own")
     assert ecu.runs == "old"
 
 

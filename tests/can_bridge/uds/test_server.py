@@ -15,7 +15,6 @@ PRECONDITIONS = Routine.PRECONDITIONS.to_bytes(2, "big")
 CHECK = Routine.CHECK.to_bytes(2, "big")
 SERIAL = Did.SERIAL_NUMBER.to_bytes(2, "big")
 CALIBRATION = Did.CALIBRATION.to_bytes(2, "big")
-STORED = Did.CALIBRATION_STORED.to_bytes(2, "big")
 KEY_LIST = Did.KEY_LIST.to_bytes(2, "big")
 
 

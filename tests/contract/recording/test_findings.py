@@ -77,10 +77,7 @@ def test_a_sound_data_set_has_only_notes(sound):
 def test_settings_of_another_plant_are_named_with_what_to_set(sound):
     for flow, message in (
         (FlowConfig(control_period=0.2, action_limit=LIMIT), r"flow\.control_period = 0\.2 .*=0\.3"),
-        (
-            FlowConfig(control_period=PERIOD, action_limit=0.075),
-            r"is 0\.2 in the data set, flow\.action_limit = 0\.07",
-        ),
+        (FlowConfig(control_period=PERIOD, action_limit=0.075), r"is 0\.2 in the data set, flow\.action_limit = 0\.07"),
     ):
         other = replace(CONFIG, flow=flow)
         with pytest.raises(DatasetError, match=message):

@@ -10,26 +10,14 @@ from can_bridge.flashing.verdicts import Verdict
 from can_bridge.secoc.key import read_key, write_key
 from can_bridge.secoc.node import Authentication
 from can_bridge.uds.services import S3_MS
-from can_bridge.wire.message_specs import (
-    ECU_STATUS,
-    FRESHNESS_LENGTH,
-    JET_COMMAND,
-    JET_COMMAND_SECURED,
-)
+from can_bridge.wire.message_specs import ECU_STATUS, FRESHNESS_LENGTH, JET_COMMAND, JET_COMMAND_SECURED
 from can_bridge.wire.messages import Mode, Reason
 from contract.config.tree import Config
 from contract.config.vehicle import BusConfig
 from contract.release.image import files_of
 from contract.release.manifest import MANIFEST, open_manifest
 from ecu.stepped import SteppedEcu
-from tests.ecu.flashable.vehicle_ecu import (
-    ACTIVATE,
-    CONFIRM_ROUTINE,
-    SELF_TEST,
-    Rig,
-    image,
-    provision,
-)
+from tests.ecu.flashable.vehicle_ecu import ACTIVATE, CONFIRM_ROUTINE, SELF_TEST, Rig, image, provision
 
 
 def hash_of(raw: bytes) -> int:

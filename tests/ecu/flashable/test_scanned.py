@@ -6,7 +6,6 @@ caringcaribou, the other well-known scanner, is no package of the index.
 from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import replace
 from threading import Event, Thread
 from typing import Any
 
@@ -15,9 +14,7 @@ import pytest
 from can_bridge.uds.services import LEVELS, ROUTINES, SERVICES, Did, Nrc, Session
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.messages import Mode
-from contract.config.diagnosis import DiagnosisConfig
-from contract.config.vehicle import BusConfig
-from tests.ecu.flashable.vehicle_ecu import UNCHECKED, Rig, image, provision
+from tests.ecu.flashable.vehicle_ecu import Rig
 
 pytest.importorskip("scapy")
 
@@ -55,8 +52,7 @@ class EcuSocket(SuperSocket):  # type: ignore[misc]
                 self.rig.millisecond()
                 for frame in self.rig.sent:
                     if frame.identifier in self.rig.config.bus.diagnosis.names:
-                        flags = "extended" if frame.is_extended else 0
-                        seen = CANFD(identifier=frame.frame_id, flags=flags, fd_flags=4, data=frame.data)
+                        seen = CANFD(identifier=frame.frame_id, flags=0, fd_flags=4, data=frame.data)
                         self.from_ecu.send(bytes(seen))
         except BaseException as error:  # noqa: BLE001  (the test fails by it below)
             self.faults.append(error)
@@ -64,9 +60,7 @@ class EcuSocket(SuperSocket):  # type: ignore[misc]
     def send(self, packet: Any) -> int:
         raw = bytes(packet)
         data = raw[8 : 8 + raw[4]]
-        is_extended = "extended" in packet.flags
-        number, now_ns = packet.identifier, self.rig.now_ns
-        self.to_ecu.append(Frame(frame_id=number, is_extended=is_extended, data=data, timestamp_ns=now_ns))
+        self.to_ecu.append(Frame(frame_id=packet.identifier, data=data, timestamp_ns=self.rig.now_ns))
         return len(data)
 
     def recv(self, *args: Any, **others: Any) -> Any:
@@ -123,18 +117,6 @@ def test_isotp_and_xcp_are_found_where_they_are(rig):
         bus.kind = XCPOnCAN
         slaves = XCPOnCANScanner(bus, range(0x7C8, 0x7E0), sniff_time=0.02).scan_with_connect()
         assert [tuple(one) for one in slaves] == [(COMMAND_ID, XCP_RESPONSE_ID)]
-
-
-def test_identifiers_of_29_bits_are_found_where_they_are_and_the_usual_ones_no_more(tmp_path):
-    provision(tmp_path, image("one"))
-    ids = DiagnosisConfig(request_id="0x18DA5AF1", response_id="0x18DAF15A", functional_id="0x18DB33F1")
-    rig = Rig(tmp_path, replace(UNCHECKED, bus=BusConfig(diagnosis=ids)))
-    with scanned(rig, mode=Mode.CONTROL) as bus:
-        others = {"noise_listen_time": 0.1, "sniff_time": 0.02, "fd": True}
-        assert isotp_scan(bus, range(0x7DF, 0x7E8), **others) == []
-        (found,) = isotp_scan(bus, range(0x18DA59F1, 0x18DA5CF1, 0x100), extended_can_id=True, **others)
-        found.close()
-        assert (found.tx_id, found.rx_id) == (0x18DA5AF1, 0x18DAF15A)
 
 
 def test_what_scanners_find_amid_control_is_the_table(rig):

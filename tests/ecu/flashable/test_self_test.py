@@ -14,15 +14,7 @@ from contract.release.checks import CONTROLLER, Bundle
 from contract.runtime.onnx_session import OnnxController
 from ecu.flashable.vehicle_fit import VehicleFit, self_test
 from tests.ecu.conftest import RecordingController
-from tests.ecu.flashable.vehicle_ecu import (
-    CONFIRM_ROUTINE,
-    REVERT,
-    SELF_TEST,
-    Rig,
-    image,
-    provision,
-    shipped,
-)
+from tests.ecu.flashable.vehicle_ecu import CONFIRM_ROUTINE, REVERT, SELF_TEST, Rig, image, provision, shipped
 
 LIMIT = shipped().manifest.action_limit
 

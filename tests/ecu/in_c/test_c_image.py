@@ -29,7 +29,7 @@ from ecu.c.sources import firmware_sources
 from ecu.in_c.c_ecu import CEcu
 from ecu.in_c.c_image import controller_image
 from ecu.in_c.c_settings import ecu_settings
-from ecu.in_c.compiler import compile_c, host_compiler
+from ecu.in_c.compiler import host_compiler
 from examples.c_samples import MODEL, MPC
 from examples.random_programs import random_program
 from export.int8.calibrate import rounded_on
@@ -38,6 +38,7 @@ from export.program.windows import random_windows
 from export.release.lowering import library_of
 from export.to_c.estimator import estimator_files
 from export.to_onnx.sensor_estimator import build_estimator
+from tests.c_builds import SharedBuilds
 from tests.ecu.in_c.exported import CONFIG, Feed
 from tests.ecu.in_c.test_estimator_in_c import random_network
 
@@ -141,11 +142,13 @@ def test_an_image_is_what_the_compiler_makes_and_runs_in_any_build_of_its_layout
 
 
 SANITISERS = (
-    *("-O1", "-ffp-contract=off", "-fno-sanitize-recover=all"),
+    *("-O0", "-ffp-contract=off", "-fno-sanitize-recover=all"),
     "-fsanitize=address,undefined,float-divide-by-zero,float-cast-overflow",
 )
 OPENED = Path(__file__).with_name("c").joinpath("opened_images.c").read_bytes()
 BAD_NUMBERS = 3
+TOGETHER = 4
+"""Arrays at their limits in one image."""
 REFUSED = (
     *(("weights.prior_filter_rows", values) for values in ((140, 1), (3, 2), (-1, 1), (0, 3))),
     *(("release.resting", values) for values in ((1.0, -0.5, 0.5), (np.nan, -0.5, 0.5), (1.0, np.nan, 0.5))),
@@ -161,7 +164,7 @@ def number(*values: int) -> bytes:
 class Altered:
     """An image in order, what its numbers may be, and a program that opens and runs it, altered, under sanitisers."""
 
-    def __init__(self, kind: str, folder: Path) -> None:
+    def __init__(self, kind: str, folder: Path, builds: SharedBuilds) -> None:
         files, bundle, config = made(kind, 1, prior_memory=4)
         self.image = controller_image(files, bundle, config, None)
         found = read(self.image)
@@ -170,7 +173,7 @@ class Altered:
         self.limits = list(limits_in(members_in(layout), layout))
         self._program = folder / "opened"
         sources = {**library_sources(files), "opened_images.c": OPENED}
-        compile_c(sources, self._program, compiler=host_compiler(), flags=SANITISERS)
+        builds.compile_c(sources, self._program, compiler=host_compiler(), flags=SANITISERS)
         periods = list(Feed(config).driven([1.0] * FEW_PERIODS))
         self._periods = number(len(periods))
         for now_ns, frames in periods:
@@ -215,8 +218,8 @@ def beyond(one: Limits) -> list[float]:
 
 @pytest.mark.slow  # compiles with sanitisers, and lives through thousands of periods
 @pytest.mark.parametrize("kind", ["int8", "float32"])
-def test_no_number_of_an_image_leads_out_of_an_array(kind, tmp_path):
-    altered, random = Altered(kind, tmp_path), Random(kind)
+def test_no_number_of_an_image_leads_out_of_an_array(kind, tmp_path, shared_builds):
+    altered, random = Altered(kind, tmp_path, shared_builds), Random(kind)
     assert altered.opened([{}]) == [(OK, True)]
     # One number at a time: the first of an array, its last one, and one in between.
     patches = []
@@ -228,15 +231,18 @@ def test_no_number_of_an_image_leads_out_of_an_array(kind, tmp_path):
     found = altered.opened(patches, runs=False)
     assert {status for status, _ in found} == {OK, BAD_NUMBERS}
     assert [status for status, _ in found] == [altered.in_python(patch) for patch in patches]
-    # Whole arrays at their limits, one after another and many together: none is refused, and all can be run.
-    whole = [
-        {one.place + group * one.stride: packed(one, value, one.run) for group in range(one.groups)}
-        for one in altered.limits
-        for value in (one.least, one.most)
-        if not any(name in one.name for name in ("filter_rows", "resting", "slowest"))
+    # Whole arrays at their limits, each at either end among others at theirs: none is refused, and all can be run.
+    free = [
+        one for one in altered.limits if not any(name in one.name for name in ("filter_rows", "resting", "slowest"))
     ]
-    for _ in range(12):
-        whole.append({place: text for one in random.sample(whole, 6) for place, text in one.items()})
+    at_most, whole = {one.place: random.random() < 0.5 for one in free}, list[dict[int, bytes]]()
+    for turned in (False, True):
+        random.shuffle(free)
+        for begin in range(0, len(free), TOGETHER):
+            whole.append({})
+            for one in free[begin : begin + TOGETHER]:
+                text = packed(one, one.most if at_most[one.place] is turned else one.least, one.run)
+                whole[-1] |= {one.place + group * one.stride: text for group in range(one.groups)}
     assert {status for status, _ in altered.opened(whole)} == {OK}
     assert {altered.in_python(patch) for patch in whole} == {OK}
     # By name, and what numbers within their limits are not together.

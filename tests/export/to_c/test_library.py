@@ -14,7 +14,6 @@ from contract.config.learning import ModelConfig
 from contract.controller.c_folder import PROGRAM_SETTINGS, library_sources, write_folder
 from ecu.in_c.compiler import host_compiler
 from examples.random_programs import random_program
-from export.gates.quantisation import QuantisationLimits
 from export.program.windows import random_window
 from export.reference.mpc import control_step
 from export.release.c_folder import recorded_rows
@@ -26,7 +25,6 @@ MODEL = ModelConfig(window=6, latent=3, lstm_width=17, dynamics_width=21, decode
 PROGRAM = random_program(3, model=MODEL, mpc=MpcConfig(horizon=7))
 SERIES = np.concatenate([random_window(PROGRAM, np.random.default_rng(seed)) for seed in range(4)])
 WINDOWS = [SERIES[i : i + PROGRAM.window] for i in range(len(SERIES) - PROGRAM.window + 1)]
-LENIENT = QuantisationLimits(rms_action_error=0.05, max_cost_gap=1.0)
 
 
 @pytest.fixture(scope="module", params=["float32", "int8"])

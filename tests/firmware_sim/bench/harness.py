@@ -99,12 +99,7 @@ class Harness:
     """Everything around one loop."""
 
     def __init__(
-        self,
-        bundle,
-        config: Config,
-        controller,
-        wrapped: dict[str, Callable[[Bus], Bus]],
-        corrupts: Corrupts | None,
+        self, bundle, config: Config, controller, wrapped: dict[str, Callable[[Bus], Bus]], corrupts: Corrupts | None
     ) -> None:
         self.config = config
         self.plant = Oscillator(config.flow.substeps)
@@ -117,13 +112,7 @@ class Harness:
         )
         ticks = iter(range(10**6))
         self.loop = VirtualLoop(
-            self.plant,
-            VehicleNode(NAMES, config),
-            self.ecu,
-            bus,
-            ports,
-            config,
-            clock=lambda: 0.001 * next(ticks),
+            self.plant, VehicleNode(NAMES, config), self.ecu, bus, ports, config, clock=lambda: 0.001 * next(ticks)
         )
 
     def run(self, periods: int) -> list:

@@ -21,11 +21,7 @@ SLACK_MS = 20.0 - sum(TOOK.values())
 
 def judged(run: Tables, name: str = "onnx") -> MeasuredRun:
     recorded = Recorded(
-        vehicle=run.vehicle,
-        ecu=run.ecu,
-        idle=run.idle,
-        privileges="memory locked",
-        fault="FAULT, IMPLAUSIBLE",
+        vehicle=run.vehicle, ecu=run.ecu, idle=run.idle, privileges="memory locked", fault="FAULT, IMPLAUSIBLE"
     )
     return MeasuredRun.of(recorded, name=name, about="a release", period_ns=PERIOD, counter_period=COUNTERS)
 

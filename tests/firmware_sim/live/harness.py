@@ -52,12 +52,7 @@ class Live:
     """A session, and all that it has sent so far."""
 
     def __init__(
-        self,
-        *,
-        wake: Callable[[str], LoopPlant] = oscillator,
-        kept: int = 400,
-        lead_in: float = LEAD_IN,
-        **more: Any,
+        self, *, wake: Callable[[str], LoopPlant] = oscillator, kept: int = 400, lead_in: float = LEAD_IN, **more: Any
     ) -> None:
         self.bundle = make_bundle()
         self.made: dict[str, Ecu] = {}

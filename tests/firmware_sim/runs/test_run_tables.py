@@ -11,10 +11,7 @@ from firmware_sim.runs.run_page.run_data import events
 from firmware_sim.runs.run_tables import drag_rows, headline, service_rows
 from firmware_sim.runs.summary import summary, whole_summary
 
-FAULT = {
-    "modes": dict.fromkeys(range(2, 100), Mode.FAULT),
-    "reasons": dict.fromkeys(range(2, 100), Reason.DEADLINE),
-}
+FAULT = {"modes": dict.fromkeys(range(2, 100), Mode.FAULT), "reasons": dict.fromkeys(range(2, 100), Reason.DEADLINE)}
 
 
 def test_tables_show_the_figures(shedding, run_metadata):

@@ -29,11 +29,7 @@ SWINGS = [Events(value=value) for value in (0.15, -0.15) * 3]
 LOST = [Events(pressure="lost")] * 5
 HALF_LOST = [Events(pressure="lost" if k % 2 else "pass") for k in range(70)]
 """In a pattern, so that none is lost in a row."""
-OLD = [
-    *[Events(command="late3")] * 12,
-    *[Events(command="late3", pressure="lost")] * 3,
-    *[Events(command="late3")] * 5,
-]
+OLD = [*[Events(command="late3")] * 12, *[Events(command="late3", pressure="lost")] * 3, *[Events(command="late3")] * 5]
 """Commands come three periods late, and then rest on pressures of three periods before them."""
 STORIES = {
     "exceptions": [Events(deed="memory")],
@@ -149,11 +145,7 @@ TAKEN_AWAY: tuple[tuple[str, *tuple[tuple[Any, str, Any], ...]], ...] = (
     ("fresh pressures", (PressureReception, "of", one_ahead)),
     (
         "re-arming",
-        (
-            fail_safe,
-            "taken",
-            lambda mode, period, taken=fail_safe.taken: taken(instead(FAULT, CONTROL, mode), period),
-        ),
+        (fail_safe, "taken", lambda mode, period, taken=fail_safe.taken: taken(instead(FAULT, CONTROL, mode), period)),
     ),
     ("vehicle: request", (VehicleNode, "sample", always_wanted)),
     ("vehicle: doubt", (EchoTracker, "age", property(lambda self: 0))),

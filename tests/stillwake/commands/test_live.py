@@ -40,11 +40,7 @@ def test_a_choice_names_what_it_lacks(short_release, monkeypatch):
     assert missing_of(own, Path("any"))["c"] is None
     find, lacking = importlib.util.find_spec, ""
     monkeypatch.setattr(importlib.util, "find_spec", lambda asked: None if asked == lacking else find(asked))
-    for lacking, name, extra in (
-        ("safetensors", "c", "c"),
-        ("onnx", "mcu", "c"),
-        ("unicorn", "mcu", "mcu"),
-    ):
+    for lacking, name, extra in (("safetensors", "c", "c"), ("onnx", "mcu", "c"), ("unicorn", "mcu", "mcu")):
         assert f".[{extra}]" in str(missing_of(shipped)[name]), lacking
         assert missing_of(shipped)["python"] is None, lacking
     monkeypatch.setenv("PATH", "")

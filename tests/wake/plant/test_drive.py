@@ -19,28 +19,26 @@ from wake.solver import boundary
 from wake.solver.flow import Flow
 from wake.solver.grid import from_faces
 from wake.solver.navier_stokes import FlowSolver
-from wake.truck.state import developed_state
 from wake.truck.truck_wake import TruckWake
 
 POINT = OperatingPoint()
 HEADER = "t_s,speed_m_per_s\n"
 
 
-@pytest.mark.slow  # two plants
-def test_a_speed_is_another_reynolds_number_in_other_units():
+def test_a_speed_is_another_reynolds_number_in_other_units(coarse):
     speed, action = 1.4, 0.05
     drive = Drive(name="", times=(0.0,), speeds=(speed * POINT.speed,))
-    ours = TruckWake(drive.substeps(FlowConfig(), POINT))
-    theirs = TruckWake(
-        FlowConfig(reynolds=500.0 * speed, control_period=0.2 * speed, substeps=42, action_limit=0.075 / speed)
-    )
-    ours.reset(developed_state())
+    config = drive.substeps(coarse.flow, POINT)
+    ours = TruckWake(config)
+    scaled = replace(config, reynolds=500.0 * speed, control_period=0.2 * speed, action_limit=0.075 / speed)
+    theirs = TruckWake(scaled)
+    ours.reset(coarse.start)
     ours.scale(speed)
     ours.wind = drive.wind(POINT)
-    theirs.reset(replace(developed_state(), origin=None))
+    theirs.reset(replace(coarse.start, origin=None))
     for goal in (action, -action, 0.0, 0.0, 0.0):
         here, there = ours.advance(goal), theirs.advance(goal / speed)
-    # 210 time steps of the same operations on numbers that differ by a factor: rounding alone.
+    # The same operations on numbers that differ by a factor: rounding alone.
     np.testing.assert_allclose(here.Cp, speed**2 * there.Cp, rtol=0, atol=1e-9)
     for name in ("Cd", "Cl", "Cd_slot_pressure"):
         assert getattr(here, name) == pytest.approx(speed**2 * getattr(there, name), abs=1e-9), name
@@ -126,18 +124,14 @@ def test_a_stream_without_a_body_is_the_wind_everywhere_and_at_rest_with_its_pre
 
 
 @pytest.fixture
-def developed(shared_wake) -> Iterator[TruckWake]:
-    shared_wake.reset(developed_state())
-    yield shared_wake
-    shared_wake.wind = None
-    if shared_wake.config.reynolds != FlowConfig().reynolds:
-        shared_wake.set_reynolds(FlowConfig().reynolds)
+def developed(coarse) -> Iterator[TruckWake]:
+    with coarse.plant() as wake:
+        yield wake
 
 
-@pytest.mark.slow  # builds a second plant
-def test_a_changed_viscosity_is_that_of_a_plant_built_with_it(developed):
+def test_a_changed_viscosity_is_that_of_a_plant_built_with_it(developed, coarse):
     built = TruckWake(replace(developed.config, reynolds=700.0))
-    expected = built.reset(replace(developed_state(), origin=None))
+    expected = built.reset(replace(coarse.start, origin=None))
     developed.set_reynolds(700.0)
     for _ in range(2):
         found = developed.sample()
@@ -146,7 +140,7 @@ def test_a_changed_viscosity_is_that_of_a_plant_built_with_it(developed):
         expected, _ = built.advance(0.03), developed.advance(0.03)
     assert developed.state().origin == built.state().origin
     with pytest.raises(PlantError, match="reynolds"):
-        developed.reset(developed_state())
+        developed.reset(coarse.start)
 
 
 def test_a_viscosity_whose_time_step_diverges_is_refused_and_nothing_changes(developed):

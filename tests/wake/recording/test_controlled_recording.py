@@ -13,7 +13,6 @@ from contract.config.tree import Config
 from contract.errors import DatasetError, StillwakeError
 from contract.recording.dataset import Dataset, read
 from contract.release.bundle import load
-from contract.shipped import BUNDLE
 from ecu.bundle_policy import BundlePolicy
 from tests.wake.recording.killing import Killed, equal
 from wake.recording import recorder
@@ -135,10 +134,10 @@ class TestOnACheapPlant:
         facts = {"forcing_signal": "controlled", "round": 2, "episode": 1, "bundle": "none", "exploration": 0.15}
         assert facts.items() <= two.episodes[-1].provenance.items()
 
-    def test_a_stopped_recording_continues_without_a_seam(self, tmp_path):
-        # The shipped controller's window takes 32 steps to fill: its plan is stopped as it goes on, too.
-        wanted = a_round(steps=44)
-        arguments: dict[str, Any] = {"policy": partial(BundlePolicy, load(BUNDLE)), "block_steps": 11}
+    def test_a_stopped_recording_continues_without_a_seam(self, tmp_path, short_release):
+        # The controller's window takes four steps to fill: its plan is stopped as it goes on, too.
+        wanted = a_round(steps=12)
+        arguments: dict[str, Any] = {"policy": partial(BundlePolicy, load(short_release)), "block_steps": 3}
         whole = recorded(tmp_path / "whole.h5", wanted, **arguments)
         calls = 0
 

@@ -1,5 +1,4 @@
 import copy
-import dataclasses
 import pickle
 from concurrent.futures import ThreadPoolExecutor
 
@@ -29,29 +28,14 @@ def test_a_command_at_once_is_a_full_period_and_a_late_one_leaves_the_jets_alone
     assert wake.sample().action == -0.05
 
 
-@dataclasses.dataclass(frozen=True)
-class Uncontrolled:
-    """Three shedding cycles from the shipped start, a row a control period: lift (n,), and the largest |v| in the
-    columns at x = 22 and at the outlet (n, 2)."""
-
-    Cl: np.ndarray
-    transverse: np.ndarray
-
-
-@pytest.fixture(scope="module")
-def uncontrolled(shared_wake) -> Uncontrolled:
-    shared_wake.reset(developed_state())
-    inside = int(np.searchsorted(shared_wake.grid.xc, 22.0))
-    lift, transverse = [], []
-    for _ in range(66):
-        lift.append(shared_wake.advance(0.0).Cl)
-        transverse.append(np.abs(shared_wake.flow.faces_v[[inside, -1]]).max(axis=1))
-    return Uncontrolled(Cl=np.array(lift), transverse=np.array(transverse))
-
-
 @pytest.mark.slow
-def test_shedding_is_established_and_vortices_leave_through_the_outlet(uncontrolled):
-    cl = uncontrolled.Cl
+def test_shedding_is_established_and_vortices_leave_through_the_outlet(wake):
+    """Three cycles: lift, and the largest |v| in the columns at x = 22 and at the outlet."""
+    inside, lift, transverse = int(np.searchsorted(wake.grid.xc, 22.0)), [], []
+    for _ in range(66):
+        lift.append(wake.advance(0.0).Cl)
+        transverse.append(np.abs(wake.flow.faces_v[[inside, -1]]).max(axis=1))
+    cl = np.array(lift)
     up = np.flatnonzero((cl[:-1] < 0) & (cl[1:] >= 0))
     assert len(up) >= 3
     crossings = up - cl[up] / (cl[up + 1] - cl[up])
@@ -61,7 +45,7 @@ def test_shedding_is_established_and_vortices_leave_through_the_outlet(uncontrol
     # OpenFOAM: 0.97 and 1.10.
     assert 0.95 < cl[up[0] : up[-1]].std() < 1.15
     # An outlet whose velocity is copied from upstream allows no transverse flow there, and shakes the pressure.
-    upstream, last = uncontrolled.transverse[:25].max(axis=0)
+    upstream, last = np.array(transverse)[:25].max(axis=0)
     assert upstream > 0.1
     assert last > 0.5 * upstream
 

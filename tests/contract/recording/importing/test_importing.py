@@ -87,11 +87,7 @@ def test_a_file_that_does_not_fit_is_refused_by_name_and_place(tmp_path, layout)
         ("a.csv", b"\xff\xfe\x00", r"a\.csv: is not a text file in UTF-8"),
         ("a.csv", "1,2\n3,4\n", r"a\.csv: line 1 holds numbers; the first line must have the names"),
         ("a.csv", "action;Cd\n0,5;1\n", r"line 2, column 'action': '0,5' is not a number: write 0\.5, with a"),
-        (
-            "a.csv",
-            f"{HEADER}\n{ROW.replace('1,0', '1,')}",
-            r"line 2, column 'Cl': '' is not a number; fill the gap",
-        ),
+        ("a.csv", f"{HEADER}\n{ROW.replace('1,0', '1,')}", r"line 2, column 'Cl': '' is not a number; fill the gap"),
         ("a.csv", f"{HEADER}\n{ROW}\n{ROW[:-2]}", r"a\.csv: line 3: 9 values, the header has 10 columns"),
         ("a.csv", f"{HEADER}\n{ROW.replace('1,0', '1,nan')}", r"a\.csv: line 2, column 'Cl': nan is not finite"),
         ("a.csv", f"{HEADER.replace('Cl', 'Cd')}\n{ROW}", r"a\.csv: line 1: column 'Cd' is there twice"),

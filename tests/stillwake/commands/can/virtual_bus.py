@@ -10,7 +10,6 @@ from can_bridge.tools.signals import encode
 from can_bridge.wire.message_specs import ECU_STATUS, JET_COMMAND, PRESSURE
 
 VIRTUAL = ("--set", "bus.interface=virtual", "--set", "bus.channel=test-can")
-PER_PERIOD = 4
 
 
 def write(path: Path, periods: int) -> list[can.Message]:
