@@ -15,7 +15,7 @@ from contract.errors import ConfigError, LibraryError
 from contract.release.checks import Bundle
 from stillwake.console import options as shared
 from stillwake.console.claims import claim
-from stillwake.console.outputs import check_json, save_json
+from stillwake.console.outputs import check_frames, check_json, print_measurement, save_json
 from stillwake.console.progress import progress
 from stillwake.console.settings import REAL_BUS, settings
 from stillwake.console.terminal import console, print_table, visible
@@ -72,6 +72,7 @@ def run(
     disturb: Disturb = [],  # noqa: B006
     seed: shared.Seed = 0,
     overwrite: shared.Overwrite = False,
+    frames: shared.Frames = None,
     json_file: shared.JsonFile = None,
     given: shared.Settings = [],  # noqa: B006
 ) -> None:
@@ -97,6 +98,7 @@ def run(
     columns t_s and speed_m_per_s. docs/how-to/drive-at-other-speeds.md has more.
     """
     from firmware_sim.bench.disturbances import parse_disturbance
+    from firmware_sim.runs.measurement import write_run
     from firmware_sim.runs.run_folder import RunFolder
     from firmware_sim.runs.summary import summary
 
@@ -109,6 +111,7 @@ def run(
     claim(output, folder=True)
     folder.check_free(overwrite=overwrite)
     check_json(json_file)
+    check_frames(frames)
     loaded = settings("run", given, uses=(*_USES, *(["openfoam"] if plant == "openfoam" else [])))
     release = open_release(bundle)
     driven, config = driven_at(drive, loaded.config)
@@ -131,6 +134,8 @@ def run(
     log = loop.closed(in_c, library)
     save_json(json_file, figures=summary(log), facts=log.metadata.to_tree())
     _print(log)
+    if frames is not None:
+        print_measurement(frames, write_run(frames, folder))
     console.print(f"wrote {folder.report} and {folder.summary}")
     exit_with(log, require_reduction)
 

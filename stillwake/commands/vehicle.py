@@ -14,7 +14,7 @@ from contract.results import versions
 from stillwake.console import options as shared
 from stillwake.console.claims import claim
 from stillwake.console.numbers import steps_of
-from stillwake.console.outputs import check_json, save_json
+from stillwake.console.outputs import check_frames, check_json, save_json
 from stillwake.console.progress import progress
 from stillwake.console.settings import REAL_BUS, settings, with_bus
 from stillwake.console.stopping import until_stopped
@@ -51,6 +51,7 @@ def vehicle(
     freshness: shared.Freshness = None,
     stage_times: shared.StageTimes = None,
     priority: shared.Priority = 50,
+    frames: shared.Frames = None,
     json_file: shared.JsonFile = None,
     bus: shared.Bus = None,
     given: shared.Settings = [],  # noqa: B006
@@ -71,6 +72,7 @@ def vehicle(
     usable command was received. A lost bus ends it with one line and exit status 1: it is not opened again.
     """
     check_json(json_file)
+    check_frames(frames)
     if stage_times is not None:
         claim(stage_times)
     live = plant == shared.WAKE
@@ -96,7 +98,7 @@ def vehicle(
     def pressures(stack: ExitStack) -> "Pressures":
         return _live(stack, config, state, driven) if live else _replay(config, dataset, episode)
 
-    figures, described, is_stopped = _run(release, config, course, pressures)
+    figures, described, is_stopped = _run(release, config, course, frames, pressures)
     _print_figures(figures, "a live wake, which answers the jets" if live else "recorded (open loop)")
     facts = {
         "bundle": release.digest,
@@ -122,16 +124,22 @@ def _check_plant(*, live: bool, **given: object) -> None:
 
 
 def _run(
-    release: Bundle, config: Config, course: "Course", made: "Callable[[ExitStack], Pressures]"
+    release: Bundle,
+    config: Config,
+    course: "Course",
+    frames: Path | None,
+    made: "Callable[[ExitStack], Pressures]",
 ) -> "tuple[VehicleFigures, str, bool]":
     """Simulate the vehicle until the course ends or a stop; return figures, pressures in words, and whether it was
     stopped."""
     from can_bridge.bus.backends.python_can import PythonCanBus
+    from can_bridge.tools.live_log import live_log
     from ecu.fit import check_sensors
     from firmware_sim.bench.real_time.running import run_vehicle
 
     with ExitStack() as stack:
-        bus = stack.enter_context(PythonCanBus.open(config.bus))
+        keep = stack.enter_context(live_log(frames))
+        bus = stack.enter_context(PythonCanBus.open(config.bus, keep=keep))
         _print_vehicle(config, release)
         pressures = made(stack)
         check_sensors(release, pressures.layout)
