@@ -3,7 +3,7 @@
 Times are absolute, in microseconds. `python -m can.logconvert frames.log frames.blf` writes another format.
 """
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -23,10 +23,3 @@ def recording(path: Path) -> Iterator[Callable[[Frame], None]]:
     """
     with replacing(path) as temporary, can.CanutilsLogWriter(temporary) as writer:
         yield lambda frame: writer.on_message_received(to_message(frame))
-
-
-def write_candump(path: Path, messages: Iterable[can.Message]) -> None:
-    """Write messages in the order of their times, completely or not at all."""
-    with replacing(path) as temporary, can.CanutilsLogWriter(temporary) as writer:
-        for message in messages:
-            writer.on_message_received(message)

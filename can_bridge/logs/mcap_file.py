@@ -1,10 +1,9 @@
 """Writing of MCAP: a topic of frames and one for each group of channels, in Protobuf, which Foxglove, Rerun and
 PlotJuggler all read, with its schemas."""
 
-import json
+import shutil
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from heapq import merge
-from importlib import import_module
 from pathlib import Path
 from typing import Any, Final
 
@@ -12,10 +11,9 @@ import can
 import numpy as np
 
 from can_bridge.logs.channels import ChannelGroup
-from can_bridge.logs.mcap_layout import layout
 from can_bridge.wire.message_specs import SPECS
 from contract.atomic import replacing
-from contract.errors import BusError, install
+from contract.errors import BusError
 
 _PACKAGE: Final = "stillwake"
 _NAMES: Final = {spec.frame_id: spec.name for spec in SPECS}
@@ -25,17 +23,11 @@ _FRAME: Final = {
 }
 """Types of the fields of a frame; an error frame's id has the error classes of linux/can/error.h."""
 
+WAKE_TOPIC: Final = "/wake"
+EVENTS_TOPIC: Final = "/events"
+_LAYOUT: Final = Path(__file__).with_name("foxglove_layout.json")
 Dated = tuple[str, int, Any]
 """Topic, time in ns, and Protobuf message."""
-
-
-def check_mcap(path: Path) -> None:
-    """Raise BusError if a package of the extra is missing."""
-    try:
-        import_module("foxglove_schemas_protobuf")
-        import_module("mcap_protobuf")
-    except ImportError as error:
-        raise BusError(f"{path}: MCAP needs mcap-protobuf-support: {install('mcap')}") from error
 
 
 def layout_of(path: Path) -> Path:
@@ -64,28 +56,25 @@ def write_mcap(
         for sequence, (topic, time_ns, message) in enumerate(dated):
             writer.write_message(topic, message, log_time=time_ns, publish_time=time_ns, sequence=sequence)
     with replacing(layout_of(path)) as temporary:
-        temporary.write_text(json.dumps(layout(groups), indent=1) + "\n", encoding="utf-8")
+        shutil.copyfile(_LAYOUT, temporary)
 
 
 def _frames(messages: Sequence[can.Message]) -> Iterator[Dated]:
     kind = _message_class("Frame", _FRAME)
     for one in messages:
-        yield (
-            "/frames",
-            round(one.timestamp * 1e9),
-            kind(
-                message="" if one.is_extended_id or one.is_error_frame else _NAMES.get(one.arbitration_id, ""),
-                id=one.arbitration_id,
-                data=bytes(one.data),
-                channel=str(one.channel or ""),
-                extended=one.is_extended_id,
-                fd=one.is_fd,
-                bitrate_switch=one.bitrate_switch,
-                received=one.is_rx,
-                remote=one.is_remote_frame,
-                error=one.is_error_frame,
-            ),
+        frame = kind(
+            message="" if one.is_extended_id or one.is_error_frame else _NAMES.get(one.arbitration_id, ""),
+            id=one.arbitration_id,
+            data=bytes(one.data),
+            channel=str(one.channel or ""),
+            extended=one.is_extended_id,
+            fd=one.is_fd,
+            bitrate_switch=one.bitrate_switch,
+            received=one.is_rx,
+            remote=one.is_remote_frame,
+            error=one.is_error_frame,
         )
+        yield "/frames", round(one.timestamp * 1e9), frame
 
 
 def _values(group: ChannelGroup) -> Iterator[Dated]:

@@ -1,11 +1,12 @@
 """Measurements: the frames of a log together with their signals as named channels, in one file.
 
-A `.mf4` is for asammdf's window, CANape and vSignalyzer, an `.mcap` for Foxglove, Rerun and PlotJuggler; a `.log` has
-the frames alone.
+A `.mf4` is for asammdf's window, CANape and vSignalyzer, an `.mcap` for Foxglove, Rerun and PlotJuggler.
 """
 
+import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
+from importlib import import_module
 from pathlib import Path
 from typing import Any, Final
 
@@ -14,8 +15,7 @@ import numpy as np
 
 from can_bridge.e2e.profiles import profile_of
 from can_bridge.logs.channels import Channel, ChannelGroup
-from can_bridge.logs.frame_log import write_candump
-from can_bridge.logs.mcap_file import check_mcap, write_mcap
+from can_bridge.logs.mcap_file import write_mcap
 from can_bridge.logs.mdf_file import write_mdf
 from can_bridge.logs.mdf_log import asammdf_for
 from can_bridge.tools.raw_bus import frame_of
@@ -24,7 +24,7 @@ from can_bridge.wire.messages import Mode, Reason
 from contract.atomic import check_writable
 from contract.errors import BusError
 
-MEASUREMENTS: Final = (".log", ".mf4", ".mcap")
+MEASUREMENTS: Final = (".mf4", ".mcap")
 _ENUMS: Final = {"Mode": Mode, "State": Mode, "Reason": Reason}
 WORDS: Final[Mapping[str, Mapping[int, str]]] = {
     name: {int(one): one.name for one in kind} for name, kind in _ENUMS.items()
@@ -35,15 +35,15 @@ _IN_THE_FRAME: Final = ("Freshness", "MAC")
 
 
 def check_measurement(path: Path) -> None:
-    """Check before the work whether a measurement can be written. Raises BusError for another ending or a missing
-    package; StillwakeError if the file cannot be written."""
-    match path.suffix.lower():
-        case ".mf4":
-            asammdf_for(path)
-        case ".mcap":
-            check_mcap(path)
-        case suffix if suffix not in MEASUREMENTS:
-            raise BusError(f"{path}: a measurement must end in {', '.join(MEASUREMENTS)}")
+    """Check before the work whether a measurement can be written. Raises BusError for another ending, or if asammdf is
+    missing; ModuleNotFoundError for another package; StillwakeError if the file cannot be written."""
+    if path.suffix.lower() not in MEASUREMENTS:
+        raise BusError(f"{path}: a measurement must end in {' or '.join(MEASUREMENTS)}")
+    if path.suffix.lower() == ".mf4":
+        asammdf_for(path)
+    else:
+        for name in ("mcap_protobuf", "foxglove_schemas_protobuf"):
+            import_module(name)
     check_writable(path)
 
 
@@ -67,9 +67,6 @@ def write_measurement(
     """
     check_measurement(path)
     listed = list(messages)
-    if path.suffix.lower() == ".log":
-        write_candump(path, listed)
-        return Counter()
     groups, skipped = groups_of(listed)
     if not listed and not more:
         raise BusError(f"{path}: there is no frame to write")
@@ -105,6 +102,6 @@ def groups_of(messages: Iterable[can.Message]) -> tuple[list[ChannelGroup], Coun
             for i, one in enumerate(values[0])
             if one.name not in _IN_THE_FRAME
         )
-        full = name if channel == first else f"{name}_{channel}"
+        full = name if channel == first else re.sub(r"\W+", "_", f"{name}_{channel}")
         groups.append(ChannelGroup(name=full, times_s=np.array(times), channels=channels, comment=f"channel {channel}"))
     return groups, skipped

@@ -12,7 +12,7 @@ from PIL import Image, ImageDraw
 
 from can_bridge.logs.channels import Channel, ChannelGroup
 from can_bridge.logs.log_reader import CanLog
-from can_bridge.logs.mcap_layout import EVENTS_TOPIC, WAKE_TOPIC
+from can_bridge.logs.mcap_file import EVENTS_TOPIC, WAKE_TOPIC
 from can_bridge.tools.measurement import WORDS, write_measurement
 from firmware_sim.runs import run_log, wake_stills
 from firmware_sim.runs.metadata import settings_of

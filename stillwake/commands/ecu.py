@@ -123,9 +123,9 @@ def run(
     check_frames(frames)
     texts = with_bus(bus, given)
     if mcu is not None:
-        _refuse("--mcu runs a firmware", trust=trust, slots=slots, periods=periods, metrics=metrics)
+        _refuse("--mcu runs a firmware", trust=trust, slots=slots, periods=periods, metrics=metrics, frames=frames)
         needed = {"library": library, "root": root, "access": access}
-        run_firmware(texts, bundle, mcu, hardware or "mcu", frames=frames, **_needed("--mcu", **needed))
+        run_firmware(texts, bundle, mcu, hardware or "mcu", **_needed("--mcu", **needed))
     elif slots is not None:
         _refuse("--slots runs the release in its folder", BUNDLE=bundle, trust=trust, library=library)
         _run_store(texts, slots, root, hardware, options, **_needed("--slots", access=access))

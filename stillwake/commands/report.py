@@ -7,10 +7,12 @@ import typer
 
 from contract.errors import ConfigError
 from stillwake.console.numbers import listed
-from stillwake.console.outputs import check_frames, print_measurement
+from stillwake.console.outputs import check_frames, print_written
 from stillwake.console.terminal import console
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from firmware_sim.runs.run_folder import RunFolder
 
 Sources = Annotated[
@@ -28,7 +30,7 @@ def report(sources: Sources, outputs: Outputs = []) -> None:  # noqa: B006
     written into the run's folder. Other endings: .png, .pdf or .svg for one picture, .csv for the series with units in
     the header, .mf4 (ASAM MDF) or .mcap for frames and named signals with units.
 
-    A log of the bus in any format becomes an .mf4, .mcap or .log with the same signals.
+    A log of the bus in any format becomes an .mf4 or .mcap with the same signals.
 
     stillwake report runs/demo --output demo.mf4 --output demo.mcap
     """
@@ -49,10 +51,8 @@ def report(sources: Sources, outputs: Outputs = []) -> None:  # noqa: B006
             raise ConfigError(f"--output {outputs[-1]}: must be one file ending in .html; other formats are of one run")
         console.print(f"wrote {write_comparison(runs, outputs[0])}")
         return
-    for output in outputs:
-        _check(output)
-    for output in outputs:
-        _write(runs[0], output)
+    for output, write in [(one, _writer(runs[0], one)) for one in outputs]:
+        print_written(output, write())
     if not outputs:
         console.print(f"wrote {write_report(runs[0])}")
 
@@ -71,36 +71,28 @@ def _of_log(sources: list[Path], outputs: list[Path]) -> None:
         check_frames(output)
     for output in outputs:
         log = CanLog(sources[0])
-        print_measurement(output, write_measurement(output, log))
+        print_written(output, write_measurement(output, log))
     if events := listed(log.events):
         console.print(f"{sources[0]}: {log.messages} frames; lines of other kinds: {events}")
 
 
-def _check(output: Path) -> None:
+def _writer(run: "RunFolder", output: Path) -> "Callable[[], object]":
+    """Return the function that writes an output. Raises ConfigError for another ending."""
     from can_bridge.tools.measurement import MEASUREMENTS
-    from wake.pictures.drawing import PICTURES
-
-    suffix = output.suffix.lower()
-    if suffix in MEASUREMENTS:
-        check_frames(output)
-    elif suffix not in (".html", ".csv", *PICTURES):
-        raise ConfigError(f"--output {output}: must end in .html, .csv, {', '.join((*PICTURES, *MEASUREMENTS))}")
-
-
-def _write(run: "RunFolder", output: Path) -> None:
     from firmware_sim.runs.measurement import write_run
     from firmware_sim.runs.run_log import load
     from firmware_sim.runs.run_page.report import write_picture, write_report
     from firmware_sim.runs.series_csv import write_csv
+    from wake.pictures.drawing import PICTURES
 
     match output.suffix.lower():
         case ".html":
-            write_report(run, output)
+            return lambda: write_report(run, output)
         case ".csv":
-            write_csv(output, load(run.series))
-        case ".log" | ".mf4" | ".mcap":
-            print_measurement(output, write_run(output, run))
-            return
-        case _:
-            write_picture(run, output)
-    console.print(f"wrote {output}")
+            return lambda: write_csv(output, load(run.series))
+        case suffix if suffix in PICTURES:
+            return lambda: write_picture(run, output)
+        case suffix if suffix in MEASUREMENTS:
+            check_frames(output)
+            return lambda: write_run(output, run)
+    raise ConfigError(f"--output {output}: must end in .html, .csv, {', '.join((*PICTURES, *MEASUREMENTS))}")

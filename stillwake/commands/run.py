@@ -15,7 +15,7 @@ from contract.errors import ConfigError, LibraryError
 from contract.release.checks import Bundle
 from stillwake.console import options as shared
 from stillwake.console.claims import claim
-from stillwake.console.outputs import check_frames, check_json, print_measurement, save_json
+from stillwake.console.outputs import check_frames, check_json, print_written, save_json
 from stillwake.console.progress import progress
 from stillwake.console.settings import REAL_BUS, settings
 from stillwake.console.terminal import console, print_table, visible
@@ -135,7 +135,7 @@ def run(
     save_json(json_file, figures=summary(log), facts=log.metadata.to_tree())
     _print(log)
     if frames is not None:
-        print_measurement(frames, write_run(frames, folder))
+        print_written(frames, write_run(frames, folder))
     console.print(f"wrote {folder.report} and {folder.summary}")
     exit_with(log, require_reduction)
 

@@ -91,6 +91,7 @@ def vehicle(
         enable_after_s=before_s,
         stage_times=stage_times,
         freshness=freshness,
+        frames=frames,
         wanted=Wanted(priority=priority),
         drive=driven,
     )
@@ -98,7 +99,7 @@ def vehicle(
     def pressures(stack: ExitStack) -> "Pressures":
         return _live(stack, config, state, driven) if live else _replay(config, dataset, episode)
 
-    figures, described, is_stopped = _run(release, config, course, frames, pressures)
+    figures, described, is_stopped = _run(release, config, course, pressures)
     _print_figures(figures, "a live wake, which answers the jets" if live else "recorded (open loop)")
     facts = {
         "bundle": release.digest,
@@ -124,11 +125,7 @@ def _check_plant(*, live: bool, **given: object) -> None:
 
 
 def _run(
-    release: Bundle,
-    config: Config,
-    course: "Course",
-    frames: Path | None,
-    made: "Callable[[ExitStack], Pressures]",
+    release: Bundle, config: Config, course: "Course", made: "Callable[[ExitStack], Pressures]"
 ) -> "tuple[VehicleFigures, str, bool]":
     """Simulate the vehicle until the course ends or a stop; return figures, pressures in words, and whether it was
     stopped."""
@@ -138,7 +135,7 @@ def _run(
     from firmware_sim.bench.real_time.running import run_vehicle
 
     with ExitStack() as stack:
-        keep = stack.enter_context(live_log(frames))
+        keep = stack.enter_context(live_log(course.frames))
         bus = stack.enter_context(PythonCanBus.open(config.bus, keep=keep))
         _print_vehicle(config, release)
         pressures = made(stack)

@@ -42,7 +42,7 @@ Freshness = Annotated[
 ]
 Frames = Annotated[
     Path | None,
-    typer.Option("--frames", help="Also write frames and signals (.mf4, .mcap), or frames (.log).", metavar="FILE"),
+    typer.Option("--frames", help="Also write frames, and signals with units (.mf4 or .mcap).", metavar="FILE"),
 ]
 Priority = Annotated[int, typer.Option("--priority", help="Of SCHED_FIFO; 0: an ordinary process.", min=0, max=99)]
 Workers = Annotated[

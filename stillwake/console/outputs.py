@@ -1,5 +1,6 @@
 """The outputs of a command, which it checks and claims before its work, and replaces only on request."""
 
+from collections import Counter
 from collections.abc import Mapping
 from datetime import date
 from pathlib import Path
@@ -59,9 +60,10 @@ def check_frames(path: Path | None) -> None:
         check_measurement(path)
 
 
-def print_measurement(path: Path, skipped: Mapping[str, int]) -> None:
-    """Print that a measurement was written, and which of our frames have no signals in it."""
-    console.print(f"wrote {path}{f'; frames without signals: {listed(skipped)}' if skipped else ''}")
+def print_written(path: Path, result: object) -> None:
+    """Print that a file was written, and of a measurement which of our frames have no signals in it."""
+    skipped = listed(result) if isinstance(result, Counter) else ""
+    console.print(f"wrote {path}{f'; frames without signals: {skipped}' if skipped else ''}")
 
 
 def save_json(path: Path | None, *, figures: Any, facts: Mapping[str, Any]) -> None:

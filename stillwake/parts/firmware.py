@@ -15,15 +15,7 @@ _SERIAL: Final = "1"
 
 
 def run_firmware(
-    given: list[str],
-    bundle: Path | None,
-    flash: Path,
-    hardware: str,
-    *,
-    frames: Path | None,
-    library: Path,
-    root: Path,
-    access: Path,
+    given: list[str], bundle: Path | None, flash: Path, hardware: str, *, library: Path, root: Path, access: Path
 ) -> None:
     """Run the firmware until stopped. Raises StillwakeError if library, bundle and settings do not belong together, the
     library does not compile, or the bus cannot be opened.
@@ -33,14 +25,12 @@ def run_firmware(
         bundle: the library's; the shipped bundle if None.
         flash: file with the contents of the flash memory; created if it does not exist.
         hardware: name of the hardware.
-        frames: measurement of its frames, written at the end.
         library: C library from which the firmware is built.
         root: public root key that signs key lists.
         access: file of the ECU's access key.
     """
     from can_bridge.bus.backends.python_can import PythonCanBus
     from can_bridge.secoc.key import read_secret
-    from can_bridge.tools.live_log import live_log
     from can_bridge.wire.message_sets import message_set
     from contract.release import controller_image, signing
     from ecu.in_c.c_ecu import ecu_sources
@@ -59,10 +49,6 @@ def run_firmware(
     ecu = BoardEcu(sources, own={EQUIPMENT: header}, bank=bank)
     # The filters of the CAN controller itself accept fewer frames.
     accept = [spec.frame_id for spec in message_set(config.bus).specs] + list(config.bus.diagnosis.heard)
-    with (
-        live_log(frames) as keep,
-        PythonCanBus.open(config.bus, accept=accept, keep=keep) as port,
-        until_stopped() as is_stopped,
-    ):
+    with PythonCanBus.open(config.bus, accept=accept) as port, until_stopped() as is_stopped:
         console.print(f"{hardware}: running, flash in {flash}; stop with Ctrl-C")
         serve(ecu, port, flash, clock_ns=time.monotonic_ns, wait=lambda: time.sleep(0.001), is_stopped=is_stopped)

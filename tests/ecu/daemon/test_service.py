@@ -17,6 +17,7 @@ import pytest
 from can_bridge.bus.backends.python_can import PythonCanBus
 from can_bridge.secoc.key import KEY_LENGTH, read_key, write_key
 from can_bridge.secoc.node import Authentication
+from can_bridge.wire.message_sets import FD
 from contract.config.tree import Config
 from contract.config.vehicle import BusConfig, EcuConfig
 from contract.errors import BundleError, BusError, ConfigError
@@ -103,7 +104,7 @@ def test_from_power_on_to_control_and_off_again(release, config, tmp_path):
     with can.MF4Reader(files["frames"]) as read:
         frames = [(one.arbitration_id, one.is_rx, bytes(one.data)) for one in read]
     assert {(frame_id, is_rx) for frame_id, is_rx, _ in frames} == {(0x120, True), (0x130, False), (0x140, False)}
-    flows = [COMMAND.parse(data) for frame_id, _, data in frames if frame_id == 0x130]
+    flows = [FD.command.parse(data) for frame_id, _, data in frames if frame_id == 0x130]
     assert [one.flow_m2_per_s for one in flows if one] == [one.flow_m2_per_s for one in vehicle.commands]
 
 

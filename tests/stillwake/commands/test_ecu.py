@@ -42,7 +42,7 @@ def test_what_cannot_run_is_one_line(all_refused: Callable[..., None]) -> None:
             "--freshness x": "--freshness: goes with bus.key",
             "--set bus.key=none": "none",
             "--metrics /proc/x": "cannot write /proc/x",
-            "--frames x.blf": "x.blf: a measurement must end in .log, .mf4, .mcap",
+            "--frames x.blf": "x.blf: a measurement must end in .mf4 or .mcap",
             "no-bundle": "no-bundle",
             "--library .": "library .: ",
         },

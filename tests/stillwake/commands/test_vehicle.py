@@ -35,7 +35,7 @@ def test_what_cannot_be_is_one_line(all_refused) -> None:
 
 @pytest.mark.slow  # waits for an ECU
 def test_without_an_ecu_the_status_says_so_and_the_figures_are_written(cli, tmp_path: Path) -> None:
-    frames = tmp_path / "f.log"
+    frames = tmp_path / "f.mf4"
     outcome = cli("vehicle", *VIRTUAL, *ORDINARY, "--periods", "5", "--json", tmp_path / "f.json", "--frames", frames)
     assert outcome.code == 3
     said = " ".join(outcome.out.split())
@@ -47,7 +47,7 @@ def test_without_an_ecu_the_status_says_so_and_the_figures_are_written(cli, tmp_
     assert (found["figures"]["periods"], found["figures"]["commands"]) == (5, 0)
     assert found["figures"]["age_p50_ms"] is None
     assert found["facts"]["config"]["bus"]["interface"] == "virtual"
-    with can.LogReader(frames) as read:
+    with can.MF4Reader(frames) as read:
         sent = [(one.arbitration_id, one.is_rx) for one in read]
     assert set(sent) == {(0x120, False), (0x128, False)}
     assert sent.count((0x128, False)) == 5
