@@ -91,7 +91,7 @@ def _records(name: str, messages: Sequence[can.Message], channels: Mapping[str, 
 
 
 def _signal(asammdf: Any, group: ChannelGroup, channel: Channel, start_s: float) -> Any:
-    words = {f"text_{i}": word.encode() for i, word in enumerate(channel.words.values())}
+    words: dict[str, Any] = {f"text_{i}": word.encode() for i, word in enumerate(channel.words.values())}
     words |= {f"val_{i}": value for i, value in enumerate(channel.words)}
     return asammdf.Signal(
         channel.values.astype(np.uint8) if channel.words else channel.values,

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from ecu.stepped import LoopEcu
     from firmware_sim.bench.disturbances import Disturbance
     from firmware_sim.bench.spans import Spans
+    from firmware_sim.runs.run_folder import RunFolder
     from firmware_sim.runs.run_log import Row, RunLog
     from wake.plant.drive import Drive
 
@@ -98,7 +99,6 @@ def run(
     columns t_s and speed_m_per_s. docs/how-to/drive-at-other-speeds.md has more.
     """
     from firmware_sim.bench.disturbances import parse_disturbance
-    from firmware_sim.runs.measurement import write_run
     from firmware_sim.runs.run_folder import RunFolder
     from firmware_sim.runs.summary import summary
 
@@ -134,10 +134,16 @@ def run(
     log = loop.closed(in_c, library)
     save_json(json_file, figures=summary(log), facts=log.metadata.to_tree())
     _print(log)
-    if frames is not None:
-        print_written(frames, write_run(frames, folder))
+    _write_frames(frames, folder)
     console.print(f"wrote {folder.report} and {folder.summary}")
     exit_with(log, require_reduction)
+
+
+def _write_frames(path: Path | None, folder: "RunFolder") -> None:
+    from firmware_sim.runs.measurement import write_run
+
+    if path is not None:
+        print_written(path, write_run(path, folder))
 
 
 def ecu_of(text: str) -> tuple[str, float]:

@@ -51,7 +51,7 @@ def test_frames_are_those_that_python_can_reads(tmp_path):
             for read in (other, third):
                 assert (one.is_error_frame, one.is_remote_frame) == (read.is_error_frame, read.is_remote_frame)
                 assert read.timestamp == pytest.approx(one.timestamp, rel=0, abs=3e-7 if start else 1e-12)
-                assert (int(read.channel), read.dlc) == (
+                assert (int(str(read.channel)), read.dlc) == (
                     numbers[str(one.channel)],
                     one.dlc if not one.is_error_frame else 0,
                 )

@@ -50,7 +50,8 @@ def test_without_an_ecu_the_status_says_so_and_the_figures_are_written(cli, tmp_
     with can.MF4Reader(frames) as read:
         sent = [(one.arbitration_id, one.is_rx) for one in read]
     assert set(sent) == {(0x120, False), (0x128, False)}
-    assert sent.count((0x128, False)) == 5
+    # Five periods, and three that withdraw the request.
+    assert sent.count((0x128, False)) == 8
 
 
 @pytest.mark.slow
