@@ -8,7 +8,7 @@ from typing import NamedTuple
 from contract.arrays import Array
 
 
-class Channel(NamedTuple):
+class NamedChannel(NamedTuple):
     """A quantity over the times of its group.
 
     Attributes:
@@ -40,5 +40,5 @@ class ChannelGroup:
 
     name: str
     times_s: Array
-    channels: tuple[Channel, ...]
+    channels: tuple[NamedChannel, ...]
     comment: str = ""

@@ -10,7 +10,7 @@ from typing import Any, Final
 import can
 import numpy as np
 
-from can_bridge.logs.channels import Channel, ChannelGroup
+from can_bridge.logs.channels import ChannelGroup, NamedChannel
 from can_bridge.logs.mdf_log import ERROR_TYPES, asammdf_for
 from contract.atomic import replacing
 
@@ -90,7 +90,7 @@ def _records(name: str, messages: Sequence[can.Message], channels: Mapping[str, 
     return records
 
 
-def _signal(asammdf: Any, group: ChannelGroup, channel: Channel, start_s: float) -> Any:
+def _signal(asammdf: Any, group: ChannelGroup, channel: NamedChannel, start_s: float) -> Any:
     words: dict[str, Any] = {f"text_{i}": word.encode() for i, word in enumerate(channel.words.values())}
     words |= {f"val_{i}": value for i, value in enumerate(channel.words)}
     return asammdf.Signal(

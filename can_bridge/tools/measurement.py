@@ -14,7 +14,7 @@ import can
 import numpy as np
 
 from can_bridge.e2e.profiles import profile_of
-from can_bridge.logs.channels import Channel, ChannelGroup
+from can_bridge.logs.channels import ChannelGroup, NamedChannel
 from can_bridge.logs.mcap_file import write_mcap
 from can_bridge.logs.mdf_file import write_mdf
 from can_bridge.logs.mdf_log import asammdf_for
@@ -98,7 +98,7 @@ def groups_of(messages: Iterable[can.Message]) -> tuple[list[ChannelGroup], Coun
     groups = []
     for (name, channel), (times, values) in rows.items():
         channels = tuple(
-            Channel(one.name, one.unit, np.array([row[i].value for row in values], float), WORDS.get(one.name, {}))
+            NamedChannel(one.name, one.unit, np.array([row[i].value for row in values], float), WORDS.get(one.name, {}))
             for i, one in enumerate(values[0])
             if one.name not in _IN_THE_FRAME
         )

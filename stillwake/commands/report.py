@@ -79,8 +79,8 @@ def _of_log(sources: list[Path], outputs: list[Path]) -> None:
 def _writer(run: "RunFolder", output: Path) -> "Callable[[], object]":
     """Return the function that writes an output. Raises ConfigError for another ending."""
     from can_bridge.tools.measurement import MEASUREMENTS
-    from firmware_sim.runs.measurement import write_run
     from firmware_sim.runs.run_log import load
+    from firmware_sim.runs.run_page.measurement import write_run
     from firmware_sim.runs.run_page.report import write_picture, write_report
     from firmware_sim.runs.series_csv import write_csv
     from wake.pictures.drawing import PICTURES

@@ -140,7 +140,7 @@ def run(
 
 
 def _write_frames(path: Path | None, folder: "RunFolder") -> None:
-    from firmware_sim.runs.measurement import write_run
+    from firmware_sim.runs.run_page.measurement import write_run
 
     if path is not None:
         print_written(path, write_run(path, folder))

@@ -4,7 +4,7 @@ import can
 import numpy as np
 import pytest
 
-from can_bridge.logs.channels import Channel, ChannelGroup
+from can_bridge.logs.channels import ChannelGroup, NamedChannel
 from can_bridge.logs.log_reader import CanLog
 from can_bridge.logs.mdf_file import write_mdf
 from contract.errors import BusError
@@ -27,9 +27,9 @@ def messages() -> list[can.Message]:
 def groups() -> list[ChannelGroup]:
     times = 0.25 + np.cumsum(np.linspace(0.01, 0.02, 40))
     channels = (
-        Channel("Pressure0", "Pa", 1e3 * np.sin(times)),
-        Channel("Cd", "", np.where(times > 0.5, times, np.nan)),
-        Channel("Mode", "", np.resize([0.0, 2.0, 5.0], 40), WORDS),
+        NamedChannel("Pressure0", "Pa", 1e3 * np.sin(times)),
+        NamedChannel("Cd", "", np.where(times > 0.5, times, np.nan)),
+        NamedChannel("Mode", "", np.resize([0.0, 2.0, 5.0], 40), WORDS),
     )
     return [ChannelGroup(name="Run", times_s=times, channels=channels, comment="W = 2.5 m")]
 

@@ -15,7 +15,7 @@ from google.protobuf.descriptor_pb2 import FileDescriptorSet
 from google.protobuf.descriptor_pool import DescriptorPool
 from google.protobuf.message_factory import GetMessageClass
 
-from can_bridge.logs.channels import Channel, ChannelGroup
+from can_bridge.logs.channels import ChannelGroup, NamedChannel
 from can_bridge.logs.log_reader import CanLog
 from can_bridge.logs.mcap_file import layout_of
 from can_bridge.tools.live_log import live_log
@@ -98,7 +98,7 @@ def test_damaged_frames_are_counted_by_name_and_a_second_channel_has_its_own_gro
 def test_what_cannot_be_written_is_one_line_and_leaves_what_was_there(tmp_path, monkeypatch):
     sent = log_of(drive("fd", 20, 5))
     early = [can.Message(timestamp=-1.0, arbitration_id=1), *sent]
-    broken = ChannelGroup(name="Run", times_s=np.arange(3.0), channels=(Channel("a", "", np.arange(2.0)),))
+    broken = ChannelGroup(name="Run", times_s=np.arange(3.0), channels=(NamedChannel("a", "", np.arange(2.0)),))
     for name in ("a.mf4", "a.mcap"):
         (tmp_path / name).write_text("before")
         with pytest.raises(Exception, match=r"."):

@@ -10,7 +10,7 @@ import matplotlib as mpl
 import numpy as np
 from PIL import Image, ImageDraw
 
-from can_bridge.logs.channels import Channel, ChannelGroup
+from can_bridge.logs.channels import ChannelGroup, NamedChannel
 from can_bridge.logs.log_reader import CanLog
 from can_bridge.logs.mcap_file import EVENTS_TOPIC, WAKE_TOPIC
 from can_bridge.tools.measurement import WORDS, write_measurement
@@ -48,12 +48,14 @@ def run_group(log: RunLog) -> ChannelGroup:
     """Return the series of a run as channels, at the starts of its periods in s of the run."""
     point = log.metadata.config.operating_point
     channels = [
-        Channel(name, _NO_UNIT.get(unit := COLUMN_UNITS[name], unit), log.series[name], WORDS.get(name.title(), {}))
+        NamedChannel(
+            name, _NO_UNIT.get(unit := COLUMN_UNITS[name], unit), log.series[name], WORDS.get(name.title(), {})
+        )
         for name in COLUMNS
     ]
-    channels += [Channel(name, "", log.series[name]) for name in WITHOUT if name in log.series]
+    channels += [NamedChannel(name, "", log.series[name]) for name in WITHOUT if name in log.series]
     wall = log.series.get(WALL, np.empty((0, 0)))
-    channels += [Channel(f"Cp_{name}", "", cp) for name, cp in zip(log.metadata.sensors, wall.T, strict=False)]
+    channels += [NamedChannel(f"Cp_{name}", "", cp) for name, cp in zip(log.metadata.sensors, wall.T, strict=False)]
     return ChannelGroup(
         name=RUN,
         times_s=_seconds(log, np.arange(len(log.series["t"]))),
