@@ -1,8 +1,13 @@
 """Bus logging in ASAM MDF 4, read by asammdf: groups CAN_DataFrame, CAN_ErrorFrame and CAN_RemoteFrame ("ASAM MDF, Bus
 Logging", 1.0), as written by Vector's programs, CANedge loggers and python-can."""
 
+import io
+import logging
+import struct
 from collections.abc import Iterator, Mapping
+from contextlib import redirect_stderr, redirect_stdout
 from heapq import merge
+from importlib import import_module
 from pathlib import Path
 from typing import Any, Final
 
@@ -27,8 +32,24 @@ from contract.errors import BusError, install
 _DATA, _ERROR, _REMOTE = "CAN_DataFrame", "CAN_ErrorFrame", "CAN_RemoteFrame"
 _NAMES: Final = {"CAN_OverloadFrame": "overload frame"}
 _EXTENDED: Final = 0x80000000
-_ERROR_TYPES: Final = {**dict.fromkeys((1, 2, 3, 4), PROTOCOL), 5: NO_ACK}
+ERROR_TYPES: Final = {**dict.fromkeys((1, 2, 3, 4), PROTOCOL), 5: NO_ACK}
 """Linux's error classes, by the standard's error types (bit, form, stuff, CRC, acknowledgement)."""
+
+
+def asammdf_for(path: Path) -> Any:
+    """Return the package asammdf. Raises BusError with the file's name if it is not installed."""
+    try:
+        package = import_module("asammdf")
+    except ImportError as error:
+        raise BusError(
+            f"{path}: ASAM MDF needs asammdf: {install('mdf')}; or convert elsewhere, from or to BLF: "
+            f"`python -m can.logconvert {path.name} {path.stem}.blf`"
+        ) from error
+    # It also logs what it raises, and its objects for files that it could not open fail when they are collected.
+    logging.getLogger("asammdf").setLevel(logging.CRITICAL)
+    reader: Any = import_module("asammdf.blocks.mdf_v4").MDF4
+    reader.__del__ = lambda one: one.close() if {"header", "_file"} <= vars(one).keys() else None
+    return package
 
 
 class Records:
@@ -43,35 +64,54 @@ class Records:
         self._path = path
 
     def read(self, since_epoch: SinceEpoch) -> Iterator[Entry]:
-        """Yield the entries of the records in the order of time. Raises BusError if asammdf is missing."""
-        try:
-            from asammdf import MDF
-        except ImportError as error:
-            raise BusError(
-                f"{self._path}: ASAM MDF is read by asammdf: {install('mdf')}; or convert it elsewhere: "
-                f"`python -m can.logconvert {self._path.name} {self._path.stem}.blf`"
-            ) from error
-        with MDF(self._path) as opened:
-            measurement: Any = opened
+        """Yield the entries of the records in the order of time. Raises BusError if asammdf is missing, or no group has
+        frames of CAN."""
+        with self._opened() as measurement:
             start = measurement.start_time
             start_s = since_epoch(start) if start.tzinfo is None else start.timestamp()
-            groups = []
+            groups, others, has_frames = [], list[LogEvent](), False
             for index, group in enumerate(measurement.groups):
                 rows = int(group.channel_group.cycles_nr)
                 self.count += rows
                 names = [str(channel.name) for channel in group.channels]
                 kind = next((one for name in names if (one := name.split(".")[0]) in (_DATA, _ERROR, _REMOTE)), None)
+                has_frames |= kind is not None
                 if kind is not None and rows:
-                    fields = {
-                        name.rpartition(".")[2]: measurement.get(name, group=index, raw=True)
-                        for name in names
-                        if name.startswith(f"{kind}.")
-                    }
-                    groups.append(_frames(kind, fields, start_s))
+                    fields = [name for name in names if name.startswith(f"{kind}.")]
+                    try:
+                        columns = _columns(measurement, index, fields, rows)
+                    except (ValueError, self._failure):
+                        # A logger without power leaves the last record without its bytes, which are stored elsewhere.
+                        columns = _columns(measurement, index, fields, rows - 1)
+                        others.append(LogEvent("frame without its bytes"))
+                    groups.append(_frames(kind, columns, start_s))
                 elif rows:
                     name = next((name.split(".")[0] for name in names if name.lower() not in ("t", "time")), "empty")
-                    yield LogEvent(_NAMES.get(name, f"record of {name}"), rows)
+                    others.append(LogEvent(_NAMES.get(name, f"record of {name}"), rows))
+            if not has_frames:
+                counts = ", ".join(f"{one.name} {one.lines}" for one in others) or "nothing"
+                raise BusError(f"{self._path}: has no frames of CAN (groups {_DATA} and others); it has {counts}")
+            yield from others
             yield from merge(*groups, key=lambda message: message.timestamp)
+
+    def _opened(self) -> Any:
+        asammdf = asammdf_for(self._path)
+        self._failure = asammdf.blocks.utils.MdfException
+        try:
+            with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
+                return asammdf.MDF(self._path)
+        except (ValueError, OSError, struct.error, self._failure) as error:
+            raise ValueError(f"cut off, damaged, or no ASAM MDF: {error}") from error
+
+
+def _columns(measurement: Any, group: int, names: list[str], rows: int) -> dict[str, Any]:
+    """Return the fields of the first records. Constants may be in conversions; texts such as "Rx" stay numbers."""
+    found = {}
+    for name in names:
+        with redirect_stdout(io.StringIO()):  # asammdf prints a page before it raises
+            signal = measurement.get(name, group=group, raw=True, record_count=rows)
+        found[name.rpartition(".")[2]] = signal.physical(ignore_value2text_conversions=True)
+    return found
 
 
 def _frames(kind: str, fields: Mapping[str, Any], start_s: float) -> Iterator[can.Message]:
@@ -84,7 +124,7 @@ def _frames(kind: str, fields: Mapping[str, Any], start_s: float) -> Iterator[ca
     for row, time_s in enumerate(times.tolist()):
         channel = str(of("BusChannel", row)) if "BusChannel" in columns else ""
         if kind == _ERROR:
-            yield error_frame(time_s, channel, _ERROR_TYPES.get(of("ErrorType", row), 0))
+            yield error_frame(time_s, channel, ERROR_TYPES.get(of("ErrorType", row), 0))
             continue
         frame_id, is_rx, fd = of("ID", row), not of("Dir", row), FD_FRAME if of("EDL", row) else 0
         is_extended = bool(of("IDE", row)) if "IDE" in columns else bool(frame_id & _EXTENDED)

@@ -28,6 +28,7 @@ class ProcessOptions:
         stage_times: file for the stages of each period, written at the end.
         metrics: file of counters for Prometheus.
         freshness: file for freshness values over a power cycle, needed with `bus.key`.
+        frames: measurement of the frames that the ECU sent and accepted, written at the end.
     """
 
     wanted: Wanted = field(default_factory=Wanted)
@@ -36,6 +37,7 @@ class ProcessOptions:
     stage_times: Path | None = None
     metrics: Path | None = None
     freshness: Path | None = None
+    frames: Path | None = None
     as_line: Callable[[DatedEvent], str] = plain
     environment: Mapping[str, str] = field(default_factory=lambda: dict(os.environ))
 

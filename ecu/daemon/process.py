@@ -8,6 +8,8 @@ from functools import partial
 
 from can_bridge.bus.backends.python_can import PythonCanBus
 from can_bridge.secoc.freshness_store import FreshnessStore
+from can_bridge.tools.live_log import live_log
+from can_bridge.tools.measurement import check_measurement
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import SETS, message_set
 from contract.atomic import check_writable
@@ -52,6 +54,8 @@ def check(config: Config, options: ProcessOptions) -> None:
     for path in (options.stage_times, options.metrics):
         if path is not None:
             check_writable(path)
+    if options.frames is not None:
+        check_measurement(options.frames)
 
 
 def run(
@@ -75,7 +79,7 @@ def run(
     def opened() -> PythonCanBus:
         # Frames of the other sets show why no frame of the ECU's own set arrives.
         accept = [spec.frame_id for known in SETS for spec in known.specs] + list(served.hears)
-        return PythonCanBus.open(config.bus, accept=accept)
+        return PythonCanBus.open(config.bus, accept=accept, keep=kept)
 
     def deliver(frame: Frame) -> None:
         hears = served.hears.get(frame.identifier)
@@ -87,6 +91,8 @@ def run(
             freshness.accepted(speed.frame_id, counters.state.speed.verifier.freshness)
 
     with ExitStack() as stack:
+        # Its thread starts before the privileges are taken, and is an ordinary one.
+        kept = stack.enter_context(live_log(options.frames))
         privileges = stack.enter_context(taken(options.wanted))
         notifier = Notifier(options.environment, os.getpid())
         stack.callback(notifier.close)

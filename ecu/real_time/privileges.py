@@ -38,12 +38,10 @@ class Wanted:
 
     Attributes:
         priority: of SCHED_FIFO, 1 to 99; 0 to stay an ordinary process.
-        processor: to run on alone; None for any.
         without_collector: no garbage collection.
     """
 
     priority: int = PRIORITY
-    processor: int | None = None
     lock_memory: bool = True
     without_collector: bool = True
 
@@ -52,7 +50,7 @@ class Wanted:
 def taken(wanted: Wanted) -> Iterator[list[Privilege]]:
     """Request privileges, yield the results, and give the privileges back at the end.
 
-    Priority and processor hold for this thread and the threads that it starts afterwards.
+    The priority holds for this thread and the threads that it starts afterwards.
     """
     with ExitStack() as undo:
         found = [_attempt("timer slack 1 ns", _timer_slack, undo)]
@@ -60,9 +58,6 @@ def taken(wanted: Wanted) -> Iterator[list[Privilege]]:
             found.append(_attempt("no garbage collection", _no_collector, undo))
         if wanted.lock_memory:
             found.append(_attempt("memory locked", _lock_memory, undo))
-        if wanted.processor is not None:
-            processor = wanted.processor
-            found.append(_attempt(f"processor {processor}", lambda back: _processor(processor, back), undo))
         if wanted.priority:
             priority = wanted.priority
             found.append(_attempt(f"SCHED_FIFO {priority}", lambda back: _priority(priority, back), undo))
@@ -118,12 +113,6 @@ def _priority(priority: int, undo: ExitStack) -> None:
     policy, before = os.sched_getscheduler(0), os.sched_getparam(0)
     os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
     undo.callback(os.sched_setscheduler, 0, policy, before)
-
-
-def _processor(processor: int, undo: ExitStack) -> None:
-    before = os.sched_getaffinity(0)
-    os.sched_setaffinity(0, {processor})
-    undo.callback(os.sched_setaffinity, 0, before)
 
 
 def _timer_slack(undo: ExitStack) -> None:

@@ -13,6 +13,7 @@ from contract.config.tree import Config
 from contract.config.vehicle import EcuConfig
 from contract.errors import ConfigError
 from stillwake.console import options as shared
+from stillwake.console.outputs import check_frames
 from stillwake.console.settings import COST_WEIGHTS, DIAGNOSIS, REAL_BUS, settings, with_bus
 from stillwake.console.stopping import until_stopped
 from stillwake.console.terminal import console, visible
@@ -62,7 +63,6 @@ Board = Annotated[
 Hardware = Annotated[str | None, typer.Option(help="Name of the hardware; default: the folder's, or mcu.")]
 LogLines = Annotated[Literal["plain", "json"], typer.Option("--log", help="Lines of the log, on stderr.")]
 Metrics = Annotated[Path | None, typer.Option(help="Write counters for Prometheus here.", metavar="FILE")]
-Processor = Annotated[int | None, typer.Option(help="Run on this processor alone.", min=0)]
 KeyList = Annotated[Path, typer.Option("--keys", help="Who signs releases (`bundle keylist`).", metavar="LIST")]
 Spin = Annotated[float, typer.Option(help="Microseconds to stay awake before a deadline.", min=0.0, max=5000.0)]
 
@@ -83,8 +83,8 @@ def run(
     stage_times: shared.StageTimes = None,
     freshness: shared.Freshness = None,
     priority: shared.Priority = 50,
-    processor: Processor = None,
     spin: Spin = 0.0,
+    frames: shared.Frames = None,
     bus: shared.Bus = None,
     given: shared.Settings = [],  # noqa: B006
 ) -> None:
@@ -111,17 +111,19 @@ def run(
     from ecu.real_time.privileges import Wanted
 
     options = ProcessOptions(
-        wanted=Wanted(priority=priority, processor=processor),
+        wanted=Wanted(priority=priority),
         spin_ns=round(spin * 1e3),
         periods=periods,
         stage_times=stage_times,
         metrics=metrics,
         freshness=freshness,
+        frames=frames,
         as_line=as_json if log == "json" else plain,
     )
+    check_frames(frames)
     texts = with_bus(bus, given)
     if mcu is not None:
-        _refuse("--mcu runs a firmware", trust=trust, slots=slots, periods=periods, metrics=metrics)
+        _refuse("--mcu runs a firmware", trust=trust, slots=slots, periods=periods, metrics=metrics, frames=frames)
         needed = {"library": library, "root": root, "access": access}
         run_firmware(texts, bundle, mcu, hardware or "mcu", **_needed("--mcu", **needed))
     elif slots is not None:

@@ -1,49 +1,98 @@
 """The command that reports on finished runs."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from contract.errors import ConfigError
+from stillwake.console.numbers import listed
+from stillwake.console.outputs import check_frames, print_written
 from stillwake.console.terminal import console
 
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
-def report(
-    folders: Annotated[list[Path], typer.Argument(metavar="FOLDER", help="Folders written by `run`: one, or several.")],
-    output: Annotated[
-        Path | None, typer.Option(help="Page to write (.html); needed for several runs. One run's is in its folder.")
-    ] = None,
-    picture: Annotated[Path | None, typer.Option(help="Also write the run as one picture (.png, .pdf, .svg).")] = None,
-    csv: Annotated[Path | None, typer.Option(help="Also write the series as CSV, units in the header.")] = None,
-) -> None:
-    """Write the HTML page of a finished run again, or of several runs next to one another.
-
-    The page needs no other file and no network. Its slider moves through the recorded wake.
-    """
     from firmware_sim.runs.run_folder import RunFolder
-    from firmware_sim.runs.run_log import load
+
+Sources = Annotated[
+    list[Path], typer.Argument(metavar="FOLDER|LOG", help="Folders written by `run`, one or several; or one log.")
+]
+Outputs = Annotated[
+    list[Path], typer.Option("--output", help="File to write, by its ending (repeatable).", metavar="FILE")
+]
+
+
+def report(sources: Sources, outputs: Outputs = []) -> None:  # noqa: B006
+    """Write the HTML page of a finished run again, or of several runs next to one another; or a run in other formats.
+
+    The page needs no other file and no network. Its slider moves through the recorded wake. Without --output it is
+    written into the run's folder. Other endings: .png, .pdf or .svg for one picture, .csv for the series with units in
+    the header, .mf4 (ASAM MDF) or .mcap for frames and named signals with units.
+
+    A log of the bus in any format becomes an .mf4 or .mcap with the same signals.
+
+    stillwake report runs/demo --output demo.mf4 --output demo.mcap
+    """
+    from can_bridge.logs.log_reader import is_log
+
+    if is_log(sources[0]) and not sources[0].is_dir():
+        _of_log(sources, outputs)
+        return
+    from firmware_sim.runs.run_folder import RunFolder
     from firmware_sim.runs.run_page.comparison import write_comparison
+    from firmware_sim.runs.run_page.report import write_report
+
+    runs = [RunFolder(folder) for folder in sources]
+    if len(runs) > 1:
+        if not outputs:
+            raise ConfigError(f"{len(runs)} runs: name the page that compares them with --output FILE.html")
+        if [one.suffix.lower() for one in outputs] != [".html"]:
+            raise ConfigError(f"--output {outputs[-1]}: must be one file ending in .html; other formats are of one run")
+        console.print(f"wrote {write_comparison(runs, outputs[0])}")
+        return
+    for output, write in [(one, _writer(runs[0], one)) for one in outputs]:
+        print_written(output, write())
+    if not outputs:
+        console.print(f"wrote {write_report(runs[0])}")
+
+
+def _of_log(sources: list[Path], outputs: list[Path]) -> None:
+    from can_bridge.logs.log_reader import CanLog
+    from can_bridge.tools.measurement import write_measurement
+
+    if len(sources) > 1 or not outputs:
+        raise ConfigError(
+            f"{sources[0]}: is a log; give one, and the file to write with --output FILE.mf4 or FILE.mcap"
+        )
+    for output in outputs:
+        if output.exists() and output.samefile(sources[0]):
+            raise ConfigError(f"--output {output}: is the file to read; give another name")
+        check_frames(output)
+    for output in outputs:
+        log = CanLog(sources[0])
+        print_written(output, write_measurement(output, log))
+    if events := listed(log.events):
+        console.print(f"{sources[0]}: {log.messages} frames; lines of other kinds: {events}")
+
+
+def _writer(run: "RunFolder", output: Path) -> "Callable[[], object]":
+    """Return the function that writes an output. Raises ConfigError for another ending."""
+    from can_bridge.tools.measurement import MEASUREMENTS
+    from firmware_sim.runs.run_log import load
+    from firmware_sim.runs.run_page.measurement import write_run
     from firmware_sim.runs.run_page.report import write_picture, write_report
     from firmware_sim.runs.series_csv import write_csv
-    from wake.pictures.drawing import check_suffix
+    from wake.pictures.drawing import PICTURES
 
-    if output is not None and output.suffix.lower() != ".html":
-        raise ConfigError(f"--output {output}: must be a file ending in .html")
-    runs = [RunFolder(folder) for folder in folders]
-    if len(runs) > 1:
-        if output is None:
-            raise ConfigError(f"{len(runs)} runs: name the page that compares them with --output FILE.html")
-        if picture is not None or csv is not None:
-            raise ConfigError("--picture and --csv are of one run: give one folder")
-        console.print(f"wrote {write_comparison(runs, output)}")
-        return
-    if picture is not None:
-        check_suffix(picture)
-    console.print(f"wrote {write_report(runs[0], output)}")
-    if picture is not None:
-        write_picture(runs[0], picture)
-        console.print(f"wrote {picture}")
-    if csv is not None:
-        write_csv(csv, load(runs[0].series))
-        console.print(f"wrote {csv}")
+    match output.suffix.lower():
+        case ".html":
+            return lambda: write_report(run, output)
+        case ".csv":
+            return lambda: write_csv(output, load(run.series))
+        case suffix if suffix in PICTURES:
+            return lambda: write_picture(run, output)
+        case suffix if suffix in MEASUREMENTS:
+            check_frames(output)
+            return lambda: write_run(output, run)
+    raise ConfigError(f"--output {output}: must end in .html, .csv, {', '.join((*PICTURES, *MEASUREMENTS))}")

@@ -15,7 +15,7 @@ from contract.errors import ConfigError, LibraryError
 from contract.release.checks import Bundle
 from stillwake.console import options as shared
 from stillwake.console.claims import claim
-from stillwake.console.outputs import check_json, save_json
+from stillwake.console.outputs import check_frames, check_json, print_written, save_json
 from stillwake.console.progress import progress
 from stillwake.console.settings import REAL_BUS, settings
 from stillwake.console.terminal import console, print_table, visible
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from ecu.stepped import LoopEcu
     from firmware_sim.bench.disturbances import Disturbance
     from firmware_sim.bench.spans import Spans
+    from firmware_sim.runs.run_folder import RunFolder
     from firmware_sim.runs.run_log import Row, RunLog
     from wake.plant.drive import Drive
 
@@ -72,6 +73,7 @@ def run(
     disturb: Disturb = [],  # noqa: B006
     seed: shared.Seed = 0,
     overwrite: shared.Overwrite = False,
+    frames: shared.Frames = None,
     json_file: shared.JsonFile = None,
     given: shared.Settings = [],  # noqa: B006
 ) -> None:
@@ -109,6 +111,7 @@ def run(
     claim(output, folder=True)
     folder.check_free(overwrite=overwrite)
     check_json(json_file)
+    check_frames(frames)
     loaded = settings("run", given, uses=(*_USES, *(["openfoam"] if plant == "openfoam" else [])))
     release = open_release(bundle)
     driven, config = driven_at(drive, loaded.config)
@@ -131,8 +134,16 @@ def run(
     log = loop.closed(in_c, library)
     save_json(json_file, figures=summary(log), facts=log.metadata.to_tree())
     _print(log)
+    _write_frames(frames, folder)
     console.print(f"wrote {folder.report} and {folder.summary}")
     exit_with(log, require_reduction)
+
+
+def _write_frames(path: Path | None, folder: "RunFolder") -> None:
+    from firmware_sim.runs.run_page.measurement import write_run
+
+    if path is not None:
+        print_written(path, write_run(path, folder))
 
 
 def ecu_of(text: str) -> tuple[str, float]:

@@ -14,7 +14,7 @@ from contract.results import versions
 from stillwake.console import options as shared
 from stillwake.console.claims import claim
 from stillwake.console.numbers import steps_of
-from stillwake.console.outputs import check_json, save_json
+from stillwake.console.outputs import check_frames, check_json, save_json
 from stillwake.console.progress import progress
 from stillwake.console.settings import REAL_BUS, settings, with_bus
 from stillwake.console.stopping import until_stopped
@@ -51,6 +51,7 @@ def vehicle(
     freshness: shared.Freshness = None,
     stage_times: shared.StageTimes = None,
     priority: shared.Priority = 50,
+    frames: shared.Frames = None,
     json_file: shared.JsonFile = None,
     bus: shared.Bus = None,
     given: shared.Settings = [],  # noqa: B006
@@ -71,6 +72,7 @@ def vehicle(
     usable command was received. A lost bus ends it with one line and exit status 1: it is not opened again.
     """
     check_json(json_file)
+    check_frames(frames)
     if stage_times is not None:
         claim(stage_times)
     live = plant == shared.WAKE
@@ -89,6 +91,7 @@ def vehicle(
         enable_after_s=before_s,
         stage_times=stage_times,
         freshness=freshness,
+        frames=frames,
         wanted=Wanted(priority=priority),
         drive=driven,
     )
@@ -127,11 +130,13 @@ def _run(
     """Simulate the vehicle until the course ends or a stop; return figures, pressures in words, and whether it was
     stopped."""
     from can_bridge.bus.backends.python_can import PythonCanBus
+    from can_bridge.tools.live_log import live_log
     from ecu.fit import check_sensors
     from firmware_sim.bench.real_time.running import run_vehicle
 
     with ExitStack() as stack:
-        bus = stack.enter_context(PythonCanBus.open(config.bus))
+        keep = stack.enter_context(live_log(course.frames))
+        bus = stack.enter_context(PythonCanBus.open(config.bus, keep=keep))
         _print_vehicle(config, release)
         pressures = made(stack)
         check_sensors(release, pressures.layout)

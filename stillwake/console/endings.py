@@ -29,6 +29,7 @@ EXTRAS: Final[Mapping[str, tuple[str, ...]]] = {
     "mcu": ("ziglang", "unicorn", "capstone", "elftools"),
     "fmu": ("pythonfmu3",),
     "mdf": ("asammdf",),
+    "mcap": ("mcap_protobuf", "foxglove_schemas_protobuf"),
 }
 """Packages of each extra of `pyproject.toml`, by their import names."""
 _FIRST: Final = {"train": "train", "export": "c", "mcu": "c"}

@@ -11,6 +11,7 @@ OLD: Final[Mapping[str, Mapping[str, str]]] = {
     "run": _RUN
     | {"--fault": "--disturb", "--fault-seed": "--seed", "--clock-mhz": "--ecu mcu@NUMBER"}
     | {"--ecu cortex-m7": "--ecu mcu", "--ecu cortex-m7-board": "--ecu mcu", "--plant stillwake": "--plant wake"},
+    "report": {"--picture": "--output", "--csv": "--output"},
     "campaign": {
         **{"--trust": _RUN["--trust"], "--scheduler": "--workers ADDRESS", "--quick": "--phases 1 --controlled 40"}
     },
@@ -20,6 +21,7 @@ OLD: Final[Mapping[str, Mapping[str, str]]] = {
     "live": _RUN | {"--controller": "--ecu", "--enable-after": "--lead-in"},
     "bench latency": {"": "stillwake latency"},
     "latency": {"--trust": _RUN["--trust"]},
+    "ecu": {"--processor": "taskset --cpu-list NUMBER stillwake ecu"},
     "ecu board": {"": "stillwake ecu --mcu FILE"},
     "ecu info": {"": "stillwake diagnose"},
     "diagnose faults": {"": "stillwake diagnose"},

@@ -40,6 +40,10 @@ StageTimes = Annotated[
 Freshness = Annotated[
     Path | None, typer.Option("--freshness", help="With bus.key: what outlives a restart.", metavar="FILE")
 ]
+Frames = Annotated[
+    Path | None,
+    typer.Option("--frames", help="Also write frames, and signals with units (.mf4 or .mcap).", metavar="FILE"),
+]
 Priority = Annotated[int, typer.Option("--priority", help="Of SCHED_FIFO; 0: an ordinary process.", min=0, max=99)]
 Workers = Annotated[
     str | None,

@@ -1,5 +1,6 @@
 """The outputs of a command, which it checks and claims before its work, and replaces only on request."""
 
+from collections import Counter
 from collections.abc import Mapping
 from datetime import date
 from pathlib import Path
@@ -8,6 +9,8 @@ from typing import Any, Final
 from contract.errors import OutputError
 from contract.results import write_result
 from stillwake.console.claims import claim
+from stillwake.console.numbers import listed
+from stillwake.console.terminal import console
 
 DATASET_SUFFIXES: Final = (".h5", ".hdf5")
 """Endings of a data set's name."""
@@ -46,6 +49,21 @@ def check_json(path: Path | None) -> None:
     """Refuse a place for figures that cannot be written; newer figures replace older figures."""
     if path is not None:
         claim(path)
+
+
+def check_frames(path: Path | None) -> None:
+    """Refuse a place for a measurement that cannot be written, or a format whose package is missing."""
+    if path is not None:
+        from can_bridge.tools.measurement import check_measurement
+
+        claim(path)
+        check_measurement(path)
+
+
+def print_written(path: Path, result: object) -> None:
+    """Print that a file was written, and of a measurement which of our frames have no signals in it."""
+    skipped = listed(result) if isinstance(result, Counter) else ""
+    console.print(f"wrote {path}{f'; frames without signals: {skipped}' if skipped else ''}")
 
 
 def save_json(path: Path | None, *, figures: Any, facts: Mapping[str, Any]) -> None:

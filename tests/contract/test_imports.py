@@ -11,7 +11,7 @@ ROOMS = {"contract", "can_bridge", "ecu", "firmware_sim", "wake", "train", "expo
 NOT_IN_THE_BASE_INSTALL = {
     "torch", "shap", "onnx", "safetensors", "numba", "scipy", "gymnasium", "matplotlib", "PIL", "threadpoolctl",
     "dask", "distributed", "unicorn", "capstone", "casadi", "h5py", "stillwake_data", "cantools", "msgpack", "serial",
-    "asammdf",
+    "asammdf", "mcap", "mcap_protobuf", "foxglove_schemas_protobuf", "google.protobuf",
 }  # fmt: skip
 OF_TESTS = {"e2e", "pytest", "hypothesis"}
 OF_THE_COMMAND_LINE = {"typer", "rich"}

@@ -89,7 +89,7 @@ CALLS = (
     call("ecu --mcu flash.bin --library none --root keys/release.pub --access access.key", *UDP, status=1),
     call("run run --lead-in 14 --controlled 1 --no-averages", needs=["sim"]),
     call("run run_in_c --ecu c", needs=["sim", "c"]),
-    call("report run --picture run.png", needs=["sim"]),
+    call("report run --output run.png", needs=["sim"]),
     call("record made.h5 training=5 chirp=0 uncontrolled=5 --workers 1", needs=["sim"]),
     call("dataset inspect", RECORDING, needs=["sim"]),
     call(

@@ -46,7 +46,7 @@ _LABEL: Final[dict[Kind, str]] = {
 }
 _FULL_JET: Final = 1.0
 """Length in W of the arrow of a jet at the action's bound."""
-_SUFFIXES: Final = (".png", ".pdf", ".svg")
+PICTURES: Final = (".png", ".pdf", ".svg")
 
 
 class WakePicture:
@@ -182,8 +182,8 @@ def mean_figure(grid: Grid, body: BodyConfig, mean: Flow, duration: float) -> Fi
 
 def check_suffix(path: Path) -> None:
     """Raise ConfigError for a name whose ending is no known format."""
-    if path.suffix.lower() not in _SUFFIXES or path.is_dir():
-        raise ConfigError(f"{path}: must be a file ending in {', '.join(_SUFFIXES)}")
+    if path.suffix.lower() not in PICTURES or path.is_dir():
+        raise ConfigError(f"{path}: must be a file ending in {', '.join(PICTURES)}")
 
 
 def save_figure(path: Path, figure: Figure) -> None:

@@ -10,7 +10,7 @@ import socket
 import struct
 import sys
 import time
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
 from typing import Final, Self
 
@@ -110,6 +110,7 @@ class PythonCanBus(OpenBus):
         accept: Collection[CanId | int] | None = None,
         is_classic: bool = False,
         linux_error_frames: bool = False,
+        keep: Callable[[Frame, bool], None] = lambda frame, received: None,
     ) -> None:
         """Take over an open python-can bus.
 
@@ -119,11 +120,13 @@ class PythonCanBus(OpenBus):
                 python-can's own filter would end a reception without waiting at the first frame that it drops.
             is_classic: send and receive no CAN FD frames.
             linux_error_frames: error frames are as in `linux/can/error.h` and report on this node's controller.
+            keep: called with every frame that was sent or accepted, and whether it was received.
         """
         super().__init__(bus)
         self._accept = None if accept is None else {CanId(one) if isinstance(one, int) else one for one in accept}
         self._is_classic = is_classic
         self._linux_error_frames = linux_error_frames
+        self._keep = keep
         self._rejected = dict.fromkeys(Rejection, 0)
         self._reported = HEALTHY
         self._overflow_reports = 0
@@ -134,7 +137,12 @@ class PythonCanBus(OpenBus):
 
     @classmethod
     def open(
-        cls, config: BusConfig, *, accept: Collection[CanId | int] | None = None, settle_s: float = SETTLE_S
+        cls,
+        config: BusConfig,
+        *,
+        accept: Collection[CanId | int] | None = None,
+        settle_s: float = SETTLE_S,
+        keep: Callable[[Frame, bool], None] = lambda frame, received: None,
     ) -> Self:
         """Open the configured bus.
 
@@ -143,7 +151,7 @@ class PythonCanBus(OpenBus):
         machine. Raises BusError with interface and channel if the bus cannot be opened.
 
         Args:
-            accept: see the constructor.
+            accept, keep: see the constructor.
             settle_s: time in s that a serial adapter gets to start after its port was opened.
         """
         bus, interface = open_backend(config, settle_s=settle_s)
@@ -152,6 +160,7 @@ class PythonCanBus(OpenBus):
             accept=accept,
             is_classic=config.frames == "classic",
             linux_error_frames=interface == "socketcan",
+            keep=keep,
         )
 
     @property
@@ -204,6 +213,7 @@ class PythonCanBus(OpenBus):
         if frame.is_fd and self._is_classic:
             raise BusError(f"frame {frame.frame_id:#05x} was not sent: it is CAN FD, and bus.frames = classic")
         self._send(to_message(frame), f"{frame.frame_id:#05x}", timeout_s)
+        self._keep(frame, False)
 
     def receive(self, timeout_s: float) -> Frame | None:
         """Return the next frame, or None after `timeout_s`. Raises BusError if the bus failed or sends only garbage."""
@@ -239,6 +249,7 @@ class PythonCanBus(OpenBus):
             self._rejected[frame] += 1
             return None
         self.accepted += 1
+        self._keep(frame, True)
         return frame
 
     def _judged(self, message: can.Message) -> Frame | Rejection:

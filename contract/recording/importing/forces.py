@@ -104,7 +104,7 @@ def read_forces(
 
     Args:
         renamed: for t, Cd and Cl, the name in the file. For a name that is not given, the name in the file may be
-            followed by its unit in brackets, as `stillwake report --csv` writes it.
+            followed by its unit in brackets, as `stillwake report` writes it.
         references: for a series, the value in the file that equals 1 in the data set.
     """
     if not path.is_file():

@@ -42,6 +42,7 @@ class Course:
         enable_after_s: time of the first request for control; None for no request.
         stage_times: file for the stage times, written at the end.
         freshness: file that counts the node's power cycles, with `bus.key`.
+        frames: measurement of the frames that the vehicle sent and accepted.
         drive: speeds from the first period on; if None, the operating point's speed.
     """
 
@@ -49,6 +50,7 @@ class Course:
     enable_after_s: float | None = 2.0
     stage_times: Path | None = None
     freshness: Path | None = None
+    frames: Path | None = None
     wanted: Wanted = field(default_factory=Wanted)
     drive: Drive | None = None
 

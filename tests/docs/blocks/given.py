@@ -139,7 +139,13 @@ def _read(line: Line) -> Iterator[str]:
     """The words of a line that can name what it reads, as far as they can."""
     found = _WRITES.match(line.text)
     for before, word in pairwise(line.words):
-        if (found is None or word != found["output"]) and before not in ("--csv", "--json", "--picture"):
+        if (found is None or word != found["output"]) and before not in (
+            "--csv",
+            "--json",
+            "--picture",
+            "--output",
+            "--frames",
+        ):
             yield from word.split("=")
 
 

@@ -10,12 +10,14 @@ from itertools import count
 from pathlib import Path
 from threading import Event, Thread
 
+import can
 import numpy as np
 import pytest
 
 from can_bridge.bus.backends.python_can import PythonCanBus
 from can_bridge.secoc.key import KEY_LENGTH, read_key, write_key
 from can_bridge.secoc.node import Authentication
+from can_bridge.wire.message_sets import FD
 from contract.config.tree import Config
 from contract.config.vehicle import BusConfig, EcuConfig
 from contract.errors import BundleError, BusError, ConfigError
@@ -80,7 +82,7 @@ def running(release: Bundle, config: Config, **options) -> Iterator[Running]:
 
 
 def test_from_power_on_to_control_and_off_again(release, config, tmp_path):
-    files = {"metrics": tmp_path / "ecu.prom", "stage_times": tmp_path / "ecu.npz"}
+    files = {"metrics": tmp_path / "ecu.prom", "stage_times": tmp_path / "ecu.npz", "frames": tmp_path / "ecu.mf4"}
     with PythonCanBus.open(config.bus) as bus:
         vehicle = Vehicle(config, bus)
         with running(release, config, **files) as its:
@@ -99,6 +101,11 @@ def test_from_power_on_to_control_and_off_again(release, config, tmp_path):
     steps = its.counters[0].steps
     assert f"stillwake_ecu_steps_total {steps}\n" in files["metrics"].read_text()
     assert len(load(files["stage_times"], EcuStage)) == steps
+    with can.MF4Reader(files["frames"]) as read:
+        frames = [(one.arbitration_id, one.is_rx, bytes(one.data)) for one in read]
+    assert {(frame_id, is_rx) for frame_id, is_rx, _ in frames} == {(0x120, True), (0x130, False), (0x140, False)}
+    flows = [FD.command.parse(data) for frame_id, _, data in frames if frame_id == 0x130]
+    assert [one.flow_m2_per_s for one in flows if one] == [one.flow_m2_per_s for one in vehicle.commands]
 
 
 @pytest.mark.slow  # freshness values are looked at once a second

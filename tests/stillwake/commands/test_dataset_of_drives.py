@@ -99,6 +99,15 @@ def test_the_loops_own_capture_is_the_run_within_half_a_step(
     )
     assert outcome.code == 0, outcome.err
     (episode,) = dataset.read(made).episodes
+    measured = tmp_path / "run.mf4"
+    assert cli("report", tmp_path / "run" / "frames.log", "--output", measured).code == 0
+    call = (f"train={measured}", "--layout", sensors, *FACTS, "--forces", tmp_path / "run.csv")
+    outcome = cli("dataset", "import", tmp_path / "other.h5", *call)
+    assert outcome.code == 0, outcome.err
+    assert "record of Pressure 30" in outcome.out
+    (other,) = dataset.read(tmp_path / "other.h5").episodes
+    for name, values in episode.series.items():
+        np.testing.assert_allclose(other.series[name], values, rtol=0, atol=1e-9)
     # What the jets did in the run's first period was asked for before the log begins: the ECU plans a period ahead.
     assert len(episode) == 29
     assert np.ptp(run.series["action"]) > 0.01

@@ -42,6 +42,7 @@ def test_what_cannot_run_is_one_line(all_refused: Callable[..., None]) -> None:
             "--freshness x": "--freshness: goes with bus.key",
             "--set bus.key=none": "none",
             "--metrics /proc/x": "cannot write /proc/x",
+            "--frames x.blf": "x.blf: a measurement must end in .mf4 or .mcap",
             "no-bundle": "no-bundle",
             "--library .": "library .: ",
         },
@@ -50,7 +51,7 @@ def test_what_cannot_run_is_one_line(all_refused: Callable[..., None]) -> None:
 
 def test_the_examples_of_services_call_it_with_options_that_it_has(cli: Callable[..., Any]) -> None:
     known = cli("ecu", "--help").out
-    for name, count in (("stillwake-ecu", 5), ("stillwake-ecu-slots", 6)):
+    for name, count in (("stillwake-ecu", 4), ("stillwake-ecu-slots", 5)):
         text = (ROOT / f"examples/systemd/{name}.service").read_text()
         unit = RawConfigParser(strict=False, comment_prefixes="#")
         unit.optionxform = str  # type: ignore[assignment,method-assign]  # names as they are

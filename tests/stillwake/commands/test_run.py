@@ -127,8 +127,9 @@ def test_weights_in_force_are_kept_with_the_run_which_is_reported_again(cli, tmp
     assert "holds a run: give another folder, or --overwrite to replace it" in cli(*call).err
     assert (folder / "series.npz").read_bytes() == before
     (folder / "report.html").unlink()
-    reported = cli("report", folder, "--picture", tmp_path / "a.svg", "--csv", tmp_path / "a.csv")
-    assert (reported.code, reported.err) == (0, "")
+    outputs = (word for suffix in ("svg", "csv") for word in ("--output", tmp_path / f"a.{suffix}"))
+    for reported in (cli("report", folder), cli("report", folder, *outputs)):
+        assert (reported.code, reported.err) == (0, "")
     assert (folder / "report.html").read_text() == page
     with (tmp_path / "a.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
@@ -147,12 +148,16 @@ def test_what_cannot_be_reported_is_refused(all_refused, tmp_path):
     (tmp_path / "a").mkdir()
     rows = {
         "a b": "2 runs: name the page that compares them with --output FILE.html",
-        "a b --output x.pdf": "--output x.pdf: must be a file ending in .html",
-        "a b --output x.html --csv x.csv": "--picture and --csv are of one run",
+        "a b --output x.pdf": "--output x.pdf: must be one file ending in .html",
+        "a b --output x.html --output x.csv": "--output x.csv: must be one file ending in .html",
         "a b --output x.html": "a/series.npz: not the series of a run",
         "a a/../a --output x.html": "given twice",
         "a b c d e f g --output x.html": "7 runs: between 2 and 6 can be compared on a page",
-        "a --picture x.xyz": "x.xyz: must be a file ending in .png, .pdf, .svg",
+        "a --output x.xyz": "--output x.xyz: must end in .html, .csv, .png, .pdf, .svg, .mf4, .mcap",
+        "a --output x.mf4": "a/series.npz: not the series of a run",
+        "a.log": "a.log: is a log; give one, and the file to write with --output FILE.mf4",
+        "a.log --output x.html": "x.html: a measurement must end in .mf4 or .mcap",
+        "b.mf4 --output x.mcap": "b.mf4: there is no such file",
     }
     all_refused("report", rows)
 

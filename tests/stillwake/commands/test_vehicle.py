@@ -3,6 +3,7 @@
 import json
 from pathlib import Path
 
+import can
 import pytest
 
 from stillwake.parts.releases import open_release
@@ -34,7 +35,8 @@ def test_what_cannot_be_is_one_line(all_refused) -> None:
 
 @pytest.mark.slow  # waits for an ECU
 def test_without_an_ecu_the_status_says_so_and_the_figures_are_written(cli, tmp_path: Path) -> None:
-    outcome = cli("vehicle", *VIRTUAL, *ORDINARY, "--periods", "5", "--json", tmp_path / "f.json")
+    frames = tmp_path / "f.mf4"
+    outcome = cli("vehicle", *VIRTUAL, *ORDINARY, "--periods", "5", "--json", tmp_path / "f.json", "--frames", frames)
     assert outcome.code == 3
     said = " ".join(outcome.out.split())
     assert "recorded (open loop)" in said
@@ -45,6 +47,11 @@ def test_without_an_ecu_the_status_says_so_and_the_figures_are_written(cli, tmp_
     assert (found["figures"]["periods"], found["figures"]["commands"]) == (5, 0)
     assert found["figures"]["age_p50_ms"] is None
     assert found["facts"]["config"]["bus"]["interface"] == "virtual"
+    with can.MF4Reader(frames) as read:
+        sent = [(one.arbitration_id, one.is_rx) for one in read]
+    assert set(sent) == {(0x120, False), (0x128, False)}
+    # Five periods, and three that withdraw the request.
+    assert sent.count((0x128, False)) == 8
 
 
 @pytest.mark.slow

@@ -91,6 +91,7 @@ def test_no_hint_names_a_package_index():
 
 def test_extras_and_rooms_are_the_projects():
     imported_as = {"pillow": "PIL", "pyelftools": "elftools", "can-isotp": "isotp", "cyclonedx-python-lib": "cyclonedx"}
+    imported_as |= {"mcap-protobuf-support": "mcap_protobuf", "foxglove-schemas-protobuf": "foxglove_schemas_protobuf"}
     declared = PROJECT["project"]["optional-dependencies"]
     for extra in EXTRAS.keys() - {"bus"}:
         names = {re.split(r"[^\w-]", requirement)[0] for requirement in declared[extra]}

@@ -1,0 +1,44 @@
+"""Named channels: values over time with units, in groups that share their times, for every format of measurements."""
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from contract.arrays import Array
+
+
+class NamedChannel(NamedTuple):
+    """A quantity over the times of its group.
+
+    Attributes:
+        unit: as in `contract/stillwake.dbc`; empty if there is none.
+        values: (n,), NaN where there is no value.
+        words: names of the values, for an enumeration; empty for a number.
+    """
+
+    name: str
+    unit: str
+    values: Array
+    words: Mapping[int, str] = {}
+
+    @property
+    def identifier(self) -> str:
+        """The name with its unit, for formats that have no place for units: Pressure0_Pa, Speed_m_per_s."""
+        return re.sub(r"\W+", "_", f"{self.name} {self.unit.replace('/', '_per_')}".strip())
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ChannelGroup:
+    """Channels with common times.
+
+    Attributes:
+        name: of the message, or of the part of a run; unique in a file.
+        times_s: (n,), not decreasing.
+        comment: for people.
+    """
+
+    name: str
+    times_s: Array
+    channels: tuple[NamedChannel, ...]
+    comment: str = ""

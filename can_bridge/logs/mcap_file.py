@@ -1,0 +1,109 @@
+"""Writing of MCAP: a topic of frames and one for each group of channels, in Protobuf, which Foxglove, Rerun and
+PlotJuggler all read, with its schemas."""
+
+import shutil
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from heapq import merge
+from pathlib import Path
+from typing import Any, Final
+
+import can
+import numpy as np
+
+from can_bridge.logs.channels import ChannelGroup
+from can_bridge.wire.message_specs import SPECS
+from contract.atomic import replacing
+from contract.errors import BusError
+
+_PACKAGE: Final = "stillwake"
+_NAMES: Final = {spec.frame_id: spec.name for spec in SPECS}
+_FRAME: Final = {
+    **{"message": "STRING", "id": "UINT32", "data": "BYTES", "channel": "STRING"},
+    **dict.fromkeys(("extended", "fd", "bitrate_switch", "received", "remote", "error"), "BOOL"),
+}
+"""Types of the fields of a frame; an error frame's id has the error classes of linux/can/error.h."""
+
+WAKE_TOPIC: Final = "/wake"
+EVENTS_TOPIC: Final = "/events"
+_LAYOUT: Final = Path(__file__).with_name("foxglove_layout.json")
+Dated = tuple[str, int, Any]
+"""Topic, time in ns, and Protobuf message."""
+
+
+def layout_of(path: Path) -> Path:
+    """Return the file of Foxglove's layout beside an MCAP file."""
+    return path.with_suffix(".layout.json")
+
+
+def write_mcap(
+    path: Path,
+    messages: Sequence[can.Message],
+    groups: Sequence[ChannelGroup],
+    *,
+    events: Iterable[Dated] = (),
+    facts: Mapping[str, str],
+) -> None:
+    """Write an MCAP file in the order of time, and a layout for Foxglove beside it, completely or not at all. Raises
+    BusError for a time before 0, which the format does not have."""
+    from mcap_protobuf.writer import Writer
+
+    first_s = min([*(one.timestamp for one in messages), *(one.times_s[0] for one in groups if len(one.times_s)), 0.0])
+    if first_s < 0.0:
+        raise BusError(f"{path}: MCAP has no times before 0, and the first is {first_s:g} s")
+    dated = merge(_frames(messages), *map(_values, groups), events, key=lambda one: one[1])
+    with replacing(path) as temporary, temporary.open("wb") as file, Writer(file) as writer:
+        writer.add_metadata("run", dict(facts))
+        for sequence, (topic, time_ns, message) in enumerate(dated):
+            writer.write_message(topic, message, log_time=time_ns, publish_time=time_ns, sequence=sequence)
+    with replacing(layout_of(path)) as temporary:
+        shutil.copyfile(_LAYOUT, temporary)
+
+
+def _frames(messages: Sequence[can.Message]) -> Iterator[Dated]:
+    kind = _message_class("Frame", _FRAME)
+    for one in messages:
+        frame = kind(
+            message="" if one.is_extended_id or one.is_error_frame else _NAMES.get(one.arbitration_id, ""),
+            id=one.arbitration_id,
+            data=bytes(one.data),
+            channel=str(one.channel or ""),
+            extended=one.is_extended_id,
+            fd=one.is_fd,
+            bitrate_switch=one.bitrate_switch,
+            received=one.is_rx,
+            remote=one.is_remote_frame,
+            error=one.is_error_frame,
+        )
+        yield "/frames", round(one.timestamp * 1e9), frame
+
+
+def _values(group: ChannelGroup) -> Iterator[Dated]:
+    kind = _message_class(
+        group.name,
+        {one.identifier: "ENUM" if one.words else "DOUBLE" for one in group.channels},
+        {one.identifier: one.words for one in group.channels if one.words},
+    )
+    columns = {one.identifier: one.values.astype(int) if one.words else one.values for one in group.channels}
+    for row, time_ns in enumerate(np.rint(group.times_s * 1e9).astype(int).tolist()):
+        yield f"/{group.name}", time_ns, kind(**{name: values[row].item() for name, values in columns.items()})
+
+
+def _message_class(name: str, fields: Mapping[str, str], enums: Mapping[str, Mapping[int, str]] | None = None) -> Any:
+    """Return the class of a Protobuf message with these fields, by name and type."""
+    from google.protobuf.descriptor_pb2 import FieldDescriptorProto, FileDescriptorProto
+    from google.protobuf.descriptor_pool import DescriptorPool
+    from google.protobuf.message_factory import GetMessageClass
+
+    file = FileDescriptorProto(name=f"{_PACKAGE}/{name}.proto", package=_PACKAGE, syntax="proto3")
+    message = file.message_type.add(name=name)
+    for number, (field, kind) in enumerate(fields.items(), 1):
+        added = message.field.add(name=field, number=number, label=FieldDescriptorProto.LABEL_OPTIONAL)
+        added.type = getattr(FieldDescriptorProto, f"TYPE_{kind}")
+        if kind == "ENUM":
+            added.type_name = f".{_PACKAGE}.{name}.{field}Word"
+            words = message.enum_type.add(name=f"{field}Word")
+            for value, word in (enums or {})[field].items():
+                words.value.add(name=word, number=value)
+    pool = DescriptorPool()
+    pool.Add(file)
+    return GetMessageClass(pool.FindMessageTypeByName(f"{_PACKAGE}.{name}"))

@@ -1,0 +1,107 @@
+"""Measurements: the frames of a log together with their signals as named channels, in one file.
+
+A `.mf4` is for asammdf's window, CANape and vSignalyzer, an `.mcap` for Foxglove, Rerun and PlotJuggler.
+"""
+
+import re
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from importlib import import_module
+from pathlib import Path
+from typing import Any, Final
+
+import can
+import numpy as np
+
+from can_bridge.e2e.profiles import profile_of
+from can_bridge.logs.channels import ChannelGroup, NamedChannel
+from can_bridge.logs.mcap_file import write_mcap
+from can_bridge.logs.mdf_file import write_mdf
+from can_bridge.logs.mdf_log import asammdf_for
+from can_bridge.tools.raw_bus import frame_of
+from can_bridge.tools.signals import SignalValue, decode
+from can_bridge.wire.messages import Mode, Reason
+from contract.atomic import check_writable
+from contract.errors import BusError
+
+MEASUREMENTS: Final = (".mf4", ".mcap")
+_ENUMS: Final = {"Mode": Mode, "State": Mode, "Reason": Reason}
+WORDS: Final[Mapping[str, Mapping[int, str]]] = {
+    name: {int(one): one.name for one in kind} for name, kind in _ENUMS.items()
+}
+"""Names of the values of signals that are enumerations."""
+_IN_THE_FRAME: Final = ("Freshness", "MAC")
+"""Signals of 64 bits, more than a channel's numbers hold."""
+
+
+def check_measurement(path: Path) -> None:
+    """Check before the work whether a measurement can be written. Raises BusError for another ending, or if asammdf is
+    missing; ModuleNotFoundError for another package; StillwakeError if the file cannot be written."""
+    if path.suffix.lower() not in MEASUREMENTS:
+        raise BusError(f"{path}: a measurement must end in {' or '.join(MEASUREMENTS)}")
+    if path.suffix.lower() == ".mf4":
+        asammdf_for(path)
+    else:
+        for name in ("mcap_protobuf", "foxglove_schemas_protobuf"):
+            import_module(name)
+    check_writable(path)
+
+
+def write_measurement(
+    path: Path,
+    messages: Iterable[can.Message],
+    *,
+    more: Sequence[ChannelGroup] = (),
+    events: Iterable[tuple[str, int, Any]] = (),
+    facts: Mapping[str, str] | None = None,
+) -> Counter[str]:
+    """Write frames and channels, completely or not at all; return the numbers of our frames without channels, by name.
+
+    Raises StillwakeError as `check_measurement` does, and for times before 0 in an `.mcap`.
+
+    Args:
+        messages: in the order of their times.
+        more: channels that are not in frames.
+        events: topics, times in ns and protobuf messages, for an `.mcap` alone.
+        facts: names and values, for an `.mcap` alone.
+    """
+    check_measurement(path)
+    listed = list(messages)
+    groups, skipped = groups_of(listed)
+    if not listed and not more:
+        raise BusError(f"{path}: there is no frame to write")
+    if path.suffix.lower() == ".mf4":
+        write_mdf(path, listed, [*groups, *more])
+    else:
+        write_mcap(path, listed, [*groups, *more], events=events, facts=facts or {})
+    return skipped
+
+
+def groups_of(messages: Iterable[can.Message]) -> tuple[list[ChannelGroup], Counter[str]]:
+    """Return a group of channels for each of our messages, and the numbers of our frames that cannot be read, by name.
+    On a second channel the group's name has the channel's."""
+    rows: dict[tuple[str, str], tuple[list[float], list[tuple[SignalValue, ...]]]] = {}
+    skipped = Counter[str]()
+    for message in messages:
+        frame = frame_of(message)
+        decoded = None if frame is None else decode(frame)
+        if frame is None or decoded is None:
+            continue
+        spec = decoded.spec
+        if not decoded.signals or not profile_of(spec).check(frame.data[: spec.protected], data_id=spec.data_id):
+            skipped[f"{spec.name} with a wrong CRC, length or value"] += 1
+            continue
+        times, values = rows.setdefault((spec.name, str(message.channel or "")), ([], []))
+        times.append(message.timestamp)
+        values.append(decoded.signals)
+    first = next(iter(rows), ("", ""))[1]
+    groups = []
+    for (name, channel), (times, values) in rows.items():
+        channels = tuple(
+            NamedChannel(one.name, one.unit, np.array([row[i].value for row in values], float), WORDS.get(one.name, {}))
+            for i, one in enumerate(values[0])
+            if one.name not in _IN_THE_FRAME
+        )
+        full = name if channel == first else re.sub(r"\W+", "_", f"{name}_{channel}")
+        groups.append(ChannelGroup(name=full, times_s=np.array(times), channels=channels, comment=f"channel {channel}"))
+    return groups, skipped

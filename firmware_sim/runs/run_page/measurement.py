@@ -1,0 +1,96 @@
+"""A run as a measurement: frames and signals, the series that no frame has, events, and pictures of the wake."""
+
+import io
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, Final
+
+import matplotlib as mpl
+import numpy as np
+from PIL import Image, ImageDraw
+
+from can_bridge.logs.channels import ChannelGroup, NamedChannel
+from can_bridge.logs.log_reader import CanLog
+from can_bridge.logs.mcap_file import EVENTS_TOPIC, WAKE_TOPIC
+from can_bridge.tools.measurement import WORDS, write_measurement
+from firmware_sim.runs import run_log, wake_stills
+from firmware_sim.runs.metadata import settings_of
+from firmware_sim.runs.run_folder import RunFolder
+from firmware_sim.runs.run_log import COLUMNS, WALL, WITHOUT, RunLog
+from firmware_sim.runs.run_page.run_data import events
+from firmware_sim.runs.series_csv import COLUMN_UNITS
+from wake.pictures.drawing import FIELD_COLOURS, outline
+from wake.pictures.level_picture import TOP
+
+RUN: Final = "Run"
+"""Name of the group of a run's series."""
+_NO_UNIT: Final = {"1": "", "name": ""}
+_BODY: Final = (209, 209, 209)
+_QUALITY: Final = 90
+"""Of JPEG, the picture format that Foxglove and Rerun both show."""
+
+
+def write_run(path: Path, folder: RunFolder) -> Counter[str]:
+    """Write a measurement of a finished run; return the numbers of frames without channels, by name. Raises
+    StillwakeError if the folder does not hold a run, a file is damaged, or the measurement cannot be written."""
+    log = run_log.load(folder.series)
+    return write_measurement(
+        path,
+        CanLog(folder.frames) if folder.frames.is_file() else (),
+        more=[run_group(log)],
+        events=_dated(folder, log),
+        facts=settings_of(log.metadata) | dict(log.metadata.versions) | {"bundle": log.metadata.digest},
+    )
+
+
+def run_group(log: RunLog) -> ChannelGroup:
+    """Return the series of a run as channels, at the starts of its periods in s of the run."""
+    point = log.metadata.config.operating_point
+    channels = [
+        NamedChannel(
+            name, _NO_UNIT.get(unit := COLUMN_UNITS[name], unit), log.series[name], WORDS.get(name.title(), {})
+        )
+        for name in COLUMNS
+    ]
+    channels += [NamedChannel(name, "", log.series[name]) for name in WITHOUT if name in log.series]
+    wall = log.series.get(WALL, np.empty((0, 0)))
+    channels += [NamedChannel(f"Cp_{name}", "", cp) for name, cp in zip(log.metadata.sensors, wall.T, strict=False)]
+    return ChannelGroup(
+        name=RUN,
+        times_s=_seconds(log, np.arange(len(log.series["t"]))),
+        channels=tuple(channels),
+        comment=f"U_inf = {point.speed:g} m/s, W = {point.width:g} m, t_c = {point.convective_time:g} s",
+    )
+
+
+def _seconds(log: RunLog, period: Any) -> Any:
+    return period * log.metadata.config.period_ns / 1e9
+
+
+def _dated(folder: RunFolder, log: RunLog) -> Iterator[tuple[str, int, Any]]:
+    """Yield events and pictures, in the order of time, as Foxglove's messages."""
+    from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
+    from foxglove_schemas_protobuf.Log_pb2 import Log
+
+    period_ns = log.metadata.config.period_ns
+    found = [
+        (EVENTS_TOPIC, one.period * period_ns, Log(level=Log.INFO, message=one.text, name=one.kind))
+        for one in events(log)
+    ]
+    if folder.wake.is_file():
+        wake = wake_stills.load(folder.wake, log)
+        x_min, x_max, y_min, y_max = wake.scene.view
+        scale = np.array(wake.scene.size) / (x_max - x_min, y_max - y_min)
+        body = [tuple(point) for point in (outline(log.metadata.config.body) * (1, -1) - (x_min, -y_max)) * scale]
+        colours = np.round(255.0 * mpl.colormaps[FIELD_COLOURS](np.linspace(0.0, 1.0, 2 * TOP + 1))[:, :3])
+        for index, k in enumerate(wake.k.tolist()):
+            picture = Image.fromarray(colours.astype(np.uint8)[wake.levels(index).astype(int) + TOP])
+            ImageDraw.Draw(picture).polygon(body, fill=_BODY)
+            buffer = io.BytesIO()
+            picture.save(buffer, format="JPEG", quality=_QUALITY)
+            shown = CompressedImage(frame_id="wake", format="jpeg", data=buffer.getvalue())
+            found.append((WAKE_TOPIC, k * period_ns, shown))
+    for topic, time_ns, message in sorted(found, key=lambda one: one[1]):
+        message.timestamp.FromNanoseconds(time_ns)
+        yield topic, time_ns, message

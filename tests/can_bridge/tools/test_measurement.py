@@ -1,0 +1,167 @@
+"""Measurements of frames that cantools encoded: other programs read what it was given, value by value."""
+
+import json
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from threading import Thread
+from typing import Any
+
+import can
+import numpy as np
+import pytest
+from google.protobuf.descriptor_pb2 import FileDescriptorSet
+from google.protobuf.descriptor_pool import DescriptorPool
+from google.protobuf.message_factory import GetMessageClass
+
+from can_bridge.logs.channels import ChannelGroup, NamedChannel
+from can_bridge.logs.log_reader import CanLog
+from can_bridge.logs.mcap_file import layout_of
+from can_bridge.tools.live_log import live_log
+from can_bridge.tools.measurement import groups_of, write_measurement
+from can_bridge.wire.frame import Frame
+from contract.errors import BusError, StillwakeError
+from stillwake.console.endings import missing
+from tests.can_bridge.drives.drive_log import DBC, drive, log_of
+from tests.refused import refused
+
+small_mcap = pytest.importorskip("small_mcap")
+pytest.importorskip("asammdf")
+
+
+def read_mcap(path: Path) -> Iterator[tuple[str, str, int, Any]]:
+    """(topic, schema, time in ns, message): the container by another library, the content by the schemas in it."""
+    classes: dict[int, Any] = {}
+    with path.open("rb") as file:
+        for schema, channel, message in small_mcap.read_message(file):
+            if schema.id not in classes:
+                pool = DescriptorPool()
+                for one in FileDescriptorSet.FromString(schema.data).file:
+                    pool.Add(one)
+                classes[schema.id] = GetMessageClass(pool.FindMessageTypeByName(schema.name))
+            assert channel.message_encoding == "protobuf"
+            yield channel.topic, schema.name, message.log_time, classes[schema.id].FromString(message.data)
+
+
+def test_an_mcap_has_frames_and_what_cantools_decodes_of_them(tmp_path):
+    for kind in ("fd", "classic", "secured"):
+        sent = log_of(drive(kind, 60, 3))
+        sent.append(can.Message(timestamp=sent[-1].timestamp, arbitration_id=0x18FEF100, data=b"\1\2"))
+        assert not write_measurement(tmp_path / "a.mcap", sent)
+        read = list(read_mcap(tmp_path / "a.mcap"))
+        assert [one[2] for one in read] == sorted(one[2] for one in read)
+        frames = [(time_ns, one.id, one.data, one.extended) for topic, _, time_ns, one in read if topic == "/frames"]
+        assert frames == [
+            (round(one.timestamp * 1e9), one.arbitration_id, bytes(one.data), one.is_extended_id) for one in sent
+        ]
+        named = [one for one in read if one[0] != "/frames"]
+        assert len(named) == len(sent) - 1
+        paths = set()
+        for (topic, schema, time_ns, values), one in zip(named, sent, strict=False):
+            message = DBC.get_message_by_frame_id(one.arbitration_id)
+            assert (topic, schema, time_ns) == (
+                f"/{message.name}",
+                f"stillwake.{message.name}",
+                round(one.timestamp * 1e9),
+            )
+            raw = message.decode(bytes(one.data), decode_choices=False)
+            for signal in message.signals:
+                unit = (signal.unit or "").replace("/", "_per_")
+                field = f"{signal.name}_{unit}" if unit else signal.name
+                if signal.name not in ("Freshness", "MAC"):
+                    assert getattr(values, field) == pytest.approx(raw[signal.name], rel=1e-12), field
+                    paths.add(f"{topic}.{field}")
+            if message.name.startswith("JetCommand"):
+                word = values.DESCRIPTOR.fields_by_name["Mode"].enum_type.values_by_number[values.Mode].name
+                assert word == str(message.get_signal_by_name("Mode").choices[raw["Mode"]])
+        layout = json.loads(layout_of(tmp_path / "a.mcap").read_text())
+        drawn = {one["value"] for panel in layout["configById"].values() for one in panel.get("paths", ())}
+        ours = {path for path in drawn if path.split(".")[0] in {topic for topic, *_ in named}}
+        assert len(ours) == 6
+        assert ours <= paths
+
+
+def test_damaged_frames_are_counted_by_name_and_a_second_channel_has_its_own_group():
+    sent = log_of(drive("fd", 20, 4))
+    for one in sent[:4:2]:
+        one.data[0] ^= 1
+    for one in sent[10:]:
+        one.channel = "can7"
+    groups, skipped = groups_of(sent)
+    assert skipped == {"Pressure with a wrong CRC, length or value": 2}
+    counts = {one.name: len(one.times_s) for one in groups}
+    assert set(counts) == {"Pressure", "JetCommand", "Pressure_can7", "JetCommand_can7"}
+    assert sum(counts.values()) == len(sent) - 2
+
+
+def test_what_cannot_be_written_is_one_line_and_leaves_what_was_there(tmp_path, monkeypatch):
+    sent = log_of(drive("fd", 20, 5))
+    early = [can.Message(timestamp=-1.0, arbitration_id=1), *sent]
+    broken = ChannelGroup(name="Run", times_s=np.arange(3.0), channels=(NamedChannel("a", "", np.arange(2.0)),))
+    for name in ("a.mf4", "a.mcap"):
+        (tmp_path / name).write_text("before")
+        with pytest.raises(Exception, match=r"."):
+            write_measurement(tmp_path / name, sent, more=[broken])
+        assert (tmp_path / name).read_text() == "before"
+        with refused(BusError, "there is no frame to write"):
+            write_measurement(tmp_path / name, [])
+    with refused(BusError, r"a\.mcap: MCAP has no times before 0, and the first is -1 s"):
+        write_measurement(tmp_path / "a.mcap", early)
+    write_measurement(tmp_path / "a.mf4", early)
+    assert next(iter(CanLog(tmp_path / "a.mf4"))).timestamp == -1.0
+    with refused(BusError, r"a\.txt: a measurement must end in \.mf4 or \.mcap"):
+        write_measurement(tmp_path / "a.txt", sent)
+    for package in ("asammdf", "mcap_protobuf"):
+        monkeypatch.setitem(sys.modules, package, None)
+    with refused(BusError, r"b\.mf4: ASAM MDF needs asammdf: pip install '\.\[mdf\]'"):
+        write_measurement(tmp_path / "b.mf4", sent)
+    with pytest.raises(ModuleNotFoundError) as missed:
+        write_measurement(tmp_path / "b.mcap", sent)
+    assert "pip install '.[mcap]'" in missing(str(missed.value.name))
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.mcap", "a.mf4"]
+
+
+def test_a_live_log_has_the_frames_of_all_threads_in_the_order_of_time_also_after_an_error(tmp_path):
+    began, name = time.time(), "a.mf4"
+
+    def put(keep, frame_id):
+        for k in range(200):
+            keep(Frame(frame_id=frame_id, data=bytes([k]), is_fd=False), frame_id == 1)
+
+    for fails in (False, True):
+        try:
+            with live_log(tmp_path / name) as keep:
+                threads = [Thread(target=put, args=(keep, frame_id)) for frame_id in (1, 2)]
+                for one in threads:
+                    one.start()
+                time.sleep(0.1)
+                for one in threads:
+                    one.join()
+                if fails:
+                    raise BusError("the bus is lost")
+        except BusError as error:
+            assert fails, error
+        assert [path.name for path in tmp_path.iterdir()] == [name]
+        read = list(CanLog(tmp_path / name))
+        for frame_id in (1, 2):
+            mine = [one for one in read if one.arbitration_id == frame_id]
+            assert [one.data[0] for one in mine] == list(range(200))
+            assert {one.is_rx for one in mine} == {frame_id == 1}
+        times = [one.timestamp for one in read]
+        assert times == sorted(times)
+        assert began - 0.01 < times[0] <= times[-1] < time.time() + 0.01
+        (tmp_path / name).unlink()
+
+
+def test_a_live_log_that_cannot_be_written_says_so_at_the_end(tmp_path, monkeypatch):
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(can.CanutilsLogWriter, "on_message_received", full)
+    with (
+        refused(StillwakeError, r"a\.mf4: the log is not complete: No space left on device"),
+        live_log(tmp_path / "a.mf4") as keep,
+    ):
+        keep(Frame(frame_id=1, data=b""), True)
+    assert not list(tmp_path.iterdir())
