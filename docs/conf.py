@@ -21,6 +21,7 @@ extensions = [
     "docs.site.references",
     "docs.site.mathml",
     "docs.site.captions",
+    "docs.site.browser_ecu",
 ]
 source_suffix = {".rst": "restructuredtext", ".md": "markdown", ".markdown": "markdown"}
 # The list of documents is the greater part of the first page.

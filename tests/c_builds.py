@@ -24,6 +24,7 @@ MODULES = (
     "ecu.in_c.compiler",
     "ecu.in_c.host_library",
     "ecu.in_c.c_ecu",
+    "docs.site.browser_ecu",
     "firmware_sim.fmu.ecu_fmu",
     "firmware_sim.mcu.build",
 )

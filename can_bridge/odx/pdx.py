@@ -1,8 +1,10 @@
-"""The PDX file (ISO 22901-1): an archive of the diagnostic layer, the communication parameters and a catalogue."""
+"""The PDX file (ISO 22901-1): an archive of diagnostic layers, communication parameters, flash sequence, catalogue."""
 
 import io
+import re
 import zipfile
 from collections.abc import Iterable, Iterator, Mapping
+from importlib.metadata import version
 from importlib.resources import files
 from string import Template
 from typing import Final, NamedTuple
@@ -10,6 +12,7 @@ from xml.sax.saxutils import escape
 
 from can_bridge.flashing.access_level import Level
 from can_bridge.flashing.verdicts import Verdict
+from can_bridge.odx.flash_sequence import flash_sequence
 from can_bridge.uds.fault_codes import CODES, J2012_FORMAT, Snapshot, in_letters
 from can_bridge.uds.fault_memory import AVAILABLE, FaultReport
 from can_bridge.uds.services import (
@@ -213,14 +216,17 @@ def pdx(bus: BusConfig, because: Mapping[Reason, str]) -> bytes:
     with zipfile.ZipFile(packed, "w") as archive:
         for name, text in sorted(listed.items()):
             # Equal descriptions give equal bytes, because every file's time is the earliest that the format can state.
-            filled = Template(text).substitute(_filling(bus, because)) if name.endswith(".odx-d") else text
+            filled = Template(text).substitute(_filling(bus, because)) if name.startswith("stillwake.") else text
             archive.writestr(zipfile.ZipInfo(name), filled, zipfile.ZIP_DEFLATED)
     return packed.getvalue()
 
 
 def _filling(bus: BusConfig, because: Mapping[Reason, str]) -> dict[str, object]:
-    every, is_fd, ids = list(described()), bus.frames == "fd", bus.diagnosis
+    every, is_fd, ids, software = list(described()), bus.frames == "fd", bus.diagnosis, version("stillwake")
     return {
+        "software": escape(software),
+        "variant": re.sub(r"\W", "_", software),
+        "sequence": flash_sequence(),
         "codes": "".join(_code(reason, code, because[reason]) for reason, code in CODES.items()),
         "texts": texts("session", {one: _words(one.name) for one in Session})
         + texts("nrc", {one: _words(one.name) for one in Nrc})

@@ -22,7 +22,7 @@ from contract.model import model_folder
 from contract.release import bundle as bundles
 from contract.release.checks import Bundle
 from contract.release.container import read_files
-from contract.release.controller_image import SUFFIX
+from contract.release.record_files import FORMATS
 from contract.release.signing import public_key, read_private_key
 from contract.shipped import recording
 from stillwake.console import options as shared
@@ -59,8 +59,10 @@ Precision = Annotated[str, typer.Option(help="int8 (weights) or float32.")]
 Name = Annotated[str, typer.Option(help="Name of the release.")]
 CFolder = Annotated[Path | None, typer.Option("--c", help="Also write the C99 library into this folder.")]
 Fmu = Annotated[Path | None, typer.Option(help="Also write the ECU as an FMU, FMI 3.0; needs a C compiler.")]
-Image = Annotated[Path | None, typer.Option(help="Also write the release as an image (.swi) for an ECU in C.")]
-ForTesters = Annotated[Path | None, typer.Option(help="Also write DBC, A2L and PDX of the ECU into this folder.")]
+Image = Annotated[Path | None, typer.Option(help="Also write the release as an image (.swi, .hex, .s19).")]
+ForTesters = Annotated[
+    Path | None, typer.Option(help="Also write the ECU's DBC, A2L, PDX and rule of seed and key here.")
+]
 Estimator = Annotated[bool, typer.Option("--estimator", help="Fit a sensor estimator, too; takes minutes.")]
 Key = Annotated[Path | None, typer.Option(help="Private key file (PEM) to sign bundle and image with (`keygen`).")]
 
@@ -92,7 +94,7 @@ def export(
     The settings are the model's training settings; --set changes them, for example --set mpc.weights.lift=0.1. Nothing
     is written unless the graph, and the C library if requested, agree with the reference computation in NumPy; all
     replay the data set that the model was trained on. The folder of --c also has the whole ECU in C, with the settings
-    of the sections bus and ecu compiled in, its DBC, A2L and PDX, and a bill of materials.
+    of the sections bus and ecu compiled in, its DBC, A2L, PDX and rule of seed and key, and a bill of materials.
 
     `export --c FOLDER` alone writes that folder for the shipped bundle, `export --fmu FILE` its ECU as an FMU, and
     `export --image FILE` its image. `export --for-testers FOLDER` alone is for the shipped bundle, `export BUNDLE
@@ -147,9 +149,9 @@ class _Files:
             check_output(self.c, overwrite=overwrite, folder=True, occupant=_LIBRARY, mark=PROGRAM_SETTINGS)
         if self.for_testers is not None:
             check_output(self.for_testers, overwrite=overwrite, folder=True, mark=A2L)
-        for option, path, suffix in (("--fmu", self.fmu, ".fmu"), ("--image", self.image, SUFFIX)):
-            if path is not None and path.suffix.lower() != suffix:
-                raise OutputError(f"{option} {path}: must be a file ending in {suffix}")
+        for option, path, suffixes in (("--fmu", self.fmu, [".fmu"]), ("--image", self.image, [*FORMATS])):
+            if path is not None and path.suffix.lower() not in suffixes:
+                raise OutputError(f"{option} {path}: must be a file ending in {' or '.join(suffixes)}")
             if path is not None:
                 check_output(path, overwrite=overwrite)
 

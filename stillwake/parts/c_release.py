@@ -18,6 +18,7 @@ from contract.controller.c_folder import ECU_SETTINGS, read_sources
 from contract.controller.estimator import ESTIMATOR
 from contract.errors import LibraryError, StillwakeError
 from contract.release.checks import Bundle
+from contract.release.record_files import FORMATS
 from contract.shipped import model, recording
 from stillwake.parts.descriptions import descriptions
 from stillwake.parts.releases import open_release
@@ -106,13 +107,13 @@ def write_fmu(path: Path, library: Path, release: Bundle, config: Config) -> Non
 def write_image(
     path: Path, library: Path, release: Bundle, config: Config, key: Ed25519PrivateKey | None = None
 ) -> None:
-    """Write the release of a C library as an image, signed if there is a key; arguments and errors as for
-    `write_fmu`."""
+    """Write the release of a C library as an image, signed if there is a key, in the format of the file's name
+    (`FORMATS`); arguments and errors as for `write_fmu`."""
     from ecu.in_c.c_image import controller_image, read_packed
 
     made = controller_image(read_sources(library) | read_packed(library), release, config, key)
     with replacing(path) as temporary:
-        temporary.write_bytes(made)
+        temporary.write_bytes(FORMATS[path.suffix.lower()](made))
 
 
 @contextmanager

@@ -35,8 +35,11 @@ def pdx_of(config: Config) -> bytes:
 
 def descriptions(release: Bundle, config: Config) -> dict[str, bytes]:
     """Return all descriptions, by the names of their files."""
+    from can_bridge.odx.seed_and_key import SEED_AND_KEY, seed_and_key
+
     return {
         "stillwake.dbc": dbc_bytes(),
         A2L: a2l_of(release, config),
         "stillwake.pdx": pdx_of(config),
+        SEED_AND_KEY: seed_and_key(),
     }

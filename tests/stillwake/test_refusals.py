@@ -137,6 +137,7 @@ BEFORE_THE_WORK = {
     "export --c d --set ecu.loss_window=65": "ecu.loss_window = 65: the ECU in C takes at most 64",
     "export model b --fmu d.fmu --set ecu.deadline_window=33": "ecu.deadline_window = 33: the ECU in C",
     "export --fmu a.zip": "a.zip: must be a file ending in .fmu",
+    "export --image a.bin": "a.bin: must be a file ending in .swi or .hex or .s19",
     "export --fmu file/a.fmu": "cannot write file/a.fmu",
     "plant-fmu a.zip": "a.zip: must be a file ending in .fmu",
     "plant-fmu file/a.fmu": "cannot write file/a.fmu",

@@ -24,16 +24,6 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
     },
   };
   const GOAL = 'Weights of its cost. More on side force costs drag; more on jet effort spares the jets.';
-  const WEIGHTS = {
-    drag_mean: 'Mean drag',
-    drag_fluctuation: 'Drag swings',
-    lift: 'Side force',
-    lift_mean: 'Mean side force',
-    smoothness: 'Smooth plan',
-    effort: 'Jet effort',
-    rate: 'First step of the jets',
-    prior: 'Distance from the learned plan',
-  };
 
   stillwake.Controls = class {
     /**
@@ -127,7 +117,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       const {least, greatest, step} = this.hello.weight_slider;
       const fields = Object.keys(this.hello.weights).map((name) => {
         const field = new Slider(
-          {name, label: WEIGHTS[name] || name},
+          {name, label: stillwake.WEIGHTS[name] || name},
           {least, greatest, step, unit: ''},
           (value) => this.ask({set: {weights: {[name]: value}}}),
           stillwake.byRatio(greatest),

@@ -92,6 +92,18 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
     }
   };
 
+  /** Terms of the cost, for people. */
+  stillwake.WEIGHTS = {
+    drag_mean: 'Mean drag',
+    drag_fluctuation: 'Drag swings',
+    lift: 'Side force',
+    lift_mean: 'Mean side force',
+    smoothness: 'Smooth plan',
+    effort: 'Jet effort',
+    rate: 'First step of the jets',
+    prior: 'Distance from the learned plan',
+  };
+
   /** From 0, and then from 0.01 to the greatest by equal ratios, on a slider of 0 to 100. */
   stillwake.byRatio = (greatest) => ({
     to: (value) => (value < 0.01 ? 0 : Math.round(1 + (99 * Math.log(value / 0.01)) / Math.log(greatest / 0.01))),

@@ -19,7 +19,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
     const reason = stillwake.reasonOf(hello, now);
     const because = reason ? `: ${reason}` : '';
     const less = drag(now.reduction_percent);
-    if (!hello.answers_jets && now.state === 'CONTROL') {
+    if (!hello.answers_jets && now.state === 'CONTROL' && !now.set_aside.length) {
       const text = `Recorded pressures: the ECU plans from ${count} sensors, and the wake does not answer.`;
       return {kind: 'recording', text};
     }

@@ -1,14 +1,20 @@
 """The PDX file as another implementation reads it, and the running server asked and understood by that alone."""
 
+import hashlib
 import io
+import json
 import zipfile
+from importlib.metadata import version
 from typing import Any
 
 import pytest
+from cryptography.hazmat.primitives.ciphers.algorithms import AES
+from cryptography.hazmat.primitives.cmac import CMAC
 
 from can_bridge.flashing.access_level import Level
 from can_bridge.flashing.verdicts import Verdict
 from can_bridge.odx.pdx import pdx
+from can_bridge.odx.seed_and_key import seed_and_key
 from can_bridge.uds.fault_codes import CODES, in_letters
 from can_bridge.uds.server import UdsServer
 from can_bridge.uds.services import Did, Nrc, Routine, Session
@@ -17,11 +23,16 @@ from contract.config.controller import CostWeights
 from contract.config.diagnosis import DiagnosisConfig
 from contract.config.vehicle import BusConfig
 from contract.controller.calibration import CALIBRATION_NAMES, Calibration
+from contract.release.record_files import intel_hex, s_records
 from firmware_sim.runs.reasons import BECAUSE
+from tests.can_bridge.flashing.releases import image, name_of
+from tests.can_bridge.flashing.store_ecu import SECRET
 from tests.can_bridge.uds.scripted_ecu import Bench
+from tests.can_bridge.uds.test_ecu_services import Client
 from tests.can_bridge.uds.test_faults import SNAPSHOT, Memory
 
 odxtools = pytest.importorskip("odxtools")
+variantmatcher = pytest.importorskip("odxtools.variantmatcher")
 
 VALUES = Calibration(weights=CostWeights(), action_limit=0.0625, command_step=0.03125, delay_steps=3)
 BY_NAME = dict(zip(CALIBRATION_NAMES, VALUES.values, strict=True))
@@ -43,11 +54,15 @@ ARGUMENTS: dict[str, dict[str, Any]] = {
 """Arguments of services that carry more than their constants."""
 
 
-def layer_of(bus: BusConfig) -> Any:
+def database_of(bus: BusConfig) -> Any:
     database = odxtools.database.Database(use_weakrefs=False)
     database.add_pdx_file(io.BytesIO(pdx(bus, BECAUSE)))
     database.refresh()
-    return database.base_variants.stillwake_ecu
+    return database
+
+
+def layer_of(bus: BusConfig) -> Any:
+    return database_of(bus).base_variants.stillwake_ecu
 
 
 @pytest.fixture(scope="module")
@@ -164,3 +179,87 @@ def test_it_has_all_that_the_tables_have_and_the_bus(layer):
     with zipfile.ZipFile(io.BytesIO(pdx(BusConfig(), BECAUSE))) as archive:
         catalogue = archive.read("index.xml").decode()
         assert all(f">{name}<" in catalogue for name in archive.namelist() if name != "index.xml")
+
+
+@pytest.mark.filterwarnings("ignore:Coded constant parameter does not match")
+def test_the_software_version_decides_the_ecu_variant(bench, monkeypatch):
+    database = database_of(BusConfig())
+    # In its strict mode the matcher takes an answer with another version for a malformed refusal.
+    monkeypatch.setattr("odxtools.exceptions.strict_mode", False)
+    for software, is_known in ((version("stillwake"), True), ("another", False)):
+        bench.ecu.values[Did.SOFTWARE_VERSION] = software.encode()
+        matcher = variantmatcher.VariantMatcher(list(database.ecu_variants), use_cache=False)
+        for _, request in matcher.request_loop():
+            matcher.evaluate(bench.ask(request))
+        assert matcher.has_match() == is_known
+    (variant,) = database.ecu_variants
+    assert len(variant.services) == len(database.base_variants.stillwake_ecu.services)
+
+
+@pytest.mark.parametrize("written", [intel_hex, s_records])
+def test_a_tester_that_reads_nothing_but_these_files_flashes_a_release(written):
+    """The flash sequence and its services from the PDX file, the image by another reader, keys by the JSON."""
+    bincopy = pytest.importorskip("bincopy")
+    file, database = bincopy.BinFile(), database_of(BusConfig())
+    file.add(written(image("new")).decode())
+    content, client = bytes(file.as_binary()), Client()
+    assert file.minimum_address == 0
+    assert content == image("new")
+    (flash,) = database.flashs
+    (connector,) = flash.ecu_mem_connectors
+    (sequence, listed) = connector.session_descs[0].sdgs
+    assert connector.layers[0] is database.ecu_variants[0]
+    (data,) = connector.ecu_mem.mem.flashdatas
+    assert (data.dataformat.selection.value, data.datafile.latebound_datafile) == ("INTEL-HEX", True)
+    values: dict[str, Any] = {"LENGTH": len(content), "SHA256": hashlib.sha256(content).digest()}
+    services, block = connector.layers[0].services, 0
+
+    def asked(name: str, arguments: dict[str, Any]) -> dict[str, Any]:
+        service = services[name]
+        answer = client.ask(service.encode_request(**arguments))
+        assert answer[0] != 0x7F, (name, answer.hex())
+        return dict(service.decode_message(answer).param_dict)
+
+    for step in sequence.values:
+        name, *rest = [one.value for one in step.values]
+        words = {one.semantic_info: one.value for one in step.values[1:]}
+        assert {word for word in rest if word.isupper()} <= {one.semantic_info for one in listed.values}
+        if name == "transfer":
+            for number, at in enumerate(range(values["OFFSET"], len(content), block), start=1):
+                asked(name, {"counter": number % 256, "data": content[at : at + block]})
+            continue
+        answer = asked(name, {key: values[word] if word.isupper() else int(word) for key, word in words.items()})
+        if name == "seed_programming":
+            values["KEY"] = key_by_json(bytes(answer["seed"]), "programming")
+        elif name == "routine_erase":
+            values |= {"OFFSET": answer["offset"], "REST": len(content) - answer["offset"]}
+        elif name == "download":
+            block = answer["block"] - 2
+        elif name == "routine_check":
+            assert answer["verdict"] == Verdict.GOOD.in_words
+        elif name == "reset_hard":
+            client.ecu.power_on()
+    assert name_of(client.ecu.boot) == "new"
+    assert client.ecu.routines[-2:] == [Routine.SELF_TEST, Routine.CONFIRM]
+
+
+def key_by_json(seed: bytes, level: str, secret: bytes = SECRET) -> bytes:
+    """By what the description says, and another implementation of AES-CMAC."""
+    described = json.loads(seed_and_key())
+    (number,) = (one["level"] for one in described["levels"] if one["name"] == level)
+    label = bytes.fromhex(described["label_hex"]) + bytes([number])
+    assert len(seed) == described["seed_bytes"]
+    return cmac(cmac(secret, label), seed)
+
+
+def test_known_answers_of_seed_and_key_are_those_of_another_implementation():
+    for one in json.loads(seed_and_key())["levels"]:
+        known = {name: bytes.fromhex(text) for name, text in one["known_answer"].items()}
+        assert key_by_json(known["seed"], one["name"], known["access_key"]) == known["key"]
+        assert one["request_seed"] == f"27 {Level[one['name'].upper()]:02X}"
+
+
+def cmac(key: bytes, text: bytes) -> bytes:
+    made = CMAC(AES(key))
+    made.update(text)
+    return made.finalize()

@@ -18,6 +18,7 @@ from contract.errors import ExportError, StillwakeError
 from contract.release import bundle as bundles
 from contract.release.checks import dbc_bytes
 from contract.release.controller_image import read
+from contract.release.record_files import intel_hex
 from contract.shipped import BUNDLE
 from firmware_sim.mcu.build import compile_board
 from firmware_sim.mcu.elf import read_elf
@@ -56,6 +57,8 @@ def test_the_library_of_the_shipped_bundle_is_of_its_program(cli, tmp_path, monk
         assert stated.group(1) == wanted
     for name in ("c/sw_ecu_settings.h", "c/board/sw_board.ld", "c/loader/sw_uds_settings.h", "ecu.fmu"):
         assert (tmp_path / name).is_file(), name
+    c_release.write_image(tmp_path / "release.hex", tmp_path / "c", release, load_config())
+    assert (tmp_path / "release.hex").read_bytes() == intel_hex((tmp_path / "release.swi").read_bytes())
     assert cli("export", "--for-testers", tmp_path / "own").code == 0
     for ending, own in (
         ("dbc", dbc_bytes()),
