@@ -8,6 +8,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
+from tempfile import mkdtemp
 from typing import Any, Final
 
 import cffi
@@ -114,10 +115,12 @@ class Pair:
             assert text.count(change[0]) == 1, change
             text = text.replace(*change)
         kept |= {SOURCE: text.encode(), STEP: Path(__file__).with_name("c").joinpath(STEP).read_bytes()}
-        compile_c(kept, folder / "fail_safe.so", compiler=host_compiler(), flags=(*library.SHARED, "-w"))
+        # A path that was loaded before would give the library that was there.
+        path = Path(mkdtemp(dir=folder), "fail_safe.so")
+        compile_c(kept, path, compiler=host_compiler(), flags=(*library.SHARED, "-w"))
         self._ffi = cffi.FFI()
         self._ffi.cdef("void fail_safe_step(const uint64_t *, const uint8_t *, int, uint64_t *);")
-        self._c = self._ffi.dlopen(str(folder / "fail_safe.so"))
+        self._c = self._ffi.dlopen(str(path))
         self._after = self._ffi.new("uint64_t[6]")
         self.config, self._is_alone = config, change is not None
 

@@ -15,7 +15,7 @@ _COMPILED: Final = (
 SECTOR: Final = 960
 """Bytes of a sector: an image, or a key list and two states, so that every second state changes the sector."""
 _FLAGS: Final = (
-    "-O2",
+    "-O1",
     "-w",
     "-ffunction-sections",
     "-Wl,--gc-sections",
