@@ -18,6 +18,7 @@ def tables(results: Path) -> dict[str, str]:
         "ecu_c": twin(results / "ecu_c.json"),
         "proofs": proofs(read(results / "proofs.json")),
         "proofs_sabotage": sabotage(read(results / "proofs.json")),
+        "models": models(read(results / "models.json")),
         "ecu_loop": loops(read(results / "ecu_loop.json")),
     }
 
@@ -67,6 +68,29 @@ def sabotage(found: Any) -> str:
     verdicts = {"failed": "found", "proved": "not found", "open": "open"}
     rows = [(one["what"], one["file"], one["item"], verdicts[one["state"]]) for one in found["figures"]["sabotaged"]]
     return table(("changed line", "source", "item", ""), rows)
+
+
+def models(found: Any) -> str:
+    """Return the table of the explorations of fail-safe and flashing."""
+    of = found["figures"]
+    fail_safe, flashing = of["fail_safe"], of["flashing"]
+    rows = [
+        ("states, none of which is forbidden", fail_safe["states"], flashing["states"]),
+        ("steps", fail_safe["steps"], flashing["transitions"]),
+        ("of them cut off by a loss of power", None, flashing["cuts"]),
+        ("of these in the recovery from another one", None, flashing["second_cuts"]),
+        ("power-ons that were judged", None, flashing["boots"]),
+        ("states from which control starts, or a release is flashed", fail_safe["started"], flashing["recoveries"]),
+        ("sabotaged lines that are found", *(_found(of["sabotaged"], part) for part in ("fail_safe", "flashing"))),
+    ]
+    return f"""{table(("", "fail-safe", "flashing"), rows)}
+
+Explored on {found["date"]} to the end: no step leads to another state."""
+
+
+def _found(sabotaged: list[dict[str, str]], part: str) -> str:
+    verdicts = [bool(one["found"]) for one in sabotaged if one["part"] == part]
+    return f"{sum(verdicts)} of {len(verdicts)}"
 
 
 def loops(found: Any) -> str:

@@ -3,21 +3,32 @@
 A tester leads both into a state: sessions, locked and unlocked, wrong keys and the time after them, a transfer at each
 of its stages, a release refused, activated, on trial, given up, the jets running, the memory failing. Then it asks for
 what there is and is not, mostly for what leaves the state as it is.
+
+    python -m tests.proofs.loader_in_c.node_states --json results/uds_states.json
 """
 
 import hashlib
+import tempfile
 from collections import Counter
 from collections.abc import Callable, Mapping
+from functools import partial
+from pathlib import Path
 from random import Random
-from typing import Any, Final
+from typing import Annotated, Any, Final
+
+import typer
 
 from can_bridge.flashing.access_level import Level
 from can_bridge.flashing.state import SlotPhase
 from can_bridge.uds.services import Did, Routine, Service
+from contract.errors import StillwakeError
+from tests.proofs import command_line
+from tests.proofs.command_line import JsonFile, Processes, Seed, in_parts, report
+from tests.proofs.loader_in_c.node_library import GEOMETRY, Library, build, sources
 from tests.proofs.loader_in_c.node_plans import Plan, each, story
 from tests.proofs.loader_in_c.node_program import Program
 from tests.proofs.loader_in_c.node_requests import any_noise, flashing, routine, unlocking
-from tests.proofs.loader_in_c.node_twin import MS, Twins, World, as_in_c
+from tests.proofs.loader_in_c.node_twin import CONFIGS, MS, OTHERS, Twins, World, as_in_c, world
 
 REQUESTS: Final = 2_000
 """Of one vehicle."""
@@ -185,7 +196,49 @@ class Prober(Program):
 
 
 def visited(of: World, seed: str, requests: int) -> tuple[Twins, Counter[tuple[str, int]]]:
-    """Both ECUs after so many requests, and which came in which state."""
+    """Both ECUs after so many requests, those that lead into states among them; which others came in which state."""
     with as_in_c(of):
         prober = Prober(of, seed)
         return prober.visit(requests), prober.met
+
+
+def _asked(
+    kind: str, library: Path, seed: int, part: range
+) -> tuple[list[str], Counter[tuple[str, int]], Counter[str]]:
+    """What differed, which requests came in which state, and how often answers of each kind came."""
+    of = world(kind, Library(sources((CONFIGS | OTHERS)[kind]), library))
+    twins, met = visited(of, f"{seed} {part.start}", len(part))
+    return [f"{kind} {seed} {part.start}: {text}" for text in twins.differences], met, twins.seen
+
+
+def main(
+    json_file: JsonFile = None,
+    seed: Seed = 0,
+    processes: Processes = 2,
+    requests: Annotated[int, typer.Option(help="Requests to both ECUs, shared among the builds.", min=4)] = 1_000_000,
+) -> None:
+    """Ask both ECUs in every state; then print what differed, which must be nothing."""
+    differences, met, seen = list[str](), Counter[tuple[str, int]](), Counter[str]()
+    kinds = CONFIGS | OTHERS
+    with tempfile.TemporaryDirectory() as name:
+        for kind, config in kinds.items():
+            folder = Path(name, kind.replace(" ", "_"))
+            library = build(sources(config), folder, "node.so", ("-O1", *GEOMETRY))
+            work = partial(_asked, kind, library, seed)
+            for found, in_states, answers in in_parts(work, requests // len(kinds), REQUESTS, processes, kind):
+                differences += found
+                met += in_states
+                seen += answers
+    figures = {
+        "requests": requests // len(kinds) * len(kinds), "in_states": met.total(),
+        "builds": len(kinds), "mismatches": len(differences),
+        "states": len({state for state, _ in met}), "services_in_states": len(met), "kinds_of_answers": len(seen),
+        "first_differences": differences[:10],
+    }  # fmt: skip
+    report(json_file, "requests in all states", figures, packages=("stillwake",), seed=seed, kinds=list(kinds))
+    if differences:
+        raise StillwakeError(f"{len(differences)} differ: {differences[0]}")
+
+
+if __name__ == "__main__":
+    command_line.main(main)

@@ -9,7 +9,7 @@ import struct
 import zlib
 from collections.abc import Sequence
 from random import Random
-from typing import Final
+from typing import Any, Final
 
 from can_bridge.flashing.backing import MAX_RECORD, RecordKind
 from can_bridge.flashing.remembered import MAX_CALIBRATION
@@ -44,14 +44,14 @@ def _slot(rng: Random, own: str) -> bytes:
     length = 0 if is_empty else len(whole)
     received = rng.choice((0, 64, 100, length)) if is_filling else length
     is_known = not is_filling and not is_empty and (phase != SlotPhase.BAD or rng.random() < 0.5)
-    fields = {
+    fields: dict[str, Any] = {
         "phase": int(phase), "boots": rng.randrange(4) if phase == SlotPhase.TRIAL else 0, "length": length,
         "received": received, "version": rng.choice((1, 2)) if is_known else 0,
         "sha256": bytes(32) if is_empty else hashlib.sha256(whole).digest(),
         "digest": digest if is_known else bytes(32), "signer": signer if is_known else bytes(32),
         "name": name.encode() if is_known else b"",
     }  # fmt: skip
-    drawn = {
+    drawn: dict[str, tuple[Any, ...]] = {
         "phase": (0, 1, 2, 3, 4, 5, 6, 255), "boots": _COUNTS, "version": _VERSIONS, "name": _NAMES,
         "length": (0, 1, length + 1, received, SLOT_BYTES, SLOT_BYTES + 1, 2**31, 2**32 - 1),
         "received": (0, 1, max(length - 1, 0), length, length + 1, 2**32 - 1),

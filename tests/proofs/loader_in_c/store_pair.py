@@ -292,8 +292,8 @@ class Pair:
                 raise MismatchError("mismatches", f"{kind.name} after a cut is none that may be: {raw.hex()}")
             if raw:
                 self.flash.kept[kind] = raw
-        raw = self.flash.kept.get(RecordKind.STATE)
-        self._take_content(state.StoreState() if raw is None else state.decode(raw))
+        kept = self.flash.kept.get(RecordKind.STATE)
+        self._take_content(state.StoreState() if kept is None else state.decode(kept))
 
     def _take_content(self, found: state.StoreState) -> None:
         """Give the Python store the bytes of both slots."""
