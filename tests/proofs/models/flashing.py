@@ -8,7 +8,6 @@ from typing import Final
 from ecu.c.sources import loader_sources
 from ecu.in_c.compiler import compile_c, host_compiler
 
-PROGRAM: Final = "store_states.c"
 _COMPILED: Final = (
     "sw_hashes.c", "sw_records.c", "sw_release.c", "sw_store.c", "sw_store_judge.c", "sw_store_kept.c",
 )  # fmt: skip
@@ -33,7 +32,7 @@ class FoundError(AssertionError):
 def sources() -> dict[str, bytes]:
     """The store's files, and the program; signatures are the program's."""
     found = {name: raw for name, raw in loader_sources().items() if name.endswith(".h") or name in _COMPILED}
-    return found | {PROGRAM: Path(__file__).with_name("c").joinpath(PROGRAM).read_bytes()}
+    return found | {path.name: path.read_bytes() for path in Path(__file__).with_name("c").glob("store_*")}
 
 
 def explored(folder: Path, most: int = ENDLESS, contents: Mapping[str, bytes] | None = None) -> dict[str, int]:
