@@ -75,17 +75,17 @@ def models(found: Any) -> str:
     of = found["figures"]
     fail_safe, flashing = of["fail_safe"], of["flashing"]
     rows = [
-        ("states, none of which is forbidden", fail_safe["states"], flashing["states"]),
+        ("states", fail_safe["states"], flashing["states"]),
         ("steps", fail_safe["steps"], flashing["transitions"]),
-        ("of them cut off by a loss of power", None, flashing["cuts"]),
-        ("of these in the recovery from another one", None, flashing["second_cuts"]),
-        ("power-ons that were judged", None, flashing["boots"]),
-        ("states from which control starts, or a release is flashed", fail_safe["started"], flashing["recoveries"]),
-        ("sabotaged lines that are found", *(_found(of["sabotaged"], part) for part in ("fail_safe", "flashing"))),
+        ("cuts of the supply", None, flashing["cuts"]),
+        ("of them in a recovery", None, flashing["second_cuts"]),
+        ("power-ons", None, flashing["boots"]),
+        ("states from which all goes on", fail_safe["started"], flashing["recoveries"]),
+        ("sabotages found", *(_found(of["sabotaged"], part) for part in ("fail_safe", "flashing"))),
     ]
     return f"""{table(("", "fail-safe", "flashing"), rows)}
 
-Explored on {found["date"]} to the end: no step leads to another state."""
+Explored to the end on {found["date"]}."""
 
 
 def _found(sabotaged: list[dict[str, str]], part: str) -> str:

@@ -122,7 +122,7 @@ def exercise(library: Library) -> None:
     worn(library)
     for rare in RARE:
         rare(Pair(library))
-    forged(Pair(library), "branches", 2 * CALLS)
+    forged(Pair(library), "branches", 3 * CALLS)
     logs(library, "branches", CALLS)
     verdicts_on_vectors(library)
     for one in (*GOOD.values(), *WRONG.values()):
