@@ -145,13 +145,13 @@ class Prober(Program):
         self.met = Counter[tuple[str, int]]()
         self._own = Random(f"{seed} probes")
 
-    def visit(self, requests: int) -> Twins:
-        """So many requests, from one state to the next."""
+    def visit(self, requests: int, stay: int) -> Twins:
+        """So many requests, from one state to the next after `stay` of them."""
         rng = self._own
         while self.requests < requests and not self.twins.differences:
             self.twins.fail(0)
             self.follow(rng.choice(list(LEADS.values()))(rng, self._of), 2**30)
-            for _ in range(min(_VISIT, requests - self.requests)):
+            for _ in range(min(stay, requests - self.requests)):
                 is_from_parts = rng.random() < 0.6
                 self._probe(_grid(rng) if is_from_parts else any_noise(rng, self.sent[-20:], self._seed) or b"\0")
                 if rng.random() < 0.01:
@@ -195,11 +195,11 @@ class Prober(Program):
         return ", ".join(str(part) for part in parts if part)
 
 
-def visited(of: World, seed: str, requests: int) -> tuple[Twins, Counter[tuple[str, int]]]:
+def visited(of: World, seed: str, requests: int, stay: int = _VISIT) -> tuple[Twins, Counter[tuple[str, int]]]:
     """Both ECUs after so many requests, those that lead into states among them; which others came in which state."""
     with as_in_c(of):
         prober = Prober(of, seed)
-        return prober.visit(requests), prober.met
+        return prober.visit(requests, stay), prober.met
 
 
 def _asked(

@@ -71,8 +71,8 @@ def test_both_send_the_same_frames_at_the_same_times(of: World, seeds: int) -> N
 
 
 def test_in_every_state_both_answer_alike(of: World) -> None:
-    twins, met = visited(of, "quick", 400)
-    assert twins.differences == [] and len({state for state, _ in met}) > 8 and len(met) > 80
+    twins, met = visited(of, "quick", 400, 8)
+    assert twins.differences == [] and len({state for state, _ in met}) > 6 and len(met) > 60
 
 
 class Listened:
