@@ -24,6 +24,7 @@ def tables(results: Path) -> dict[str, str]:
     return {
         "flash_proof": proof(found),
         "flash_c": in_c(read(results / "flash_c.json")),
+        "uds_states": in_states(read(results / "uds_states.json")),
         "flash_pieces": pieces(read(results / "flash_pieces.json")),
         "flash_times": times(read(results / "flash_times.json")),
     }
@@ -70,6 +71,20 @@ def in_c(found: dict[str, Any]) -> str:
         rows.append(("branches of the store that are taken", taken))
     cut = f"The supply was cut in {found['facts']['eighths']} of 8 operations of the flash memory."
     return f"{table(('', 'figure'), rows)}\n\n{cut}"
+
+
+def in_states(found: dict[str, Any]) -> str:
+    """Return the table of the requests to both ECUs in all states of diagnosis."""
+    of = found["figures"]
+    texts = {
+        "requests": "requests to both ECUs",
+        "states": "states of diagnosis in which they came",
+        "services_in_states": "pairs of a state and a service",
+        "kinds_of_answers": "kinds of answers",
+        "mismatches": "differences",
+    }
+    rows = [(text, of[name]) for name, text in texts.items()]
+    return f"{table(('', 'figure'), rows)}\n\nMeasured on {found['date']} in {of['builds']} builds."
 
 
 def pieces(found: dict[str, Any]) -> str:

@@ -18,6 +18,7 @@ def tables(results: Path) -> dict[str, str]:
         "ecu_c": twin(results / "ecu_c.json"),
         "proofs": proofs(read(results / "proofs.json")),
         "proofs_sabotage": sabotage(read(results / "proofs.json")),
+        "models": models(read(results / "models.json")),
         "ecu_loop": loops(read(results / "ecu_loop.json")),
     }
 
@@ -67,6 +68,29 @@ def sabotage(found: Any) -> str:
     verdicts = {"failed": "found", "proved": "not found", "open": "open"}
     rows = [(one["what"], one["file"], one["item"], verdicts[one["state"]]) for one in found["figures"]["sabotaged"]]
     return table(("changed line", "source", "item", ""), rows)
+
+
+def models(found: Any) -> str:
+    """Return the table of the explorations of fail-safe and flashing."""
+    of = found["figures"]
+    fail_safe, flashing = of["fail_safe"], of["flashing"]
+    rows = [
+        ("states", fail_safe["states"], flashing["states"]),
+        ("steps", fail_safe["steps"], flashing["transitions"]),
+        ("cuts of the supply", None, flashing["cuts"]),
+        ("of them in a recovery", None, flashing["second_cuts"]),
+        ("power-ons", None, flashing["boots"]),
+        ("states from which all goes on", fail_safe["started"], flashing["recoveries"]),
+        ("sabotages found", *(_found(of["sabotaged"], part) for part in ("fail_safe", "flashing"))),
+    ]
+    return f"""{table(("", "fail-safe", "flashing"), rows)}
+
+Explored to the end on {found["date"]}."""
+
+
+def _found(sabotaged: list[dict[str, str]], part: str) -> str:
+    verdicts = [bool(one["found"]) for one in sabotaged if one["part"] == part]
+    return f"{sum(verdicts)} of {len(verdicts)}"
 
 
 def loops(found: Any) -> str:

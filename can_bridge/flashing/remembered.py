@@ -31,7 +31,7 @@ class Remembered:
         self._fits = fits
         self._check = check
         records = backing.records()
-        self.state = _state(records.get(RecordKind.STATE, b""))
+        self.state = _state(records.get(RecordKind.STATE, b""), backing.capacity)
         self.keys = _key_list(records.get(RecordKind.KEYS, b""), root)
         self._calibrations = _calibrations(records.get(RecordKind.CALIBRATION, b""))
         self.faults = records.get(RecordKind.FAULTS, b"")
@@ -112,11 +112,12 @@ class Remembered:
             self.keep(replace(self.state, failed_attempts=attempts))
 
 
-def _state(record: bytes) -> StoreState:
+def _state(record: bytes, capacity: int) -> StoreState:
     try:
-        return state.decode(record)
+        found = state.decode(record)
     except ValueError:
         return StoreState()
+    return found if all(slot.length <= capacity for slot in found.slots) else StoreState()
 
 
 def _key_list(record: bytes, root: PublicKey) -> KeyList | None:
@@ -144,27 +145,25 @@ def encode_calibrations(kept: Mapping[str, bytes]) -> bytes:
     """Return the record of calibrations by digest; raises ValueError for a calibration that is too long."""
     parts = [_HEAD.pack(_MAGIC, len(kept))]
     for digest, blob in sorted(kept.items()):
-        if len(blob) > MAX_CALIBRATION:
-            raise ValueError(f"calibration of {digest[:8]}: {len(blob)} bytes, must be at most {MAX_CALIBRATION}")
+        if not 1 <= len(blob) <= MAX_CALIBRATION:
+            raise ValueError(f"calibration of {digest[:8]}: {len(blob)} bytes, must be 1 to {MAX_CALIBRATION}")
         parts.append(_ENTRY.pack(bytes.fromhex(digest), len(blob)) + blob)
     return b"".join(parts)
 
 
 def decode_calibrations(raw: bytes) -> dict[str, bytes]:
-    """Return the calibrations by digest; raises ValueError if the record is damaged."""
+    """Return the calibrations by digest; raises ValueError for a record that is damaged or that no store writes."""
     kept = {}
     try:
-        magic, count = _HEAD.unpack_from(raw)
+        _, count = _HEAD.unpack_from(raw)
         at = _HEAD.size
         for _ in range(count):
             digest, length = _ENTRY.unpack_from(raw, at)
             at += _ENTRY.size
-            if length > MAX_CALIBRATION:
-                raise ValueError(f"calibration of {length} bytes: must have at most {MAX_CALIBRATION}")
             kept[digest.hex()] = raw[at : at + length]
             at += length
     except struct.error as error:
         raise ValueError(f"calibrations: {len(raw)} bytes, of which the last are missing") from error
-    if magic != _MAGIC or at != len(raw):
-        raise ValueError(f"calibrations: {len(raw)} bytes, {at} used, must begin with {_MAGIC.decode()}")
+    if encode_calibrations(kept) != raw:
+        raise ValueError(f"calibrations: {len(raw)} bytes, which no store writes; must begin with {_MAGIC.decode()}")
     return kept

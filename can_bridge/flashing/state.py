@@ -20,7 +20,7 @@ from typing import Any, Final
 from can_bridge.flashing.access_level import Level
 from can_bridge.flashing.backing import Slot
 from contract.printable import is_name
-from contract.release.manifest import FIRST_SECURITY_VERSION, LARGEST_SECURITY_VERSION
+from contract.release.manifest import FIRST_SECURITY_VERSION
 
 TRIAL_BOOTS: Final = 3
 """Number of boots of an activated image without confirmation before the store returns to the confirmed image."""
@@ -80,7 +80,9 @@ class SlotState:
         return self.phase in _TRANSFERRED and (self.length, self.sha256) == (length, sha256)
 
 
-_TRANSFERRED: Final = frozenset({SlotPhase.FILLING, SlotPhase.CHECKED, SlotPhase.TRIAL, SlotPhase.CONFIRMED})
+_KNOWN: Final = frozenset({SlotPhase.CHECKED, SlotPhase.TRIAL, SlotPhase.CONFIRMED})
+"""Phases of an image that passed its checks."""
+_TRANSFERRED: Final = _KNOWN | {SlotPhase.FILLING}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -172,6 +174,8 @@ def decode(raw: bytes) -> StoreState:
         raise ValueError(f"state: slot {state.active.name} is active and not confirmed")
     if first.phase == second.phase and first.phase in (SlotPhase.CHECKED, SlotPhase.TRIAL):
         raise ValueError(f"state: both slots are {first.phase.name}")
+    if encode(state) != raw:
+        raise ValueError("state: has bytes that no store writes")
     return state
 
 
@@ -182,11 +186,6 @@ def _slot(body: bytes, at: int) -> tuple[SlotState, int]:
     if at + size > len(body):
         raise ValueError("state: ends within a name")
     name = body[at : at + size].decode()
-    is_known = phase in (SlotPhase.CHECKED, SlotPhase.TRIAL, SlotPhase.CONFIRMED)
-    if received > length or boots_left > TRIAL_BOOTS or security_version > LARGEST_SECURITY_VERSION:
-        raise ValueError(f"state: {received} of {length} bytes, {boots_left} boots left: out of range")
-    if is_known and (received != length or not is_name(name)):
-        raise ValueError(f"state: a slot is {SlotPhase(phase).name} with {received} of {length} bytes, named {name!r}")
     slot = SlotState(
         phase=SlotPhase(phase),
         length=length,
@@ -198,4 +197,20 @@ def _slot(body: bytes, at: int) -> tuple[SlotState, int]:
         signer=signer if name else b"",
         boots_left=boots_left,
     )
+    if problem := _problem(slot):
+        raise ValueError(f"state: a slot is {slot.phase.name} with {problem}")
     return slot, at + size
+
+
+def _problem(slot: SlotState) -> str:
+    """Return the values that no store writes in this phase, in words; "" if there are none."""
+    if slot.phase == SlotPhase.EMPTY:
+        return "" if slot == SlotState() else "an image"
+    is_filling, is_known = slot.phase == SlotPhase.FILLING, slot.phase in _KNOWN
+    if not (slot.received <= slot.length if is_filling else slot.received == slot.length) or not slot.length:
+        return f"{slot.received} of {slot.length} bytes"
+    if slot.boots_left > (TRIAL_BOOTS if slot.phase == SlotPhase.TRIAL else 0):
+        return f"{slot.boots_left} boots left"
+    if (slot.name and (is_filling or not is_name(slot.name))) or (is_known and not slot.name):
+        return f"the name {slot.name!r}"
+    return f"security version {slot.security_version}, and no name" if slot.security_version and not slot.name else ""

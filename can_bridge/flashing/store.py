@@ -277,7 +277,7 @@ class Store:
 
         Raises:
             OutOfOrderError: no release runs.
-            ConfigError: the calibration is too long.
+            ConfigError: the calibration is empty or too long.
             MediumError: it cannot be stored.
         """
         if self._running is None:

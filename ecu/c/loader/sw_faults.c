@@ -63,11 +63,12 @@ static void begin_cycle(sw_fault *fault)
     uint32_t status = fault->status;
     if ((status & (FAILED_THIS_CYCLE | NOT_COMPLETED_THIS_CYCLE)) == 0u) {
         status &= ~PENDING;
-        fault->age = (status & CONFIRMED) != 0u ? (uint8_t)(fault->age + 1u) : 0u;
-        if (fault->age >= SW_AGED_CYCLES) {
-            const uint32_t kept = status & ~CONFIRMED;
+        const uint32_t age = (status & CONFIRMED) != 0u ? fault->age + 1u : 0u;
+        if (age >= SW_AGED_CYCLES) {
+            status &= ~CONFIRMED;
             untested(fault);
-            status = kept;
+        } else {
+            fault->age = (uint8_t)age;
         }
     }
     fault->status = (uint8_t)((status & ~(TEST_FAILED | FAILED_THIS_CYCLE)) | NOT_COMPLETED_THIS_CYCLE);

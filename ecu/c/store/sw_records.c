@@ -125,6 +125,9 @@ static void scan(sw_records *records)
     }
 }
 
+/* Returns whether a sequence is the later one of two; it begins again at 0 after the largest. */
+static int is_later(uint32_t one, uint32_t other) { return one != other && one - other <= UINT32_MAX / 2u; }
+
 void sw_records_open(sw_records *records, const sw_flash *flash)
 {
     records->flash = flash;
@@ -141,7 +144,7 @@ void sw_records_open(sw_records *records, const sw_flash *flash)
     for (uint32_t sector = 0; sector < SW_RECORD_SECTORS; sector++) {
         uint32_t sequence = 0;
         if (is_valid(records, sector, &sequence)
-            && (records->sector == SW_RECORD_SECTORS || sequence > records->sequence)) {
+            && (records->sector == SW_RECORD_SECTORS || is_later(sequence, records->sequence))) {
             records->sector = sector;
             records->sequence = sequence;
         }

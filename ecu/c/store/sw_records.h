@@ -42,7 +42,7 @@ typedef struct {
     uint8_t is_erasing;                /* an erasure of any sector is running: nothing else is allowed */
     uint8_t other;                     /* sw_records_other */
     uint32_t sector;                   /* the valid sector; SW_RECORD_SECTORS: none */
-    uint32_t sequence;                 /* sequence of that sector: the greater one is newer */
+    uint32_t sequence;                 /* sequence of that sector: the later one is newer */
     uint32_t end;                      /* word after the last written one */
     uint32_t words[SW_RECORD_KINDS];   /* first word of the newest record of each kind; 0: none */
     uint32_t lengths[SW_RECORD_KINDS]; /* lengths of these records, in bytes */

@@ -105,8 +105,7 @@ static int all_zero(const uint8_t *data, uint32_t length)
     return found == 0u;
 }
 
-/* Returns the length of a name of printable ASCII, padded with zeros; 0 if it is invalid. */
-static uint32_t name_length(const uint8_t *field)
+uint32_t sw_name_length(const uint8_t field[SW_NAME_BYTES])
 {
     uint32_t length = 0;
     while (length < SW_NAME_BYTES && field[length] != 0u) {
@@ -128,8 +127,8 @@ static int content_is_in_order(const uint8_t *header, const uint8_t *payload_sha
 {
     return sw_bytes_equal(&header[PAYLOAD], payload_sha256, SHA256) && all_zero(&header[RESERVED], SIGNER - RESERVED)
            && (header[HARDWARE] == 0u ? all_zero(&header[HARDWARE], SW_NAME_BYTES)
-                                      : name_length(&header[HARDWARE]) > 0u)
-           && name_length(&header[NAME]) > 0u;
+                                      : sw_name_length(&header[HARDWARE]) > 0u)
+           && sw_name_length(&header[NAME]) > 0u;
 }
 
 static sw_verdict fit_verdict(const uint8_t *header, const sw_rules *rules, uint32_t least_security_version)
@@ -164,7 +163,7 @@ void sw_release_read(const uint8_t header[SW_HEADER_BYTES], sw_release_facts *fa
 {
     facts->security_version = little_u32(&header[SECURITY_VERSION]);
     sw_bytes_copy(facts->digest, &header[DIGEST], SHA256);
-    facts->name_length = (uint8_t)name_length(&header[NAME]);
+    facts->name_length = (uint8_t)sw_name_length(&header[NAME]);
     sw_bytes_copy(facts->name, &header[NAME], SW_NAME_BYTES);
     sw_bytes_copy(facts->signer, &header[SIGNER], 32);
 }

@@ -66,6 +66,9 @@ typedef struct {
 sw_verdict sw_release_judge(const uint8_t header[SW_HEADER_BYTES], uint32_t length, const uint8_t payload_sha256[32],
                             const uint8_t *keys, const sw_rules *rules, uint32_t least_security_version);
 
+/* Returns the length of a name of printable ASCII, padded with zeros; 0 if it is invalid. */
+uint32_t sw_name_length(const uint8_t field[SW_NAME_BYTES]);
+
 /* Reads a header with the verdict GOOD. */
 void sw_release_read(const uint8_t header[SW_HEADER_BYTES], sw_release_facts *facts);
 

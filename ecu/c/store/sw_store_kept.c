@@ -59,7 +59,38 @@ static uint32_t encoded(const sw_store_state *state, uint8_t *data)
     return at + 2u * SW_FLASH_WORD;
 }
 
-/* Reads a record that this store wrote, as its CRC shows. Returns 0 for a record of another version. */
+/* Returns whether a slot has values that a store writes in this phase. */
+static int is_sound_slot(const sw_slot_state *slot)
+{
+    const uint32_t phase = slot->phase;
+    const uint32_t most_boots = phase == SW_PHASE_TRIAL ? SW_TRIAL_BOOTS : 0u;
+    const int is_filling = phase == SW_PHASE_FILLING;
+    const int is_named = slot->facts.name_length > 0u;
+    sw_slot_state nameless; /* the same slot if its image is unknown */
+    sw_state_empty_slot(&nameless);
+    if (phase != SW_PHASE_EMPTY) {
+        if (phase > SW_PHASE_BAD || slot->length == 0u || slot->length > SW_SLOT_BYTES) return 0;
+        if (is_filling ? slot->received > slot->length : slot->received != slot->length) return 0;
+        nameless.phase = slot->phase;
+        nameless.length = slot->length;
+        nameless.received = slot->received;
+        sw_bytes_copy(nameless.sha256, slot->sha256, 32);
+    }
+    if (!is_named) return (phase <= SW_PHASE_FILLING || phase == SW_PHASE_BAD) && sw_state_slots_equal(slot, &nameless);
+    return phase > SW_PHASE_FILLING && slot->boots_left <= most_boots
+           && sw_name_length(slot->facts.name) == slot->facts.name_length;
+}
+
+static int is_sound(const sw_store_state *state)
+{
+    const uint8_t first = state->slots[0].phase;
+    if (!is_sound_slot(&state->slots[0]) || !is_sound_slot(&state->slots[1])) return 0;
+    if (first == state->slots[1].phase && (first == SW_PHASE_CHECKED || first == SW_PHASE_TRIAL)) return 0;
+    if (state->least_security_version == 0u) return 0;
+    return state->active == SW_NO_SLOT || (state->active < 2u && state->slots[state->active].phase == SW_PHASE_CONFIRMED);
+}
+
+/* Reads a record. Returns 0 for one that no store writes: a state that is believed decides on what boots. */
 static int decoded(const uint8_t *data, uint32_t length, sw_store_state *state)
 {
     uint32_t at = MAGIC;
@@ -74,19 +105,21 @@ static int decoded(const uint8_t *data, uint32_t length, sw_store_state *state)
         sw_bytes_copy(slot->sha256, &data[at + 14u], 32);
         sw_bytes_copy(slot->facts.digest, &data[at + 46u], 32);
         sw_bytes_copy(slot->facts.signer, &data[at + 78u], 32);
-        const uint32_t name = data[at + 111u];
+        const uint32_t name = sw_number(&data[at + 110u], 2);
         at += SLOT;
-        if (name > SW_NAME_BYTES || slot->length > SW_SLOT_BYTES || slot->received > slot->length) return 0;
+        if (name > SW_NAME_BYTES) return 0;
         slot->facts.name_length = (uint8_t)name;
         sw_bytes_copy(slot->facts.name, &data[at], name);
         at += name;
     }
-    state->active = data[at] < 2u ? data[at] : (uint8_t)SW_NO_SLOT;
+    state->active = data[at];
     state->least_security_version = sw_big_u32(&data[at + 1u]);
     sw_bytes_copy(state->attempts, &data[at + 5u], 2);
-    at += REST + CRC;
+    at += REST;
+    if (sw_big_u32(&data[at]) != sw_crc32(0, data, at)) return 0;
+    at += CRC;
     for (uint32_t i = 0; i < 2u; i++) sw_bytes_copy(state->tail[i], &data[at + i * SW_FLASH_WORD], SW_FLASH_WORD);
-    return length == at + 2u * SW_FLASH_WORD;
+    return length == at + 2u * SW_FLASH_WORD && is_sound(state);
 }
 
 void sw_state_open(sw_store *store)
@@ -195,26 +228,36 @@ sw_store_result sw_store_take_keys(sw_store *store, const uint8_t *data, uint32_
     return SW_STORE_DONE;
 }
 
-/* Finds a release's calibration: its place in the record, and its length; 0: none. */
+static int is_before(const uint8_t one[DIGEST], const uint8_t other[DIGEST])
+{
+    uint32_t i = 0;
+    while (i < DIGEST - 1u && one[i] == other[i]) i++;
+    return one[i] < other[i];
+}
+
+/* Finds a release's calibration: its place in the record, and its length; 0: none, or no store writes such a record. */
 static uint32_t found(const sw_store *store, const uint8_t digest[DIGEST], uint32_t *place)
 {
-    uint8_t data[ENTRY];
-    const uint32_t end = sw_records_length(&store->records, SW_RECORD_CALIBRATION);
+    uint8_t data[ENTRY], before[DIGEST];
+    uint32_t at = HEAD, own = 0;
     if (sw_records_read(&store->records, SW_RECORD_CALIBRATION, 0, data, HEAD) != 0
         || !sw_bytes_equal(data, calibrations_magic, MAGIC)) {
         return 0;
     }
-    for (uint32_t at = HEAD; at < end;) {
+    const uint32_t count = data[MAGIC];
+    for (uint32_t i = 0; i < count; i++) {
         if (sw_records_read(&store->records, SW_RECORD_CALIBRATION, at, data, ENTRY) != 0) return 0;
-        const uint32_t length = ((uint32_t)data[DIGEST] << 8) | data[DIGEST + 1u];
+        const uint32_t length = sw_number(&data[DIGEST], 2);
+        if (length == 0u || length > SW_MAX_CALIBRATION || (i > 0u && !is_before(before, data))) return 0;
         at += ENTRY;
         if (sw_bytes_equal(data, digest, DIGEST)) {
             *place = at;
-            return length <= SW_MAX_CALIBRATION ? length : 0u;
+            own = length;
         }
         at += length;
+        sw_bytes_copy(before, data, DIGEST);
     }
-    return 0;
+    return at == sw_records_length(&store->records, SW_RECORD_CALIBRATION) ? own : 0u;
 }
 
 /* Finds a calibration like `found`; returns 0 also if it cannot be read. */
@@ -243,13 +286,6 @@ static void fill_head(uint8_t head[ENTRY], const uint8_t digest[DIGEST], uint32_
     sw_bytes_copy(head, digest, DIGEST);
     head[DIGEST] = (uint8_t)(length >> 8);
     head[DIGEST + 1u] = (uint8_t)length;
-}
-
-static int is_before(const uint8_t one[DIGEST], const uint8_t other[DIGEST])
-{
-    uint32_t i = 0;
-    while (i < DIGEST - 1u && one[i] == other[i]) i++;
-    return one[i] < other[i];
 }
 
 /* The record has the calibrations of the stored releases, by their digests. */

@@ -225,7 +225,9 @@ def test_what_is_no_record_is_refused():
     raw = remembered.encode_calibrations({"ab" * 32: b"one", "cd" * 32: b"two"})
     assert raw == b"SWC1\2" + b"\xab" * 32 + b"\0\3one" + b"\xcd" * 32 + b"\0\3two"
     cut = (raw[:length] for length in range(len(raw)))
+    one, two = raw[5:42], raw[42:]
+    odd = (raw[:5] + two + one, raw[:5] + one + one, b"SWC1\1" + one[:32] + bytes(2))
     too_long = b"SWC1\1" + raw[5:37] + b"\4\1" + bytes(1025)
-    for wrong in (*cut, raw + b"\0", b"SWC2" + raw[4:], b"SWC1\3" + raw[5:], too_long):
+    for wrong in (*cut, raw + b"\0", b"SWC2" + raw[4:], b"SWC1\3" + raw[5:], too_long, *odd):
         with pytest.raises(ValueError):  # whatever is wrong with it, nothing was kept
             remembered.decode_calibrations(wrong)

@@ -19,6 +19,8 @@ from can_bridge.flashing.backing import at_once
 from can_bridge.flashing.checking import Rules, fits_as, judge_image
 from can_bridge.flashing.store import Store
 from can_bridge.flashing.verdicts import Verdict
+from can_bridge.secoc.node import Authentication
+from can_bridge.secoc.securing import Freshness, secure
 from can_bridge.uds.services import Nrc, Refused
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import message_set
@@ -39,6 +41,7 @@ from tests.can_bridge.flashing.releases import HARDWARE, RELEASE, ROOT, SECOND, 
 from tests.can_bridge.flashing.store_ecu import KEY, SECRET, Counted
 from tests.ecu.conftest import RecordingController
 from tests.proofs.ecu.hostile_world import small_bundle
+from tests.proofs.ecu_in_c.variants import KEY as BUS_KEY
 from tests.proofs.loader_in_c.node_library import SLOT_BYTES, WANTS_RESET, Host, Library
 from tests.proofs.loader_in_c.store_library import opens
 
@@ -50,6 +53,11 @@ CONFIGS: Final = {
     "fd": Config(ecu=UNCHECKED),
     "classic": Config(ecu=UNCHECKED, bus=BusConfig(frames="classic", diagnosis=IDS)),
 }
+OTHERS: Final = {
+    "authenticated": Config(ecu=UNCHECKED, bus=BusConfig(key="bus.key")),
+    "without XCP": Config(ecu=UNCHECKED, bus=BusConfig(diagnosis=DiagnosisConfig(xcp=False))),
+}
+"""Vehicles whose builds differ: requests in all states are asked of them as well."""
 LAYOUT: Final = hashlib.sha256(b"layout").digest()
 TEXTS: Final = (HARDWARE, "0815", "bench")
 MS: Final = 1_000_000
@@ -89,8 +97,8 @@ class World(NamedTuple):
 
 
 def world(kind: str, library: Library) -> World:
-    """Images of all kinds for a vehicle of `CONFIGS`."""
-    config = CONFIGS[kind]
+    """Images of all kinds for a vehicle of `CONFIGS` or `OTHERS`."""
+    config = (CONFIGS | OTHERS)[kind]
     bundle = small_bundle(config)
 
     def image(
@@ -208,7 +216,10 @@ class Twins:
             software=TEXTS[2],
             controller_of=lambda bundle: _Controller(self),
         )
-        self.backing, self.python = backing, FlashableEcu(backing, of.config, equipment)
+        self._authentication = Authentication(key=BUS_KEY) if of.config.bus.key else None
+        self._freshness = Freshness(trip=1)
+        self.backing = backing
+        self.python = FlashableEcu(backing, of.config, equipment, authentication=self._authentication)
         _living[:], self.fails, seeds = [self], 0, Counted()
         self._waits_for_control, self.reset_ns = False, 0
         self._pressures = E2eSender(message_set(of.config.bus).pressure.spec)
@@ -268,7 +279,10 @@ class Twins:
 
     def _pressure(self, enable: bool) -> Frame:
         message = Pressure(pressure_pa=(30.0, 60.0, 90.0, 10.0), valid=(True,) * 4, enable_request=enable, age_ns=0)
-        return self._pressures.frame(message_set(self._config.bus).pressure.emit(message), now_ns=self.now_ns)
+        of = message_set(self._config.bus).pressure
+        frame, freshness = self._pressures.frame(of.emit(message), now_ns=self.now_ns), self._freshness
+        self._freshness = freshness.next()
+        return frame if self._authentication is None else secure(frame, of.spec, BUS_KEY, freshness)
 
 
 def _provisioned(of: World, image: bytes) -> PlainBacking:

@@ -2,8 +2,9 @@
 
     python -m tests.proofs.loader_in_c --json results/flash_c.json
 
-Storage: the supply cut at every operation of the flash memory, altered images, calls at random. Diagnosis:
-testers drive both ECUs, whose frames must be the same at the same times; then hostile requests while sanitisers watch.
+Storage: the supply cut at every operation of the flash memory, altered images, forged records, calls at random.
+Diagnosis: testers drive both ECUs, whose frames must be the same at the same times; then hostile requests while
+sanitisers watch.
 """
 
 import tempfile
@@ -35,13 +36,14 @@ def main(
     fuzz_requests: Annotated[int, typer.Option(help="Hostile requests under sanitisers.", min=1)] = 1_000_000,
     images: Annotated[int, typer.Option(help="Images that are altered.", min=1)] = 50_000,
     calls: Annotated[int, typer.Option(help="Calls of the store, at random.", min=1)] = 20_000,
+    records: Annotated[int, typer.Option(help="Forged records, and as many logs of records.", min=1)] = 10_000,
     seconds: Annotated[int, typer.Option(help="Second cuts in the recovery from each first one.", min=0)] = 2,
     eighths: Annotated[int, typer.Option(help="Of all operations, in which the supply is cut.", min=1, max=8)] = 8,
     faults: Annotated[bool, typer.Option(help="Plant faults in the store, and count its branches, too.")] = True,
 ) -> None:
     """Compare, cut and fuzz; then print what was lost or differed, which must be nothing."""
-    sizes_of: dict[str, Any] = {"images": images, "calls": calls, "seconds": seconds, "eighths": eighths}
-    sizes_of |= {"faults": faults}
+    sizes_of: dict[str, Any] = {"images": images, "calls": calls, "records": records, "seconds": seconds}
+    sizes_of |= {"eighths": eighths, "faults": faults}
     storage = storage_figures(seed=seed, processes=processes, **sizes_of)
     differences, compared = list[str](), 0
     with tempfile.TemporaryDirectory() as name:

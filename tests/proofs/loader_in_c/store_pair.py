@@ -136,9 +136,11 @@ class Pair:
         """Records before the call under way."""
         self._power_on()
 
-    def boot(self) -> None:
-        """Off, on, and boot."""
+    def boot(self, *, is_foreign: bool = False) -> None:
+        """Off, on, and boot, perhaps from what this pair did not write."""
         self._power_on()
+        if is_foreign:
+            self._take_content(self.store.state)
         self._boot("boot")
 
     def call(self, name: str, *arguments: Any, is_abandoned: bool = False) -> tuple[int, Any]:
@@ -212,17 +214,19 @@ class Pair:
         self.flash.kept[RecordKind.FAULTS] = self.store.records.faults = bytes(length)
         return False
 
-    def plant(self, kind: RecordKind, record: bytes) -> None:
-        """Boot from a record that no store writes."""
-        raw = record + bytes(2 * WORD) if kind == RecordKind.STATE else record
+    def plant(self, kind: RecordKind, record: bytes, tails: bytes = bytes(2 * WORD)) -> None:
+        """Boot from a record that no store writes; that of the state ends with the slots' last words, which C has."""
+        raw = record + tails if kind == RecordKind.STATE else record
         assert self._c.sw_records_keep(self._kept, kind, raw, len(raw)) == 0
         self.flash.kept[kind] = record
-        self.boot()
+        self.boot(is_foreign=True)
 
-    def plant_word(self, word: bytes) -> None:
-        """Boot with this at the end of the first sector."""
-        self._memory[SECTOR - WORD : SECTOR] = word.ljust(WORD, b"\0")
-        self.boot()
+    def plant_log(self, sectors: bytes, unreadable: bytes, newest: dict[RecordKind, bytes]) -> None:
+        """Boot with these sectors of records, of which these are the newest."""
+        self._memory[: len(sectors)], self._unreadable[: len(unreadable)] = sectors, unreadable
+        newest = {kind: raw[: -2 * WORD] if kind == RecordKind.STATE else raw for kind, raw in newest.items()}
+        self.flash.kept = {kind: raw for kind, raw in newest.items() if raw}
+        self.boot(is_foreign=True)
 
     def go_beyond(self) -> None:
         """What no Python caller can give is refused, and changes nothing."""
@@ -288,13 +292,17 @@ class Pair:
                 raise MismatchError("mismatches", f"{kind.name} after a cut is none that may be: {raw.hex()}")
             if raw:
                 self.flash.kept[kind] = raw
+        kept = self.flash.kept.get(RecordKind.STATE)
+        self._take_content(state.StoreState() if kept is None else state.decode(kept))
+
+    def _take_content(self, found: state.StoreState) -> None:
+        """Give the Python store the bytes of both slots."""
         for slot, content in self.flash.content.items():
+            standing = found.slots[slot]
             content[:] = self._memory[_place(slot, 0) : _place(slot, SLOT_BYTES)]
-            if RecordKind.STATE in self.flash.kept:
-                standing = state.decode(self.flash.kept[RecordKind.STATE]).slots[slot]
-                behind = standing.received % WORD if standing.received < standing.length else 0
-                tail = self._ffi.buffer(self._c.twin_tail(self._twin, slot), WORD)
-                content[standing.received - behind : standing.received] = tail[:behind]
+            behind = standing.received % WORD if standing.received < standing.length else 0
+            tail = self._ffi.buffer(self._c.twin_tail(self._twin, slot), WORD)
+            content[standing.received - behind : standing.received] = tail[:behind]
 
     def _python(self, name: str, arguments: tuple[Any, ...], is_abandoned: bool) -> tuple[int, Any]:
         if name == "keep_calibration":

@@ -16,6 +16,7 @@ from tests.proofs.command_line import in_parts
 from tests.proofs.ecu_in_c.branch_coverage import branches, is_possible
 from tests.proofs.ecu_in_c.planted import Planted
 from tests.proofs.loader_in_c import node_library
+from tests.proofs.loader_in_c.store_forged import forged, logs
 from tests.proofs.loader_in_c.store_fuzz import SANITISED, fuzz
 from tests.proofs.loader_in_c.store_library import GEOMETRY, GOOD, LONG, MEASURED, WRONG, Library, built, sources
 from tests.proofs.loader_in_c.store_pair import DONE, FIRST_RECORD, Pair
@@ -36,7 +37,7 @@ PLANTED: Final = tuple(
 
 
 def is_found(item: Planted, folder: Path) -> bool:
-    """By calls at random, by care for records, or by cuts."""
+    """By calls at random, by care for records, by forged records, or by cuts."""
     # A fault may look odd to the compiler.
     flags = ("-O1", "-shared", "-fPIC", "-w")
     library = Library(built(folder / f"planted_{PLANTED.index(item)}.so", item.into(sources()), flags))
@@ -44,16 +45,20 @@ def is_found(item: Planted, folder: Path) -> bool:
         for seed in range(6):
             any_calls(Pair(library), str(seed), 150)
         cared(Pair(library))
+        forged(Pair(library), "planted", 400)
+        logs(library, "planted", 100)
         return bool(Cuts(library, 0, every=5).findings)
     except AssertionError:
         return True
 
 
 def storage_figures(
-    *, seed: int, processes: int, images: int, calls: int, seconds: int, eighths: int = 8, faults: bool = True
-) -> dict[str, Any]:
-    """All figures: of altered `images`, of `calls` at random, of a supply cut in `eighths` of the flash memory's
-    operations and `seconds` times in the recovery from each; with `faults`, of planted ones and of branches, too."""
+    *, seed: int, processes: int, images: int, calls: int, records: int, seconds: int, eighths: int = 8,
+    faults: bool = True,
+) -> dict[str, Any]:  # fmt: skip
+    """All figures: of altered `images`, of `calls` at random, of forged `records` and as many logs, of a supply cut in
+    `eighths` of the flash memory's operations and `seconds` times in the recovery from each; with `faults`, of planted
+    ones and of branches, too."""
     cuts, findings, verdicts, different = Counter[str](), list[str](), Counter[str](), list[str]()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -62,12 +67,15 @@ def storage_figures(
             cuts.update(counts)
             findings += found
         called = sum(in_parts(partial(_called, store, seed), calls, CALLS, processes, "calls"))
+        tried = list(in_parts(partial(_forged, store, seed), records, CALLS, processes, "records"))
         for counts, found in in_parts(partial(_judged, program, seed), images, _IMAGES, processes, "images"):
             verdicts.update(counts)
             different += found
         planted = track(PLANTED if faults else (), "planted", "faults")
         figures: dict[str, Any] = {
-            **cuts, "first_findings": findings[:10], "calls": called, "images": images,
+            **cuts, "first_findings": findings[:10], "calls": called,
+            "forged_records": sum(one for one, _ in tried), "forged_that_run": sum(one for _, one in tried),
+            "forged_logs": sum(one for one, _ in tried), "images": images,
             "image_verdicts": dict(verdicts), "image_mismatches": len(different),
             "planted": len(PLANTED) if faults else 0,
             "planted_missed": [one.what for one in planted if not is_found(one, folder)],
@@ -114,6 +122,8 @@ def exercise(library: Library) -> None:
     worn(library)
     for rare in RARE:
         rare(Pair(library))
+    forged(Pair(library), "branches", 3 * CALLS)
+    logs(library, "branches", CALLS)
     verdicts_on_vectors(library)
     for one in (*GOOD.values(), *WRONG.values()):
         for listed in LISTS:
@@ -152,6 +162,13 @@ def _cuts(store: Path, seed: int, seconds: int, part: range) -> tuple[Counter[st
 def _called(store: Path, seed: int, part: range) -> int:
     any_calls(Pair(Library(store)), f"{seed} {part.start}", len(part))
     return len(part)
+
+
+def _forged(store: Path, seed: int, part: range) -> tuple[int, int]:
+    library = Library(store)
+    found = forged(Pair(library), f"{seed} {part.start}", len(part))
+    logs(library, f"{seed} {part.start}", len(part))
+    return found
 
 
 def _judged(program: Path, seed: int, part: range) -> tuple[Counter[str], list[str]]:

@@ -1,8 +1,6 @@
 """What happens to both stores: random calls, and the ways in which an ECU is used, cut anywhere."""
 
 import hashlib
-import struct
-import zlib
 from collections import Counter
 from collections.abc import Callable
 from random import Random
@@ -167,23 +165,10 @@ STORIES: Final[tuple[Callable[[Pair], None], ...]] = (updated, given_up, refused
 # What they, and the random calls, rarely come to.
 
 
-def forged(pair: Pair) -> None:
-    """Records whose frame is right and whose content no store writes count as never kept."""
+def beyond(pair: Pair) -> None:
+    """Arguments that no Python caller can give; then key lists that count as never kept."""
     provision(pair)
     pair.go_beyond()
-    for kind, length in ((0, 9), (5, 9), (1, 8193), (1, 99)):
-        pair.plant_word(struct.pack(">BBH", 0xA5, kind, length))
-    good, digest = pair.flash.kept[RecordKind.STATE], hashlib.sha256(b"one").digest()
-    much = struct.pack(">II", 2**31, 2**31 + 1)
-    for begin, value, end in (
-        (0, b"X", 1), (6, much, 14), (6, bytes(4), 10), (115, b"\xff", 116), (200, bytes(300), 200), (200, b"", 220),
-    ):  # fmt: skip
-        body = good[:begin] + value + good[end:-4]
-        pair.plant(RecordKind.STATE, body + struct.pack(">I", zlib.crc32(body)))
-        assert pair.store.running is None
-    pair.plant(RecordKind.STATE, good)
-    for cut in (b"", b"2\0", b"1\1" + digest, b"1\1" + digest + b"\0\1", b"1\1" + digest + b"\4\1" + bytes(1025)):
-        pair.plant(RecordKind.CALIBRATION, b"SWC" + cut)
     for listed in (LISTS[5], LISTS[8]):
         pair.plant(RecordKind.KEYS, listed)
         assert pair.store.running is None
@@ -277,7 +262,7 @@ def cared(pair: Pair) -> None:
     assert not pair.refuses(300)
 
 
-RARE: Final = (forged, tried, cared)
+RARE: Final = (beyond, tried, cared)
 
 
 def recovered(pair: Pair) -> None:

@@ -25,7 +25,8 @@ REPORTS = (
     b"\x19\x04" + LOST + b"\x01",
 )
 PLANTED = (
-    ("fault->age >= SW_AGED_CYCLES", "fault->age > SW_AGED_CYCLES"),
+    ("age >= SW_AGED_CYCLES", "age > SW_AGED_CYCLES"),
+    ("const uint32_t age =", "const uint8_t age = (uint8_t)"),
     ("fault->age = 0;\n}\n\nstatic void begin", "}\n\nstatic void begin"),
     ("status &= ~PENDING;", ""),
     ("(fault->status & FAILED_THIS_CYCLE) == 0u", "1"),
@@ -149,8 +150,11 @@ def live(of: Any, library: Library) -> None:
         course.next_cycle()
         course.reports()
     kept = course.twins.backing.memory.records[RecordKind.FAULTS]
-    odd = b"SWF1" + (bytes([0x00, 7, 2]) + bytes(range(SNAPSHOT_BYTES))) * len(CODES)
-    for damaged in (odd + crc32(odd).to_bytes(4, "big"), kept[:-1] + b"\x00", b"SWF2" + kept[4:], kept[:-1], kept):
+    ages = (7, 38, 39, 40, 254, 255)
+    rows = [bytes([(0x00, 0x08, 0xFF)[at % 3], ages[at % len(ages)], at % 4]) for at in range(2 * len(CODES))]
+    odd = [b"SWF1" + b"".join(row + bytes(range(SNAPSHOT_BYTES)) for row in rows[at::2]) for at in range(2)]
+    forged = [one + crc32(one).to_bytes(4, "big") for one in odd]
+    for damaged in (*forged, kept[:-1] + b"\x00", b"SWF2" + kept[4:], kept[:-1], kept):
         course.twins.backing.keep(RecordKind.FAULTS, damaged)
         assert library.c.host_keep_faults(course.twins.c._room, damaged, len(damaged)) == 0
         course.next_cycle()

@@ -28,6 +28,7 @@ from tests.proofs.loader_in_c.node_planted import PLANTED, noticed
 from tests.proofs.loader_in_c.node_program import play, play_confirmations
 from tests.proofs.loader_in_c.node_sizes import sizes
 from tests.proofs.loader_in_c.node_slow import beside_jets, erased_beside, with_few_places
+from tests.proofs.loader_in_c.node_states import visited
 from tests.proofs.loader_in_c.node_twin import CONFIGS, MS, Twins, World, as_in_c, world
 
 pytestmark = pytest.mark.compiler
@@ -67,6 +68,11 @@ def test_both_send_the_same_frames_at_the_same_times(of: World, seeds: int) -> N
         assert played.differences == [], seed
         seen += played.seen
     assert {"50", "51", "62", "67", "71", "74"} <= seen.keys() and seen.total() > 30 * seeds
+
+
+def test_in_every_state_both_answer_alike(of: World) -> None:
+    twins, met = visited(of, "quick", 400, 8)
+    assert twins.differences == [] and len({state for state, _ in met}) > 6 and len(met) > 60
 
 
 class Listened:

@@ -10,6 +10,7 @@ from contract.release.signing import public_key
 from tests.can_bridge.flashing.releases import ROOT
 from tests.proofs.ecu_in_c.branch_coverage import is_possible
 from tests.proofs.loader_in_c import store_proof
+from tests.proofs.loader_in_c.store_forged import forged, logs
 from tests.proofs.loader_in_c.store_fuzz import SANITISED, fuzz
 from tests.proofs.loader_in_c.store_library import Library, built
 from tests.proofs.loader_in_c.store_pair import Pair
@@ -59,6 +60,12 @@ def test_key_lists_are_judged_as_in_python(library):
         assert library.c.twin_keys_version(listed, len(listed), public_key(ROOT).raw) == version
 
 
+def test_a_forged_record_is_judged_alike_and_the_newest_of_a_log_is_found(library):
+    records, run = forged(Pair(library), "quick", 80)
+    assert 0 < run < records / 4
+    assert 0 < logs(library, "quick", 40) < 20
+
+
 @pytest.mark.slow  # compiles with sanitisers
 def test_altered_images_have_the_same_verdict_and_no_undefined_behaviour(tmp_path):
     counts, different = fuzz(built(tmp_path / "fuzz", flags=SANITISED), 1, 2_000)
@@ -93,7 +100,9 @@ def test_every_branch_is_taken_or_named(tmp_path):
 
 @pytest.mark.proofs
 def test_the_whole_proof(tmp_path):
-    figures = store_proof.storage_figures(seed=1, processes=2, images=1_000_000, calls=20_000, seconds=2)
+    figures = store_proof.storage_figures(
+        seed=1, processes=2, images=1_000_000, calls=20_000, records=10_000, seconds=2
+    )
     wrong = ("bricked", "confirmed_lost", "unsigned", "mismatches", "image_mismatches")
     assert {name: figures[name] for name in wrong} == dict.fromkeys(wrong, 0)
     assert figures["planted_missed"] == figures.get("branches_missed", []) == []

@@ -18,6 +18,7 @@ typedef struct {
     uint32_t writes; /* erasures and words programmed */
     uint32_t worst;  /* of them in one call of the service */
     uint32_t slow, looks; /* at an erasure until it has ended: of each, and of the one at work */
+    uint8_t has_begun; /* with authentication: was powered on before */
     int room; /* frames that diagnosis may send in a call */
     int fails;       /* 1: the flash memory takes nothing; 2: random bytes are zeros; 3: there are none; 4..6: plans are too great */
     uint8_t message[SW_ISOTP_MOST + 1];

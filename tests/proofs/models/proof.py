@@ -1,0 +1,73 @@
+"""The fail-safe and flashing, explored state by state: the code itself, with every input, and every cut of the supply.
+
+    python -m tests.proofs.models --json results/models.json
+
+An exploration ends when no new state appears, and what it says holds for any number of steps. A sabotage is a line of
+the exported C that is changed in a copy: the exploration must find it.
+"""
+
+import tomllib
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, Final
+
+from benchmarks.common.command_line import track
+from contract.errors import StillwakeError
+from tests.proofs.command_line import JsonFile, report
+from tests.proofs.ecu_in_c.planted import Planted
+from tests.proofs.models import fail_safe, flashing
+
+SABOTAGE: Final = tomllib.loads(Path(__file__).with_name("sabotage.toml").read_text(encoding="utf-8"))
+_FEW: Final = 1_500
+"""States in which a sabotage of flashing has to be found."""
+
+
+class ModelError(StillwakeError):
+    """A sabotage is not found."""
+
+
+def found_in_fail_safe(one: dict[str, str], folder: Path) -> str:
+    """What the exploration of the fail-safe says to a changed line; "" if it finds nothing."""
+    for config in fail_safe.SETTINGS.values():
+        try:
+            fail_safe.explored(fail_safe.Pair(config, folder, (one["old"], one["new"])))
+        except fail_safe.ViolationError as error:
+            return str(error).partition(", after")[0]
+    return ""
+
+
+def found_in_flashing(one: dict[str, str], folder: Path) -> str:
+    """What the exploration of flashing says to a changed line; "" if it finds nothing."""
+    try:
+        flashing.explored(folder, _FEW, Planted(variant="", **one).into(flashing.sources()))
+    except flashing.FoundError as error:
+        return str(error).splitlines()[-1].partition(": ")[2]
+    return ""
+
+
+def main(json_file: JsonFile = None) -> None:
+    """Explore both, then each sabotage. Fails at the first state that is not allowed, and says how it is reached."""
+    finders = {"fail_safe": found_in_fail_safe, "flashing": found_in_flashing}
+    parts = dict[str, dict[str, Any]]()
+    with TemporaryDirectory() as name:
+        folder = Path(name)
+        of_settings = [
+            fail_safe.explored(fail_safe.Pair(config, folder))
+            for config in track(fail_safe.SETTINGS.values(), "fail-safe", "settings")
+        ]
+        parts["fail_safe"] = {key: sum(one[key] for one in of_settings) for key in of_settings[0]}
+        parts["flashing"] = flashing.explored(folder)
+        sabotaged = [
+            {"part": part, "what": one["what"], "found": finders[part](one, folder)}
+            for part in finders
+            for one in track(SABOTAGE[part], part, "sabotages")
+        ]
+    found = sum(bool(one["found"]) for one in sabotaged)
+    figures = {**parts, "sabotage": len(sabotaged), "sabotage_found": found, "sabotaged": sabotaged}
+    settings = {name: fail_safe.lengths(config) for name, config in fail_safe.SETTINGS.items()}
+    report(
+        json_file, "models", figures, packages=("stillwake",), shown=("fail_safe", "flashing", "sabotage_found"),
+        settings=settings, sector_bytes=flashing.SECTOR,
+    )  # fmt: skip
+    if missed := [one["what"] for one in sabotaged if not one["found"]]:
+        raise ModelError(f"{missed[0]}: the sabotage is not found")
