@@ -6,7 +6,7 @@ from xml.etree import ElementTree
 
 from contract.config.tree import Config
 from contract.release.checks import Bundle
-from firmware_sim.fmu.ecu_variables import CONTINUOUS, ENUMERATIONS, IDENTIFIER, UNITS, Variable
+from firmware_sim.fmu.ecu_variables import CONTINUOUS, ENUMERATIONS, IDENTIFIER, SI_UNITS, Variable
 from firmware_sim.fmu.kinds import FmuKind
 
 TERMINAL: Final = "CanChannel"
@@ -39,7 +39,7 @@ def model_description(
     can += ["hasEventMode"] if kind.bus else []
     _add(root, "CoSimulation", dict.fromkeys(can, "true"), modelIdentifier=IDENTIFIER, fixedInternalStepSize=period)
     units = _add(root, "UnitDefinitions")
-    for unit, exponents in UNITS.items():
+    for unit, exponents in SI_UNITS.items():
         _add(_add(units, "Unit", name=unit), "BaseUnit", dict(exponents))
     types = _add(root, "TypeDefinitions")
     for title, values in ENUMERATIONS.items():
@@ -78,7 +78,7 @@ def model_description(
 
 def _list_terminal(listed: ElementTree.Element, first: int, kind: FmuKind) -> dict[str, str]:
     """Add the terminal's clocks and binaries; returns their value references, which follow those of the table."""
-    names = ("Rx_Clock", "Rx_Data", "Tx_Clock", "Tx_Data")  # as in ecu/c/fmu/bus/sw_fmu_bus.c
+    names = ("Rx_Clock", "Rx_Data", "Tx_Clock", "Tx_Data")  # as in ecu/c/fmu/bus/sw_fmu_events.c
     references = {name: str(first + i) for i, name in enumerate(names)}
 
     def added(tag: str, name: str, causality: str, **more: str) -> ElementTree.Element:

@@ -19,22 +19,22 @@ from contract.release.checks import Bundle
 from ecu.in_c.compiler import compile_c, host_compiler, zig_compiler
 from firmware_sim.fmu.descriptions import as_fmi2, bus_files, model_description, xml_bytes
 from firmware_sim.fmu.ecu_variables import IDENTIFIER, ecu_variables, wrapper_settings
-from firmware_sim.fmu.kinds import SIGNALS, FmuKind
+from firmware_sim.fmu.kinds import WITH_SIGNALS, FmuKind
 
 PLATFORM: Final = f"{platform.machine()}-{sys.platform}"
 """Name of the platform in FMI 3.0, such as x86_64-linux."""
-WINDOWS: Final = "x86_64-windows"
-PLATFORMS_2: Final = {"x86_64-linux": "linux64", "x86_64-darwin": "darwin64", WINDOWS: "win64"}
+WINDOWS_64: Final = "x86_64-windows"
+PLATFORMS_2: Final = {"x86_64-linux": "linux64", "x86_64-darwin": "darwin64", WINDOWS_64: "win64"}
 """Names of platforms in FMI 2.0; others have their names in FMI 3.0."""
 FLAGS: Final = ("-O3", "-ffp-contract=off", "-fPIC", "-shared", "-fvisibility=hidden", "-Wl,--no-undefined")
 """Flags of the compiler. -march is absent because an FMU is used on other machines; no decision depends on it."""
-_FLAGS_WINDOWS: Final = ("-target", f"{WINDOWS}-gnu", "-O3", "-ffp-contract=off", "-shared", "-s")
+_FLAGS_WINDOWS: Final = ("-target", f"{WINDOWS_64}-gnu", "-O3", "-ffp-contract=off", "-shared", "-s")
 _SETTINGS: Final = "sw_fmu_settings.h"
 _DAY: Final = (1980, 1, 1, 0, 0, 0)
 
 
 def ecu_fmu(
-    ecu: Mapping[str, bytes], wrapper: Mapping[str, bytes], bundle: Bundle, config: Config, kind: FmuKind = SIGNALS
+    ecu: Mapping[str, bytes], wrapper: Mapping[str, bytes], bundle: Bundle, config: Config, kind: FmuKind = WITH_SIGNALS
 ) -> bytes:
     """Return the FMU's file; equal arguments and an equal compiler give equal bytes. Raises LibraryError if there is no
     compiler, or it rejects the sources; ConfigError if a time is not shorter than the control period.
@@ -69,7 +69,7 @@ def binaries(sources: Mapping[str, bytes], kind: FmuKind) -> dict[str, bytes]:
         zig = zig_compiler()
         if zig is None:
             raise LibraryError("no FMU for Windows: ziglang compiles it; pip install '.[mcu]'")
-        made[WINDOWS] = zig, _FLAGS_WINDOWS, "dll"
+        made[WINDOWS_64] = zig, _FLAGS_WINDOWS, "dll"
     found = {}
     for name, (compiler, flags, ending) in made.items():
         with tempfile.TemporaryDirectory() as folder:

@@ -18,7 +18,7 @@ from firmware_sim.fmu.kinds import FmuKind
 
 IDENTIFIER: Final = "stillwake_ecu"
 CONTINUOUS: Final = "Float64"
-UNITS: Final[Mapping[str, Mapping[str, str]]] = {
+SI_UNITS: Final[Mapping[str, Mapping[str, str]]] = {
     "Pa": {"kg": "1", "m": "-1", "s": "-2"},
     "m/s": {"m": "1", "s": "-1"},
     "m2/s": {"m": "2", "s": "-1"},

@@ -6,7 +6,7 @@ from typing import Final
 
 from contract.errors import OutputError
 
-SUFFIX: Final = ".fmu"
+FMU_SUFFIX: Final = ".fmu"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,11 +36,11 @@ class FmuKind:
         return f"FMI {'2.0' if self.fmi2 else '3.0'} co-simulation{', CAN bus by FMI-LS-BUS 1.0' if self.bus else ''}"
 
 
-SIGNALS: Final = FmuKind()
-NAMES: Final = tuple(field.name for field in fields(FmuKind))
+WITH_SIGNALS: Final = FmuKind()
+KINDS: Final = tuple(field.name for field in fields(FmuKind))
 
 
-def kind_and_path(text: str, names: tuple[str, ...] = NAMES) -> tuple[FmuKind, Path]:
+def kind_and_path(text: str, names: tuple[str, ...] = KINDS) -> tuple[FmuKind, Path]:
     """Return the kind and the path in `KIND,KIND:FILE` or `FILE`. Raises OutputError for a kind that does not exist or
     is none of `names`, for kinds that exclude each other, and for a file without the right ending."""
     before, colon, after = text.rpartition(":")
@@ -54,6 +54,6 @@ def kind_and_path(text: str, names: tuple[str, ...] = NAMES) -> tuple[FmuKind, P
         raise OutputError(f"{text}: bus and fmi2: FMI 2.0 has no bus; name one of them")
     if kind.triggered and not kind.bus:
         raise OutputError(f"{text}: triggered: is a kind of bus; name both")
-    if path.suffix.lower() != SUFFIX:
-        raise OutputError(f"{path}: must be a file ending in {SUFFIX}")
+    if path.suffix.lower() != FMU_SUFFIX:
+        raise OutputError(f"{path}: must be a file ending in {FMU_SUFFIX}")
     return kind, path

@@ -16,7 +16,7 @@ from contract.errors import LibraryError
 from ecu.in_c.compiler import compile_c, host_compiler
 from firmware_sim.fmu.descriptions import as_fmi2, xml_bytes
 from firmware_sim.fmu.ecu_fmu import FLAGS, PLATFORM, platform_of, zipped
-from firmware_sim.fmu.kinds import SIGNALS, FmuKind
+from firmware_sim.fmu.kinds import WITH_SIGNALS, FmuKind
 
 _SETTINGS: Final = "sw_plant_settings.h"
 BEHIND: Final = "pythonfmu.so"
@@ -24,7 +24,9 @@ BEHIND: Final = "pythonfmu.so"
 _DESCRIPTION: Final = "modelDescription.xml"
 
 
-def plant_fmu(config: Config, front: Mapping[str, bytes], start: Path | None = None, kind: FmuKind = SIGNALS) -> bytes:
+def plant_fmu(
+    config: Config, front: Mapping[str, bytes], start: Path | None = None, kind: FmuKind = WITH_SIGNALS
+) -> bytes:
     """Return the FMU's file, after creating the plant once as a check. Raises PlantError if the start is of another
     plant, or the plant is not stable; LibraryError if there is no compiler, or `pythonfmu3` has no binary for this
     machine; ModuleNotFoundError if it is not installed (extra fmu).
@@ -49,10 +51,10 @@ def plant_fmu(config: Config, front: Mapping[str, bytes], start: Path | None = N
         with zipfile.ZipFile(made) as archive:
             contents = {item: archive.read(item) for item in archive.namelist() if not item.endswith("/")}
         about = ElementTree.fromstring(contents[_DESCRIPTION])
-        kind = about.find("CoSimulation")
-        assert kind is not None
-        kind.set("fixedInternalStepSize", repr(config.period_ns / 1e9))
-        binary = f"binaries/{PLATFORM}/{kind.get('modelIdentifier')}.so"
+        simulated = about.find("CoSimulation")
+        assert simulated is not None
+        simulated.set("fixedInternalStepSize", repr(config.period_ns / 1e9))
+        binary = f"binaries/{PLATFORM}/{simulated.get('modelIdentifier')}.so"
         if binary not in contents:
             raise LibraryError(f"no FMU of the plant for {PLATFORM}: pythonfmu3 brings no binary for it")
         of_pythonfmu = contents.pop(binary)
