@@ -37,10 +37,10 @@ class FmuKind:
 
 
 WITH_SIGNALS: Final = FmuKind()
-KINDS: Final = tuple(field.name for field in fields(FmuKind))
+FMU_KINDS: Final = tuple(field.name for field in fields(FmuKind))
 
 
-def kind_and_path(text: str, names: tuple[str, ...] = KINDS) -> tuple[FmuKind, Path]:
+def kind_and_path(text: str, names: tuple[str, ...] = FMU_KINDS) -> tuple[FmuKind, Path]:
     """Return the kind and the path in `KIND,KIND:FILE` or `FILE`. Raises OutputError for a kind that does not exist or
     is none of `names`, for kinds that exclude each other, and for a file without the right ending."""
     before, colon, after = text.rpartition(":")
