@@ -3,8 +3,8 @@
  * The binary variables carry operations: a code and a length of four bytes each, then arguments, in little-endian. The
  * ECU steps at start + step_offset, a control period later, and so on, with the frames received before; compute_time
  * later Tx_Clock ticks, and Tx_Data has its frames. Tx_Clock is a countdown clock, or a triggered one that ticks in the
- * next event, as modelDescription.xml has it. Error counters follow ISO 11898-1; without BusNotifications the controller
- * neither counts nor repeats, as the standard demands.
+ * next event, as modelDescription.xml has it. Error counters follow ISO 11898-1; without BusNotifications the
+ * controller neither counts nor repeats, as the standard demands.
  */
 #include <string.h>
 
@@ -171,9 +171,10 @@ static int take_frame(fmu_side *side, const uint8_t *arguments, uint32_t bytes, 
     if (bytes != before + length || !is_length(length, is_fd)) return 0;
     if (!is_bool(arguments[4]) || !is_bool(arguments[5]) || (is_fd && !is_bool(arguments[6]))) return 0;
     if (id > (arguments[4] ? 0x1fffffffu : 0x7ffu)) return 0;
-    /* A controller receives nothing while it is off, no format that it does not speak, and no data in a remote frame. */
+    /* A controller receives nothing while it is off, no format of others, and no data in a remote frame. */
     if (side->health.is_bus_off || (is_fd && !SW_FRAMES_FD) || (!is_fd && arguments[5])) return 1;
-    if (side->health.rx_errors > 0) side->health.rx_errors = side->health.rx_errors > 127 ? 127 : side->health.rx_errors - 1;
+    uint32_t *errors = &side->health.rx_errors;
+    if (*errors > 0) *errors = *errors > 127 ? 127 : *errors - 1;
     update_status(side);
     if (side->received >= FMU_MOST_FRAMES) return 1; /* the newest is lost */
     sw_frame *frame = &side->frames[side->received++];
