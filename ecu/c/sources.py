@@ -43,15 +43,21 @@ def loader_sources() -> dict[str, bytes]:
     )
 
 
-def fmu_sources() -> dict[str, bytes]:
-    """The FMU around the ECU. Generated for a release: `sw_fmu_settings.h` (`firmware_sim.fmu.ecu_variables`)."""
-    return sources_in("fmu")
+def fmu_sources(*parts: str) -> dict[str, bytes]:
+    """The FMU around the ECU, with the sources in these folders of `fmu/`: `signals` or `bus`, and `fmi2`. Generated
+    for a release: `sw_fmu_settings.h` (`firmware_sim.fmu.ecu_variables`)."""
+    found = sources_in("fmu")
+    for part in parts:
+        found |= sources_in(f"fmu/{part}")
+    return found
 
 
-def plant_fmu_sources() -> dict[str, bytes]:
-    """What stands in front of the plant's FMU, but for `sw_plant_settings.h` (`firmware_sim.fmu.plant_fmu`)."""
-    shared = ("sw_fmi3.h", "sw_fmi3_calls.h", "sw_fmu_other.c")
-    return sources_in("fmu/plant") | {name: text for name, text in fmu_sources().items() if name in shared}
+def plant_fmu_sources(*parts: str) -> dict[str, bytes]:
+    """What stands in front of the plant's FMU, but for `sw_plant_settings.h` (`firmware_sim.fmu.plant_fmu`); `parts`
+    as in `fmu_sources`."""
+    shared = ("sw_fmi3.h", "sw_fmi3_calls.h", "sw_fmu_other.c", "sw_fmu_no_events.c")
+    others = {name: text for name, text in fmu_sources("signals").items() if name in shared}
+    return sources_in("fmu/plant") | others | {k: v for part in parts for k, v in sources_in(f"fmu/{part}").items()}
 
 
 def example_sources() -> dict[str, bytes]:

@@ -1,4 +1,4 @@
-"""The ECU in C as one FMU, compiled for this machine and with its sources, for any tool that imports FMI 3.0."""
+"""The ECU in C as one FMU, compiled and with its sources, for any tool that imports FMI 3.0 or 2.0."""
 
 import hashlib
 import platform
@@ -14,21 +14,30 @@ from xml.etree import ElementTree
 
 from contract.config.tree import Config
 from contract.controller.c_folder import library_sources
+from contract.errors import ConfigError, LibraryError
 from contract.release.checks import Bundle
-from ecu.in_c.compiler import compile_c, host_compiler
-from firmware_sim.fmu.ecu_variables import IDENTIFIER, ecu_variables, model_description, wrapper_settings, xml_bytes
+from ecu.in_c.compiler import compile_c, host_compiler, zig_compiler
+from firmware_sim.fmu.descriptions import as_fmi2, bus_files, model_description, xml_bytes
+from firmware_sim.fmu.ecu_variables import IDENTIFIER, ecu_variables, wrapper_settings
+from firmware_sim.fmu.kinds import WITH_SIGNALS, FmuKind
 
 PLATFORM: Final = f"{platform.machine()}-{sys.platform}"
-"""Name of the platform in FMI, such as x86_64-linux."""
+"""Name of the platform in FMI 3.0, such as x86_64-linux."""
+WINDOWS_64: Final = "x86_64-windows"
+PLATFORMS_2: Final = {"x86_64-linux": "linux64", "x86_64-darwin": "darwin64", WINDOWS_64: "win64"}
+"""Names of platforms in FMI 2.0; others have their names in FMI 3.0."""
 FLAGS: Final = ("-O3", "-ffp-contract=off", "-fPIC", "-shared", "-fvisibility=hidden", "-Wl,--no-undefined")
 """Flags of the compiler. -march is absent because an FMU is used on other machines; no decision depends on it."""
+_FLAGS_WINDOWS: Final = ("-target", f"{WINDOWS_64}-gnu", "-O3", "-ffp-contract=off", "-shared", "-s")
 _SETTINGS: Final = "sw_fmu_settings.h"
 _DAY: Final = (1980, 1, 1, 0, 0, 0)
 
 
-def ecu_fmu(ecu: Mapping[str, bytes], wrapper: Mapping[str, bytes], bundle: Bundle, config: Config) -> bytes:
+def ecu_fmu(
+    ecu: Mapping[str, bytes], wrapper: Mapping[str, bytes], bundle: Bundle, config: Config, kind: FmuKind = WITH_SIGNALS
+) -> bytes:
     """Return the FMU's file; equal arguments and an equal compiler give equal bytes. Raises LibraryError if there is no
-    compiler, or it rejects the sources.
+    compiler, or it rejects the sources; ConfigError if a time is not shorter than the control period.
 
     Args:
         ecu: sources of a library with the ECU and its settings (`ecu.in_c.c_ecu.ecu_sources`).
@@ -37,22 +46,49 @@ def ecu_fmu(ecu: Mapping[str, bytes], wrapper: Mapping[str, bytes], bundle: Bund
         config: settings of the vehicle that the ECU is compiled for.
     """
     sources = library_sources(ecu) | dict(wrapper)
+    variables = ecu_variables(bundle.manifest.sensors, config, bus=kind.bus)
+    if kind.bus:
+        _check_times(config)
     made_from = hashlib.sha256(repr(sorted(sources.items())).encode()).digest()
     token = f"{{{uuid.UUID(bytes=made_from[:16])}}}"
-    variables = ecu_variables(bundle.manifest.sensors, config)
-    sources[_SETTINGS] = wrapper_settings(variables, token, config)
-    with tempfile.TemporaryDirectory() as folder:
-        binary = Path(folder, f"{IDENTIFIER}.so")
-        compile_c(sources, binary, compiler=host_compiler(), flags=FLAGS)
-        compiled = binary.read_bytes()
-    return zipped(
-        {
-            "modelDescription.xml": model_description(variables, token, bundle, config),
-            f"binaries/{PLATFORM}/{IDENTIFIER}.so": compiled,
-            "sources/buildDescription.xml": _build_description(sources),
-            **{f"sources/{name}": content for name, content in sorted(sources.items())},
-        }
-    )
+    sources[_SETTINGS] = wrapper_settings(variables, token, config, kind)
+    described = model_description(variables, token, bundle, config, kind)
+    contents = {f"sources/{name}": content for name, content in sorted(sources.items())}
+    if kind.fmi2:
+        described = as_fmi2(described, [name for name in sorted(sources) if name.endswith(".c")])
+    else:
+        contents = {"sources/buildDescription.xml": _build_description(sources), **contents}
+    contents = {"modelDescription.xml": xml_bytes(described), **binaries(sources, kind), **contents}
+    return zipped(contents | (bus_files() if kind.bus else {}))
+
+
+def binaries(sources: Mapping[str, bytes], kind: FmuKind) -> dict[str, bytes]:
+    """Return the compiled sources by their paths in the FMU: for this machine, and for Windows if the kind has it."""
+    made = {PLATFORM: (host_compiler(), FLAGS, "so")}
+    if kind.windows:
+        zig = zig_compiler()
+        if zig is None:
+            raise LibraryError("no FMU for Windows: ziglang compiles it; pip install '.[mcu]'")
+        made[WINDOWS_64] = zig, _FLAGS_WINDOWS, "dll"
+    found = {}
+    for name, (compiler, flags, ending) in made.items():
+        with tempfile.TemporaryDirectory() as folder:
+            binary = Path(folder, f"{IDENTIFIER}.{ending}")
+            compile_c(sources, binary, compiler=compiler, flags=flags)
+            found[f"binaries/{platform_of(name, kind)}/{binary.name}"] = binary.read_bytes()
+    return found
+
+
+def platform_of(name: str, kind: FmuKind) -> str:
+    """Return the folder of a platform's binaries."""
+    return PLATFORMS_2.get(name, name) if kind.fmi2 else name
+
+
+def _check_times(config: Config) -> None:
+    for name in ("step_offset_ms", "compute_time_ms"):
+        value, period_ms = getattr(config.ecu, name), config.period_ns / 1e6
+        if value >= period_ms:
+            raise ConfigError(f"ecu.{name} = {value:g}: must be shorter than the control period of {period_ms:g} ms")
 
 
 def zipped(contents: Mapping[str, bytes]) -> bytes:

@@ -14,16 +14,19 @@ from contract.config.loading import to_tree
 from contract.config.tree import Config
 from contract.errors import LibraryError
 from ecu.in_c.compiler import compile_c, host_compiler
-from firmware_sim.fmu.ecu_fmu import FLAGS, PLATFORM, zipped
-from firmware_sim.fmu.ecu_variables import xml_bytes
+from firmware_sim.fmu.descriptions import as_fmi2, xml_bytes
+from firmware_sim.fmu.ecu_fmu import FLAGS, PLATFORM, platform_of, zipped
+from firmware_sim.fmu.kinds import WITH_SIGNALS, FmuKind
 
 _SETTINGS: Final = "sw_plant_settings.h"
-BEHIND: Final = f"binaries/{PLATFORM}/pythonfmu.so"
-"""Path of the binary of `pythonfmu3` in the FMU, as it is stated in the binary that checks the calls."""
+BEHIND: Final = "pythonfmu.so"
+"""Name of the binary of `pythonfmu3` in the FMU, as it is stated in the binary that checks the calls."""
 _DESCRIPTION: Final = "modelDescription.xml"
 
 
-def plant_fmu(config: Config, front: Mapping[str, bytes], start: Path | None = None) -> bytes:
+def plant_fmu(
+    config: Config, front: Mapping[str, bytes], start: Path | None = None, kind: FmuKind = WITH_SIGNALS
+) -> bytes:
     """Return the FMU's file, after creating the plant once as a check. Raises PlantError if the start is of another
     plant, or the plant is not stable; LibraryError if there is no compiler, or `pythonfmu3` has no binary for this
     machine; ModuleNotFoundError if it is not installed (extra fmu).
@@ -48,16 +51,18 @@ def plant_fmu(config: Config, front: Mapping[str, bytes], start: Path | None = N
         with zipfile.ZipFile(made) as archive:
             contents = {item: archive.read(item) for item in archive.namelist() if not item.endswith("/")}
         about = ElementTree.fromstring(contents[_DESCRIPTION])
-        kind = about.find("CoSimulation")
-        assert kind is not None
-        kind.set("fixedInternalStepSize", repr(config.period_ns / 1e9))
-        binary = f"binaries/{PLATFORM}/{kind.get('modelIdentifier')}.so"
+        simulated = about.find("CoSimulation")
+        assert simulated is not None
+        simulated.set("fixedInternalStepSize", repr(config.period_ns / 1e9))
+        binary = f"binaries/{PLATFORM}/{simulated.get('modelIdentifier')}.so"
         if binary not in contents:
             raise LibraryError(f"no FMU of the plant for {PLATFORM}: pythonfmu3 brings no binary for it")
-        contents |= {_DESCRIPTION: xml_bytes(about), BEHIND: contents[binary]}
+        of_pythonfmu = contents.pop(binary)
         compiled = folder / "front.so"
         compile_c({**front, _SETTINGS: _settings(about)}, compiled, compiler=host_compiler(), flags=(*FLAGS, "-ldl"))
-        return zipped(contents | {binary: compiled.read_bytes()})
+        place, described = f"binaries/{platform_of(PLATFORM, kind)}", as_fmi2(about) if kind.fmi2 else about
+        own = {f"{place}/{Path(binary).name}": compiled.read_bytes(), f"{place}/{BEHIND}": of_pythonfmu}
+        return zipped(contents | {_DESCRIPTION: xml_bytes(described)} | own)
 
 
 def _settings(about: ElementTree.Element) -> bytes:

@@ -25,6 +25,7 @@ from contract.release.container import read_files
 from contract.release.record_files import FORMATS
 from contract.release.signing import public_key, read_private_key
 from contract.shipped import recording
+from firmware_sim.fmu.kinds import FmuKind, kind_and_path
 from stillwake.console import options as shared
 from stillwake.console.outputs import check_json, check_output, save_json
 from stillwake.console.progress import phases
@@ -58,7 +59,14 @@ USES_FOR_TESTERS: Final = (
 Precision = Annotated[str, typer.Option(help="int8 (weights) or float32.")]
 Name = Annotated[str, typer.Option(help="Name of the release.")]
 CFolder = Annotated[Path | None, typer.Option("--c", help="Also write the C99 library into this folder.")]
-Fmu = Annotated[Path | None, typer.Option(help="Also write the ECU as an FMU, FMI 3.0; needs a C compiler.")]
+Fmu = Annotated[
+    str | None,
+    typer.Option(
+        metavar="[KIND,..:]FILE",
+        help="Also write the ECU as an FMU; needs a C compiler. Kinds: bus (a CAN terminal in place of signals), "
+        "triggered (its clock, for fixed steps), fmi2 (FMI 2.0), windows (for Windows too; needs ziglang).",
+    ),
+]
 Image = Annotated[Path | None, typer.Option(help="Also write the release as an image (.swi, .hex, .s19).")]
 ForTesters = Annotated[
     Path | None, typer.Option(help="Also write the ECU's DBC, A2L, PDX and rule of seed and key here.")
@@ -101,7 +109,11 @@ def export(
     --for-testers FOLDER` for another bundle; it needs no ECU.
     """
     files = _Files(
-        c=c, fmu=fmu, image=image, for_testers=for_testers, key=None if key is None else read_private_key(key)
+        c=c,
+        fmu=None if fmu is None else kind_and_path(fmu),
+        image=image,
+        for_testers=for_testers,
+        key=None if key is None else read_private_key(key),
     )
     if output is None:
         if estimator or dataset is not None or (key is not None and image is None) or not files.any_given:
@@ -120,7 +132,7 @@ def export(
     check_output(output.with_name(f"{output.name}.cdx.json"), overwrite=overwrite)
     files.check(overwrite=overwrite)
     if files.in_c:
-        _check_c_settings(config, files.fmu)
+        _check_c_settings(config, has_fmu=files.fmu is not None)
     _export_model(model, output, files, config, dataset, name=name, precision=precision, estimator=estimator)
 
 
@@ -129,7 +141,7 @@ class _Files:
     """The files that are written together with a bundle, or for an existing bundle."""
 
     c: Path | None
-    fmu: Path | None
+    fmu: tuple[FmuKind, Path] | None
     image: Path | None
     for_testers: Path | None
     key: Ed25519PrivateKey | None
@@ -137,7 +149,7 @@ class _Files:
     @property
     def in_c(self) -> bool:
         """Whether a file needs the C library."""
-        return any(path is not None for path in (self.c, self.fmu, self.image))
+        return self.c is not None or self.fmu is not None or self.image is not None
 
     @property
     def any_given(self) -> bool:
@@ -149,9 +161,9 @@ class _Files:
             check_output(self.c, overwrite=overwrite, folder=True, occupant=_LIBRARY, mark=PROGRAM_SETTINGS)
         if self.for_testers is not None:
             check_output(self.for_testers, overwrite=overwrite, folder=True, mark=A2L)
-        for option, path, suffixes in (("--fmu", self.fmu, [".fmu"]), ("--image", self.image, [*FORMATS])):
-            if path is not None and path.suffix.lower() not in suffixes:
-                raise OutputError(f"{option} {path}: must be a file ending in {' or '.join(suffixes)}")
+        if self.image is not None and self.image.suffix.lower() not in FORMATS:
+            raise OutputError(f"--image {self.image}: must be a file ending in {' or '.join(FORMATS)}")
+        for path in (None if self.fmu is None else self.fmu[1], self.image):
             if path is not None:
                 check_output(path, overwrite=overwrite)
 
@@ -187,7 +199,9 @@ class _Files:
         if self.image is not None:
             console.print(f"wrote {self.image}: {self.image.stat().st_size / 1024:.1f} KiB, {self.signed}")
         if self.fmu is not None:
-            console.print(f"wrote {self.fmu}: FMI 3.0 co-simulation, compiled for this machine, with its sources")
+            kind, path = self.fmu
+            machines = "this machine and Windows" if kind.windows else "this machine"
+            console.print(f"wrote {path}: {kind.words}, compiled for {machines}, with its sources")
 
     @property
     def signed(self) -> str:
@@ -270,19 +284,19 @@ def _print_remarks(done: "Gated", config: Config) -> None:
         )
 
 
-def _check_c_settings(config: Config, fmu: Path | None) -> None:
+def _check_c_settings(config: Config, *, has_fmu: bool) -> None:
     """Refuse settings that the ECU in C does not support with any release."""
     from ecu.in_c.c_settings import check_settings
 
-    if fmu is not None and config.bus.key:
-        raise ConflictError("bus.key: an FMU has signals and no frames to be authenticated; leave it empty for --fmu")
+    if has_fmu and config.bus.key:
+        raise ConflictError("bus.key: an FMU has no key to authenticate frames with; leave it empty for --fmu")
     check_settings(config)
 
 
 def _export_shipped(files: _Files, given: list[str]) -> None:
     """Write the shipped bundle's library, FMU and image, with the vehicle's settings compiled in."""
     config = settings("export --c", given, uses=USES_IN_C).config
-    _check_c_settings(config, files.fmu)
+    _check_c_settings(config, has_fmu=files.fmu is not None)
 
     from export.release.pipeline import EXPORT_PHASES, gate_figures
     from stillwake.parts.c_release import write_shipped_library

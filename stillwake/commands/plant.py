@@ -8,8 +8,9 @@ import typer
 
 from contract.atomic import replacing
 from contract.config.tree import Config
-from contract.errors import ConfigError, OutputError
+from contract.errors import ConfigError
 from contract.results import versions
+from firmware_sim.fmu.kinds import kind_and_path
 from stillwake.console import options as shared
 from stillwake.console.numbers import steps_of
 from stillwake.console.outputs import check_json, check_output, save_json
@@ -82,25 +83,26 @@ def _steady(output: Path, config: Config, json_file: Path | None) -> None:
 
 
 def plant_fmu(
-    output: Annotated[Path, typer.Argument(help="FMU to write (.fmu).")],
+    output: Annotated[
+        str, typer.Argument(metavar="[fmi2:]OUTPUT", help="FMU to write (.fmu), by FMI 3.0, or by FMI 2.0 with fmi2.")
+    ],
     state: shared.State = None,
     overwrite: shared.Overwrite = False,
     given: shared.Settings = [],  # noqa: B006
 ) -> None:
-    """Write the wake of `run` as an FMU for co-simulation, FMI 3.0: jet flow and vehicle speed in, pressures out.
+    """Write the wake of `run` as an FMU for co-simulation: jet flow and vehicle speed in, pressures out.
 
     The FMU runs in the importing tool's Python, where stillwake[sim] has to be installed. `export --fmu` writes the ECU
     for it. Writing the FMU needs a C compiler.
     """
     config = settings("plant-fmu", given, uses=(*USES, "operating_point")).config
-    if output.suffix.lower() != ".fmu":
-        raise OutputError(f"{output}: must be a file ending in .fmu")
-    check_output(output, overwrite=overwrite)
+    kind, path = kind_and_path(output, ("fmi2",))
+    check_output(path, overwrite=overwrite)
 
     from ecu.c.sources import plant_fmu_sources
     from firmware_sim.fmu.plant_fmu import plant_fmu as made
 
-    content = made(config, plant_fmu_sources(), state)
-    with replacing(output) as temporary:
+    content = made(config, plant_fmu_sources(*kind.sources[1:]), state, kind)
+    with replacing(path) as temporary:
         temporary.write_bytes(content)
-    console.print(f"wrote {output}: FMI 3.0 co-simulation, a control period of {config.period_ns / 1e6:g} ms")
+    console.print(f"wrote {path}: {kind.words}, a control period of {config.period_ns / 1e6:g} ms")

@@ -25,6 +25,7 @@ from stillwake.parts.releases import open_release
 
 if TYPE_CHECKING:
     from export.release.gated import Gated
+    from firmware_sim.fmu.kinds import FmuKind
 
 
 def ecu_files(release: Bundle, rows: Array, *, config: Config, notice: Callable[[str], None]) -> dict[str, bytes]:
@@ -81,25 +82,27 @@ def write_shipped_library(
     )
 
 
-def write_fmu(path: Path, library: Path, release: Bundle, config: Config) -> None:
+def write_fmu(fmu: "tuple[FmuKind, Path]", library: Path, release: Bundle, config: Config) -> None:
     """Write the ECU of a C library as an FMU for co-simulation.
 
     Args:
+        fmu: its kind and its file.
         library: folder of the same export.
         release: the library's release.
         config: of the vehicle that the library is compiled for.
 
     Raises:
+        ConfigError: the kind does not support the settings.
         LibraryError: the library has the control step alone, or does not compile.
         StillwakeError: the file cannot be written.
     """
     from ecu.c.sources import fmu_sources
     from firmware_sim.fmu.ecu_fmu import ecu_fmu
 
-    sources = read_sources(library)
+    (kind, path), sources = fmu, read_sources(library)
     if ECU_SETTINGS not in sources:
         raise LibraryError(f"{path}: not written: there is no ECU in C for this release and these settings")
-    made = ecu_fmu(sources, fmu_sources(), release, config)
+    made = ecu_fmu(sources, fmu_sources(*kind.sources), release, config, kind)
     with replacing(path) as temporary:
         temporary.write_bytes(made)
 

@@ -1,4 +1,4 @@
-/* The calls and numbers that an instance may receive, by FMI 3.0's state machine of a co-simulation without event mode.
+/* The calls and numbers that an instance may receive, by FMI 3.0's state machine of a co-simulation.
  * Every other call returns fmi3Error with a message, and changes nothing.
  */
 #ifndef SW_FMI3_CALLS_H
@@ -14,7 +14,7 @@
 #endif
 
 /* Modes as bits, so that they can be combined. */
-enum { INSTANTIATED = 1, INITIALISING = 2, STEPPING = 4, TERMINATED = 8 };
+enum { INSTANTIATED = 1, INITIALISING = 2, STEPPING = 4, TERMINATED = 8, EVENT = 16 };
 
 typedef struct {
     fmi3InstanceEnvironment environment;

@@ -1,4 +1,4 @@
-/* Functions of FMI 3.0 that are the same for every FMU here. A binary must have most of them but does not support them:
+/* Functions of FMI 3.0 that no FMU here supports. A binary must have most of them but does not support them:
  * its modelDescription.xml announces none. Functions for a type without variables return an error.
  */
 #include "sw_fmi3_calls.h"
@@ -12,12 +12,6 @@ SW_EXPORT fmi3Status fmi3SetDebugLogging(fmi3Instance fmu, fmi3Boolean on, size_
 
 FMU_NONE_OF(GetString, fmi3String values[], size_t size)
 FMU_NONE_OF(SetString, const fmi3String values[], size_t size)
-FMU_NONE_OF(GetBinary, size_t sizes[], fmi3Binary values[], size_t size)
-FMU_NONE_OF(SetBinary, const size_t sizes[], const fmi3Binary values[], size_t size)
-FMU_NONE_OF(GetClock, fmi3Clock values[])
-FMU_NONE_OF(SetClock, const fmi3Clock values[])
-FMU_NONE_OF(GetIntervalDecimal, fmi3Float64 intervals[], fmi3IntervalQualifier qualifiers[])
-FMU_NONE_OF(GetIntervalFraction, fmi3UInt64 counters[], fmi3UInt64 resolutions[], fmi3IntervalQualifier qualifiers[])
 FMU_NONE_OF(GetShiftDecimal, fmi3Float64 shifts[])
 FMU_NONE_OF(GetShiftFraction, fmi3UInt64 counters[], fmi3UInt64 resolutions[])
 FMU_NONE_OF(SetIntervalDecimal, const fmi3Float64 intervals[])
@@ -30,14 +24,10 @@ FMU_NONE_OF(GetDirectionalDerivative, const fmi3ValueReference knowns[], size_t 
 FMU_NONE_OF(GetAdjointDerivative, const fmi3ValueReference knowns[], size_t known, const fmi3Float64 seed[], size_t seeds,
             fmi3Float64 sensitivity[], size_t size)
 
-FMU_REFUSED(EnterEventMode, fmi3Instance fmu)
-FMU_REFUSED(EnterStepMode, fmi3Instance fmu)
 FMU_REFUSED(EnterConfigurationMode, fmi3Instance fmu)
 FMU_REFUSED(ExitConfigurationMode, fmi3Instance fmu)
 FMU_REFUSED(EvaluateDiscreteStates, fmi3Instance fmu)
 FMU_REFUSED(EnterContinuousTimeMode, fmi3Instance fmu)
-FMU_REFUSED(UpdateDiscreteStates, fmi3Instance fmu, fmi3Boolean *need_update, fmi3Boolean *terminate,
-        fmi3Boolean *nominals_changed, fmi3Boolean *values_changed, fmi3Boolean *next_defined, fmi3Float64 *next_time)
 FMU_REFUSED(GetNumberOfVariableDependencies, fmi3Instance fmu, fmi3ValueReference reference, size_t *count)
 FMU_REFUSED(GetVariableDependencies, fmi3Instance fmu, fmi3ValueReference dependent, size_t elements[],
         fmi3ValueReference independents[], size_t of_independents[], fmi3DependencyKind kinds[], size_t count)

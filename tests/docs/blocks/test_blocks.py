@@ -143,7 +143,7 @@ def stand_ins(page: str, folder: Path, release: Path) -> dict[str, Any]:
         case "use-the-fmu":
             made = exported(folder / "made")
             sources = read_sources(made.folder)
-            (folder / "ecu.fmu").write_bytes(ecu_fmu(sources, fmu_sources(), made.bundle, Config()))
+            (folder / "ecu.fmu").write_bytes(ecu_fmu(sources, fmu_sources("signals"), made.bundle, Config()))
             (folder / "plant.fmu").write_bytes(plant_fmu(Config(), plant_fmu_sources()))
         case "use-your-own-data":
             signals = dict.fromkeys(("action", "Cd", "Cl"), np.zeros(3))

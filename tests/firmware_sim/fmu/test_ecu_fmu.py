@@ -47,7 +47,7 @@ def fmu_of(release, tmp_path_factory):
         config = replace(CONFIG, bus=BusConfig(frames=frames))
         sources = ecu_sources(release.folder, release.bundle, config)
         path = tmp_path_factory.mktemp(frames) / "ecu.fmu"
-        path.write_bytes(ecu_fmu(sources, fmu_sources(), release.bundle, config))
+        path.write_bytes(ecu_fmu(sources, fmu_sources("signals"), release.bundle, config))
         return path, sources
 
     return made

@@ -15,9 +15,10 @@ from firmware_sim.bench.ecus import C, loop_ecu
 from firmware_sim.bench.simulation import Simulation
 from firmware_sim.bench.spans import Spans
 from firmware_sim.fmu.ecu_fmu import ecu_fmu
+from firmware_sim.fmu.kinds import FmuKind
 from firmware_sim.fmu.plant_fmu import plant_fmu
 from tests.ecu.in_c.exported import CONFIG, exported
-from tests.firmware_sim.fmu.imported import Imported, check_order_of_calls
+from tests.firmware_sim.fmu.imported import Imported, Imported2, check_order_of_calls
 from wake.plant.drive import Drive
 from wake.plants import own_wake
 
@@ -39,7 +40,7 @@ def test_both_fmus_together_are_the_own_loop_to_the_bit(plant_path, tmp_path):
     """Inputs are set from outputs, then both step: a command for the next period acts in it."""
     release = exported(tmp_path)
     sources = ecu_sources(release.folder, release.bundle, CONFIG)
-    (tmp_path / "ecu.fmu").write_bytes(ecu_fmu(sources, fmu_sources(), release.bundle, CONFIG))
+    (tmp_path / "ecu.fmu").write_bytes(ecu_fmu(sources, fmu_sources("signals"), release.bundle, CONFIG))
     assert validate_fmu(str(plant_path)) == []
     ecu, plant = Imported(tmp_path / "ecu.fmu"), Imported(plant_path)
     pressures = [name for name in ecu.variables if name.startswith("pressure.")]
@@ -100,6 +101,19 @@ def test_its_stream_follows_the_vehicle_and_a_state_is_gone_back_to(plant_path):
     wake = own_wake(CONFIG)
     wake.wind = Drive(name="once", times=(0.0, PERIOD_S), speeds=speeds[:2]).wind(CONFIG.operating_point, wake.t)
     assert pair["Cd"] == pytest.approx([wake.advance(0.0).Cd for _ in range(2)][1], rel=1e-9)
+
+
+def test_by_fmi_2_it_is_the_same_plant(plant_path, tmp_path):
+    path = tmp_path / "plant2.fmu"
+    path.write_bytes(plant_fmu(CONFIG, plant_fmu_sources("fmi2"), kind=FmuKind(fmi2=True)))
+    assert validate_fmu(str(path)) == []
+    plants = Imported(plant_path), Imported2(path)
+    for plant in plants:
+        plant["vehicle_speed"] = 24.0
+        plant.step(PERIOD_S)
+    assert {name: plants[0][name] for name in plants[0].variables} == {
+        name: plants[1][name] for name in plants[1].variables
+    }
 
 
 def test_calls_out_of_order_are_refused_and_fmpys_own_step_is_served(plant_path, capsys):

@@ -1,0 +1,13 @@
+/* What the events of the bus terminal (sw_fmu_events.c) need of its operations (sw_fmu_bus.c). */
+#ifndef SW_FMU_BUS_H
+#define SW_FMU_BUS_H
+
+#include "sw_fmu.h"
+
+/* Takes all operations of Rx_Data, and answers those of a wrong format. */
+void fmu_take_operations(fmu_memory *kept);
+
+/* Returns the time until Tx_Clock is to tick: now if an operation waits, or when the next frames are ready. */
+uint64_t fmu_interval_ns(const fmu_memory *kept);
+
+#endif

@@ -1,0 +1,98 @@
+/* The parts of the ECU's FMU: instances, variables and states (sw_fmu.c) around one of two sides, a vehicle behind
+ * signals (signals/sw_fmu_signals.c) or a bus terminal by FMI-LS-BUS (bus/sw_fmu_bus.c).
+ */
+#ifndef SW_FMU_H
+#define SW_FMU_H
+
+#include "sw_ecu.h"
+#include "sw_fmi3_calls.h"
+#include "sw_fmu_settings.h"
+
+#define FMU_MOST_FRAMES 256 /* between two steps; a full bus at 500 kbit/s has fewer in 20 ms */
+
+typedef enum { FLOAT32, FLOAT64, INT8, UINT8, INT16, UINT16, INT32, UINT32, INT64, UINT64, BOOLEAN } kind;
+typedef enum { OUTPUT, INPUT, PARAMETER } causality;
+enum { NO_MESSAGE, PRESSURE, SPEED, COMMAND, STATUS };
+
+/* A variable, and its signal in the DBC. */
+typedef struct {
+    kind type; /* type of its get and set functions */
+    causality direction;
+    double first; /* value at the start */
+    int message;
+    int start; /* first bit */
+    int bits;
+    int is_signed;
+    double scale;
+} variable;
+
+extern const variable fmu_variables[SW_FMU_VARIABLES];
+
+#if SW_FMU_BUS
+#define RX_BYTES 8192u
+#define TX_BYTES 16384u /* has room for a format error with any Rx_Data */
+
+/* A simulated CAN controller, its mailboxes, and the binary variables of the terminal. Times are from the start on. */
+typedef struct {
+    sw_bus_health health;
+    int64_t reached_ns;
+    int64_t off_until_ns;
+    int64_t answer_ns; /* time at which `answers` are to be sent */
+    int32_t waiting;   /* number of answers that are not in `tx` yet; sent ones stay for a repetition */
+    int32_t received;
+    uint8_t status; /* status that the bus simulation knows */
+    uint8_t has_lost;
+    fmi3Clock rx_ticks; /* in this event */
+    fmi3Clock tx_ticks;
+    uint32_t rx_bytes;
+    uint32_t tx_bytes;
+    sw_frame answers[SW_FRAMES_OUT];
+    sw_frame frames[FMU_MOST_FRAMES];
+    uint8_t rx[RX_BYTES];
+    uint8_t tx[TX_BYTES];
+} fmu_side;
+#else
+typedef struct {
+    uint8_t pressure_counter;
+    uint8_t speed_counter;
+} fmu_side;
+#endif
+
+/* The wrapper's memory; the ECU has its own. */
+typedef struct {
+    double values[SW_FMU_VARIABLES]; /* by value reference; 0 is the time */
+    double start;
+    int64_t next_ns; /* time of the ECU's next step, from the start on */
+    uint32_t mode;   /* mode in FMI's state machine */
+    fmu_side side;
+} fmu_memory;
+
+typedef struct {
+    sw_ecu ecu; /* the first member, because of its alignment */
+    fmu_memory kept;
+    fmu_logger logger;
+    int has_event_mode;
+    void *room; /* address of the allocation */
+} fmu_instance;
+
+/* --- What a side does --- */
+
+/* Begins at the end of the initialisation; returns the error in a parameter, or NULL. */
+fmi3String fmu_begun(fmu_memory *kept);
+
+/* Returns whether the ECU's next step belongs to a communication step that ends at `until_ns`. */
+int fmu_is_due(const fmu_memory *kept, double until_ns);
+
+/* Writes the frames that the ECU receives in its next step, and its surroundings; returns the number of frames. */
+int fmu_received(fmu_memory *kept, sw_frame frames[FMU_MOST_FRAMES], sw_surroundings *around);
+
+/* Takes the frames that the ECU sends in this step. */
+void fmu_sent(fmu_memory *kept, const sw_frame *frames, int count);
+
+/* Ends a communication step; returns whether there is something to be sent. */
+int fmu_reached(fmu_instance *fmu, double until_ns);
+
+/* Returns whether a saved side is one that a run can leave. */
+int fmu_is_possible(const fmu_side *side);
+
+#endif

@@ -1,0 +1,59 @@
+"""The kinds of FMU, and their names in front of a file's name."""
+
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Final
+
+from contract.errors import OutputError
+
+FMU_SUFFIX: Final = ".fmu"
+
+
+@dataclass(frozen=True, kw_only=True)
+class FmuKind:
+    """A kind of FMU; without any of these it has signals, by FMI 3.0, for this machine.
+
+    Attributes:
+        bus: a CAN bus terminal, FMI-LS-BUS 1.0, in place of signals.
+        triggered: its Tx_Clock is a triggered output in place of a countdown, for importers with fixed steps.
+        fmi2: FMI 2.0 in place of 3.0.
+        windows: also compiled for Windows on x86-64.
+    """
+
+    bus: bool = False
+    triggered: bool = False
+    fmi2: bool = False
+    windows: bool = False
+
+    @property
+    def sources(self) -> tuple[str, ...]:
+        """The folders of sources around the ECU, in `ecu/c/fmu`."""
+        return ("bus" if self.bus else "signals", *(["fmi2"] if self.fmi2 else []))
+
+    @property
+    def words(self) -> str:
+        """The kind in words."""
+        return f"FMI {'2.0' if self.fmi2 else '3.0'} co-simulation{', CAN bus by FMI-LS-BUS 1.0' if self.bus else ''}"
+
+
+WITH_SIGNALS: Final = FmuKind()
+FMU_KINDS: Final = tuple(field.name for field in fields(FmuKind))
+
+
+def kind_and_path(text: str, names: tuple[str, ...] = FMU_KINDS) -> tuple[FmuKind, Path]:
+    """Return the kind and the path in `KIND,KIND:FILE` or `FILE`. Raises OutputError for a kind that does not exist or
+    is none of `names`, for kinds that exclude each other, and for a file without the right ending."""
+    before, colon, after = text.rpartition(":")
+    chosen = [name.strip() for name in before.split(",")] if colon and len(before) > 1 else []
+    path = Path(after if chosen else text)
+    for name in chosen:
+        if name not in names:
+            raise OutputError(f"{text}: {name}: no kind of FMU; there are {', '.join(names)}")
+    kind = FmuKind(**dict.fromkeys(chosen, True))
+    if kind.bus and kind.fmi2:
+        raise OutputError(f"{text}: bus and fmi2: FMI 2.0 has no bus; name one of them")
+    if kind.triggered and not kind.bus:
+        raise OutputError(f"{text}: triggered: is a kind of bus; name both")
+    if path.suffix.lower() != FMU_SUFFIX:
+        raise OutputError(f"{path}: must be a file ending in {FMU_SUFFIX}")
+    return kind, path
