@@ -2,15 +2,15 @@
 
     python -m benchmarks bounds --json results/bounds.json
 
-The firmware is the shipped release's with loader, diagnosis and calibration, as GCC reports it
+The firmware is the shipped release's with loader, diagnosis, calibration and a key of the bus, as GCC reports it
 (`benchmarks.controller.whole_program`). GCC proves most bounds of loops; `bounds.toml` has the reason for each other
 one. An unknown loop, a recursion or a call through a pointer to no known function is an error.
 """
 
 import io
 import tomllib
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -19,12 +19,24 @@ from elftools.elf.elffile import ELFFile
 
 from benchmarks.common.command_line import JsonFile, report
 from benchmarks.controller import tables
-from benchmarks.controller.whole_program import Calls, Loop, WholeProgram, read_program
-from contract.controller.c_folder import read_sources
+from benchmarks.controller.whole_program import (
+    Built,
+    Calls,
+    Loop,
+    WholeProgram,
+    compiler_version,
+    read_built,
+    read_program,
+)
+from benchmarks.controller.worst_period import KEY_BYTES, worst_periods
+from contract.config.loading import load_config
+from contract.controller.c_folder import ECU_SETTINGS, read_recorded, read_sources
 from contract.errors import McuError
 from contract.release.bundle import load as load_bundle
 from contract.shipped import BUNDLE
-from firmware_sim.mcu.build import EQUIPMENT, board_files
+from ecu.in_c.c_settings import ecu_settings
+from firmware_sim.mcu.build import BUS_KEY, EQUIPMENT, board_files
+from firmware_sim.mcu.elf import read_elf
 from stillwake.parts.c_release import library_folder
 
 REASONS: Final = Path(__file__).with_name("bounds.toml")
@@ -32,9 +44,9 @@ LARGEST_PROVED: Final = 4095
 """Passes of a loop. GCC's larger bounds are those of a type, or of the memory, and say nothing: a reason is needed."""
 EXCEPTION_FRAME: Final = 108
 """Bytes that the core pushes for an exception, floating-point registers and alignment included (Armv7-M, B1.5.6)."""
-_EXCEPTIONS: Final = ("sw_board_unexpected (sw_board_core.c)", "sw_board_tick (sw_board_core.c)")
+_EXCEPTIONS: Final = ("sw_board_unexpected", "sw_board_tick")
 """The handlers in the vector table. Interrupts are masked; a fault or an NMI is not."""
-_START: Final = "sw_board_start (sw_board_start.c)"
+_START: Final = "sw_board_start"
 _LOADER: Final = b"".join(
     b"#define SW_BOARD_%s %s\n" % (name, value)
     for name, value in (
@@ -43,6 +55,7 @@ _LOADER: Final = b"".join(
     )
 )  # fmt: skip
 """Equipment with keys of zeros: they do not change the code."""
+_KEY: Final = f"#define SW_BOARD_BUS_KEY {{{', '.join(map(str, KEY_BYTES))}}}\n".encode()
 _WORD: Final = 4
 
 
@@ -69,16 +82,24 @@ class Bounds:
 
 
 def main(json_file: JsonFile = None) -> None:
-    """Report the firmware's bounds."""
+    """Report the bounds of the fullest firmware, and beside them the measured stack of the release's alone."""
+    config, bundle = load_config(), load_bundle(BUNDLE)
     with library_folder(None) as folder:
-        sources = read_sources(folder, board=True)
-    found = {name: bounds(read_program(board_files(sources, own))) for name, own in equipped().items()}
-    report(json_file, {name: vars(one) for name, one in found.items()}, {"bundle": load_bundle(BUNDLE).manifest.name})
-
-
-def equipped() -> dict[str, dict[str, bytes]]:
-    """Return the files of a board's production by the name of the firmware."""
-    return {"loader": {EQUIPMENT: _LOADER}}
+        sources, rows = read_sources(folder, board=True), read_recorded(folder)
+    keyed = replace(config, bus=replace(config.bus, key="bus.key"))
+    fullest = {**sources, ECU_SETTINGS: ecu_settings(bundle, keyed)}
+    found = bounds(read_program(board_files(fullest, {EQUIPMENT: _LOADER, BUS_KEY: _KEY})))
+    alone = read_built(board_files(sources))
+    measured = worst_periods(sources, config, rows, firmware=read_elf(alone.image))
+    figures = asdict(found) | {
+        "alone": {
+            "stack_b": stack_of(alone)[0],
+            "measured_stack_b": measured["stack_b"],
+            "worst_ms": measured["worst_ms"],
+            "bound_ms": measured["bound_ms"],
+        }
+    }
+    report(json_file, figures, {"bundle": bundle.manifest.name, "compiler": compiler_version()}, tables.bounds)
 
 
 def bounds(program: WholeProgram, reasons: Mapping[str, Any] | None = None) -> Bounds:
@@ -94,14 +115,12 @@ def bounds(program: WholeProgram, reasons: Mapping[str, Any] | None = None) -> B
     wrong = [f"{loop.function}: the loop at {loop.place} has no bound" for loop, line in lines.items() if line is None]
     left = {**known["most"], **known["waits"]}.keys() - {loop.function for loop in program.loops if _is_open(loop)}
     wrong += [f"{name}: has no loop without a proved bound" for name in sorted(left)]
-    for calls in (program.written, program.built):
+    for calls in (program.written, program.built.calls):
         wrong += [f"{' calls '.join(circle)}: recursion" for circle in recursions(calls)]
         wrong += [f"{place}: a call through a pointer reaches no known function" for place in calls.unresolved]
     if wrong:
         raise McuError("; ".join(wrong))
-    runtime = _stack_of_runtime(program)
-    depth, chain = deepest(program.built, _START, runtime)
-    handler = max(deepest(program.built, name, runtime)[0] for name in _EXCEPTIONS)
+    depth, chain = stack_of(program.built)
     kinds = [loop.function in known["waits"] if _is_open(loop) else None for loop in program.loops]
     return Bounds(
         loops=tuple(sorted(line for line in lines.values() if line is not None)),
@@ -110,8 +129,8 @@ def bounds(program: WholeProgram, reasons: Mapping[str, Any] | None = None) -> B
         waits=kinds.count(True),
         functions=len(program.written.stack),
         pointed_at=len(program.pointed_at),
-        stack_b=depth + EXCEPTION_FRAME + handler,
-        stack_of=tuple(chain),
+        stack_b=depth,
+        stack_of=chain,
     )
 
 
@@ -150,6 +169,15 @@ def deepest(calls: Calls, start: str, runtime: int) -> tuple[int, list[str]]:
     return below(start)
 
 
+def stack_of(built: Built) -> tuple[int, tuple[str, ...]]:
+    """Return the bytes of a firmware's deepest stack, an exception at the worst place included, and its calls."""
+    runtime = _stack_of_runtime(built)
+    named = {name.split(" ")[0]: name for name in built.calls.stack}
+    depth, chain = deepest(built.calls, named[_START], runtime)
+    handler = max(deepest(built.calls, named[name], runtime)[0] for name in _EXCEPTIONS)
+    return depth + EXCEPTION_FRAME + handler, tuple(chain)
+
+
 def _is_open(loop: Loop) -> bool:
     return loop.most is None or loop.most > LARGEST_PROVED
 
@@ -167,13 +195,15 @@ def _line(loop: Loop, known: Mapping[str, Any]) -> str | None:
     return None
 
 
-def _stack_of_runtime(program: WholeProgram) -> int:
+def _stack_of_runtime(built: Built) -> int:
     """Return the deepest stack of a function of the compiler's runtime, from the instructions of those that are called:
     GCC reports none. One of them may go on in the next, so that all need as much as the deepest."""
-    called = {name for names in program.built.calls.values() for name in names} - program.built.stack.keys()
-    elf: Any = ELFFile(io.BytesIO(program.image))
+    called = {name for names in built.calls.calls.values() for name in names} - built.calls.stack.keys()
+    elf: Any = ELFFile(io.BytesIO(built.image))
     text, table = elf.get_section_by_name(".text"), next(iter(elf.iter_sections("SHT_SYMTAB")))
-    addresses = {item.name: item["st_value"] & ~1 for item in table.iter_symbols() if item["st_info"]["type"] == "STT_FUNC"}
+    addresses = {
+        item.name: item["st_value"] & ~1 for item in table.iter_symbols() if item["st_info"]["type"] == "STT_FUNC"
+    }
     starts = sorted(set(addresses.values()))
     machine = capstone.Cs(capstone.CS_ARCH_ARM, capstone.CS_MODE_THUMB + capstone.CS_MODE_MCLASS)
     machine.skipdata = True

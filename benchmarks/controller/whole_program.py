@@ -17,6 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+from contract.controller.c_folder import REPLAY
 from contract.errors import McuError
 
 COMPILER: Final = "arm-none-eabi-gcc"
@@ -34,10 +35,10 @@ _CALLED_BY_THE_COMPILER: Final = "sw_board_libc.c"
 """It is left out of the whole program: GCC calls memcpy only after it has dropped it."""
 
 _FUNCTION: Final = re.compile(r"^;; Function \S+ \((\S+), .*$", re.MULTILINE)
-_LOOP: Final = re.compile(r"^;; Loop (\d+)\n;;  header (\d+), ", re.MULTILINE)
+_LOOP: Final = re.compile(r"^;; Loop (\d+)\n(?:;;  [hd].*\n)*;;  nodes: ([\d ]+)", re.MULTILINE)
 _MOST: Final = re.compile(r"^Loop (\d+) iterates at most (-?\d+) times", re.MULTILINE)
 _BLOCK: Final = re.compile(r"^  <bb (\d+)>.*?\n(.*?)(?=^  <bb |^})", re.MULTILINE | re.DOTALL)
-_PLACE: Final = re.compile(r"\[(?:\S*/)?([\w.-]+:\d+):\d+\]")
+_PLACE: Final = re.compile(r"\[(?:\S*/)?([\w.-]+):(\d+):\d+\]")
 _ASSEMBLY: Final = re.compile(r"\[(?:\S*/)?([\w.-]+:\d+):\d+\] __asm__[^;]*?\bb\w* \d+b\b", re.DOTALL)
 _SIGNATURE: Final = re.compile(r"^(\w.*?) ?\b([\w.]+) \((.*)\)\n\{", re.MULTILINE)
 _POINTER: Final = re.compile(r"^  (.*?) ?\(\*<\w+>\) \((.*)\) (\w+);", re.MULTILINE)
@@ -79,20 +80,26 @@ class Calls:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Built:
+    """The firmware as it is built: its calls, with inlining, and the linked image, an ELF file."""
+
+    calls: Calls
+    image: bytes
+
+
+@dataclass(frozen=True, kw_only=True)
 class WholeProgram:
     """The firmware, as it stands in the sources, and as it is built.
 
     Attributes:
-        written, built: calls without and with inlining.
+        written: calls without inlining.
         pointed_at: functions whose address is taken.
-        image: linked firmware, an ELF file.
     """
 
     loops: tuple[Loop, ...]
     written: Calls
-    built: Calls
+    built: Built
     pointed_at: tuple[str, ...]
-    image: bytes
 
 
 def read_program(files: Mapping[str, bytes]) -> WholeProgram:
@@ -100,29 +107,46 @@ def read_program(files: Mapping[str, bytes]) -> WholeProgram:
     does not compile, or there is no compiler."""
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
-        for name, content in files.items():
-            (folder / name).write_bytes(content)
-        names = sorted(name for name in files if name.endswith(".c") and name != "replay.c")
+        names = _written(folder, files)
         for name in names:
             alone = name == _CALLED_BY_THE_COMPILER
             _run(folder, *BARE, *(() if alone else AS_WRITTEN), "-c", name, "-o", f"{name}.lto.o")
-            _run(folder, *BARE, "-fcallgraph-info=su", "-c", name, "-o", f"{name}.o")
-        objects = [f"{name}.o" for name in names]
+        objects = [f"{name}.lto.o" for name in names]
         whole = ("-flto-partition=none", "-fwhole-program", "-fcallgraph-info=su", "-save-temps=obj", *DUMPS)
-        _run(folder, *BARE, *AS_WRITTEN, *whole, *_LINK, *(f"{name}.lto.o" for name in names), "-lgcc", "-o", "whole.elf")
-        _run(folder, *BARE, *_LINK, *objects, "-lgcc", "-o", "board.elf")
-        bodies, graph = (_one(folder, f"whole*.{ending}") for ending in ("cunrolli", "ci"))
-        _, names = calls_of([graph], {})
-        names = {title.rpartition(":")[2]: name for title, name in names.items()}
-        pointed_at = {item: names[item] for item in _TAKEN.findall(_one(folder, "whole*.whole-program")) if item in names}
-        reached = _reached(bodies, pointed_at)
-        return WholeProgram(
-            loops=tuple(_loops(bodies, names)),
-            written=calls_of([graph], reached)[0],
-            built=calls_of((path.read_text(encoding="utf-8") for path in folder.glob("*.c.ci")), reached)[0],
-            pointed_at=tuple(sorted(pointed_at.values())),
-            image=(folder / "board.elf").read_bytes(),
-        )
+        _run(folder, *BARE, *AS_WRITTEN, *whole, *_LINK, *objects, "-lgcc", "-o", "whole.elf")
+        bodies, graph, symbols = (_one(folder, f"whole*.{end}") for end in ("cunrolli", "ci", "whole-program"))
+    _, titles = calls_of([graph], {})
+    names_of = {title.rpartition(":")[2]: name for title, name in titles.items()}
+    pointed_at = {item: names_of[item] for item in _TAKEN.findall(symbols) if item in names_of}
+    reached = _reached(bodies, pointed_at)
+    return WholeProgram(
+        loops=tuple(_loops(bodies, names_of)),
+        written=calls_of([graph], reached)[0],
+        built=read_built(files, reached),
+        pointed_at=tuple(sorted(pointed_at.values())),
+    )
+
+
+def read_built(files: Mapping[str, bytes], reached: Mapping[str, set[str]] | None = None) -> Built:
+    """Compile a firmware as the exported folder does. Raises McuError as `read_program`.
+
+    Args:
+        reached: functions that a call through a pointer may reach, by place; none if there is no such call.
+    """
+    with tempfile.TemporaryDirectory() as place:
+        folder = Path(place)
+        names = _written(folder, files)
+        for name in names:
+            _run(folder, *BARE, "-fcallgraph-info=su", "-c", name, "-o", f"{name}.o")
+        _run(folder, *BARE, *_LINK, *(f"{name}.o" for name in names), "-lgcc", "-o", "board.elf")
+        graphs = [path.read_text(encoding="utf-8") for path in folder.glob("*.c.ci")]
+        return Built(calls=calls_of(graphs, reached or {})[0], image=(folder / "board.elf").read_bytes())
+
+
+def _written(folder: Path, files: Mapping[str, bytes]) -> list[str]:
+    for name, content in files.items():
+        (folder / name).write_bytes(content)
+    return sorted(name for name in files if name.endswith(".c") and name != REPLAY)
 
 
 def calls_of(graphs: Iterable[str], reached: Mapping[str, set[str]]) -> tuple[Calls, dict[str, str]]:
@@ -161,13 +185,16 @@ def _loops(bodies: str, names: Mapping[str, str]) -> Iterator[Loop]:
     for title, body in _functions(bodies):
         function = names.get(title, title)
         most = {int(number): int(count) for number, count in _MOST.findall(body)}
-        blocks = dict(_BLOCK.findall(body))
-        for number, header in _LOOP.findall(body):
+        # A value that comes into a loop stands where it was made, before the loop.
+        blocks = {number: re.sub(r"^ *# .*$", "", block, flags=re.MULTILINE) for number, block in _BLOCK.findall(body)}
+        for number, nodes in _LOOP.findall(body):
             if number == "0":
                 continue
-            places = _PLACE.findall(blocks.get(header, "")) or _PLACE.findall(body)
+            inside = (found for node in nodes.split() for found in _PLACE.findall(blocks.get(node, "")))
+            places = list(inside) or _PLACE.findall(body)
+            first = min(places, key=lambda place: int(place[1]))
             bound = most.get(int(number), -1)
-            yield Loop(function=function, place=places[-1], most=bound if bound >= 0 else None)
+            yield Loop(function=function, place=":".join(first), most=bound if bound >= 0 else None)
         for place in sorted({item for block in blocks.values() for item in _ASSEMBLY.findall(block)}):
             yield Loop(function=function, place=place, most=None)
 
@@ -212,10 +239,16 @@ def _one(folder: Path, pattern: str) -> str:
     return path.read_text(encoding="utf-8")
 
 
-def _run(folder: Path, *arguments: str) -> None:
+def compiler_version() -> str:
+    """Return the compiler's name and version; raises McuError if there is no compiler."""
+    return _run(Path.cwd(), "--version").splitlines()[0]
+
+
+def _run(folder: Path, *arguments: str) -> str:
     try:
         done = subprocess.run([COMPILER, *arguments], cwd=folder, capture_output=True, text=True, check=False)
     except OSError as error:
         raise McuError(f"{COMPILER} does not run: {error.strerror}; Debian's package is gcc-arm-none-eabi") from error
     if done.returncode != 0:
         raise McuError(f"{COMPILER}: {done.stderr.strip()}")
+    return done.stdout

@@ -69,6 +69,7 @@ static inline float sw_norm_adjoint(int32_t *restrict sums, float unit, int16_t 
     uint32_t bits = 0;
     for (int c = 0; c < SW_PADDED(width); c += 8) {
         const int32_t *gain = channel[c / 8][SW_ADJOINT_GAIN];
+        SW_EIGHT_TIMES
         for (int j = 0; j < 8; j++) {
             const int32_t value = sw_scaled(sums[c + j], gain[j] * tape[c / 8].slope[j] + gain[j]);
             sums[c + j] = value;
@@ -85,6 +86,7 @@ static inline float sw_norm_adjoint(int32_t *restrict sums, float unit, int16_t 
     const int32_t centre = (int32_t)(-mean * fine.factor), slant = (int32_t)(-project * fine.factor * 65536.0f);
     for (int c = 0; c < SW_PADDED(width); c += 8) {
         const int32_t *scale = channel[c / 8][SW_ADJOINT_SCALE];
+        SW_EIGHT_TIMES
         for (int j = 0; j < 8; j++) {
             const int32_t near = centre + sw_scaled((int32_t)((uint32_t)sums[c + j] << fine.shift), fine.scaled);
             vector[c + j] = (int16_t)sw_scaled(sw_scaled_on(near, slant, tape[c / 8].xhat[j]), scale[j]);
