@@ -90,7 +90,8 @@ def main(json_file: JsonFile = None) -> None:
     fullest = {**sources, ECU_SETTINGS: ecu_settings(bundle, keyed)}
     found = bounds(read_program(board_files(fullest, {EQUIPMENT: _LOADER, BUS_KEY: _KEY})))
     alone = read_built(board_files(sources))
-    measured = worst_periods(sources, config, rows, firmware=read_elf(alone.image))
+    drives = ("full bus", "a sensor left out")
+    measured = worst_periods(sources, config, rows, firmware=read_elf(alone.image), drives=drives)
     figures = asdict(found) | {
         "alone": {
             "stack_b": stack_of(alone)[0],
@@ -113,8 +114,8 @@ def bounds(program: WholeProgram, reasons: Mapping[str, Any] | None = None) -> B
     known = tomllib.loads(REASONS.read_text(encoding="utf-8")) if reasons is None else reasons
     lines = {loop: _line(loop, known) for loop in program.loops}
     wrong = [f"{loop.function}: the loop at {loop.place} has no bound" for loop, line in lines.items() if line is None]
-    left = {**known["most"], **known["waits"]}.keys() - {loop.function for loop in program.loops if _is_open(loop)}
-    wrong += [f"{name}: has no loop without a proved bound" for name in sorted(left)]
+    left = {**known["most"], **known["waits"]}.keys() - {loop.function for loop in program.loops}
+    wrong += [f"{name}: has a reason in {REASONS.name}, and no loop" for name in sorted(left)]
     for calls in (program.written, program.built.calls):
         wrong += [f"{' calls '.join(circle)}: recursion" for circle in recursions(calls)]
         wrong += [f"{place}: a call through a pointer reaches no known function" for place in calls.unresolved]

@@ -173,7 +173,7 @@ def bounds(found: Any) -> str:
             ),
             ("deepest stack by analysis, an exception included", f"{row['stack_b']:,} B"),
             (
-                "without loader and key: by analysis, seen in all drives",
+                "without loader and key: by analysis, seen on the emulated board",
                 f"{alone['stack_b']:,} B, {alone['measured_stack_b']:,} B",
             ),
             (
