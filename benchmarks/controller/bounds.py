@@ -33,6 +33,7 @@ from contract.config.loading import load_config
 from contract.controller.c_folder import ECU_SETTINGS, read_recorded, read_sources
 from contract.errors import McuError
 from contract.release.bundle import load as load_bundle
+from contract.results import versions
 from contract.shipped import BUNDLE
 from ecu.in_c.c_settings import ecu_settings
 from firmware_sim.mcu.build import BUS_KEY, EQUIPMENT, board_files
@@ -100,7 +101,8 @@ def main(json_file: JsonFile = None) -> None:
             "bound_ms": measured["bound_ms"],
         }
     }
-    report(json_file, figures, {"bundle": bundle.manifest.name, "compiler": compiler_version()}, tables.bounds)
+    facts = {"compiler": compiler_version(), "versions": versions("unicorn", "capstone")}
+    report(json_file, figures, facts, tables.bounds)
 
 
 def bounds(program: WholeProgram, reasons: Mapping[str, Any] | None = None) -> Bounds:
