@@ -15,10 +15,13 @@
 #include "sw_tables.h"
 #include "sw_weights.h"
 
+/* With its loops unrolled, a function inlined into another one makes that one's stack deeper. */
 #if defined(__ARM_FEATURE_DSP) && defined(__thumb2__)
 #include "sw_norm_dsp.h"
+#define SW_ONCE static __attribute__((noinline, unused))
 #else
 #include "sw_norm_plain.h"
+#define SW_ONCE static inline
 #endif
 
 /* Computes xhat, h and ELU' from the sums of a product; returns r. The sums are overwritten. */
@@ -59,9 +62,9 @@ static inline uint32_t sw_bits_of(int32_t value) { return (uint32_t)(value ^ (va
 /* Computes dJ/du times the scales of the rows before, as int16 for the transposed product, from dJ/dh in `unit`, in
  * sums. Returns the factor for that product's sums. The sums are overwritten.
  */
-static inline float sw_norm_adjoint(int32_t *restrict sums, float unit, int16_t *restrict vector,
-                                    const sw_tape_eight *restrict tape, const int32_t channel[][2][8],
-                                    const float layer[2], float r, int width)
+SW_ONCE float sw_norm_adjoint(int32_t *restrict sums, float unit, int16_t *restrict vector,
+                              const sw_tape_eight *restrict tape, const int32_t channel[][2][8],
+                              const float layer[2], float r, int width)
 {
     const float one = 512.0f; /* unit of the last scaling: 2^23 represents 1 in a scale, 2^32 in sw_scaled */
     const float top = (float)SW_QMAX(SW_PADDED(width)) * one;
