@@ -2,15 +2,14 @@
 
     python -m benchmarks mcu [--json FILE] [--windows N]
 
-The row `release` is the whole ECU of the shipped bundle, stepped with its recorded pressures. Recorded and random
-windows, half of each, test whether the work of its control step depends on the data. The other rows have random
-weights, because the work depends only on the sizes; `stillwake mcu FOLDER` measures a trained library. Libraries for
-the Cortex-M4F run on the emulated Cortex-M7, which has all of its instructions, but the model is that of the
-Cortex-M4F.
+The row `release` is the whole ECU of the shipped bundle in the drives of `worst_period`, without and with a key of the
+bus. Recorded and random windows, half of each, test whether the work of its control step depends on the data. The other
+rows have random weights, because the work depends only on the sizes; `stillwake mcu FOLDER` measures a trained library.
+Libraries for the Cortex-M4F run on the emulated Cortex-M7, which has all of its instructions, but the model is that of
+the Cortex-M4F.
 """
 
-from collections.abc import Iterator
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import Annotated, Any, Final
 
 import numpy as np
@@ -18,23 +17,19 @@ import typer
 
 from benchmarks.common.command_line import MODEL, JsonFile, report, track
 from benchmarks.controller import tables
-from benchmarks.controller.ecu_measure import measure_ecu
 from benchmarks.controller.instruction_spread import instruction_spread
-from can_bridge.e2e.sender import E2eSender
-from can_bridge.wire.frame import Frame
-from can_bridge.wire.message_sets import message_set
-from can_bridge.wire.messages import Pressure, VehicleSpeed
+from benchmarks.controller.worst_period import worst_periods
 from contract.arrays import Array
 from contract.config.controller import MpcConfig
 from contract.config.learning import ModelConfig
 from contract.config.loading import load_config
-from contract.config.tree import Config
-from contract.controller.c_folder import ProgramRows, read_recorded, read_sources
+from contract.controller.c_folder import ECU_SETTINGS, read_recorded, read_sources
 from contract.model import model_folder
 from contract.recording import dataset
 from contract.release.bundle import load as load_bundle
 from contract.results import versions
 from contract.shipped import BUNDLE, RECORDING
+from ecu.in_c.c_settings import ecu_settings
 from examples.random_programs import random_program
 from export.program.controller_program import program_of
 from export.program.windows import random_window, recorded_windows
@@ -59,7 +54,6 @@ SMALLER: Final = ((96, 64, 3, "int8"), (64, 32, 5, "int8"), (64, 32, 3, "int8"))
 """Cases that are measured on the Cortex-M4F."""
 Case = tuple[int, int, int, str]
 _ROWS = 4
-_PERIODS = 300
 
 
 def main(
@@ -88,26 +82,18 @@ def _measured(case: Case, core: Core) -> dict[str, Any]:
 
 
 def _release(windows: int) -> dict[str, Any]:
-    """Measure the shipped bundle's ECU under control with its recorded pressures, which repeat."""
-    config = load_config()
+    """Measure the shipped bundle's ECU in constructed drives, without and with a key of the bus."""
+    config, bundle = load_config(), load_bundle(BUNDLE)
     with library_folder(None) as folder:
         sources, rows = read_sources(folder, board=True), read_recorded(folder)
-    found = measure_ecu(sources, _periods(config, rows, _PERIODS))
-    own = measure_ecu(sources, _periods(config, rows, _PERIODS), iterates=False)
     spread = instruction_spread(sources, track(_windows(windows), "windows of the release", "windows"))
+    keyed = replace(config, bus=replace(config.bus, key="bus.key"))
+    secured = {**sources, ECU_SETTINGS: ecu_settings(bundle, keyed)}
     return {
-        "modelled_ms_480": found.modelled_ms["480"],
-        "modelled_ms_480_own_goal": own.modelled_ms["480"],
-        "modelled_ms_300": found.modelled_ms["300"],
-        "flash_kib": found.flash_bytes / 1024,
-        "ram_kib": found.ram_bytes / 1024,
-        "stack_b": found.stack_bytes,
-        "instructions": found.instructions,
-        "instruction_spread": found.instruction_spread,
-        "steps": found.steps,
-        "in_control": found.in_control,
+        **worst_periods(sources, config, rows),
+        "secured": worst_periods(secured, keyed, rows, drives=("full bus",)),
         "control_step": asdict(spread),
-        "bundle": load_bundle(BUNDLE).manifest.name,
+        "bundle": bundle.manifest.name,
     }
 
 
@@ -122,22 +108,3 @@ def _windows(count: int) -> list[Array]:
     rng = np.random.default_rng(0)
     recorded = found[: count // 2]
     return recorded + [random_window(program, rng) for _ in range(count - len(recorded))]
-
-
-def _periods(config: Config, rows: ProgramRows, count: int) -> Iterator[tuple[int, list[Frame]]]:
-    """Yield periods with pressures and a speed between the past's sampled speeds; the request rises in the second."""
-    messages, ratio = message_set(config.bus), 0.9
-    pressure, speed = messages.pressure, messages.speed
-    sender, speeds = E2eSender(pressure.spec), E2eSender(speed.spec)
-    cruises = speed.emit(VehicleSpeed(speed_m_per_s=ratio * config.operating_point.speed, age_ns=0))
-    for k in range(count):
-        cp = rows[k % len(rows), :-1]
-        message = Pressure(
-            pressure_pa=tuple((config.operating_point.dynamic_pressure * ratio**2 * cp).tolist()),
-            valid=(True,) * len(cp),
-            enable_request=k > 0,
-            age_ns=0,
-        )
-        now_ns = (k + 1) * config.period_ns
-        frames = [speeds.frame(cruises, now_ns=now_ns), sender.frame(pressure.emit(message), now_ns=now_ns)]
-        yield now_ns, frames

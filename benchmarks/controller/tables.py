@@ -15,6 +15,8 @@ def tables(results: Path) -> dict[str, str]:
         "controller": latency(read(results / "controller.json")),
         "mcu": mcu(read(results / "mcu.json")),
         "mcu_release": mcu_release(read(results / "mcu.json")),
+        "mcu_worst": mcu_worst(read(results / "mcu.json")),
+        "bounds": bounds(read(results / "bounds.json")),
     }
 
 
@@ -104,26 +106,79 @@ def _sizes(rows: list[dict[str, Any]], clocks: tuple[str, ...]) -> str:
 def mcu_release(found: Any) -> str:
     """Return the table of the shipped release's whole ECU on the emulated Cortex-M7."""
     row = found["figures"]["release"]
-    step = row["control_step"]
+    step, mean, worst = row["control_step"], row["mean_ms"], row["worst_ms"]
     alike = step["windows"] - step["unlike"]
     return table(
         (f"{row['bundle']}, whole firmware of a board, {found['facts']['horizon']} steps of horizon", ""),
         [
-            ("longest step at 480 MHz, modelled", f"{row['modelled_ms_480']:.2f} ms"),
-            ("longest step at 300 MHz, modelled", f"{row['modelled_ms_300']:.2f} ms"),
-            *(
-                [("at 480 MHz, for a goal that the prior knows", f"{row['modelled_ms_480_own_goal']:.2f} ms")]
-                if "modelled_ms_480_own_goal" in row
-                else []
+            (
+                f"control period at {clock} MHz, modelled",
+                f"{mean[clock]:.2f} ms in the mean, {worst[clock]:.2f} ms the longest",
+            )
+            for clock in mean
+        ]
+        + [
+            ("instructions of the longest period", f"{row['instructions']:,}"),
+            ("flash: code, weights, tables", f"{row['flash_bytes'] / 1024:.1f} KiB"),
+            (
+                "RAM: state, workspace, hot weights, received frames, stack",
+                f"{row['ram_bytes'] / 1024:.1f} KiB",
             ),
-            ("instructions of the longest step", f"{row['instructions']:,}"),
-            ("flash: code, weights, tables", f"{row['flash_kib']:.1f} KiB"),
-            ("RAM: state, workspace, hot weights, received frames, stack", f"{row['ram_kib']:.1f} KiB"),
             ("stack, deepest", f"{row['stack_b']} B"),
-            ("instructions, longest less shortest step under control", f"{row['instruction_spread']:,}"),
+            (
+                "instructions, longest less shortest period under control for the release's own goal",
+                f"{row['instruction_spread']:,}",
+            ),
             (
                 f"control step alone, over {step['windows']:,} recorded and random windows",
                 f"{step['fewest']:,} to {step['most']:,} instructions; {alike:,} windows take the same number",
+            ),
+        ],
+    )
+
+
+def mcu_worst(found: Any) -> str:
+    """Return the table of the constructed periods and of the bound, in ms, without and with a key of the bus."""
+    row = found["figures"]["release"]
+    secured = row["secured"]
+    frames = f" ({row['frames']} frames, with a key {secured['frames']})"
+    keys = (("mean, the release's own goal", "mean_ms"), ("**bound: every block at its most**", "bound_ms"))
+    mean, bound = ((label, *_ms(row[key]), *_ms(secured[key])) for label, key in keys)
+    drives = [
+        (name + (frames if name == "full bus" else ""), *_ms(drive), *_ms(secured["drives_ms"].get(name, {})))
+        for name, drive in row["drives_ms"].items()
+    ]
+    rows = [mean, *drives, bound]
+    clocks = [f"{clock} MHz" for clock in row["mean_ms"]]
+    heads = ("longest control period, ms", *clocks, *(f"with a key, {clock}" for clock in clocks))
+    return table(heads, [(*row, *[""] * (len(heads) - len(row))) for row in rows])
+
+
+def _ms(times: dict[str, float]) -> list[str]:
+    return [f"{time:.2f}" for time in times.values()]
+
+
+def bounds(found: Any) -> str:
+    """Return the table of the firmware's loops, calls and stack as GCC reports them."""
+    row = found["figures"]
+    alone, loops = row["alone"], row["proved"] + row["reasoned"] + row["waits"]
+    return table(
+        ("fullest firmware: loader, diagnosis, calibration, key of the bus", found["facts"]["compiler"]),
+        [
+            ("functions; of these called through pointers, by type", f"{row['functions']}; {row['pointed_at']}"),
+            ("recursions", 0),
+            (
+                "loops: bound proved by GCC, bound with a reason, waits for hardware",
+                f"{loops}: {row['proved']}, {row['reasoned']}, {row['waits']}",
+            ),
+            ("deepest stack by analysis, an exception included", f"{row['stack_b']:,} B"),
+            (
+                "without loader and key: by analysis, seen on the emulated board",
+                f"{alone['stack_b']:,} B, {alone['measured_stack_b']:,} B",
+            ),
+            (
+                "the same by GCC at 480 MHz: longest period, bound",
+                f"{alone['worst_ms']['480']:.2f} ms, {alone['bound_ms']['480']:.2f} ms",
             ),
         ],
     )

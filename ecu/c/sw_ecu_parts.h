@@ -151,7 +151,7 @@ void sw_past_extend(sw_past *past, const double row[SW_COLUMNS], double speed);
 void sw_past_empty(sw_past *past);
 
 /* Resamples the window at steps of the present speed. Returns the number of its rows that have data. */
-uint32_t sw_past_read(const sw_past *past, double window[SW_WINDOW][SW_COLUMNS]);
+uint32_t sw_past_read(const sw_past *past, double window[SW_WINDOW][SW_COLUMNS], int first, int last);
 #endif
 
 /* --- sw_memory.c: window, plan and actions in transit --- */

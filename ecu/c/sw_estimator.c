@@ -11,8 +11,6 @@
 
 #if SW_SENSOR_CHECK
 
-#include <stddef.h>
-
 #include "sw_estimator.h"
 
 /* Largest number of columns of a product, for sw_dots.h. */
@@ -33,15 +31,22 @@
 #define ONCE
 #endif
 
-/* Computes a place's first-layer product with a window's column, in work->sums. Rows before `first` equal it. */
-ONCE static void product_of(sw_estimator_work *work, const double window[SW_WINDOW][SW_COLUMNS], int first, int place,
-                            int column)
+/* Rounds the window to work->readings. Rows before `first` equal it. */
+static void take_readings(sw_estimator_work *work, const double window[SW_WINDOW][SW_COLUMNS], int first)
+{
+    for (int r = 0; r < SW_ESTIMATOR_ROWS; r++) {
+        const int row = SW_WINDOW - SW_ESTIMATOR_ROWS + r;
+        for (int c = 0; c < SW_COLUMNS; c++) work->readings[c][r] = (float)window[row > first ? row : first][c];
+    }
+}
+
+/* Computes a place's first-layer product with a window's column, in work->sums. */
+ONCE static void product_of(sw_estimator_work *work, int place, int column)
 {
     const sw_estimator_weights *w = work->weights;
     const float limit = (float)SW_ESTIMATOR_LIMIT;
     for (int r = 0; r < SW_ESTIMATOR_ROWS; r++) {
-        const int row = SW_WINDOW - SW_ESTIMATOR_ROWS + r;
-        const float value = (float)window[row > first ? row : first][column];
+        const float value = work->readings[column][r];
         work->vector[r] = sw_saturated((value - w->mean[place]) * w->factor[place], limit);
     }
     sw_dots(work->sums, w->column_rows[place], work->vector, SW_ESTIMATOR_WIDTH, SW_ESTIMATOR_ROWS);
@@ -57,26 +62,25 @@ ONCE static void left_out(const sw_estimator_work *work, int sensor, int32_t out
 }
 
 /* Computes work->all and work->out, with every column in its own place. */
-ONCE static void in_place(sw_estimator_work *work, const double window[SW_WINDOW][SW_COLUMNS], int first)
+ONCE static void in_place(sw_estimator_work *work)
 {
     for (int h = 0; h < SW_ESTIMATOR_WIDTH; h++) work->all[h] = 0;
     for (int c = 0; c < SW_COLUMNS; c++) {
-        product_of(work, window, first, c, c);
+        product_of(work, c, c);
         for (int h = 0; h < SW_ESTIMATOR_WIDTH; h++) work->all[h] += work->sums[h];
         if (c < SW_SENSORS) left_out(work, c, work->out[c]);
     }
 }
 
 /* Computes work->crossed and work->crossed_out, with the readings of two sensors exchanged. */
-ONCE static void exchanged(sw_estimator_work *work, const double window[SW_WINDOW][SW_COLUMNS], int first, int one,
-                           int other)
+ONCE static void exchanged(sw_estimator_work *work, int one, int other)
 {
     for (int s = 0; s < SW_SENSORS; s++) {
         for (int h = 0; h < SW_ESTIMATOR_WIDTH; h++) work->crossed_out[s][h] = work->out[s][h];
     }
-    product_of(work, window, first, one, other);
+    product_of(work, one, other);
     left_out(work, one, work->crossed_out[one]);
-    product_of(work, window, first, other, one);
+    product_of(work, other, one);
     left_out(work, other, work->crossed_out[other]);
     for (int h = 0; h < SW_ESTIMATOR_WIDTH; h++) {
         const int32_t before = work->out[one][h] + work->out[other][h];
@@ -84,32 +88,36 @@ ONCE static void exchanged(sw_estimator_work *work, const double window[SW_WINDO
     }
 }
 
-/* Computes the second layer's values from the first layer's in work->values, both after their ReLU. */
-static void second_layer(sw_estimator_work *work)
+/* Computes the second layer's values from the first layer's in work->values, both after their ReLU; `largest` is the
+ * largest of the first layer's.
+ */
+static void second_layer(sw_estimator_work *work, float largest)
 {
     const sw_estimator_weights *w = work->weights;
-    float largest = 0.0f;
-    for (int h = 0; h < SW_ESTIMATOR_WIDTH; h++) largest = sw_max(largest, work->values[h]);
     const float inverse = largest > 0.0f ? (float)SW_INT16_QMAX / largest : 0.0f;
     const float scale = largest / (float)SW_INT16_QMAX;
+    SW_FOUR_TIMES
     for (int h = 0; h < SW_ESTIMATOR_WIDTH; h++) work->vector[h] = sw_rounded(work->values[h] * inverse);
     sw_dots(work->sums, w->second_rows, work->vector, SW_ESTIMATOR_WIDTH, SW_ESTIMATOR_WIDTH);
+    SW_FOUR_TIMES
     for (int h = 0; h < SW_ESTIMATOR_WIDTH; h++) {
         const float product = (float)work->sums[h] * scale * w->second_scale[h];
         work->values[h] = sw_max(product + w->second_bias[h], 0.0f);
     }
 }
 
-/* Computes the hidden layers of a view: the sums, plus the change for one sensor left out, or for two. */
-ONCE static void hidden_layers(sw_estimator_work *work, const int32_t *sums, const int32_t *out, const int32_t *also)
+/* Computes the hidden layers of a view: the sums, plus the change for a sensor left out. */
+ONCE static void hidden_layers(sw_estimator_work *work, const int32_t *sums, const int32_t *out)
 {
     const sw_estimator_weights *w = work->weights;
+    float largest = 0.0f;
+    SW_FOUR_TIMES
     for (int h = 0; h < SW_ESTIMATOR_WIDTH; h++) {
-        const int32_t sum = sums[h] + out[h] + (also == NULL ? 0 : also[h]);
-        const float value = (float)sum * w->first_scale[h] + w->first_bias[h];
+        const float value = (float)(sums[h] + out[h]) * w->first_scale[h] + w->first_bias[h];
         work->values[h] = sw_max(value, 0.0f);
+        largest = sw_fmax(largest, work->values[h]);
     }
-    second_layer(work);
+    second_layer(work, largest);
 }
 
 /* Computes the last layer for one sensor, in Cp. With four sums an addition need not wait for the one before. */
@@ -129,18 +137,20 @@ void sw_estimate(sw_estimator_work *work, const sw_estimator_weights *weights,
                  const double window[SW_WINDOW][SW_COLUMNS], int first)
 {
     work->weights = weights;
-    in_place(work, window, first);
+    take_readings(work, window, first);
+    in_place(work);
     int pair = SW_SENSORS;
     for (int i = 0; i < SW_SENSORS; i++) {
-        hidden_layers(work, work->all, work->out[i], NULL);
+        hidden_layers(work, work->all, work->out[i]);
         work->estimates[i][i] = last_layer(work, i);
         for (int j = i + 1; j < SW_SENSORS; j++) {
-            hidden_layers(work, work->all, work->out[i], work->out[j]);
+            for (int h = 0; h < SW_ESTIMATOR_WIDTH; h++) work->crossed[h] = work->all[h] + work->out[j][h];
+            hidden_layers(work, work->crossed, work->out[i]);
             work->estimates[j][i] = last_layer(work, i);
             work->estimates[i][j] = last_layer(work, j);
-            exchanged(work, window, first, i, j);
+            exchanged(work, i, j);
             for (int s = 0; s < SW_SENSORS; s++) {
-                hidden_layers(work, work->crossed, work->crossed_out[s], NULL);
+                hidden_layers(work, work->crossed, work->crossed_out[s]);
                 work->estimates[pair][s] = last_layer(work, s);
             }
             pair++;

@@ -40,10 +40,11 @@ extern const sw_estimator_weights sw_own_estimator; /* compiled in */
 typedef struct {
     const sw_estimator_weights *weights;         /* the network in use */
     int32_t all[SW_ESTIMATOR_WIDTH];             /* sum of every column in its place, without flags */
-    int32_t crossed[SW_ESTIMATOR_WIDTH];         /* the sum with two readings exchanged */
+    int32_t crossed[SW_ESTIMATOR_WIDTH];         /* the sum with two readings exchanged, or without a sensor */
     int32_t out[SW_SENSORS][SW_ESTIMATOR_WIDTH]; /* change of the sum without a sensor: its flag minus its column */
     int32_t crossed_out[SW_SENSORS][SW_ESTIMATOR_WIDTH]; /* the change with two readings exchanged */
     int32_t sums[SW_ESTIMATOR_WIDTH];
+    float readings[SW_COLUMNS][SW_ESTIMATOR_ROWS]; /* columns of the window */
     float values[SW_ESTIMATOR_WIDTH];
     int16_t vector[SW_ESTIMATOR_LONGEST];
     double estimates[SW_SENSORS + SW_SENSORS * (SW_SENSORS - 1) / 2][SW_SENSORS]; /* the result of sw_estimate */

@@ -24,7 +24,7 @@ static void extended(sw_memory *memory, const double cp[SW_SENSORS], double spee
     row[SW_SENSORS] = memory->under_way[0] / speed;
 #if SW_PAST > 0
     sw_past_extend(&memory->past, row, speed);
-    memory->rows = sw_past_read(&memory->past, memory->window);
+    memory->rows = sw_past_read(&memory->past, memory->window, 0, SW_SENSORS);
 #else
     for (int k = 0; k + 1 < SW_WINDOW; k++) {
         for (int c = 0; c < SW_COLUMNS; c++) memory->window[k][c] = memory->window[k + 1][c];
@@ -117,7 +117,9 @@ void sw_memory_with_column(sw_memory *memory, int sensor, const double values[SW
 {
 #if SW_PAST > 0
     for (int k = SW_PAST - (int)memory->past.count; k < SW_PAST; k++) memory->past.rows[k][sensor] = values[k][sensor];
-    memory->rows = sw_past_read(&memory->past, memory->window);
+    /* The other columns are still those of the past, as soon as there is a row. */
+    const int is_new = memory->rows == 0u;
+    memory->rows = sw_past_read(&memory->past, memory->window, is_new ? 0 : sensor, is_new ? SW_SENSORS : sensor);
 #else
     for (int k = SW_WINDOW - (int)memory->rows; k < SW_WINDOW; k++) memory->window[k][sensor] = values[k][sensor];
 #endif

@@ -33,7 +33,7 @@ void sw_past_extend(sw_past *past, const double row[SW_COLUMNS], double speed)
     if (past->count < SW_PAST) past->count++;
 }
 
-uint32_t sw_past_read(const sw_past *past, double window[SW_WINDOW][SW_COLUMNS])
+uint32_t sw_past_read(const sw_past *past, double window[SW_WINDOW][SW_COLUMNS], int first, int last)
 {
     const int oldest = SW_PAST - (int)past->count;
     int at = SW_PAST - 1; /* index of the row at or after the time of a step */
@@ -49,7 +49,7 @@ uint32_t sw_past_read(const sw_past *past, double window[SW_WINDOW][SW_COLUMNS])
         const int is_there = at > oldest || (at == oldest && age >= steps);
         const double share = is_there ? (steps - age) / past->speeds[at] : 0.0;
         const int older = share > 0.0 ? at - 1 : at;
-        for (int c = 0; c < SW_COLUMNS; c++) {
+        for (int c = first; c <= last; c++) {
             const double newer = past->rows[at][c];
             window[k][c] = is_there ? newer + share * (past->rows[older][c] - newer) : 0.0;
         }

@@ -60,17 +60,23 @@ def compile_board(sources: Mapping[str, bytes], own: Mapping[str, bytes] | None 
         sources: sources of a library with its ECU, and those of the board by their paths in the library's folder.
         own: files that replace those of the same name, such as a header of equipment that enables the loader.
     """
+    contents = board_files(sources, own)
+    with tempfile.TemporaryDirectory() as place:
+        image = Path(place, "firmware.elf")
+        _compile(contents, image, _flags(BOARD_SCRIPT, CORTEX_M7))
+        return image.read_bytes()
+
+
+def board_files(sources: Mapping[str, bytes], own: Mapping[str, bytes] | None = None) -> dict[str, bytes]:
+    """Return the files of the firmware that `compile_board` compiles; raises LibraryError for a library without a
+    board."""
     parts = {part: {n.split("/")[1]: sources[n] for n in sources if n.startswith(f"{part}/")} for part in BOARD}
     board, loader = (parts[part] for part in BOARD)
     if BOARD_SCRIPT not in board:
         raise LibraryError(f"{BOARD[0]}/{BOARD_SCRIPT} is missing: this library has no board; export it again")
     if own is None or EQUIPMENT not in own:
         loader = {"sw_flash.h": loader["sw_flash.h"]}
-    with tempfile.TemporaryDirectory() as place:
-        image = Path(place, "firmware.elf")
-        contents = library_sources(sources) | loader | board | {UDS_SETTINGS: uds_settings()} | dict(own or {})
-        _compile(contents, image, _flags(BOARD_SCRIPT, CORTEX_M7))
-        return image.read_bytes()
+    return library_sources(sources) | loader | board | {UDS_SETTINGS: uds_settings()} | dict(own or {})
 
 
 def _flags(script: str, core: Core) -> tuple[str, ...]:

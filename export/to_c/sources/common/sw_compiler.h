@@ -20,6 +20,28 @@
 #error "FLT_EVAL_METHOD must be 0 or 16, every operation in its own type; on x86 compile with -msse2 -mfpmath=sse"
 #endif
 #endif
+
+/* Unroll the following loop on a Cortex-M, whose compilers then interleave its passes: the core issues two instructions
+ * at a time, in order.
+ */
+#if defined(__ARM_FEATURE_DSP) && defined(__thumb2__) && defined(__clang__)
+#define SW_FOUR_TIMES _Pragma("clang loop unroll_count(4)")
+#define SW_EIGHT_TIMES _Pragma("clang loop unroll_count(8)")
+#elif defined(__ARM_FEATURE_DSP) && defined(__thumb2__) && defined(__GNUC__)
+#define SW_FOUR_TIMES _Pragma("GCC unroll 4")
+#define SW_EIGHT_TIMES _Pragma("GCC unroll 8")
+#else
+#define SW_FOUR_TIMES
+#define SW_EIGHT_TIMES
+#endif
+
+/* On such a core, loads four numbers before anything that follows: a number cannot be used in the cycle after its load. */
+#if defined(__ARM_FEATURE_DSP) && defined(__thumb2__) && defined(__GNUC__)
+#define SW_LOADED(a, b, c, d) __asm__("" : "+t"(a), "+t"(b), "+t"(c), "+t"(d))
+#else
+#define SW_LOADED(a, b, c, d) (void)0
+#endif
+
 typedef char sw_compile_without_fsingle_precision_constant[sizeof(1.0) == sizeof(double) ? 1 : -1];
 
 #endif

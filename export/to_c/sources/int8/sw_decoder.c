@@ -11,6 +11,14 @@
 #define CALLED
 #endif
 
+#if defined(SW_DOTS_DSP_H)
+void sw_dots_sixteens(int32_t *restrict y, const int8_t *restrict w, const int16_t *restrict x, int rows, int columns)
+{
+    int32_t wa, wb, xa, xb, t, u, count, bytes = 2 * columns, sixteens = columns / 16;
+    SW_FOUR_ROWS(SW_SIXTEEN_COLUMNS);
+}
+#endif
+
 /* Computes the products for the first vector or for both. */
 static CALLED void multiply(sw_decoder_scratch *s, const int8_t *matrix, int rows, int columns, int count)
 {
@@ -31,6 +39,7 @@ static inline int16_t held(int32_t value)
 /* Converts the sum of residuals to a layer's input. */
 static void round_residuals(int16_t *restrict vector, const int32_t *restrict x, int32_t factor)
 {
+    SW_EIGHT_TIMES
     for (int o = 0; o < SW_DECODER_P; o++) vector[o] = held(sw_scaled(x[o], factor));
 }
 
@@ -38,6 +47,7 @@ static void round_residuals(int16_t *restrict vector, const int32_t *restrict x,
 static void add_residuals(int32_t *restrict x, const int16_t *restrict elu, int16_t *restrict vector, int32_t of_elu,
                           int32_t factor)
 {
+    SW_EIGHT_TIMES
     for (int o = 0; o < SW_DECODER_P; o++) {
         x[o] = sw_sum(x[o], elu[o] * of_elu);
         vector[o] = held(sw_scaled(x[o], factor));
@@ -58,6 +68,7 @@ static CALLED void decode_steps(sw_workspace *work, int first, int count)
     }
     multiply(s, w->decoder_rows, SW_DECODER_P, SW_LATENT_P, count);
     for (int t = 0; t < count; t++) {
+        SW_EIGHT_TIMES
         for (int o = 0; o < SW_DECODER_P; o++) {
             s->x[t][o] = sw_cut((float)s->sums[t][o] * w->decoder_channel[o / 8][SW_SCALE][o % 8] +
                                 w->decoder_channel[o / 8][SW_BIAS][o % 8]);
@@ -89,6 +100,7 @@ static float add_adjoints(int32_t *restrict x, float unit, int32_t *restrict sum
     const float coarser = 4.0f * sw_fmax(unit, unit_of_sums);
     const int32_t factor = coarser > 0.0f ? sw_factor(unit / coarser) : 0;
     const int32_t factor_of_sums = coarser > 0.0f ? sw_factor(unit_of_sums / coarser) : 0;
+    SW_FOUR_TIMES
     for (int o = 0; o < SW_DECODER_P; o++) {
         x[o] = sw_scaled(x[o], factor) + sw_scaled(sums[o], factor_of_sums);
         sums[o] = x[o];
@@ -100,11 +112,13 @@ static float add_adjoints(int32_t *restrict x, float unit, int32_t *restrict sum
 static float round_adjoints(int16_t *restrict vector, int32_t *restrict x, float unit, const sw_weights *w)
 {
     uint32_t bits = 0;
+    SW_FOUR_TIMES
     for (int o = 0; o < SW_DECODER_P; o++) {
         x[o] = sw_scaled(x[o], w->decoder_scale[o]);
         bits |= sw_bits_of(x[o]);
     }
     const sw_fine fine = sw_fine_of((float)bits, (float)SW_QMAX(SW_DECODER_P));
+    SW_FOUR_TIMES
     for (int o = 0; o < SW_DECODER_P; o++) {
         vector[o] = (int16_t)sw_scaled((int32_t)((uint32_t)x[o] << fine.shift), fine.scaled);
     }

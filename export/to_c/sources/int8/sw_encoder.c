@@ -4,24 +4,33 @@
 #include "sw_networks.h"
 #include "sw_norm.h"
 
-/* Returns a gate's argument for sw_logistic_points. */
-static inline int32_t gate(const sw_encoder_scratch *e, const sw_weights *w, int number, int k)
+/* Writes the logistic function of each gate's argument in place of its sum; that of g has twice the argument. */
+static void open_gates(sw_encoder_scratch *e, const sw_weights *w)
 {
-    const int c = number * SW_LSTM_P + k;
-    const float (*of)[8] = w->lstm_channel[c / 8];
-    return sw_cut((float)e->by_row[c] * of[0][c % 8] + (float)e->by_hidden[c] * of[1][c % 8] + of[2][c % 8]);
+    for (int c = 0; c < 4 * SW_LSTM_P; c += 8) {
+        const float (*of)[8] = w->lstm_channel[c / 8];
+        SW_FOUR_TIMES
+        for (int k = 0; k < 8; k++) {
+            const float argument = (float)e->by_row[c + k] * of[0][k] + (float)e->by_hidden[c + k] * of[1][k] + of[2][k];
+            e->by_row[c + k] = sw_table_logistic(sw_cut(argument));
+        }
+    }
 }
 
 /* c = sigmoid(f) c + sigmoid(i) tanh(g), h = sigmoid(o) tanh(c). */
 static void update_cells(sw_encoder_scratch *e, const sw_weights *w)
 {
     const float one = 1.0f / (float)SW_LOGISTIC_QMAX, product = one * one;
+    const int32_t *enters = e->by_row, *stays = &e->by_row[SW_LSTM_P];
+    const int32_t *value = &e->by_row[2 * SW_LSTM_P], *leaves = &e->by_row[3 * SW_LSTM_P];
+    open_gates(e, w);
+    SW_FOUR_TIMES
     for (int k = 0; k < SW_LSTM; k++) {
-        const int32_t entering = sw_table_logistic(gate(e, w, 0, k)) * sw_table_tanh(gate(e, w, 2, k));
-        const float c = (float)sw_table_logistic(gate(e, w, 1, k)) * one * e->cell[k] + (float)entering * product;
+        const int32_t entering = enters[k] * sw_tanh_of(value[k]);
+        const float c = (float)stays[k] * one * e->cell[k] + (float)entering * product;
         const int32_t argument = (int32_t)(c * (float)(2 * SW_LOGISTIC_ONE) + ((float)SW_LOGISTIC_START + 0.5f));
         e->cell[k] = c;
-        e->output[k] = (float)(sw_table_logistic(gate(e, w, 3, k)) * sw_table_tanh(argument)) * product;
+        e->output[k] = (float)(leaves[k] * sw_tanh_of(sw_table_logistic(argument))) * product;
         e->hidden[k] = sw_rounded(e->output[k] * w->cell_inverse_scale);
     }
 }

@@ -15,10 +15,13 @@
 #include "sw_tables.h"
 #include "sw_weights.h"
 
+/* With its loops unrolled, a function inlined into another one makes that one's stack deeper. */
 #if defined(__ARM_FEATURE_DSP) && defined(__thumb2__)
 #include "sw_norm_dsp.h"
+#define SW_ONCE static __attribute__((noinline, unused))
 #else
 #include "sw_norm_plain.h"
+#define SW_ONCE static inline
 #endif
 
 /* Computes xhat, h and ELU' from the sums of a product; returns r. The sums are overwritten. */
@@ -59,9 +62,9 @@ static inline uint32_t sw_bits_of(int32_t value) { return (uint32_t)(value ^ (va
 /* Computes dJ/du times the scales of the rows before, as int16 for the transposed product, from dJ/dh in `unit`, in
  * sums. Returns the factor for that product's sums. The sums are overwritten.
  */
-static inline float sw_norm_adjoint(int32_t *restrict sums, float unit, int16_t *restrict vector,
-                                    const sw_tape_eight *restrict tape, const int32_t channel[][2][8],
-                                    const float layer[2], float r, int width)
+SW_ONCE float sw_norm_adjoint(int32_t *restrict sums, float unit, int16_t *restrict vector,
+                              const sw_tape_eight *restrict tape, const int32_t channel[][2][8],
+                              const float layer[2], float r, int width)
 {
     const float one = 512.0f; /* unit of the last scaling: 2^23 represents 1 in a scale, 2^32 in sw_scaled */
     const float top = (float)SW_QMAX(SW_PADDED(width)) * one;
@@ -69,6 +72,7 @@ static inline float sw_norm_adjoint(int32_t *restrict sums, float unit, int16_t 
     uint32_t bits = 0;
     for (int c = 0; c < SW_PADDED(width); c += 8) {
         const int32_t *gain = channel[c / 8][SW_ADJOINT_GAIN];
+        SW_EIGHT_TIMES
         for (int j = 0; j < 8; j++) {
             const int32_t value = sw_scaled(sums[c + j], gain[j] * tape[c / 8].slope[j] + gain[j]);
             sums[c + j] = value;
@@ -85,6 +89,7 @@ static inline float sw_norm_adjoint(int32_t *restrict sums, float unit, int16_t 
     const int32_t centre = (int32_t)(-mean * fine.factor), slant = (int32_t)(-project * fine.factor * 65536.0f);
     for (int c = 0; c < SW_PADDED(width); c += 8) {
         const int32_t *scale = channel[c / 8][SW_ADJOINT_SCALE];
+        SW_EIGHT_TIMES
         for (int j = 0; j < 8; j++) {
             const int32_t near = centre + sw_scaled((int32_t)((uint32_t)sums[c + j] << fine.shift), fine.scaled);
             vector[c + j] = (int16_t)sw_scaled(sw_scaled_on(near, slant, tape[c / 8].xhat[j]), scale[j]);

@@ -11,8 +11,8 @@
 static inline int16_t sw_between(const uint32_t *points, int32_t x, int32_t step)
 {
     const uint32_t point = points[x / step];
-    const int32_t rise = ((int32_t)(point >> 16) * (x % step) + step / 2) / step;
-    return (int16_t)(point + (uint32_t)rise);
+    const int32_t rise = (int32_t)point >> 16; /* of a point that is not negative: one instruction with the product */
+    return (int16_t)(point + (uint32_t)(rise * (x % step) + step / 2) / (uint32_t)step);
 }
 
 /* Returns ELU(y) in integers of 1 / SW_ELU_ONE, from y in integers of 1 / SW_ELU_ARGUMENT_ONE plus SW_ELU_START. The
@@ -35,7 +35,7 @@ static inline int32_t sw_table_logistic(int32_t x)
     return sw_between(sw_logistic_points, sw_held(x, 0, 2 * SW_LOGISTIC_START - 1), SW_LOGISTIC_STEP);
 }
 
-/* Returns tanh(x) in integers of 1 / SW_LOGISTIC_QMAX, from 2 x as above: 2 sw_table_logistic(2 x) - 1. */
-static inline int32_t sw_table_tanh(int32_t x) { return 2 * sw_table_logistic(x) - SW_LOGISTIC_QMAX; }
+/* Returns tanh(x) in integers of 1 / SW_LOGISTIC_QMAX, from the logistic function of 2 x. */
+static inline int32_t sw_tanh_of(int32_t logistic) { return 2 * logistic - SW_LOGISTIC_QMAX; }
 
 #endif

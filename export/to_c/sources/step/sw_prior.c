@@ -34,6 +34,7 @@ static void take_schedule(float schedule[SW_SCHEDULED], const sw_workspace *work
 /* Computes the weights of the units on their inputs at the present speed and goal. */
 static void take_weights(sw_prior_scratch *prior, const sw_weights *w)
 {
+    for (int u = 0; u < SW_PRIOR_OUTPUTS; u++) prior->weight[SW_PRIOR_INPUTS][u] = 0.0f;
     for (int u = 0; u < SW_PRIOR_OUTPUTS; u++) {
         float s[SW_SCHEDULED];
         for (int j = 0; j < SW_SCHEDULED; j++) s[j] = prior->schedule[j] * w->prior_first_scale[u][j];
@@ -111,17 +112,28 @@ static void multiply(float *outputs, const float *weights, const float *inputs)
     for (int first = 0; first < SW_PRIOR_OUTPUTS; first += 8) {
         float s0 = 0.0f, s1 = 0.0f, s2 = 0.0f, s3 = 0.0f, s4 = 0.0f, s5 = 0.0f, s6 = 0.0f, s7 = 0.0f;
         const float *of = &weights[first];
+        float w0 = of[0], w1 = of[1], w2 = of[2], w3 = of[3], w4 = of[4], w5 = of[5], w6 = of[6], w7 = of[7];
         for (int i = 0; i < SW_PRIOR_INPUTS; i++) {
             const float value = inputs[i];
-            s0 += of[0] * value;
-            s1 += of[1] * value;
-            s2 += of[2] * value;
-            s3 += of[3] * value;
-            s4 += of[4] * value;
-            s5 += of[5] * value;
-            s6 += of[6] * value;
-            s7 += of[7] * value;
-            of += SW_PRIOR_OUTPUTS;
+            SW_LOADED(w0, w1, w2, w3);
+            SW_LOADED(w4, w5, w6, w7);
+            s0 += w0 * value;
+            s1 += w1 * value;
+            s2 += w2 * value;
+            s3 += w3 * value;
+            s4 += w4 * value;
+            s5 += w5 * value;
+            s6 += w6 * value;
+            s7 += w7 * value;
+            of += SW_PRIOR_OUTPUTS; /* the next weights are loaded while these are multiplied */
+            w0 = of[0];
+            w1 = of[1];
+            w2 = of[2];
+            w3 = of[3];
+            w4 = of[4];
+            w5 = of[5];
+            w6 = of[6];
+            w7 = of[7];
         }
         outputs[first] = s0;
         outputs[first + 1] = s1;
@@ -146,11 +158,22 @@ static float wanted(sw_prior_scratch *prior)
     return sw_tanh(sum + other);
 }
 
-/* Predicts the next differences after the past that begins at a row. */
+/* Predicts the next differences after the past that begins at a row; it adds as `product`. */
 static void predict(sw_prior_scratch *prior, const sw_weights *w, int begin)
 {
+    const float *values = prior->rows[begin];
     for (int p = 0; p < SW_PRIOR_ROW - 1; p++) {
-        prior->rows[begin + SW_PRIOR_MEMORY][p] = product(w->prior_predictor[p], prior->rows[begin], 1, SW_PRIOR_PAST);
+        const float *weights = w->prior_predictor[p];
+        float sum = 0.0f, other = 0.0f;
+        SW_FOUR_TIMES
+        for (int i = 0; i + 1 < SW_PRIOR_PAST; i += 2) {
+            sum += weights[i] * values[i];
+            other += weights[i + 1] * values[i + 1];
+        }
+#if SW_PRIOR_PAST % 2 != 0
+        sum += weights[SW_PRIOR_PAST - 1] * values[SW_PRIOR_PAST - 1];
+#endif
+        prior->rows[begin + SW_PRIOR_MEMORY][p] = sum + other;
     }
 }
 

@@ -1,0 +1,232 @@
+"""The bounds of the firmware: no recursion, a bound for every loop, every call through a pointer, the deepest stack.
+
+    python -m benchmarks bounds --json results/bounds.json
+
+The firmware is the shipped release's with loader, diagnosis, calibration and a key of the bus, as GCC reports it
+(`benchmarks.controller.whole_program`). GCC proves most bounds of loops; `bounds.toml` has the reason for each other
+one. An unknown loop, a recursion or a call through a pointer to no known function is an error.
+"""
+
+import io
+import tomllib
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any, Final
+
+import capstone
+from elftools.elf.elffile import ELFFile
+
+from benchmarks.common.command_line import JsonFile, report
+from benchmarks.controller import tables
+from benchmarks.controller.whole_program import (
+    Built,
+    Calls,
+    Loop,
+    WholeProgram,
+    compiler_version,
+    read_built,
+    read_program,
+)
+from benchmarks.controller.worst_period import KEY_BYTES, worst_periods
+from contract.config.loading import load_config
+from contract.controller.c_folder import ECU_SETTINGS, read_recorded, read_sources
+from contract.errors import McuError
+from contract.release.bundle import load as load_bundle
+from contract.results import versions
+from contract.shipped import BUNDLE
+from ecu.in_c.c_settings import ecu_settings
+from firmware_sim.mcu.build import BUS_KEY, EQUIPMENT, board_files
+from firmware_sim.mcu.elf import read_elf
+from stillwake.parts.c_release import library_folder
+
+REASONS: Final = Path(__file__).with_name("bounds.toml")
+LARGEST_PROVED: Final = 4095
+"""Passes of a loop. GCC's larger bounds are those of a type, or of the memory, and say nothing: a reason is needed."""
+EXCEPTION_FRAME: Final = 108
+"""Bytes that the core pushes for an exception, floating-point registers and alignment included (Armv7-M, B1.5.6)."""
+_EXCEPTIONS: Final = ("sw_board_unexpected", "sw_board_tick")
+"""The handlers in the vector table. Interrupts are masked; a fault or an NMI is not."""
+_START: Final = "sw_board_start"
+_LOADER: Final = b"".join(
+    b"#define SW_BOARD_%s %s\n" % (name, value)
+    for name, value in (
+        (b"LOADER", b"1"), (b"ROOT", b"{0}"), (b"ACCESS_KEY", b"{0}"), (b"VEHICLE", b"{0}"), (b"HARDWARE", b'"h"'),
+        (b"SERIAL", b'"s"'), (b"SOFTWARE", b'"s"'),
+    )
+)  # fmt: skip
+"""Equipment with keys of zeros: they do not change the code."""
+_KEY: Final = f"#define SW_BOARD_BUS_KEY {{{', '.join(map(str, KEY_BYTES))}}}\n".encode()
+_WORD: Final = 4
+
+
+@dataclass(frozen=True, kw_only=True)
+class Bounds:
+    """What was found.
+
+    Attributes:
+        loops: a line for each loop: function, place, largest number of passes, and why if GCC does not prove it.
+        proved, reasoned, waits: numbers of loops by kind; `waits` have no bound by design.
+        functions, pointed_at: numbers of functions, and of those that are called through pointers.
+        stack_b: bytes of the deepest stack, exception included.
+        stack_of: the chain of calls that needs it.
+    """
+
+    loops: tuple[str, ...]
+    proved: int
+    reasoned: int
+    waits: int
+    functions: int
+    pointed_at: int
+    stack_b: int
+    stack_of: tuple[str, ...]
+
+
+def main(json_file: JsonFile = None) -> None:
+    """Report the bounds of the fullest firmware, and beside them the measured stack of the release's alone."""
+    config, bundle = load_config(), load_bundle(BUNDLE)
+    with library_folder(None) as folder:
+        sources, rows = read_sources(folder, board=True), read_recorded(folder)
+    keyed = replace(config, bus=replace(config.bus, key="bus.key"))
+    fullest = {**sources, ECU_SETTINGS: ecu_settings(bundle, keyed)}
+    found = bounds(read_program(board_files(fullest, {EQUIPMENT: _LOADER, BUS_KEY: _KEY})))
+    alone = read_built(board_files(sources))
+    drives = ("full bus", "a sensor left out")
+    measured = worst_periods(sources, config, rows, firmware=read_elf(alone.image), drives=drives)
+    figures = asdict(found) | {
+        "alone": {
+            "stack_b": stack_of(alone)[0],
+            "measured_stack_b": measured["stack_b"],
+            "worst_ms": measured["worst_ms"],
+            "bound_ms": measured["bound_ms"],
+        }
+    }
+    facts = {"compiler": compiler_version(), "versions": versions("unicorn", "capstone")}
+    report(json_file, figures, facts, tables.bounds)
+
+
+def bounds(program: WholeProgram, reasons: Mapping[str, Any] | None = None) -> Bounds:
+    """Check a firmware and return its bounds. Raises McuError with every loop without a bound, every recursion and
+    every unresolved call.
+
+    Args:
+        program: the firmware.
+        reasons: contents of `bounds.toml`; if None, that file.
+    """
+    known = tomllib.loads(REASONS.read_text(encoding="utf-8")) if reasons is None else reasons
+    lines = {loop: _line(loop, known) for loop in program.loops}
+    wrong = [f"{loop.function}: the loop at {loop.place} has no bound" for loop, line in lines.items() if line is None]
+    left = {**known["most"], **known["waits"]}.keys() - {loop.function for loop in program.loops}
+    wrong += [f"{name}: has a reason in {REASONS.name}, and no loop" for name in sorted(left)]
+    for calls in (program.written, program.built.calls):
+        wrong += [f"{' calls '.join(circle)}: recursion" for circle in recursions(calls)]
+        wrong += [f"{place}: a call through a pointer reaches no known function" for place in calls.unresolved]
+    if wrong:
+        raise McuError("; ".join(wrong))
+    depth, chain = stack_of(program.built)
+    kinds = [loop.function in known["waits"] if _is_open(loop) else None for loop in program.loops]
+    return Bounds(
+        loops=tuple(sorted(line for line in lines.values() if line is not None)),
+        proved=kinds.count(None),
+        reasoned=kinds.count(False),
+        waits=kinds.count(True),
+        functions=len(program.written.stack),
+        pointed_at=len(program.pointed_at),
+        stack_b=depth,
+        stack_of=chain,
+    )
+
+
+def recursions(calls: Calls) -> list[tuple[str, ...]]:
+    """Return the circles of calls: each begins and ends with the same function."""
+    finished, found = set[str](), list[tuple[str, ...]]()
+
+    def visit(name: str, path: tuple[str, ...]) -> None:
+        if name in path:
+            found.append((*path[path.index(name) :], name))
+        elif name not in finished:
+            for called in sorted(calls.calls.get(name, ())):
+                visit(called, (*path, name))
+            finished.add(name)
+
+    for name in sorted(calls.calls):
+        visit(name, ())
+    return found
+
+
+def deepest(calls: Calls, start: str, runtime: int) -> tuple[int, list[str]]:
+    """Return the bytes of the deepest stack below a function, and its chain of calls; there must be no recursion.
+
+    Args:
+        runtime: bytes of stack that a function which the compiler adds needs at most.
+    """
+    known = dict[str, tuple[int, list[str]]]()
+
+    def below(name: str) -> tuple[int, list[str]]:
+        if name not in known:
+            own = calls.stack.get(name, runtime)
+            under = max((below(called) for called in calls.calls.get(name, ())), default=(0, []))
+            known[name] = own + under[0], [name, *under[1]]
+        return known[name]
+
+    return below(start)
+
+
+def stack_of(built: Built) -> tuple[int, tuple[str, ...]]:
+    """Return the bytes of a firmware's deepest stack, an exception at the worst place included, and its calls."""
+    runtime = _stack_of_runtime(built)
+    named = {name.split(" ")[0]: name for name in built.calls.stack}
+    depth, chain = deepest(built.calls, named[_START], runtime)
+    handler = max(deepest(built.calls, named[name], runtime)[0] for name in _EXCEPTIONS)
+    return depth + EXCEPTION_FRAME + handler, tuple(chain)
+
+
+def _is_open(loop: Loop) -> bool:
+    return loop.most is None or loop.most > LARGEST_PROVED
+
+
+def _line(loop: Loop, known: Mapping[str, Any]) -> str | None:
+    """Return a loop's line of the table; None if it has no bound."""
+    what = f"{loop.function} {loop.place.rpartition(':')[2]}"
+    if not _is_open(loop):
+        return f"{what}: {loop.most}"
+    if loop.function in known["waits"]:
+        return f"{what}: waits: {known['waits'][loop.function]}"
+    if loop.function in known["most"]:
+        most, why = known["most"][loop.function]
+        return f"{what}: {most}: {why}"
+    return None
+
+
+def _stack_of_runtime(built: Built) -> int:
+    """Return the deepest stack of a function of the compiler's runtime, from the instructions of those that are called:
+    GCC reports none. One of them may go on in the next, so that all need as much as the deepest."""
+    called = {name for names in built.calls.calls.values() for name in names} - built.calls.stack.keys()
+    elf: Any = ELFFile(io.BytesIO(built.image))
+    text, table = elf.get_section_by_name(".text"), next(iter(elf.iter_sections("SHT_SYMTAB")))
+    addresses = {
+        item.name: item["st_value"] & ~1 for item in table.iter_symbols() if item["st_info"]["type"] == "STT_FUNC"
+    }
+    starts = sorted(set(addresses.values()))
+    machine = capstone.Cs(capstone.CS_ARCH_ARM, capstone.CS_MODE_THUMB + capstone.CS_MODE_MCLASS)
+    machine.skipdata = True
+
+    def stack(start: int, seen: frozenset[int]) -> int:
+        end = next((other for other in starts if other > start), text["sh_addr"] + text["sh_size"])
+        lines = list(machine.disasm(text.data()[start - text["sh_addr"] : end - text["sh_addr"]], start))
+        targets = {int(line.op_str[1:], 0) & ~1 for line in lines if line.op_str.startswith("#")}
+        others = targets & set(starts) - seen - {start}
+        return sum(map(_pushed, lines)) + max((stack(other, seen | {start}) for other in others), default=0)
+
+    return max((stack(addresses[name], frozenset()) for name in called & addresses.keys()), default=0)
+
+
+def _pushed(line: Any) -> int:
+    """Return the bytes that an instruction pushes: `push`, `str ..., [sp, #-n]!`, or `sub sp, #n`."""
+    if line.mnemonic.startswith("push"):
+        return _WORD * (line.op_str.count(",") + 1)
+    if ("[sp, #-" in line.op_str and line.op_str.endswith("!")) or (
+        line.mnemonic.startswith("sub") and line.op_str.startswith("sp,")
+    ):
+        return int(line.op_str.rpartition("#")[2].strip("-]!"), 0)
+    return 0

@@ -1,0 +1,288 @@
+"""The longest control period of the firmware: constructed drives on the emulated board, and a bound from all of them.
+
+A period is everything that the core does from the end of one step to the end of the next: a turn of the main loop for
+each frame that wakes it, and the step. The constructed drives contain, each on top of the iterations, what makes a step
+longer. The bound adds, for each basic block, the most cycles that it took in any period of any drive, as if all drives
+were worst in the same period.
+"""
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from copy import deepcopy
+from dataclasses import dataclass, replace
+from typing import Any, Final
+
+import numpy as np
+
+from can_bridge.bus.interface import HEALTHY, BusHealth
+from can_bridge.e2e.sender import E2eSender
+from can_bridge.secoc.key import Key
+from can_bridge.secoc.securing import Freshness, secure
+from can_bridge.wire.frame import Frame
+from can_bridge.wire.frame_bits import frame_ns
+from can_bridge.wire.message_sets import message_set
+from can_bridge.wire.messages import Mode, Pressure, VehicleSpeed
+from contract.config.tree import Config
+from contract.controller.c_folder import ProgramRows
+from contract.errors import McuError
+from firmware_sim.mcu.board.board_ecu import BoardEcu
+from firmware_sim.mcu.cores import CORTEX_M7
+from firmware_sim.mcu.elf import Firmware
+from firmware_sim.mcu.measure import flash_bytes, linked_ram
+
+KEY_BYTES: Final = bytes(range(1, 17))
+"""Key of the bus in the firmware with authentication."""
+_KEY: Final = Key(KEY_BYTES)
+_WARM: Final = 80
+"""Periods until the window is full and the ECU in control."""
+_OWN_GOAL: Final = "the release's own goal"
+_TINY_NUMBERS: Final = "the smallest numbers"
+_TINY: Final = 5e-324
+"""The smallest number: software floating point takes longer with it."""
+_ROOM: Final = 120
+"""Frames besides the vehicle's own that the firmware keeps in a period, with a few places left for these."""
+
+
+class Vehicle:
+    """The frames that a vehicle sends: recorded pressures, which repeat, and a speed.
+
+    Args:
+        rows: recorded, (n, S+1).
+    """
+
+    def __init__(self, config: Config, rows: ProgramRows) -> None:
+        self.config, self._rows, self.number = config, rows, 0
+        self._messages = message_set(config.bus)
+        self._senders = [E2eSender(one.spec) for one in (self._messages.speed, self._messages.pressure)]
+        self._freshness = Freshness()
+        self.held: int | None = None
+
+    @property
+    def now_ns(self) -> int:
+        """Time of the next period."""
+        return (self.number + 1) * self.config.period_ns
+
+    def frames(self, *, ratio: float = 0.9) -> list[Frame]:
+        """Return the frames of the next period; pressures are the last.
+
+        Args:
+            ratio: speed, relative to the operating point's.
+        """
+        point, cp = self.config.operating_point, self._rows[self.number % len(self._rows), :-1].copy()
+        if self.held is not None:
+            cp[self.held] = self._rows[0, self.held]
+        pressure = Pressure(
+            pressure_pa=tuple((point.dynamic_pressure * ratio**2 * cp).tolist()),
+            valid=(True,) * len(cp),
+            enable_request=self.number > 0,
+            age_ns=0,
+        )
+        speed = VehicleSpeed(speed_m_per_s=ratio * point.speed, age_ns=0)
+        payloads = self._messages.speed.emit(speed), self._messages.pressure.emit(pressure)
+        now_ns, self.number = self.now_ns, self.number + 1
+        sent = [sender.frame(payload, now_ns=now_ns) for sender, payload in zip(self._senders, payloads, strict=True)]
+        if not self.config.bus.key:
+            return sent
+        self._freshness = self._freshness.next()
+        specs = self._messages.speed.spec, self._messages.pressure.spec
+        return [secure(frame, spec, _KEY, self._freshness) for frame, spec in zip(sent, specs, strict=True)]
+
+    def flood(self, frame: Frame) -> list[Frame]:
+        """Return as many frames of the pressures' identifier as the bus takes in a period: repeated ones, or forged
+        ones if there is a key."""
+        bus = self.config.bus
+        takes_ns = frame_ns(frame, nominal_bitrate=bus.nominal_bitrate, data_bitrate=bus.data_bitrate)
+        other = replace(frame, data=frame.data[:-1] + bytes([frame.data[-1] ^ 1])) if bus.key else frame
+        return [other] * min(self.config.period_ns // takes_ns, _ROOM)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Period:
+    """A control period.
+
+    Attributes:
+        flood: frames that wake the core before the vehicle's.
+        health: of the bus.
+        late_ns: time by which the period is later than due.
+    """
+
+    frames: Sequence[Frame]
+    flood: Sequence[Frame] = ()
+    health: BusHealth = HEALTHY
+    late_ns: int = 0
+
+
+class Tally:
+    """Cycles and instructions of periods, by drive and by basic block.
+
+    Attributes:
+        worst: cycles and instructions of the longest period, by drive.
+        in_control, in_control_instructions: of the periods under control for the release's own goal.
+        floods: numbers of frames before the vehicle's.
+        periods: number of periods.
+    """
+
+    def __init__(self) -> None:
+        self._most: dict[int, tuple[int, int]] = {}
+        self.worst: dict[str, tuple[int, int]] = {}
+        self.in_control, self.in_control_instructions, self.floods = list[int](), list[int](), list[int]()
+        self.periods = 0
+
+    def add(self, drive: str, blocks: Mapping[int, tuple[int, int]], *, is_mean: bool) -> None:
+        """Add a period's instructions and cycles by block."""
+        for address, (instructions, cycles) in blocks.items():
+            before = self._most.get(address, (0, 0))
+            self._most[address] = max(before[0], instructions), max(before[1], cycles)
+        cycles, instructions = sum(one for _, one in blocks.values()), sum(one for one, _ in blocks.values())
+        self.worst[drive] = max(self.worst.get(drive, (0, 0)), (cycles, instructions))
+        self.periods += 1
+        if is_mean:
+            self.in_control.append(cycles)
+            self.in_control_instructions.append(instructions)
+
+    @property
+    def bound(self) -> tuple[int, int]:
+        """Cycles and instructions if every block ran as often as in its worst period."""
+        return sum(cycles for _, cycles in self._most.values()), sum(count for count, _ in self._most.values())
+
+
+def worst_periods(
+    sources: Mapping[str, bytes],
+    config: Config,
+    rows: ProgramRows,
+    *,
+    firmware: Firmware | None = None,
+    drives: Iterable[str] | None = None,
+) -> dict[str, Any]:
+    """Run drives and return the firmware's needs: times by clock in MHz, in ms, and memory in bytes. Raises McuError if
+    the library does not compile or run, or does not come into control.
+
+    Args:
+        sources: files of the library by name, among them `sw_ecu_settings.h`.
+        config: of the vehicle; with `bus.key`, frames are authenticated.
+        rows: recorded, (n, S+1).
+        firmware: firmware compiled from these sources; if None, it is compiled.
+        drives: names of drives after the first one; if None, all.
+    """
+    secret = KEY_BYTES if config.bus.key else None
+    ecu, vehicle, tally = BoardEcu(sources, firmware=firmware, secret=secret), Vehicle(config, rows), Tally()
+    own = ecu.calibration
+    asked = replace(own, weights=replace(own.weights, lift_mean=1e-3, rate=1e-3, smoothness=1e-3))
+    for _ in range(_WARM):
+        _period(ecu, vehicle.now_ns, Period(frames=vehicle.frames()), _OWN_GOAL, tally)
+    if not tally.in_control:
+        raise McuError(f"the ECU did not come into control in {_WARM} control periods")
+    saved, stack = ecu.saved(), ecu.board.stack_depth()
+    for name in _DRIVES if drives is None else drives:
+        there = deepcopy(vehicle)
+        started_ns = there.now_ns - config.period_ns // 2
+        ecu = BoardEcu(sources, firmware=ecu.firmware, now_ns=started_ns, secret=secret)
+        if name != _OWN_GOAL:
+            ecu.calibrate(asked)
+        ecu.restore(_tiny(ecu, saved) if name == _TINY_NUMBERS else saved)
+        for period in _DRIVES[name](there):
+            _period(ecu, there.now_ns - config.period_ns + period.late_ns, period, name, tally)
+        stack = max(stack, ecu.board.stack_depth())
+    worst = {name: _ms(cycles) for name, (cycles, _) in tally.worst.items()}
+    cycles, instructions = max(tally.worst.values())
+    return {
+        "mean_ms": _ms(float(np.mean(tally.in_control))),
+        "worst_ms": _ms(cycles),
+        "bound_ms": _ms(tally.bound[0]),
+        "drives_ms": worst,
+        "instructions": instructions,
+        "bound_instructions": tally.bound[1],
+        "instruction_spread": max(tally.in_control_instructions) - min(tally.in_control_instructions),
+        "frames": max(tally.floods, default=0),
+        "flash_bytes": flash_bytes(ecu.firmware),
+        "ram_bytes": linked_ram(ecu.firmware) + stack,
+        "stack_b": stack,
+        "periods": tally.periods,
+    }
+
+
+def _ms(cycles: float) -> dict[str, float]:
+    return {str(clock): cycles / (clock * 1e3) for clock in CORTEX_M7.clocks_mhz}
+
+
+def _period(ecu: BoardEcu, now_ns: int, period: Period, name: str, tally: Tally) -> None:
+    blocks = dict[int, tuple[int, int]]()
+
+    def count() -> None:
+        for address, instructions, cycles in ecu.board.blocks.blocks():
+            before = blocks.get(address, (0, 0))
+            blocks[address] = before[0] + instructions, before[1] + cycles
+
+    if period.flood:
+        ecu.board.blocks.start()
+        for frame in period.flood:
+            ecu.advance(ecu.board.counter.now_ns + 1000, [frame])
+        count()
+        tally.floods.append(len(period.flood))
+    ecu.step(now_ns, period.frames, period.health)
+    count()
+    tally.add(name, blocks, is_mean=name == _OWN_GOAL and ecu.trace.mode is Mode.CONTROL)
+
+
+def _tiny(ecu: BoardEcu, saved: bytes) -> bytes:
+    """Return a state whose sensor check and benefit check have the smallest numbers as their means."""
+    ffi = ecu.structs.ffi
+    state = ffi.new("sw_ecu_state *")
+    ffi.buffer(state)[:] = saved
+    sensors = state.sensors
+    for table in (sensors.residual, sensors.fast, sensors.slow, sensors.noise, sensors.score):
+        for row in table:
+            for s in range(len(row)):
+                row[s] = _TINY
+    state.benefit.resting_swing = state.benefit.swing = _TINY
+    return bytes(ffi.buffer(state))
+
+
+def _steady(vehicle: Vehicle) -> Iterator[Period]:
+    for _ in range(24):
+        yield Period(frames=vehicle.frames())
+
+
+def _full_bus(vehicle: Vehicle) -> Iterator[Period]:
+    before = vehicle.frames()
+    yield Period(frames=before)
+    for _ in range(12):
+        frames = vehicle.frames()
+        yield Period(frames=frames, flood=vehicle.flood(frames[-1] if vehicle.config.bus.key else before[-1]))
+        before = frames
+
+
+def _left_out(vehicle: Vehicle) -> Iterator[Period]:
+    vehicle.held = 1
+    for _ in range(48):
+        yield Period(frames=vehicle.frames())
+
+
+def _at_all_speeds(vehicle: Vehicle) -> Iterator[Period]:
+    for ratio in (*np.linspace(0.9, 1.2, 16), *np.linspace(1.2, 0.7, 26)):
+        yield Period(frames=vehicle.frames(ratio=float(ratio)))
+
+
+def _lost(vehicle: Vehicle) -> Iterator[Period]:
+    """Lost frames, a late period, bus-off, and a gap of half a second; each is followed by good periods."""
+    for lost in (1, 2, 4):
+        for _ in range(lost):
+            vehicle.frames()
+            yield Period(frames=())
+        yield from (Period(frames=vehicle.frames()) for _ in range(4))
+    frames = vehicle.frames()
+    yield Period(frames=frames, health=BusHealth(tx_errors=255, rx_errors=127, bus_off=1))
+    yield Period(frames=vehicle.frames(), late_ns=vehicle.config.period_ns // 3)
+    for _ in range(24):
+        vehicle.frames()
+    yield from (Period(frames=vehicle.frames()) for _ in range(4))
+
+
+_DRIVES: Final = {
+    _OWN_GOAL: _steady,
+    "iterations": _steady,
+    "full bus": _full_bus,
+    "a sensor left out": _left_out,
+    "all speeds": _at_all_speeds,
+    "lost frames": _lost,
+    _TINY_NUMBERS: _steady,
+}
