@@ -17,7 +17,7 @@ MOST_MODULES = 15
 MOST_C_MODULES = 25
 """In a folder: the ECU's has as many, by the names of its twin's modules."""
 MOST_LINES = {
-    "source": 64_383, "benchmarks": 5_284, "tests": 54_699, "own C": 14_597, "JavaScript": 2_267, "docs": 2_068,
+    "source": 64_391, "benchmarks": 4_599, "tests": 55_558, "own C": 14_550, "JavaScript": 2_267, "docs": 2_072,
     "examples": 1_818,
 }  # fmt: skip
 """Of Python, but for C and JavaScript without the code of others; a ratchet, lowered with every line that goes."""

@@ -151,7 +151,9 @@ def live(of: Any, library: Library) -> None:
         course.reports()
     kept = course.twins.backing.memory.records[RecordKind.FAULTS]
     ages = (7, 38, 39, 40, 254, 255)
-    rows = [bytes([(0x00, 0x08, 0xFF)[at % 3], ages[at % len(ages)], at % 4]) for at in range(2 * len(CODES))]
+    rows = [
+        bytes([(0x08, 0x00, 0xFF)[at // len(ages) % 3], ages[at % len(ages)], at % 4]) for at in range(2 * len(CODES))
+    ]
     odd = [b"SWF1" + b"".join(row + bytes(range(SNAPSHOT_BYTES)) for row in rows[at::2]) for at in range(2)]
     forged = [one + crc32(one).to_bytes(4, "big") for one in odd]
     for damaged in (*forged, kept[:-1] + b"\x00", b"SWF2" + kept[4:], kept[:-1], kept):
