@@ -46,6 +46,7 @@ CPU_S: Final = 300
 MEMORY_BYTES: Final = 8 * 2**30
 _CONDITIONS: Final = re.compile(r"^Generated (\d+) VCC", re.MULTILINE)
 _VIOLATED: Final = re.compile(r"^Violated property:\n(.*\n.*\n.*)", re.MULTILINE)
+_INCLUDED: Final = re.compile(r'^ *# *include "([^"]+)"', re.MULTILINE)
 _PLACE: Final = re.compile(r"file \S*/")
 _VERSION: Final = re.compile(r"version (\S+)")
 
@@ -173,6 +174,8 @@ def _judged(output: str, cpu_s: int, taken_s: float) -> tuple[State, str]:
     if "VERIFICATION FAILED" in output:
         violated = _VIOLATED.search(output)
         return "failed", _PLACE.sub("", " ".join(violated[1].split())) if violated else "no property named"
+    if re.search(r"^ERROR: (PARSING|CONVERSION)", output, re.MULTILINE):
+        raise ProofError(f"a harness does not compile: {output[:300]}")
     if taken_s >= cpu_s - 2:
         return "open", f"not decided in {cpu_s} s"
     last = next((line for line in reversed(output.splitlines()) if "ERROR" in line or "bad_alloc" in line), "")
@@ -239,14 +242,16 @@ def _tell(name: str, outcome: Outcome) -> None:
 
 
 def _key(library: Path, esbmc: Path, of: Item | Sabotage) -> str:
-    """Return a hash of the files on which a result depends."""
+    """Return a hash of the files on which a result depends: the harness, and the files that it includes."""
     name = of.name if isinstance(of, Item) else of.item
-    sources = [*library.glob("sw_*.[ch]"), *(library / "loader").glob("*.[ch]"), *HARNESSES.glob("*.h")]
-    sources += HARNESSES.glob(f"{name.partition('.')[0]}.c")  # an open item may have none
     run = (of.unwind, of.define) if isinstance(of, Item) else (of.file, of.old, of.new)
     everything = hashlib.sha256(repr((name, run, esbmc.stat().st_size)).encode())
-    for path in sorted(sources, key=lambda path: path.name):
-        everything.update(path.name.encode() + path.read_bytes())
+    waiting, folders = [f"{name.partition('.')[0]}.c"], (HARNESSES, library, library / "loader")
+    for file in waiting:  # grows
+        path = next((folder / file for folder in folders if (folder / file).exists()), None)
+        content = path.read_bytes() if path else b""  # an open item may have no harness
+        everything.update(file.encode() + content)
+        waiting += [found for found in _INCLUDED.findall(content.decode()) if found not in waiting]
     return everything.hexdigest()[:16]
 
 

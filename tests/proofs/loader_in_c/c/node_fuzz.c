@@ -170,21 +170,21 @@ static void ask(const uint8_t *request, uint32_t length)
     counted.silent += !answered;
 }
 
-static void right_answer(uint8_t level, const uint8_t *seed, uint8_t right[16])
+static void right_answer(uint8_t level, const uint8_t *seed, uint32_t length, uint8_t right[16])
 {
     static const char label[] = "stillwake access";
     uint8_t text[17], own[16];
     memcpy(text, label, 16);
     text[16] = level;
     sw_aes_cmac(ecu->access_key, text, 17, own);
-    sw_aes_cmac(own, seed, 16, right);
+    sw_aes_cmac(own, seed, length, right);
 }
 
 static void answer_seed(uint8_t *request, uint32_t length)
 {
     uint8_t right[16];
     const uint8_t level = (uint8_t)((request[1] & 0x7fu) - 1u);
-    right_answer(level, last_seed, right);
+    right_answer(level, last_seed, sizeof last_seed, right);
     if (length != 18u) return;
     if (calm || drawn(10) < 8u) memcpy(&request[2], right, 16);
     if (level <= SW_LEVEL_CALIBRATION && memcmp(&request[2], right, 16) == 0) offered |= 1u << level;
@@ -231,20 +231,20 @@ static void tell(const uint8_t packet[SW_XCP_MAX_CTO])
 
 static void unlock_as_tool(void)
 {
-    uint8_t seed[18], right[16], packet[SW_XCP_MAX_CTO];
+    uint8_t seed[SW_XCP_SEED_LENGTH], right[16], packet[SW_XCP_MAX_CTO];
     TELL(SW_XCP_CONNECT);
-    for (uint32_t at = 0; at < 16u; at += 6u) {
+    for (uint32_t at = 0; at < sizeof seed; at += 6u) {
         TELL(SW_XCP_GET_SEED, at > 0u, SW_XCP_CAL_PAG);
         memcpy(&seed[at], &tool_answer[2], 6);
     }
-    right_answer(SW_LEVEL_CALIBRATION, seed, right);
+    right_answer(SW_LEVEL_CALIBRATION, seed, sizeof seed, right);
     const int is_right = drawn(5) > 0u;
     right[3] ^= !is_right;
     for (uint32_t at = 0; at < 16u; at += 6u) {
         packet[0] = SW_XCP_UNLOCK;
         packet[1] = (uint8_t)(16u - at);
         memcpy(&packet[2], &right[at], at < 12u ? 6 : 4);
-        tool_has_key = at == 12u && is_right;
+        tool_has_key |= at == 12u && is_right;
         tell(packet);
     }
     counted.tool_unlocked += ecu->node.xcp.access.is_unlocked;

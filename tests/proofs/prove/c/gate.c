@@ -1,6 +1,11 @@
 /* The command gate: whatever the controller asks for, and whatever the clocks show. */
 #include "prove.h"
 
+#ifdef AT_LEAST_A_PERIOD
+#include "sw_ecu_parts.h"
+#undef SW_PERIOD_NS
+#define SW_PERIOD_NS 0 /* whatever the time between two commands, it is a period or more */
+#endif
 #include "sw_gate.c"
 
 /* Limits as sw_calibration.c makes them (calibration.c proves it), and a command before that was within the range. */
@@ -35,9 +40,15 @@ void largest_step(void)
     const double range = limits.flow_m2_per_s, step = limits.step_m2_per_s;
     ASSUME(range >= 0.0 && range <= SW_GATE_FLOW && step >= 0.0 && step <= SW_GATE_STEP);
     ASSUME(before >= -range && before <= range);
-    ASSUME(!has_previous || now_ns <= previous_ns || elapsed_ns(previous_ns, now_ns) >= (uint64_t)SW_PERIOD_NS);
     const sw_gated passed = sw_gate(flow, 1, before, has_previous, previous_ns, 1, pressure_ns, now_ns, &limits);
     if (passed.enable) PROVE(passed.flow_m2_per_s <= before + step && passed.flow_m2_per_s >= before - step);
+}
+
+/* Whatever the time: no greater than the vehicle's step. */
+void shorter_time(void)
+{
+    const double change = largest_change(SW_GATE_STEP, nondet_int(), nondet_long(), nondet_long());
+    PROVE(change >= 0.0 && change <= SW_GATE_STEP);
 }
 
 /* Too old for a new command: none that leads away from zero. */
