@@ -19,7 +19,9 @@ static int is_sound(const sw_daq *daq)
     int sound = daq->lists <= 1u && daq->odts <= SW_XCP_ODTS && daq->used <= SW_XCP_ENTRIES && daq->stage <= ENTRIES;
     sound &= daq->next <= daq->odts && daq->odt < SW_XCP_ODTS && (daq->lists > 0u || daq->odts == 0u);
     sound &= daq->stage == ENTRIES || daq->stage == NOTHING || daq->used == 0u;
-    sound &= daq->stage != NOTHING || (daq->lists == 0u && daq->odts == 0u);
+    sound &= daq->stage != NOTHING || daq->lists == 0u;
+    sound &= daq->stage == ODTS || daq->stage == ENTRIES || daq->odts == 0u;
+    sound &= !daq->has_pointer || (daq->stage == ENTRIES && daq->odt < daq->odts);
     for (uint32_t odt = 0; odt < SW_XCP_ODTS; odt++) {
         uint32_t bytes = 0;
         sound &= daq->first[odt] < SW_XCP_ENTRIES;
