@@ -45,11 +45,16 @@ Measured on {found["date"]} in {len(facts["variants"])} kinds of vehicles, with
 def proofs(found: Any) -> str:
     """What is proved by machine on the exported C, under which bound and assumption, and what is open and why."""
     of, facts = found["figures"], found["facts"]
+    alike: dict[tuple[str, str, str], list[Any]] = {}
+    for item in of["items"]:
+        if item["state"] == "proved":
+            part = item["part"] + (" (Eva)" if item["tool"] == "Eva" else "")
+            alike.setdefault((part, item["bound"], item["assumes"]), []).append(item)
     rows = [
-        tuple(item[name] or None for name in ("part", "statement", "bound", "assumes", "conditions", "seconds"))
-        for item in of["items"]
-        if item["state"] == "proved"
-    ]
+        (part, "; ".join(one["statement"] for one in items), bound or None, assumes or None,
+         sum(one["conditions"] for one in items), round(sum(one["seconds"] for one in items), 1))
+        for (part, bound, assumes), items in alike.items()
+    ]  # fmt: skip
     undecided: dict[str, list[str]] = {}
     for item in of["items"]:
         if item["state"] != "proved":

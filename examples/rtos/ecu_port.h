@@ -28,4 +28,13 @@ void send_frame(const sw_frame *frame);
 /* The CAN controller's error counters. */
 void note_health(sw_bus_health *health);
 
+#if SW_SECOC
+/* Reads the key and the freshness values from non-volatile memory, in which it has counted this power cycle; returns 0,
+ * or 1 without them. */
+int read_authentication(sw_authentication *given);
+
+/* Writes the newest freshness values of the receivers there, as often as the memory bears it. */
+void keep_freshness(const sw_ecu_state *state);
+#endif
+
 #endif

@@ -30,6 +30,11 @@ void controller_task(void)
 {
     int64_t due_ns = clock_ns() + SW_PERIOD_NS;
     (void)sw_ecu_init(&ecu); /* a build that it refuses keeps the jets shut, and EcuStatus has the reason */
+#if SW_SECOC
+    sw_authentication given = {{0}, 0, 0, 0};
+    if (read_authentication(&given) == 0) (void)sw_ecu_authenticate(&ecu, &given); /* without it nothing is sent */
+    for (int i = 0; i < SW_AES_BYTES; i++) ((volatile uint8_t *)given.key)[i] = 0;
+#endif
     for (;;) {
         int64_t arrived_ns = -1;
         sleep_until(due_ns);
@@ -40,6 +45,9 @@ void controller_task(void)
         note_health(&ecu.surroundings.health);
         const int sent = sw_ecu_step(&ecu, clock_ns(), received, count, to_send);
         for (int i = 0; i < sent; i++) send_frame(&to_send[i]);
+#if SW_SECOC
+        keep_freshness(&ecu.state);
+#endif
         due_ns = next_due(due_ns, arrived_ns);
     }
 }

@@ -8,8 +8,10 @@ import time
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
+from math import inf
 from typing import Any, ClassVar, Final
 
+from can_bridge.secoc.node import authentication_in_virtual_time
 from contract.config.tree import Config
 from contract.errors import ConfigError, StillwakeError
 from contract.release.checks import Bundle
@@ -18,6 +20,7 @@ from ecu.calibrating import limits_of, release_calibration
 from ecu.ecu_state import EcuState
 from ecu.fit import check_sensors
 from ecu.stepped import LoopEcu
+from firmware_sim.bench.disturbances import Disturbances
 from firmware_sim.bench.virtual_loop import check_bit_rates
 from firmware_sim.live import present
 from firmware_sim.live.loop.live_run import LivePeriod, LiveRun
@@ -70,9 +73,8 @@ class LiveSession(NeverCopied):
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         check_bit_rates(config)
-        if config.bus.key:
-            raise ConfigError("bus.key: the live loop has no authentication; leave it empty")
         self._bundle, self._config, self._wake = bundle, config, wake
+        self._authentication = authentication_in_virtual_time(config.bus)
         self._make_ecu, self._ahead = ecu, ahead
         self._own, self._limits = release_calibration(bundle, config), limits_of(bundle, config)
         self._made: dict[str, tuple[LoopEcu, EcuState]] = {}
@@ -241,6 +243,7 @@ class LiveSession(NeverCopied):
             seed=self._seed,
             lead_in=self._lead_in,
             kept=self._kept,
+            authentication=self._authentication,
         )
         run.set_disturbances(settings.disturbances)
         if is_off:
@@ -267,7 +270,8 @@ class LiveSession(NeverCopied):
         return ecu
 
     def _check_choices(self, settings: LiveSettings) -> None:
-        """Check controller and plant; raises ConfigError for one that cannot be chosen here."""
+        """Check controller, plant and disturbances; raises ConfigError for one that cannot be chosen here."""
+        Disturbances.parse(settings.disturbances).check(self._config, self._bundle.manifest.sensors, duration_s=inf)
         for name, choices in self._choices.items():
             wanted = getattr(settings, name)
             found = next((choice for choice in choices if choice["name"] == wanted), None)

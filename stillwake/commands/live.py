@@ -22,11 +22,12 @@ USES: Final = (
     "bus.frames",
     "bus.background",
     "bus.e2e",
+    "bus.key",
     "ecu",
     "vehicle",
     COST_WEIGHTS,
 )
-"""The settings of `run`, except authentication and goals other than the weights that a release accepts."""
+"""The settings of `run`, except goals other than the weights that a release accepts."""
 
 Host = Annotated[str, typer.Option(help="Address to listen at; another needs the token in the link.")]
 Port = Annotated[int, typer.Option(help="Port to listen at; 0: any that is free.", min=0, max=65535)]

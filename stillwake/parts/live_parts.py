@@ -99,13 +99,15 @@ class Ecus:
     def __call__(self, name: str) -> "LoopEcu":
         """Return an ECU that was just powered on; an ECU in C is always the same object, which the session keeps too.
         Raises StillwakeError if the ECU is not available."""
+        from can_bridge.secoc.node import authentication_in_virtual_time
         from ecu.ecu import Ecu
         from ecu.stepped import LoopEcu
 
         if name in COMPILING:
             self.prepare(name)
             return self._in_c[name]
-        ecu = Ecu(self._release, self._graph, self._config)
+        authentication = authentication_in_virtual_time(self._config.bus)
+        ecu = Ecu(self._release, self._graph, self._config, authentication=authentication)
         return LoopEcu(ecu=ecu, kind="python", computed_by=self._graph.description)
 
     def ahead(self, name: str) -> Callable[[], None] | None:
@@ -115,12 +117,14 @@ class Ecus:
 
     def prepare(self, name: str) -> None:
         """Make an ECU in C, which takes seconds, unless it exists. Raises StillwakeError if it is not available."""
+        from can_bridge.secoc.key import read_secret
         from firmware_sim.bench.ecus import loop_ecu
 
         if name not in self._in_c:
+            key = self._config.bus.key
             sources = self._sources
             self._tell(COMPILING[name])
-            self._in_c[name] = loop_ecu(name, sources)
+            self._in_c[name] = loop_ecu(name, sources, secret=read_secret(Path(key)) if key else None)
 
     @cached_property
     def _graph(self) -> OnnxController:

@@ -8,6 +8,7 @@ from typing import Final, cast
 import numpy as np
 
 from can_bridge.command_gate import Intervention
+from can_bridge.secoc.node import Authentication
 from can_bridge.wire.message_sets import message_set
 from can_bridge.wire.messages import Reason
 from contract.config.tree import Config
@@ -173,6 +174,7 @@ class LiveRun:
         wake: a plant at the start of a control period.
         lead_in: number of periods after which control is requested without a viewer's action.
         kept: number of latest periods whose drag is stored.
+        authentication: key and freshness of the vehicle's node, with `bus.key`.
 
     Attributes:
         number, wake, ecu: as given; the ECU can be exchanged.
@@ -195,6 +197,7 @@ class LiveRun:
         seed: int,
         lead_in: int,
         kept: int,
+        authentication: Authentication | None = None,
     ) -> None:
         sensors = bundle.manifest.sensors
         self.number, self.wake, self.ecu = number, wake, ecu
@@ -209,7 +212,15 @@ class LiveRun:
         self.picture: FieldPicture | None = None
         self.latest: LivePeriod | None = None
         self.is_off = False
-        self.wired = wire(wake, sensors, config, ecu, self.disturbances, observe=self.bus_table)
+        self.wired = wire(
+            wake,
+            sensors,
+            config,
+            ecu,
+            self.disturbances,
+            authentication=authentication,
+            observe=self.bus_table,
+        )
         self._loop, self._bus, self.node = self.wired.loop, self.wired.bus, self.wired.node
         self.k, self.period_ns = 0, config.period_ns
         self.state: EcuState = ecu.ecu.state

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from can_bridge.secoc.node import authentication_in_virtual_time
 from contract.arrays import Array
 from contract.config.body import TRUCK_BODY
 from contract.config.tree import Config
@@ -52,15 +53,22 @@ class Live:
     """A session, and all that it has sent so far."""
 
     def __init__(
-        self, *, wake: Callable[[str], LoopPlant] = oscillator, kept: int = 400, lead_in: float = LEAD_IN, **more: Any
+        self,
+        *,
+        wake: Callable[[str], LoopPlant] = oscillator,
+        kept: int = 400,
+        lead_in: float = LEAD_IN,
+        config: Config = CONFIG,
+        **more: Any,
     ) -> None:
         self.bundle = make_bundle()
         self.made: dict[str, Ecu] = {}
         self.refused: set[str] = set()
         self.controller = Waves()
+        self.config = config
         self.session = LiveSession(
             bundle=self.bundle,
-            config=CONFIG,
+            config=config,
             wake=wake,
             ecu=self._ecu,
             controllers=CONTROLLERS,
@@ -79,7 +87,9 @@ class Live:
         if name in self.refused:
             raise LibraryError(f"no compiler\nfor {name}")
         assert name not in self.made
-        ecu = self.made[name] = Ecu(self.bundle, self.controller, CONFIG)
+        ecu = self.made[name] = Ecu(
+            self.bundle, self.controller, self.config, authentication=authentication_in_virtual_time(self.config.bus)
+        )
         return LoopEcu(ecu=ecu, kind="python", computed_by=f"waves by {name}")
 
     def run(self, periods: int) -> "Live":

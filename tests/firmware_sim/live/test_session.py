@@ -1,6 +1,8 @@
 """The live loop is the loop of a run, whatever is set on it meanwhile."""
 
 import json
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -8,6 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from can_bridge.secoc.key import write_key
 from can_bridge.wire.frame import Frame
 from contract.errors import StillwakeError
 from firmware_sim.bench.disturbances import Disturbances
@@ -127,7 +130,11 @@ def test_a_request_by_a_viewer_needs_no_lead_in_and_a_refusal_ends_it():
     assert not any(refused.run(20).rows["requested"])
 
 
-def test_another_controller_goes_on_from_the_state_of_the_one_before(live):
+@pytest.mark.parametrize("key", ["", "bus.key"])
+def test_another_controller_goes_on_from_the_state_of_the_one_before(key, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    write_key(Path("bus.key"), bytes(range(1, 17)))
+    live = Live(config=replace(CONFIG, bus=replace(CONFIG.bus, key=key)))
     live.run(30).set(controller="c").run(5)
     assert list(live.made) == ["python", "c"]
     assert live.heard["now"]["computed_by"] == "waves by c"

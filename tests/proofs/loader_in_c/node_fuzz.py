@@ -16,6 +16,8 @@ VIOLATIONS: Final = (
     *("stuck", "unlocked_without_key", "activated_unsigned"),
     *("releases_lost", "went_back", "wrong_answers"),
 )
+REACHED: Final = ("trials", "positive", "pending", "tool_unlocked", "tool_packets")
+"""Counts that must not be 0, since the program would otherwise show little."""
 
 
 def corpus(of: World, file: Path, seeds: range) -> None:

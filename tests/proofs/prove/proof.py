@@ -1,4 +1,5 @@
-"""Machine proofs on the exported C, unchanged: ESBMC unwinds every loop and asks a solver for inputs that break it.
+"""Machine proofs on the exported C, unchanged: ESBMC unwinds every loop and asks a solver for inputs that break it;
+Frama-C's Eva has the loops over tables that a solver does not end on.
 
     python -m tests.proofs.prove --json results/proofs.json
     python -m tests.proofs.prove --only "gate.*"
@@ -22,7 +23,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from datetime import date
 from fnmatch import fnmatch
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Annotated, Any, Final, Literal
@@ -34,6 +35,7 @@ from contract.errors import StillwakeError
 from contract.results import versions, write_result
 from stillwake.parts.c_release import library_folder
 from tests.proofs.command_line import JsonFile, console
+from tests.proofs.prove import abstract
 
 HARNESSES: Final = Path(__file__).with_name("c")
 PLAN: Final = Path(__file__).with_name("items.toml")
@@ -46,6 +48,7 @@ CPU_S: Final = 300
 MEMORY_BYTES: Final = 8 * 2**30
 _CONDITIONS: Final = re.compile(r"^Generated (\d+) VCC", re.MULTILINE)
 _VIOLATED: Final = re.compile(r"^Violated property:\n(.*\n.*\n.*)", re.MULTILINE)
+_INCLUDED: Final = re.compile(r'^ *# *include "([^"]+)"', re.MULTILINE)
 _PLACE: Final = re.compile(r"file \S*/")
 _VERSION: Final = re.compile(r"version (\S+)")
 
@@ -69,6 +72,7 @@ class Item:
         unwind: number of iterations of a loop that are followed; a loop that could run longer is reported.
         define: macros.
         quick: whether `make test` runs the proof, too.
+        sources: files of the library that Frama-C's Eva analyses with the harness; without them ESBMC has the item.
         open: reason why the item is known to be unproved; it is then not attempted.
     """
 
@@ -80,7 +84,13 @@ class Item:
     unwind: int = 1
     define: tuple[str, ...] = ()
     quick: bool = False
+    sources: tuple[str, ...] = ()
     open: str = ""
+
+    @property
+    def tool(self) -> str:
+        """Name of the tool."""
+        return "Eva" if self.sources else "ESBMC"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -104,8 +114,8 @@ class Sabotage:
 
 @dataclass(frozen=True, kw_only=True)
 class Outcome:
-    """The result of an item. `conditions` is the number of conditions that the solver had to show; a line of code may
-    have many.
+    """The result of an item. `conditions` is the number of conditions that the solver had to show, of which a line of
+    code may have many, or of statements that Eva reached.
 
     Attributes:
         seconds: CPU time, in seconds.
@@ -123,7 +133,8 @@ class Outcome:
 def plan(path: Path = PLAN) -> tuple[list[Item], list[Sabotage]]:
     """Read all items and all sabotage."""
     tree = tomllib.loads(path.read_text(encoding="utf-8"))
-    items = [Item(**{**item, "define": tuple(item.get("define", ()))}) for item in tree["item"]]
+    tuples = ("define", "sources")
+    items = [Item(**{**item, **{name: tuple(item.get(name, ())) for name in tuples}}) for item in tree["item"]]
     return items, [Sabotage(**sabotage) for sabotage in tree["sabotage"]]
 
 
@@ -142,24 +153,30 @@ def tried(item: Item, library: Path, esbmc: Path, cpu_s: int = CPU_S) -> Outcome
         return Outcome(state="open", why=item.open)
     file, function = item.name.split(".")
     folders = (HARNESSES, library, library / "loader")
-    command = [str(esbmc), str(HARNESSES / f"{file}.c"), *FLAGS, "--function", function, "--unwind", str(item.unwind)]
-    command += [part for folder in folders for part in ("-I", str(folder))]
-    command += [part for macro in item.define for part in ("-D", macro)]
+    if item.sources:
+        if abstract.tool() is None:
+            return Outcome(state="open", why="there is no Frama-C")
+        sources = [next(place / name for place in folders if (place / name).exists()) for name in item.sources]
+        command = abstract.command(HARNESSES / f"{file}.c", function, sources, folders)
+    else:
+        command = [str(esbmc), str(HARNESSES / f"{file}.c"), *FLAGS, "--function", function]
+        command += ["--unwind", str(item.unwind)]
+        command += [part for folder in folders for part in ("-I", str(folder))]
+        command += [part for macro in item.define for part in ("-D", macro)]
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     done = subprocess.run(
         command, capture_output=True, text=True, check=False, preexec_fn=partial(_limit, cpu_s), errors="replace"
     )
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     output = done.stdout + done.stderr
-    found = _CONDITIONS.search(output)
     seconds = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-    state, why = _judged(output, cpu_s, seconds)
-    return Outcome(
-        state=state,
-        conditions=int(found[1]) if found else 0,
-        seconds=round(seconds, 1),
-        why=why,
-    )
+    if item.sources:
+        state, conditions, why = abstract.judged(output)
+    else:
+        found = _CONDITIONS.search(output)
+        conditions = int(found[1]) if found else 0
+        state, why = _judged(output, cpu_s, seconds)
+    return Outcome(state=state, conditions=conditions, seconds=round(seconds, 1), why=why)
 
 
 def _limit(cpu_s: int) -> None:
@@ -173,6 +190,8 @@ def _judged(output: str, cpu_s: int, taken_s: float) -> tuple[State, str]:
     if "VERIFICATION FAILED" in output:
         violated = _VIOLATED.search(output)
         return "failed", _PLACE.sub("", " ".join(violated[1].split())) if violated else "no property named"
+    if re.search(r"^ERROR: (PARSING|CONVERSION)", output, re.MULTILINE):
+        raise ProofError(f"a harness does not compile: {output[:300]}")
     if taken_s >= cpu_s - 2:
         return "open", f"not decided in {cpu_s} s"
     last = next((line for line in reversed(output.splitlines()) if "ERROR" in line or "bad_alloc" in line), "")
@@ -239,14 +258,21 @@ def _tell(name: str, outcome: Outcome) -> None:
 
 
 def _key(library: Path, esbmc: Path, of: Item | Sabotage) -> str:
-    """Return a hash of the files on which a result depends."""
-    name = of.name if isinstance(of, Item) else of.item
-    sources = [*library.glob("sw_*.[ch]"), *(library / "loader").glob("*.[ch]"), *HARNESSES.glob("*.h")]
-    sources += HARNESSES.glob(f"{name.partition('.')[0]}.c")  # an open item may have none
+    """Return a hash of the files on which a result depends: the harness, the files that it includes, and others."""
+    name, others = (of.name, of.sources) if isinstance(of, Item) else (of.item, (of.file,))
     run = (of.unwind, of.define) if isinstance(of, Item) else (of.file, of.old, of.new)
     everything = hashlib.sha256(repr((name, run, esbmc.stat().st_size)).encode())
-    for path in sorted(sources, key=lambda path: path.name):
-        everything.update(path.name.encode() + path.read_bytes())
+    included, folders = [f"{name.partition('.')[0]}.c"], (HARNESSES, library, library / "loader")
+    left, at = list(others), 0
+    while at < len(included) or left:
+        if at == len(included):
+            included += [file for file in [left.pop()] if file not in included]
+            continue
+        file, at = included[at], at + 1
+        path = next((folder / file for folder in folders if (folder / file).exists()), None)
+        content = path.read_bytes() if path else b""  # an open item may have no harness
+        everything.update(file.encode() + content)
+        included += [found for found in _INCLUDED.findall(content.decode()) if found not in included]
     return everything.hexdigest()[:16]
 
 
@@ -269,7 +295,7 @@ def _save(
 ) -> None:
     """Write all results so far; an item without a result is open."""
     not_tried = Outcome(state="open", why="not run yet")
-    rows = [{**asdict(item), **asdict(done.get(item.name, not_tried))} for item in items]
+    rows = [{**asdict(item), "tool": item.tool, **asdict(done.get(item.name, not_tried))} for item in items]
     broken = [{**asdict(one), **asdict(spoilt.get(one.what, not_tried))} for one in sabotage]
     parts = {row["part"]: list(_of_part(rows, row["part"])) for row in rows}
     figures = {
@@ -282,10 +308,15 @@ def _save(
         "sabotaged": broken,
     }
     if json_file is not None:
-        version = subprocess.run([str(esbmc), "--version"], capture_output=True, text=True, check=True).stdout
-        facts = {"esbmc": (_VERSION.search(version) or ("", "?"))[1], "flags": FLAGS, "memory_bytes": MEMORY_BYTES}
+        facts = {"esbmc": _version(esbmc), "flags": FLAGS, "memory_bytes": MEMORY_BYTES}
         facts |= {"versions": versions("stillwake")}
         write_result(json_file, figures=figures, facts=facts, on=date.today())
+
+
+@cache
+def _version(esbmc: Path) -> str:
+    text = subprocess.run([str(esbmc), "--version"], capture_output=True, text=True, check=True).stdout
+    return (_VERSION.search(text) or ("", "?"))[1]
 
 
 def _of_part(rows: Iterable[dict[str, Any]], part: str) -> Iterator[dict[str, Any]]:

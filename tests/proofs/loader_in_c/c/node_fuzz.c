@@ -32,9 +32,12 @@ static int64_t now_ns = 1000000000;
 static host *ecu;
 static uint8_t last_seed[16];
 static uint32_t offered; /* levels, a bit each, for which the right key was sent since none was unlocked */
+static uint8_t tool_answer[SW_XCP_MAX_CTO]; /* latest packet for the calibration tool */
+static int tool_has_key; /* the tool sends the end of the right key, or has sent it and is unlocked */
 static uint32_t least_version, least_keys;
 static struct {
     uint32_t requests, positive, negative, pending, silent, resets, boots, trials, confirmed;
+    uint32_t tool_unlocked, tool_packets;
     uint32_t stuck, unlocked_without_key, activated_unsigned, releases_lost, went_back, wrong_answers;
 } counted;
 
@@ -53,6 +56,8 @@ static void look(void)
     if (ecu->node.services.uds.access.unlocked != 0u && (offered & 1u << ecu->node.services.uds.access.unlocked) == 0u) counted.unlocked_without_key++;
     if (ecu->node.services.uds.access.unlocked == 0u) offered = 0;
     if (ecu->node.services.uds.session == SW_SESSION_DEFAULT && ecu->node.services.uds.access.unlocked != 0u) counted.unlocked_without_key++;
+    counted.unlocked_without_key += ecu->node.xcp.access.is_unlocked && !tool_has_key;
+    tool_has_key &= ecu->node.xcp.access.is_unlocked;
     for (uint32_t slot = 0; slot < 2u; slot++) {
         const sw_slot_state *standing = &store->state.slots[slot];
         uint32_t found = 0;
@@ -165,15 +170,21 @@ static void ask(const uint8_t *request, uint32_t length)
     counted.silent += !answered;
 }
 
-static void answer_seed(uint8_t *request, uint32_t length)
+static void right_answer(uint8_t level, const uint8_t *seed, uint32_t length, uint8_t right[16])
 {
     static const char label[] = "stillwake access";
-    uint8_t text[17], own[16], right[16];
-    const uint8_t level = (uint8_t)((request[1] & 0x7fu) - 1u);
+    uint8_t text[17], own[16];
     memcpy(text, label, 16);
     text[16] = level;
     sw_aes_cmac(ecu->access_key, text, 17, own);
-    sw_aes_cmac(own, last_seed, 16, right);
+    sw_aes_cmac(own, seed, length, right);
+}
+
+static void answer_seed(uint8_t *request, uint32_t length)
+{
+    uint8_t right[16];
+    const uint8_t level = (uint8_t)((request[1] & 0x7fu) - 1u);
+    right_answer(level, last_seed, sizeof last_seed, right);
     if (length != 18u) return;
     if (calm || drawn(10) < 8u) memcpy(&request[2], right, 16);
     if (level <= SW_LEVEL_CALIBRATION && memcmp(&request[2], right, 16) == 0) offered |= 1u << level;
@@ -195,13 +206,98 @@ static uint32_t damaged(uint8_t *request, uint32_t length)
     return length;
 }
 
+/* --- A calibration tool --- */
+
+#define TELL(...) tell((const uint8_t[SW_XCP_MAX_CTO]){__VA_ARGS__})
+
+/* A packet, now and then altered or shorter, and what comes back. */
+static void tell(const uint8_t packet[SW_XCP_MAX_CTO])
+{
+    sw_frame sent[SW_ISOTP_BURST];
+    sw_frame frame = frame_of(packet, SW_XCP_MAX_CTO);
+    frame.id = SW_XCP_COMMAND_ID;
+    if (drawn(60) == 0u) frame.data[drawn(SW_XCP_MAX_CTO)] = (uint8_t)drawn(256);
+    if (drawn(60) == 0u) frame.length = (uint8_t)drawn(SW_XCP_MAX_CTO + 1u);
+    now_ns += 1 + drawn(2000000u);
+    const int count = host_service(ecu, now_ns, &frame, 1, sent);
+    for (int i = 0; i < count; i++) {
+        if (sent[i].id != SW_XCP_RESPONSE_ID) continue;
+        memcpy(tool_answer, sent[i].data, sizeof tool_answer);
+        counted.tool_packets++;
+    }
+    look();
+    if (sw_node_wants_reset(&ecu->node)) power_on();
+}
+
+static void unlock_as_tool(void)
+{
+    uint8_t seed[SW_XCP_SEED_LENGTH], right[16], packet[SW_XCP_MAX_CTO];
+    TELL(SW_XCP_CONNECT);
+    for (uint32_t at = 0; at < sizeof seed; at += 6u) {
+        TELL(SW_XCP_GET_SEED, at > 0u, SW_XCP_CAL_PAG);
+        memcpy(&seed[at], &tool_answer[2], 6);
+    }
+    right_answer(SW_LEVEL_CALIBRATION, seed, sizeof seed, right);
+    const int is_right = drawn(5) > 0u;
+    right[3] ^= !is_right;
+    for (uint32_t at = 0; at < 16u; at += 6u) {
+        packet[0] = SW_XCP_UNLOCK;
+        packet[1] = (uint8_t)(16u - at);
+        memcpy(&packet[2], &right[at], at < 12u ? 6 : 4);
+        tool_has_key |= at == 12u && is_right;
+        tell(packet);
+    }
+    counted.tool_unlocked += ecu->node.xcp.access.is_unlocked;
+}
+
+/* A list of any shape, which runs. */
+static void measure_as_tool(void)
+{
+    const uint32_t odts = 1u + drawn(SW_XCP_ODTS);
+    TELL(SW_XCP_CONNECT);
+    TELL(SW_XCP_FREE_DAQ);
+    TELL(SW_XCP_ALLOC_DAQ, 0, 1);
+    TELL(SW_XCP_ALLOC_ODT, 0, 0, 0, (uint8_t)odts);
+    for (uint32_t odt = 0; odt < odts; odt++) TELL(SW_XCP_ALLOC_ODT_ENTRY, 0, 0, 0, (uint8_t)odt, (uint8_t)(1u + drawn(3)));
+    for (uint32_t odt = 0; odt < odts; odt++) {
+        TELL(SW_XCP_SET_DAQ_PTR, 0, 0, 0, (uint8_t)odt, (uint8_t)drawn(3));
+        const uint32_t at = SW_XCP_MEASURED + drawn(sizeof(sw_measured) + 2u) - 1u;
+        for (uint32_t k = drawn(3); k > 0u; k--) {
+            TELL(SW_XCP_WRITE_DAQ, 0xff, (uint8_t)drawn(8), 0, (uint8_t)at, (uint8_t)(at >> 8), (uint8_t)(at >> 16), (uint8_t)(at >> 24));
+        }
+    }
+    TELL(SW_XCP_START_STOP_DAQ_LIST, (uint8_t)(1u + drawn(2)));
+    TELL(SW_XCP_START_STOP_SYNCH, 1);
+}
+
+/* Commands of any kind, by addresses in the calibration and in the measured values, and beside them. */
+static void any_as_tool(void)
+{
+    static const uint8_t commands[][3] = SW_XCP_COMMANDS;
+    for (uint32_t k = drawn(20); k > 0u; k--) {
+        uint8_t packet[SW_XCP_MAX_CTO];
+        const uint32_t at = (drawn(2) > 0u ? SW_XCP_ADDRESS : SW_XCP_MEASURED) + drawn(sizeof(sw_measured) + 2u) - 1u;
+        packet[0] = drawn(20) > 0u ? commands[drawn(sizeof commands / 3u)][0] : (uint8_t)drawn(256);
+        for (uint32_t i = 1; i < SW_XCP_MAX_CTO; i++) packet[i] = (uint8_t)(drawn(3) > 0u ? drawn(9) : drawn(256));
+        if (drawn(2) > 0u) memcpy(&packet[4], &at, 4);
+        tell(packet);
+    }
+}
+
+static void tool(void)
+{
+    if (drawn(2) > 0u) unlock_as_tool();
+    if (drawn(3) == 0u) measure_as_tool();
+    any_as_tool();
+}
+
 static void garbage(void)
 {
     sw_frame frames[130];
     const int count = (int)drawn(130);
     memset(frames, 0, sizeof frames);
     for (int i = 0; i < count; i++) {
-        frames[i].id = drawn(8) > 0u ? SW_REQUEST_ID : drawn(2048);
+        frames[i].id = drawn(8) > 0u ? SW_REQUEST_ID : drawn(8) > 0u ? SW_XCP_COMMAND_ID : drawn(2048);
         frames[i].is_extended = (uint8_t)(drawn(30) == 0u);
         frames[i].length = (uint8_t)(drawn(20) > 0u ? drawn(65) : drawn(256));
         for (int k = 0; k < SW_FRAME_BYTES; k++) frames[i].data[k] = (uint8_t)drawn(256);
@@ -270,6 +366,7 @@ int main(int argc, char **argv)
         ask(request, length);
         if (drawn(calm ? 2000 : 20) == 0u) now_ns += (int64_t)drawn(12000) * MS;
         if (!calm && drawn(50) == 0u) garbage();
+        if (drawn(8) == 0u) tool();
         if (drawn(500) == 0u) power_on();
         if (drawn(4) == 0u) (void)host_control(ecu, now_ns, NULL, 0, sent);
         for (uint32_t slot = 0; slot < 2u; slot++) {
@@ -279,6 +376,7 @@ int main(int argc, char **argv)
     printf("requests %u\npositive %u\nnegative %u\npending %u\nsilent %u\nresets %u\nboots %u\ntrials %u\nconfirmed %u\n",
            counted.requests, counted.positive, counted.negative, counted.pending, counted.silent, counted.resets,
            counted.boots, counted.trials, counted.confirmed);
+    printf("tool_unlocked %u\ntool_packets %u\n", counted.tool_unlocked, counted.tool_packets);
     printf("stuck %u\nunlocked_without_key %u\nactivated_unsigned %u\nreleases_lost %u\nwent_back %u\nwrong_answers %u\n",
            counted.stuck, counted.unlocked_without_key, counted.activated_unsigned, counted.releases_lost,
            counted.went_back, counted.wrong_answers);

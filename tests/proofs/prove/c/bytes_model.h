@@ -52,6 +52,8 @@ static inline void sw_put_big_u32(uint8_t *to, uint32_t value)
     to[3] = (uint8_t)value;
 }
 
+static inline uint32_t sw_little_u32(const uint8_t *data) { return sw_number(data, 4); } /* any value, too */
+
 typedef struct {
     uint8_t *bytes;
     uint32_t room;
@@ -77,6 +79,8 @@ static inline void sw_answer_number(sw_answer *answer, uint64_t value, uint32_t 
     const uint8_t bytes[8] = {(uint8_t)value};
     sw_answer_bytes(answer, bytes, count);
 }
+
+static inline void sw_answer_little_u32(sw_answer *answer, uint32_t value) { sw_answer_number(answer, value, 4); }
 
 static inline void sw_answer_text(sw_answer *answer, const char *text)
 {

@@ -1,11 +1,9 @@
-/* The table of states: any inputs from any state, and the way out of a latched fault as a model of its own. */
+/* The table of states: any inputs from any state, and the way out of a latched fault, by induction. */
 #include "prove.h"
 
 #include "sw_fail_safe.c"
 #include "sw_timing.c"
 
-/* Periods behind a fault, in which the jets could start at the earliest: those that re-arm, and one with a low request. */
-#define PERIODS (SW_REARM_FRAMES + 3)
 #define LONGEST_NS ((int64_t)1 << 34) /* between two steps: the solver does not divide longer ones */
 
 static int any_inputs(sw_period_inputs *inputs)
@@ -52,29 +50,63 @@ void any_latch(void)
     PROVE(fail_safe.good == 0u);
 }
 
-/* The protocol: a fault of the ECU's own, then any periods. The jets come on only after frames that were good in a row
- * since the fault, and after a request that was seen low since. `seen_low` and `good` are counted here, not there.
+/* The protocol, for any number of periods: what was counted from a fault on, here and not there, and how far the
+ * fail-safe may count itself. It holds when a fault is entered, stays through each period, and leads out by a request that
+ * was seen low, at the fault or later, and by frames that were good in a row since the ECU's latest own fault.
  */
-void after_a_fault(void)
+typedef struct {
+    int seen_low;
+    uint32_t good; /* SW_REARM_FRAMES at most */
+} witness;
+
+static uint32_t at_most_rearm(uint32_t count) { return count < SW_REARM_FRAMES ? count : SW_REARM_FRAMES; }
+
+static int is_latched(const sw_fail_safe *fail_safe, const witness *seen)
+{
+    return (fail_safe->mode == SW_FAULT || fail_safe->mode == SW_UPDATE) && seen->good <= SW_REARM_FRAMES &&
+           fail_safe->enable_request <= 1u && (fail_safe->enable_request || seen->seen_low) && at_most_rearm(fail_safe->good) <= seen->good;
+}
+
+void into_a_fault(void)
 {
     sw_fail_safe fail_safe;
     sw_period_inputs inputs;
-    ASSUME(fail_safe.mode <= SW_UPDATE && fail_safe.enable_request <= 1u);
-    ASSUME(any_inputs(&inputs) && inputs.fault != SW_REASON_NONE);
+    ASSUME(fail_safe.mode < SW_FAULT && fail_safe.enable_request <= 1u && any_inputs(&inputs));
+    const int was_low = !fail_safe.enable_request;
+    if (nondet_int()) {
+        sw_fail_safe_next(&fail_safe, &inputs);
+        const witness seen = {inputs.has_request && !inputs.enable_request, inputs.usable};
+        if (inputs.fault != SW_REASON_NONE) PROVE(fail_safe.mode == SW_FAULT || fail_safe.mode == SW_UPDATE);
+        if (fail_safe.mode == SW_FAULT) PROVE(is_latched(&fail_safe, &seen));
+    } else {
+        const witness seen = {was_low, 0};
+        ASSUME(inputs.fault != SW_REASON_NONE);
+        sw_fail_safe_latch(&fail_safe, inputs.fault);
+        PROVE(is_latched(&fail_safe, &seen));
+    }
+}
+
+void out_of_a_fault(void)
+{
+    sw_fail_safe fail_safe;
+    sw_period_inputs inputs;
+    witness seen;
+    ASSUME(is_latched(&fail_safe, &seen) && any_inputs(&inputs));
+    const int had_seen_low = seen.seen_low;
     sw_fail_safe_next(&fail_safe, &inputs);
-    int seen_low = inputs.has_request && !inputs.enable_request && fail_safe.enable_request == 0u;
-    uint32_t good = inputs.usable ? 1u : 0u;
-    for (int k = 0; k < PERIODS; k++) {
-        sw_period_inputs next;
-        ASSUME(any_inputs(&next) && next.fault == SW_REASON_NONE);
-        sw_fail_safe_next(&fail_safe, &next);
-        good = next.usable ? good + 1u : 0u;
-        if (sw_drives_jets(fail_safe.mode)) {
-            PROVE(seen_low && good >= SW_REARM_FRAMES && next.usable && next.enable_request);
-            return;
-        }
-        if (fail_safe.mode == SW_WARMUP) return; /* re-armed by the same row; any_period has what follows */
-        if (next.has_request && !next.enable_request) seen_low = 1;
+    if (!inputs.usable) {
+        seen.good = 0;
+    } else if (inputs.fault != SW_REASON_NONE) {
+        seen.good = 1;
+    } else {
+        seen.good = at_most_rearm(seen.good + 1u);
+    }
+    if (inputs.has_request && !inputs.enable_request) seen.seen_low = 1;
+    if (fail_safe.mode != SW_FAULT && fail_safe.mode != SW_UPDATE) {
+        PROVE(had_seen_low && seen.good >= SW_REARM_FRAMES && inputs.fault == SW_REASON_NONE);
+        PROVE(inputs.usable && inputs.has_request && inputs.enable_request);
+    } else {
+        PROVE(is_latched(&fail_safe, &seen));
     }
 }
 

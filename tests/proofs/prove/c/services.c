@@ -149,16 +149,18 @@ static void start(void)
     static uint8_t key[SW_AES_BYTES];
     sw_services any;
     sw_release any_release;
-    sw_store any_store;
-    sw_isotp any_isotp;
-    sw_ecu any_ecu;
-    store = any_store;
-    isotp = any_isotp;
-    ecu = any_ecu;
+    sw_store_state any_state;
+    sw_calibration any_calibration;
+    /* Of the other parts, what the services read of them: the solver is quicker with little. */
+    store.state = any_state;
+    store.wanted = nondet_uint();
+    store.verdict = nondet_uchar();
+    ecu.calibration = any_calibration;
     equipment.hardware = equipment.serial = equipment.software = "abc";
     equipment.access_key = key;
     equipment.random = random_bytes;
     services = any;
+    release = any_release;
     release = any_release;
     sw_services_init(&services, &equipment, &store, &isotp, &ecu);
     ecu.numbers.release = nondet_int() ? &release : NULL;
