@@ -122,7 +122,8 @@ class _Ahead(gymnasium.Wrapper[Any, Any, Any, Any]):
 
     def reset(self, **given: Any) -> Any:
         self.taken = None
-        return self.env.reset(**given)
+        observation, info = self.env.reset(**given)
+        return observation, info | {"gradients": "wake.vector_env.BatchTape(env.unwrapped)"}
 
 
 def _one(settings: dict[str, Any]) -> _Ahead:
