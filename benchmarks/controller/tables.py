@@ -15,6 +15,7 @@ def tables(results: Path) -> dict[str, str]:
         "controller": latency(read(results / "controller.json")),
         "mcu": mcu(read(results / "mcu.json")),
         "mcu_release": mcu_release(read(results / "mcu.json")),
+        "runtimes": runtimes(read(results / "runtimes.json")),
     }
 
 
@@ -32,6 +33,13 @@ def loop(found: Any) -> str:
     ]
     heads = ("", "less drag", "points", "mean abs Cl", "mean Cl", "rms action", "ECU step, ms p50 / p99")
     return table(heads, rows)
+
+
+def runtimes(found: Any) -> str:
+    """Return the table of the largest differences that other runtimes of ONNX have."""
+    names = ("runtime", "version", "plan", "forces", "cost")
+    heads = ("", "version", "actions, U_inf W", "forces", "cost")
+    return table(heads, [tuple(row[name] for name in names) for row in found["figures"]])
 
 
 def latency(found: Any) -> str:

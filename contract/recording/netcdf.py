@@ -51,9 +51,10 @@ def write_netcdf(path: Path, episode: Episode, layout: SensorLayout) -> None:
         put("initial_action", np.array(episode.initial_action), units="1", long_name="action before the first row")
         for name, unit in UNITS.items():
             if name in episode.series:
-                series, more = episode.series[name], {"axis": "T"} if name == "t" else {}
+                series: npt.NDArray[Any] = episode.series[name]
                 reference = "" if unit == "1" else f" in {unit}"
-                facts = {"units": "1", "long_name": f"{LONG_NAMES[name]}{reference}", **more}
+                facts: dict[str, Any] = {"units": "1", "long_name": f"{LONG_NAMES[name]}{reference}"}
+                facts |= {"axis": "T"} if name == "t" else {}
                 if name not in EXACT:
                     try:
                         series, quantum = pack(series, CP_QUANTUM if name == "Cp" else QUANTUM, COARSEST_QUANTUM)
