@@ -4,7 +4,7 @@ import os
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from functools import partial
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 import gymnasium
 import numpy as np
@@ -69,7 +69,7 @@ class TruckWakeVectorEnv(CopiedWhole, SyncVectorEnv):
     @property
     def wakes(self) -> tuple[TruckWakeEnv, ...]:
         """The single environments; `wakes[i].plant` is a flow."""
-        return tuple(env.unwrapped for env in self.envs)
+        return tuple(cast(TruckWakeEnv, env.unwrapped) for env in self.envs)
 
     def step(self, actions: Actions) -> tuple[Any, ...]:
         """Ramp the jets of each wake to its action, (N, 1), over one control period. Raises as `TruckWakeEnv.step`
@@ -81,7 +81,7 @@ class TruckWakeVectorEnv(CopiedWhole, SyncVectorEnv):
             if not resets
         ]
         for (env, _), taken in zip(moving, self._begun(lambda env, action: env.env.step(action), moving), strict=True):
-            env.taken = taken
+            cast(_Ahead, env).taken = taken
         found: tuple[Any, ...] = super().step(actions)
         return found
 

@@ -38,7 +38,7 @@ def main(
     """Time the batches and print a table."""
     flow = FlowConfig(refinement=0.75, substeps=15)
     start = moved(developed_state(), TruckWake().grid, TruckWake(flow), duration=2.0)
-    settings = dict(config=flow, start=start, max_phase_steps=5)
+    settings: dict[str, Any] = dict(config=flow, start=start, max_phase_steps=5)
     made = {mode: gymnasium.make_vec("wake.env:stillwake/TruckWake-v0", envs, mode, **settings) for mode in MODES}
     actions = np.random.default_rng(1).uniform(-0.07, 0.07, (STEPS, envs, 1)).astype(np.float32)
     batch = made["vector_entry_point"].unwrapped

@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from contract.atomic import replacing
 from contract.errors import DatasetError
-from contract.recording.dataset import COARSEST_QUANTUM, CP_QUANTUM, EXACT, QUANTUM, pack
+from contract.recording.dataset import COARSEST_QUANTUM, CP_QUANTUM, EXACT_SERIES, QUANTUM, pack
 from contract.recording.episode import UNITS, Episode
 from contract.sensor_layout import SensorLayout
 
@@ -55,7 +55,7 @@ def write_netcdf(path: Path, episode: Episode, layout: SensorLayout) -> None:
                 reference = "" if unit == "1" else f" in {unit}"
                 facts: dict[str, Any] = {"units": "1", "long_name": f"{LONG_NAMES[name]}{reference}"}
                 facts |= {"axis": "T"} if name == "t" else {}
-                if name not in EXACT:
+                if name not in EXACT_SERIES:
                     try:
                         series, quantum = pack(series, CP_QUANTUM if name == "Cp" else QUANTUM, COARSEST_QUANTUM)
                     except ValueError as error:
