@@ -40,8 +40,11 @@ class Measurement:
 MEASUREMENTS: Final = {
     "wake-speed": Measurement("wake.speed", "what a time step of the plant costs, and where the time goes"),
     "adjoint": Measurement("wake.adjoint", "gradients through the flow: exactness, cost, memory", "minutes"),
+    "horizon": Measurement("wake.horizon", "windows over which a gradient predicts a real step", "minutes"),
+    "vector-env": Measurement("wake.vector", "wakes in a batch, beside Gymnasium's vector environments", "a minute"),
     "controller": Measurement("controller.latency", "time of a control step: PyTorch, ONNX, C"),
     "controller-loop": Measurement("controller.loop", "drag with ONNX and C, in float32 and int8, in the closed loop"),
+    "runtimes": Measurement("controller.runtimes", "the release's graph in other runtimes of ONNX", "a minute"),
     "weights": Measurement("release.weights", "what a weight of the cost changes, in the closed loop", "minutes"),
     "iterations": Measurement("release.iterations", "what the iterations add to the prior's plan, in pairs", "minutes"),
     "roads": Measurement("release.roads", "the release's rows in the table of roads to less drag", "minutes"),

@@ -35,9 +35,9 @@ SOURCES = {
     "adjoint": "adjoint", "authentication": "bus", "bus_faults": "bus_loss_05", "bus_runs": "bus_secured",
     "can_load": "can_load_fd", "controller": "controller",
     "controller_loop": "controller_loop", "flash_c": "flash_c", "limits": "limit_latency",
-    "mcu_release": "mcu", "release_distributions": "release_figures",
-    "roads": "roads", "sensor_check_alarms": "sensor_check", "sensor_check_faults": "sensor_check",
-    "square": "square", "steps": "wake_speed", "summary": "demo",
+    "horizon": "horizon", "vector_env": "vector_env", "mcu_release": "mcu", "release_distributions": "release_figures",
+    "roads": "roads", "runtimes": "runtimes", "sensor_check_alarms": "sensor_check",
+    "sensor_check_faults": "sensor_check", "square": "square", "steps": "wake_speed", "summary": "demo",
 }  # fmt: skip
 """Results file whose date, version and release are stated below a table; for several files, the file of most rows."""
 

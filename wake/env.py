@@ -148,6 +148,11 @@ class TruckWakeEnv(CopiedWhole, gymnasium.Env[Observation, npt.NDArray[np.float3
             self._picture = WakePicture(self.plant, "vorticity", self._names)
         return self._picture.pixels()
 
+    def share_phases(self, other: "TruckWakeEnv") -> None:
+        """Store the phases of the start together with another environment of the same settings and start. Of the two,
+        one at a time may be reset."""
+        self._phases = other._phases
+
     def __getstate__(self) -> dict[str, Any]:
         # A copy draws its own plant, and builds its picture when it is first asked to render.
         return self.__dict__ | {"_picture": None}
@@ -202,4 +207,8 @@ def _single_value(action: npt.ArrayLike) -> float:
 
 
 # Importing this module registers the environment, because Gymnasium 1.0 no longer reads entry points.
-gymnasium.register(id="stillwake/TruckWake-v0", entry_point="wake.env:TruckWakeEnv")
+gymnasium.register(
+    id="stillwake/TruckWake-v0",
+    entry_point="wake.env:TruckWakeEnv",
+    vector_entry_point="wake.vector_env:TruckWakeVectorEnv",
+)

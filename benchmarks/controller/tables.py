@@ -17,6 +17,7 @@ def tables(results: Path) -> dict[str, str]:
         "mcu_release": mcu_release(read(results / "mcu.json")),
         "mcu_worst": mcu_worst(read(results / "mcu.json")),
         "bounds": bounds(read(results / "bounds.json")),
+        "runtimes": runtimes(read(results / "runtimes.json")),
     }
 
 
@@ -34,6 +35,13 @@ def loop(found: Any) -> str:
     ]
     heads = ("", "less drag", "points", "mean abs Cl", "mean Cl", "rms action", "ECU step, ms p50 / p99")
     return table(heads, rows)
+
+
+def runtimes(found: Any) -> str:
+    """Return the table of the largest differences that other runtimes of ONNX have."""
+    names = ("runtime", "version", "plan", "forces", "cost")
+    heads = ("", "version", "actions, U_inf W", "forces", "cost")
+    return table(heads, [tuple(row[name] for name in names) for row in found["figures"]])
 
 
 def latency(found: Any) -> str:

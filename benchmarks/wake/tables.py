@@ -1,7 +1,7 @@
 """The tables of the plant: time of a time step, live wake, adjoint, square cylinder, and the second plant."""
 
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from benchmarks.common.markdown import read, table
 
@@ -18,6 +18,8 @@ def tables(results: Path) -> dict[str, str]:
     return {
         "steps": _steps(results),
         "adjoint": _adjoint(results),
+        "horizon": horizon(read(results / "horizon.json")),
+        "vector_env": vector(read(results / "vector_env.json")),
         "square": _square(results),
         "openfoam_loop": _openfoam_loop(results),
     }
@@ -64,6 +66,29 @@ def _adjoint(results: Path) -> str:
         "gradient periods a second", "MB kept",
     )  # fmt: skip
     return table(heads, [tuple(row[name] for name in names) for row in read(results / "adjoint.json")["figures"]])
+
+
+def horizon(found: Any) -> str:
+    """Return the table of a gradient's errors against differences, by the length of the window."""
+    rows = [(row["window"], row["gradient"], *(_percent(error) for error in row["errors"])) for row in found["figures"]]
+    steps = (f"step of {_percent(share)} of the bound" for share in found["facts"]["steps"])
+    return table(("window, t_c", "gradient", *steps), rows)
+
+
+def _percent(share: float) -> str:
+    return f"{100.0 * share:.2g} %"
+
+
+def vector(found: Any) -> str:
+    """Return the table of a batch's steps and gradients a second."""
+    names = {"sync": "SyncVectorEnv", "async": "AsyncVectorEnv", "vector_entry_point": "vector_entry_point"}
+    figures, count = found["figures"], found["facts"]["envs"]
+    gradients = {"sync": "one after another", "vector_entry_point": "batch"}
+    rows = [
+        (name, figures["steps_per_s"][mode], figures["gradient_periods_per_s"].get(gradients.get(mode)))
+        for mode, name in names.items()
+    ]
+    return table((f"{count} wakes", "steps a second", "gradient periods a second"), rows)
 
 
 def _openfoam_loop(results: Path) -> str:

@@ -60,7 +60,7 @@ DATASET_SCHEMA_1: Final = "stillwake-dataset/1"
 """First schema, which is still read: float32 series, and one `Cd_slot` instead of pressure and viscous force."""
 SCHEMAS: Final = (DATASET_SCHEMA, DATASET_SCHEMA_2, DATASET_SCHEMA_1)
 
-_EXACT: Final = frozenset({"t", "action"})
+EXACT_SERIES: Final = frozenset({"t", "action"})
 """Series stored in double precision, because they are set and not measured."""
 QUANTUM: Final = 2.0**-15
 CP_QUANTUM: Final = 2.0**-13
@@ -249,7 +249,7 @@ def _write_episode(node: h5py.Group, episode: Episode) -> None:
             continue
         values: npt.NDArray[Any] = episode.series[name]
         attributes: dict[str, Any] = {"units": unit}
-        if name not in _EXACT:
+        if name not in EXACT_SERIES:
             finest = CP_QUANTUM if name == "Cp" else QUANTUM
             try:
                 values, attributes["quantum"] = pack(values, finest, COARSEST_QUANTUM)

@@ -41,7 +41,7 @@ class _Across(NamedTuple):
     rdyc: Array
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _across(dy: Array, dyc: Array, nu: float) -> _Across:
     real, ny = dy.dtype.type, len(dy)
     one, half = real(1.0), real(0.5)
@@ -56,7 +56,7 @@ def _across(dy: Array, dyc: Array, nu: float) -> _Across:
     )
 
 
-@njit(cache=True, fastmath={"contract"})
+@njit(cache=True, nogil=True, fastmath={"contract"})
 def back_rates(bar: Fields, gained: Rates, u: Array, v: Array, nu: float, spacing: Spacing) -> None:
     """Carry the sensitivities `gained` of du/dt and dv/dt, zero on faces that are not open, to u, v and p.
 
@@ -136,7 +136,7 @@ def back_rates(bar: Fields, gained: Rates, u: Array, v: Array, nu: float, spacin
             bv[k] += part[k] + beside - before * s0[k] - here * s1[k]
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _back_ghosts(flat: Array, ghosts: GhostMap) -> None:
     target, start, source, weight = ghosts.target, ghosts.start, ghosts.source, ghosts.weight
     for k in range(target.shape[0]):
@@ -146,14 +146,14 @@ def _back_ghosts(flat: Array, ghosts: GhostMap) -> None:
             flat[source[e]] += weight[e] * bar
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def back_walls(u: Array, v: Array, walls: Walls) -> None:
     """Apply the transpose of `fill_walls`."""
     _back_ghosts(u.reshape(-1), walls.u)
     _back_ghosts(v.reshape(-1), walls.v)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def back_edges(u: Array, v: Array) -> None:
     """Apply the transpose of `fill_edges`."""
     nx, ny = u.shape[0] - 2, u.shape[1] - 2
@@ -170,7 +170,7 @@ def back_edges(u: Array, v: Array) -> None:
         u[nx + 1, j + 1] = 0.0
 
 
-@njit(cache=True, fastmath={"contract"})
+@njit(cache=True, nogil=True, fastmath={"contract"})
 def _back_step(q: Array, bar: Array, step: float, a: float, runs: Index, pad_i: int, pad_j: int) -> None:
     """Compute q = a q + step bar on the open faces: the sensitivities of a stage's rates, from the stage's own step
     (step bar) and from the next stage (a q)."""
@@ -182,7 +182,7 @@ def _back_step(q: Array, bar: Array, step: float, a: float, runs: Index, pad_i: 
             qi[k] = a * qi[k] + step * bi[k]
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _back_stage(
     bar: Fields, slot_bar: Array, rates: Rates, u: Array, v: Array, a_next: float, step: float, domain: Domain
 ) -> None:
@@ -199,7 +199,7 @@ def _back_stage(
     back_rates(bar, rates, u, v, domain.viscosity, domain.spacing)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def back_stages(
     bar: Fields,
     slot_bar: Array,
@@ -233,7 +233,7 @@ def back_stages(
     _back_stage(bar, slot_bar[0], rates, start.u, start.v, a[1], step[0], domain)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def back_divergence(bar_b: Array, u: Array, v: Array, dx: Array, dy: Array, runs: Index) -> None:
     """Apply the transpose of `divergence`."""
     for r in range(runs.shape[0]):
@@ -249,7 +249,7 @@ def back_divergence(bar_b: Array, u: Array, v: Array, dx: Array, dy: Array, runs
             vi[k] -= b[k] * width
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def back_correct(bar: Fields, phi: Array, dt: float, dxc: Array, dyc: Array, runs: Runs) -> None:
     """Apply the transpose of `correct`; phi is overwritten with its own sensitivity."""
     one = phi.dtype.type(1.0)

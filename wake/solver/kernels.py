@@ -81,7 +81,7 @@ class Domain(NamedTuple):
     slot_rows: Index
 
 
-@njit(cache=True, fastmath={"contract"})
+@njit(cache=True, nogil=True, fastmath={"contract"})
 def u_rate(q: Array, a: float, u: Array, v: Array, p: Array, nu: float, spacing: Spacing, runs: Index) -> None:
     """Compute q = a q + du/dt on the open u-faces, including the gradient of the pressure p.
 
@@ -121,7 +121,7 @@ def u_rate(q: Array, a: float, u: Array, v: Array, p: Array, nu: float, spacing:
             qi[k] = a * qi[k] + along[k] + across
 
 
-@njit(cache=True, fastmath={"contract"})
+@njit(cache=True, nogil=True, fastmath={"contract"})
 def v_rate(q: Array, a: float, u: Array, v: Array, p: Array, nu: float, spacing: Spacing, runs: Index) -> None:
     """Compute q = a q + dv/dt on the open v-faces, including the gradient of the pressure p; loops as in `u_rate`."""
     real = u.dtype.type
@@ -153,7 +153,7 @@ def v_rate(q: Array, a: float, u: Array, v: Array, p: Array, nu: float, spacing:
             qi[k] = a * qi[k] + (along[k] + east) - west
 
 
-@njit(cache=True, fastmath={"contract"})
+@njit(cache=True, nogil=True, fastmath={"contract"})
 def _add_scaled(field: Array, q: Array, scale: float, runs: Index, pad_i: int, pad_j: int) -> None:
     """Compute field += scale q on the open faces."""
     scale = field.dtype.type(scale)
@@ -164,7 +164,7 @@ def _add_scaled(field: Array, q: Array, scale: float, runs: Index, pad_i: int, p
             fi[k] += scale * qi[k]
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _fill_ghosts(flat: Array, ghosts: GhostMap) -> None:
     target, start, source, weight = ghosts.target, ghosts.start, ghosts.source, ghosts.weight
     for k in range(target.shape[0]):
@@ -174,7 +174,7 @@ def _fill_ghosts(flat: Array, ghosts: GhostMap) -> None:
         flat[target[k]] = total
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def fill_edges(u: Array, v: Array, inflow_v: Array) -> None:
     """Fill the padding: slip sides and outflow for u, inflow and outflow for v."""
     two = u.dtype.type(2.0)
@@ -189,14 +189,14 @@ def fill_edges(u: Array, v: Array, inflow_v: Array) -> None:
         v[nx + 1, j] = v[nx, j]
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def fill_walls(u: Array, v: Array, walls: Walls) -> None:
     """Fill the ghosts so that the body has no slip."""
     _fill_ghosts(u.reshape(-1), walls.u)
     _fill_ghosts(v.reshape(-1), walls.v)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def clear_walls(u: Array, v: Array, walls: Walls) -> None:
     """Set the ghosts to zero, because they carry no flow in the mass balance."""
     u_flat, v_flat = u.reshape(-1), v.reshape(-1)
@@ -206,7 +206,7 @@ def clear_walls(u: Array, v: Array, walls: Walls) -> None:
         v_flat[k] = 0.0
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _shift(field: Array, by: float, runs: Index, pad_i: int, pad_j: int) -> None:
     """Compute field += by on the open faces."""
     by = field.dtype.type(by)
@@ -216,7 +216,7 @@ def _shift(field: Array, by: float, runs: Index, pad_i: int, pad_j: int) -> None
             field[i, j] += by
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def advance_stage(
     flow: Fields,
     rates: Rates,
@@ -247,7 +247,7 @@ def advance_stage(
     fill_walls(u, v, domain.walls)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def stages(
     flow: Fields,
     rates: Rates,
@@ -267,7 +267,7 @@ def stages(
         advance_stage(flow, rates, a[k], step[k], slot_velocity[k], wind[k], gained[k], domain)
 
 
-@njit(cache=True, fastmath={"contract"})
+@njit(cache=True, nogil=True, fastmath={"contract"})
 def divergence(b: Array, u: Array, v: Array, dx: Array, dy: Array, runs: Index) -> None:
     """Set b to the net outflow of each fluid cell; solid cells remain zero."""
     for r in range(runs.shape[0]):
@@ -278,7 +278,7 @@ def divergence(b: Array, u: Array, v: Array, dx: Array, dy: Array, runs: Index) 
             bi[k] = (ue[k] - uw[k]) * height[k] + (vi[k + 1] - vi[k]) * width
 
 
-@njit(cache=True, fastmath={"contract"})
+@njit(cache=True, nogil=True, fastmath={"contract"})
 def correct(flow: Fields, phi: Array, dt: float, dxc: Array, dyc: Array, runs: Runs) -> None:
     """Subtract grad phi from the open faces and the outlet, where phi = 0, and add phi / dt to the pressure."""
     u, v, p, u_runs, v_runs = flow.u, flow.v, flow.p, runs.u, runs.v

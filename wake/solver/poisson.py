@@ -196,7 +196,7 @@ def _inverse(matrix: Array) -> Array:
     return matrix
 
 
-@njit(cache=True, fastmath={"contract"})
+@njit(cache=True, nogil=True, fastmath={"contract"})
 def _tridiagonal(b: Array, pivot: Array, coupling: Array) -> None:
     """Solve in place for every eigenvector at once; b is (nx, h) in spectral space."""
     nx, h = b.shape
@@ -212,7 +212,7 @@ def _tridiagonal(b: Array, pivot: Array, coupling: Array) -> None:
             b[i, k] -= c * pivot[i, k] * b[i + 1, k]
 
 
-@njit(cache=True, fastmath={"contract", "reassoc"})
+@njit(cache=True, nogil=True, fastmath={"contract", "reassoc"})
 def _gather(spectral: Array, links: Links, q: Array, out: Array) -> None:
     """Compute out = D^T phi for phi in spectral space."""
     h = q.shape[0]
@@ -224,7 +224,7 @@ def _gather(spectral: Array, links: Links, q: Array, out: Array) -> None:
         out[m] = total
 
 
-@njit(cache=True, fastmath={"contract"})
+@njit(cache=True, nogil=True, fastmath={"contract"})
 def _scatter(spectral: Array, links: Links, y: Array, q: Array) -> None:
     """Add D y to a right-hand side in spectral space."""
     h = q.shape[0]
@@ -235,7 +235,7 @@ def _scatter(spectral: Array, links: Links, y: Array, q: Array) -> None:
             spectral[i1, k] -= y[m] * q[j1, k]
 
 
-@njit(cache=True, fastmath={"contract"})
+@njit(cache=True, nogil=True, fastmath={"contract"})
 def _product(a: Array, b: Array, out: Array) -> None:
     """Compute out = a b for b (h, h) with h a multiple of 4, for three rows and four terms of their sums at a time.
 
@@ -264,7 +264,7 @@ def _product(a: Array, b: Array, out: Array) -> None:
                 out[i, j] += a[i, k] * b[k, j]
 
 
-@njit(cache=True, fastmath={"contract", "reassoc"})
+@njit(cache=True, nogil=True, fastmath={"contract", "reassoc"})
 def _times(matrix: Array, vector: Array, out: Array) -> None:
     """Compute out = -matrix vector."""
     for i in range(matrix.shape[0]):
@@ -274,7 +274,7 @@ def _times(matrix: Array, vector: Array, out: Array) -> None:
         out[i] = -total
 
 
-@njit(cache=True, fastmath={"contract"})
+@njit(cache=True, nogil=True, fastmath={"contract"})
 def _solve_half(
     q: Array, qt: Array, pivot: Array, coupling: Array, links: Links, cap: Array,
     field: Array, rhs: Array, first: Array, jump: Array, against: Array,
@@ -291,7 +291,7 @@ def _solve_half(
     _product(rhs, qt, field)
 
 
-@njit(cache=True, fastmath={"contract"})
+@njit(cache=True, nogil=True, fastmath={"contract"})
 def _split(b: Array, even: Array, odd: Array) -> None:
     """Compute the even and the odd part of b, on the lower half."""
     half = b.dtype.type(0.5)
@@ -307,7 +307,7 @@ def _split(b: Array, even: Array, odd: Array) -> None:
         even_i[h:] = odd_i[h:] = half * 0
 
 
-@njit(cache=True, fastmath={"contract"})
+@njit(cache=True, nogil=True, fastmath={"contract"})
 def _join(even: Array, odd: Array, phi: Array) -> None:
     """Compute the sum of both parts on both halves."""
     nx, h, last = phi.shape[0], phi.shape[1] // 2, np.uintp(phi.shape[1] // 2 - 1)

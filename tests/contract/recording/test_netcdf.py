@@ -1,0 +1,89 @@
+"""An episode as netCDF is read by others as it is, and by the import to the bit."""
+
+import numpy as np
+import pytest
+import xarray
+from vtkmodules.util.numpy_support import vtk_to_numpy
+from vtkmodules.vtkCommonExecutionModel import vtkStreamingDemandDrivenPipeline
+from vtkmodules.vtkIONetCDF import vtkNetCDFCFReader
+
+from contract.errors import DatasetError
+from contract.recording import dataset
+from contract.recording.dataset import Dataset
+from contract.recording.episode import PlantFacts
+from contract.recording.importing.assemble import EpisodeSource, assemble
+from contract.recording.netcdf import write_netcdf
+from contract.sensors import TRUCK
+from tests.contract.recording.random_episodes import episode
+
+
+@pytest.fixture
+def written(tmp_path):
+    """An episode as a data set stores it, and its netCDF file."""
+    series = {"Cl": np.array([-1.0, -32767 / 32768, 0.5] * 4)}
+    dataset.write(tmp_path / "a.h5", Dataset(episodes=(episode(series=series),)))
+    (stored,) = dataset.read(tmp_path / "a.h5").episodes
+    write_netcdf(tmp_path / "a.nc", stored, TRUCK)
+    return stored, tmp_path / "a.nc"
+
+
+def test_xarray_reads_series_units_and_sensors(written):
+    stored, path = written
+    with xarray.open_dataset(path, engine="scipy") as found:
+        assert found.attrs["Conventions"] == "CF-1.11" and found.attrs["role"] == "train"
+        assert dict(found.sizes) == {"t": 12, "sensor": 90}
+        for name, values in stored.series.items():
+            np.testing.assert_array_equal(found[name], values, err_msg=name)
+            assert found[name].attrs["units"] == "1" and found[name].attrs["long_name"]
+        assert found["Cp"].dims == ("t", "sensor") and found["Cp"].encoding["dtype"] == np.int16
+        assert found["jet_power"].attrs["long_name"] == "power of the jets in rho U_inf^3 W / 2"
+        assert [name.decode().strip() for name in found["sensor_name"].values] == list(TRUCK.names)
+        np.testing.assert_array_equal(np.column_stack([found["x"], found["y"]]), TRUCK.positions)
+        assert float(found["initial_action"]) == stored.initial_action
+
+
+def test_the_import_reads_the_same_episode(written):
+    stored, path = written
+    facts = PlantFacts(control_period=0.2, action_limit=10.0)
+    (found,) = assemble([EpisodeSource(path=path, role="train")], TRUCK, facts).episodes
+    assert found.initial_action == stored.initial_action
+    assert found.series.keys() == stored.series.keys()
+    for name, values in stored.series.items():
+        np.testing.assert_array_equal(found.series[name], values, err_msg=name)
+
+
+def test_the_reader_of_paraview_has_the_series_over_time(written):
+    stored, path = written
+    reader = vtkNetCDFCFReader()
+    reader.SetFileName(str(path))
+    reader.UpdateInformation()
+    steps = reader.GetOutputInformation(0).Get(vtkStreamingDemandDrivenPipeline.TIME_STEPS())
+    np.testing.assert_array_equal(steps, stored.series["t"])
+    reader.SetDimensions("(sensor)")
+    for step in (0, 7):
+        reader.UpdateTimeStep(stored.series["t"][step])
+        found = vtk_to_numpy(reader.GetOutput().GetPointData().GetArray("Cp"))
+        np.testing.assert_array_equal(found, stored.series["Cp"][step])
+
+
+def test_packed_variables_of_others_are_read_as_xarray_reads_them(tmp_path):
+    made, path = episode(), tmp_path / "packed.nc"
+    fields = {name: (("t", "s") if name == "Cp" else "t", made.series[name]) for name in dataset.REQUIRED}
+    packing = {
+        "Cp": {"dtype": "int16", "scale_factor": 0.001, "add_offset": 0.25, "_FillValue": -1},
+        "Cl": {"dtype": "int8", "scale_factor": 0.02, "add_offset": -0.5, "_FillValue": -128},
+        "action": {"dtype": "float32"},
+    }
+    xarray.Dataset(fields).to_netcdf(path, engine="scipy", encoding=packing)
+    facts = PlantFacts(control_period=0.2, action_limit=10.0)
+    (found,) = assemble([EpisodeSource(path=path, role="train")], TRUCK, facts).episodes
+    with xarray.open_dataset(path, engine="scipy") as expected:
+        for name in dataset.REQUIRED:
+            np.testing.assert_allclose(found.series[name], expected[name], rtol=0, atol=3e-7, err_msg=name)
+            np.testing.assert_allclose(found.series[name], made.series[name], rtol=0, atol=0.011, err_msg=name)
+
+
+def test_a_series_beyond_sixteen_bits_is_refused_and_leaves_no_file(tmp_path):
+    with pytest.raises(DatasetError, match="episode first: field 'Cd' holds 500"):
+        write_netcdf(tmp_path / "a.nc", episode(series={"Cd": np.full(12, 500.0)}), TRUCK)
+    assert not list(tmp_path.iterdir())

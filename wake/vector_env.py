@@ -1,0 +1,162 @@
+"""Several wakes in one process, as a Gymnasium vector environment of `stillwake/TruckWake-v0`."""
+
+import os
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor, wait
+from functools import partial
+from typing import Any, TypeVar, cast
+
+import gymnasium
+import numpy as np
+import numpy.typing as npt
+from gymnasium.vector import AutoresetMode, SyncVectorEnv
+from gymnasium.vector.utils import iterate
+
+from contract.arrays import Array
+from contract.errors import ConfigError
+from contract.runtime.copies import CopiedWhole
+from wake.env import TruckWakeEnv
+from wake.plant.sample import Sample
+from wake.truck.tape import Tape
+
+T = TypeVar("T")
+Actions = npt.NDArray[np.float32]
+
+
+class TruckWakeVectorEnv(CopiedWhole, SyncVectorEnv):
+    """N independent `wake.env.TruckWakeEnv`, whose flows advance at the same time on the machine's cores.
+
+    Each environment's observations, rewards, `info` and episodes are to the bit those of a single one with the same
+    seed and actions. `reset` takes one seed, for seed, seed + 1 and so on, or a list with one seed or None for each;
+    its options are those of `TruckWakeEnv.reset`, for all environments, and `reset_mask`, a Boolean array that selects
+    the environments to reset. All environments share the stored phases of the start.
+
+    A copy or a pickle, taken at any time between two steps, is an independent environment that continues bit for bit.
+    `wake.vector_env.BatchTape(env)` differentiates the batch.
+
+    Args:
+        num_envs: number of wakes.
+        autoreset_mode: whether an environment whose episode has ended is reset by the next step (the default), by the
+            same step, or only by `reset`.
+        threads: number of flows that advance at the same time; by default the processor cores that this process may
+            use.
+        settings: arguments of `TruckWakeEnv`, for all environments.
+
+    Raises:
+        ConfigError: for less than one environment or thread, and as `TruckWakeEnv` does.
+        PlantError: as `TruckWakeEnv` does.
+    """
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        *,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+        threads: int | None = None,
+        **settings: Any,
+    ) -> None:
+        threads = len(os.sched_getaffinity(0)) if threads is None else threads
+        for name, value in (("num_envs", num_envs), ("threads", threads)):
+            if value < 1:
+                raise ConfigError(f"{name} = {value}: must be at least 1")
+        self._threads = threads
+        self._pool: ThreadPoolExecutor | None = None
+        super().__init__([partial(_one, settings)] * num_envs, autoreset_mode=autoreset_mode)
+        first, *others = self.wakes
+        for wake in others:
+            wake.share_phases(first)
+
+    @property
+    def wakes(self) -> tuple[TruckWakeEnv, ...]:
+        """The single environments; `wakes[i].plant` is a flow."""
+        return tuple(cast(TruckWakeEnv, env.unwrapped) for env in self.envs)
+
+    def step(self, actions: Actions) -> tuple[Any, ...]:
+        """Ramp the jets of each wake to its action, (N, 1), over one control period. Raises as `TruckWakeEnv.step`
+        does, after all flows have advanced."""
+        waits = self._autoreset_envs if self.autoreset_mode == AutoresetMode.NEXT_STEP else np.zeros(self.num_envs)
+        moving = [
+            (env, action)
+            for env, action, resets in zip(self.envs, iterate(self.action_space, actions), waits, strict=True)
+            if not resets
+        ]
+        for (env, _), taken in zip(moving, self._begun(lambda env, action: env.env.step(action), moving), strict=True):
+            cast(_Ahead, env).taken = taken
+        found: tuple[Any, ...] = super().step(actions)
+        return found
+
+    def at_once(self, work: Callable[..., T], arguments: Iterable[tuple[Any, ...]]) -> list[T]:
+        """Call `work` with each tuple of arguments, on this environment's threads, and return the results in order."""
+        return [one.result() for one in self._begun(work, arguments)]
+
+    def close_extras(self, **kwargs: Any) -> None:
+        """Stop the threads, and close the environments."""
+        super().close_extras(**kwargs)
+        if self._pool is not None:
+            self._pool.shutdown()
+            self._pool = None
+
+    def __getstate__(self) -> dict[str, Any]:
+        # A copy starts its own threads.
+        return self.__dict__ | {"_pool": None}
+
+    def _begun(self, work: Callable[..., T], arguments: Iterable[tuple[Any, ...]]) -> list[Future[T]]:
+        """Return the calls when all have ended: an error of one must leave no flow that still advances."""
+        if self._pool is None:
+            self._pool = ThreadPoolExecutor(self._threads, thread_name_prefix="wake")
+        begun = [self._pool.submit(work, *each) for each in arguments]
+        wait(begun)
+        return begun
+
+
+class _Ahead(gymnasium.Wrapper[Any, Any, Any, Any]):
+    """An environment whose step may have been taken already, on another thread."""
+
+    def __init__(self, env: TruckWakeEnv) -> None:
+        super().__init__(env)
+        self.taken: Future[Any] | None = None
+
+    def step(self, action: Any) -> Any:
+        taken, self.taken = self.taken, None
+        return self.env.step(action) if taken is None else taken.result()
+
+    def reset(self, **given: Any) -> Any:
+        self.taken = None
+        observation, info = self.env.reset(**given)
+        return observation, info | {"gradients": "wake.vector_env.BatchTape(env.unwrapped)"}
+
+
+def _one(settings: dict[str, Any]) -> _Ahead:
+    return _Ahead(TruckWakeEnv(**settings))
+
+
+class BatchTape(CopiedWhole):
+    """The tapes of all wakes of a vector environment (`wake.truck.tape.Tape`), which move together on its threads. They
+    move the flows without the environment's episodes. A copy has its own environment.
+
+    Args:
+        env: at the beginning of control periods, after `reset`.
+        memory_mb: limit of the stored data of all tapes, in 10^6 bytes.
+
+    Attributes:
+        tapes: one for each wake, with its sensitivities to the start (`Tape.bar`).
+    """
+
+    def __init__(self, env: TruckWakeVectorEnv, memory_mb: float = 2000.0) -> None:
+        self._env = env
+        self.tapes = [Tape(wake.plant, memory_mb / env.num_envs) for wake in env.wakes]
+
+    def advance(self, actions: Array) -> list[Sample]:
+        """Advance each flow by a period to its action, (N,). Raises PlantError as `Tape.advance` does."""
+        pairs = zip(self.tapes, map(float, actions), strict=True)
+        return self._env.at_once(Tape.advance, pairs)
+
+    def back(self, weights: Sequence[Sample]) -> Array:
+        """Go back by a period; return the sensitivities to the actions of this period, (N,). `weights` are those of
+        each wake's sample, as for `Tape.back`."""
+        return np.array(self._env.at_once(Tape.back, zip(self.tapes, weights, strict=True)))
+
+    def restart(self) -> None:
+        """Begin new tapes at the present flows, in the same memory."""
+        for tape in self.tapes:
+            tape.restart()
