@@ -224,7 +224,7 @@ def _stack_of_runtime(built: Built) -> int:
 def _pushed(line: Any) -> int:
     """Return the bytes that an instruction pushes: `push`, `str ..., [sp, #-n]!`, or `sub sp, #n`."""
     if line.mnemonic.startswith("push"):
-        return _WORD * (line.op_str.count(",") + 1)
+        return _WORD * (str(line.op_str).count(",") + 1)
     if ("[sp, #-" in line.op_str and line.op_str.endswith("!")) or (
         line.mnemonic.startswith("sub") and line.op_str.startswith("sp,")
     ):

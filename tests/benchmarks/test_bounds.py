@@ -1,7 +1,7 @@
 """The tool for the firmware's bounds finds a loop without one, a recursion, and a call to no known function."""
 
 import shutil
-from typing import Final
+from typing import Any, Final
 
 import pytest
 
@@ -14,7 +14,7 @@ pytestmark = [
     pytest.mark.compiler,
     pytest.mark.skipif(shutil.which(COMPILER) is None, reason=f"{COMPILER} is not installed"),
 ]
-UNKNOWN: Final = {"most": {}, "waits": {}}
+UNKNOWN: Final[dict[str, Any]] = {"most": {}, "waits": {}}
 MAIN: Final = """
 #include <stdint.h>
 typedef int (*operation)(uint8_t value);
@@ -74,7 +74,7 @@ def test_a_planted_fault_is_reported(change, message):
 
 def test_a_reason_gives_a_bound_and_one_for_no_loop_is_reported():
     program = read_program(firmware(("added(5)", "added(input)")))
-    known = {"most": {"added (sw_board_start.c)": [9, "nine"]}, "waits": {}}
+    known: dict[str, Any] = {"most": {"added (sw_board_start.c)": [9, "nine"]}, "waits": {}}
     assert bounds(program, known).loops == ("added (sw_board_start.c) 10: 9: nine",)
     known["waits"]["twice (sw_board_start.c)"] = "none"
     with pytest.raises(McuError, match="twice"):
