@@ -21,6 +21,7 @@ from contract.config.loading import load_config
 from contract.config.plant import FlowConfig
 from contract.config.tree import Config
 from contract.controller.c_folder import read_sources
+from contract.recording import dataset
 from contract.release import bundle
 from ecu.c.sources import fmu_sources, plant_fmu_sources
 from ecu.in_c.compiler import host_compiler
@@ -30,6 +31,7 @@ from firmware_sim.fmu.plant_fmu import plant_fmu
 from firmware_sim.runs.run_folder import RunFolder
 from firmware_sim.runs.run_page.report import write_report
 from tests.conftest import Coarse
+from tests.contract.recording.random_episodes import episode
 from tests.docs.blocks.given import MAKERS, Shared, begin, give
 from tests.docs.blocks.pages import PLAN, ROOT, blocks
 from tests.ecu.in_c.exported import exported
@@ -140,6 +142,10 @@ def stand_ins(page: str, folder: Path, release: Path) -> dict[str, Any]:
             # start.npz, as `stillwake develop` writes it, but at rest.
             body = BodyConfig(length=1.0, leading_edge_radius=0.0, sensors_per_side=20)
             save_state(folder / "start.npz", TruckWake(FlowConfig(reynolds=100.0, substeps=45), body=body).state())
+        case "use-the-onnx-graph":
+            shutil.copytree(release, folder / "runs" / "bundle")
+        case "data-set":
+            dataset.write(folder / "my.h5", dataset.Dataset(episodes=(episode(),)))
         case "use-the-fmu":
             made = exported(folder / "made")
             sources = read_sources(made.folder)
