@@ -17,8 +17,8 @@ MOST_MODULES = 15
 MOST_C_MODULES = 25
 """In a folder: the ECU's has as many, by the names of its twin's modules."""
 MOST_LINES = {
-    "source": 64_728, "benchmarks": 4_908, "tests": 54_897, "own C": 14_520, "JavaScript": 2_267, "docs": 2_072,
-    "examples": 1_818,
+    "source": 65_892, "benchmarks": 5_676, "tests": 57_027, "own C": 15_448, "JavaScript": 2_748, "docs": 2_281,
+    "examples": 2_019,
 }  # fmt: skip
 """Of Python, but for C and JavaScript without the code of others; a ratchet, lowered with every line that goes."""
 MOST_WORDS = 69_582

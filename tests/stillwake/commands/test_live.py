@@ -53,7 +53,7 @@ def test_an_ecu_in_c_is_made_once_and_each_wait_is_told(monkeypatch):
     made: Any = LoopEcu(ecu=SimpleNamespace(), kind="", computed_by="")
     monkeypatch.setattr(live_parts, "library_folder", nullcontext)
     monkeypatch.setattr("ecu.in_c.c_ecu.ecu_sources", lambda *_: {})
-    monkeypatch.setattr("firmware_sim.bench.ecus.loop_ecu", lambda name, sources: replace(made, kind=name))
+    monkeypatch.setattr("firmware_sim.bench.ecus.loop_ecu", lambda name, sources, **_: replace(made, kind=name))
     told = list[str]()
     ecus = Ecus(open_release(None), load_config(), None, told.append)
     assert ecus.ahead("python") is None
@@ -71,7 +71,7 @@ def test_errors_are_one_line_and_leave_nothing(all_refused):
         all_refused(
             "live",
             {
-                "--set bus.key=k": "does not use it",
+                "--set bus.key=k": "k: cannot read the key",
                 "--set mpc.horizon=9": "does not use it",
                 "--bundle nowhere": "nowhere",
                 f"--host {'x' * 300}": "no name of a machine",
