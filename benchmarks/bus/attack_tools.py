@@ -4,7 +4,8 @@
     python -m benchmarks attack-tools [--json FILE]
 
 The ECU is `stillwake ecu --slots` with the shipped release in a separate process, with classic frames, which scapy's
-scanners use. The benchmark fails if a service, an identifier or a key gives more than the diagnosis page states.
+scanners use. The benchmark fails if the scanners find a service or an identifier that the diagnosis page does not list,
+or unlock a security level.
 """
 
 import json

@@ -30,7 +30,7 @@ class IdleStage(IntEnum):
     """Columns of the idle loop's table; times are CLOCK_MONOTONIC in ns."""
 
     PERIOD = 0
-    """Number of the period, including periods left out."""
+    """Index of the period; skipped periods are counted."""
     SCHEDULED = 1
     WOKE = 2
 

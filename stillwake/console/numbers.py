@@ -8,7 +8,8 @@ from typing import Any, Final
 from contract.errors import ConfigError
 
 _LONGEST: Final = 1e5
-"""Longest time in t_c: days of computing on any machine, and still an array that fits into its memory."""
+"""Longest accepted time in t_c. A run of this length computes for days on any machine, but its arrays still fit into
+memory."""
 
 
 def steps_of(option: str, duration: float, period: float, *, least: int = 1) -> int:

@@ -192,8 +192,8 @@ class OpenFoamWake(NeverCopied):
         return self._instruments.sample(self._readings, t=self.t, action=self._action)
 
     def vorticity(self) -> Array:
-        """Return dv/dx - du/dy in the corners of `grid`, as `TruckWake.vorticity` does; at a control period's end
-        only."""
+        """Return dv/dx - du/dy at the corners of `grid`, as `TruckWake.vorticity` does. It is only available at the end
+        of a control period."""
         grid = self.grid
         u, v = np.moveaxis(self._to_grid(self.state().velocity).reshape(*grid.shape, 2), 2, 0)
         inside = np.zeros(grid.shape, dtype=bool)

@@ -1,7 +1,8 @@
-"""The result of one attempt to send a frame (sent, unacknowledged, collided or destroyed), and what it counts for.
+"""The result of one attempt to send a frame (sent, unacknowledged, collided or destroyed), and its effect on each
+node's error counters.
 
-The functions are pure: from the senders and the wrong bits they compute a verdict for each node and the bits that the
-attempt takes. The rules are in `can_bridge.bus.simulated.fault_confinement`.
+The functions are pure: they compute a verdict for each node, and the number of bits that the attempt occupies, from the
+senders and the wrong bits. The rules are in `can_bridge.bus.simulated.fault_confinement`.
 """
 
 from collections.abc import Mapping, Sequence

@@ -76,7 +76,7 @@ int sw_isotp_is_occupied(const sw_isotp *end);
 /* Returns whether only SW_ISOTP_KEPT places for messages are left, reserved for the request in progress. */
 int sw_isotp_is_full(const sw_isotp *end);
 
-/* Returns the place for the next message to send, and the number of its bytes. */
+/* Returns the buffer for the next message to send, and stores the number of its free bytes in `room`. */
 uint8_t *sw_isotp_place(sw_isotp *end, uint32_t *room);
 
 /* Queues the message of `length` bytes at that place; later calls of sw_isotp_poll send it. A message that is longer

@@ -79,7 +79,7 @@ sw_status sw_control_step(sw_workspace *work, const sw_input *input, sw_output *
  */
 sw_status sw_known_answer(sw_workspace *work, sw_input *input, sw_output *output);
 
-/* These three functions take the numbers of any program with this library's sizes. */
+/* These three functions accept any program (its weights and tables) whose array sizes equal those of this library. */
 sw_status sw_input_reset_of(const sw_program *program, sw_input *input);
 sw_status sw_control_step_of(const sw_program *program, sw_workspace *work, const sw_input *input, sw_output *output);
 sw_status sw_known_answer_of(const sw_program *program, sw_workspace *work, sw_input *input, sw_output *output);
