@@ -76,7 +76,7 @@ class SensorCheckState(ArrayValue):
     """The state after a control period. The arrays are read-only, with a row for each of the S + P `Hypotheses`.
 
     Attributes:
-        residual: of the latest judged period, in Cp; NaN before the first.
+        residual: residual of the latest judged period, in Cp; NaN before the first.
         fast, slow: running means of the residual.
         noise: running variance of the change from one period to the next, in Cp^2.
         score: running mean of the fast mean's square, divided by the variance of healthy sensors and noise.

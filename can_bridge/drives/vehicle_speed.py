@@ -29,8 +29,8 @@ class VehicleSpeeds:
 
     Attributes:
         time_s: times of measurement on the log's clock, increasing, (n,).
-        speed: in m/s, (n,).
-        density: of the air in kg/m3, NaN if the vehicle does not state it, (n,).
+        speed: vehicle's speed in m/s, (n,).
+        density: density of the air in kg/m3, NaN if the vehicle does not state it, (n,).
         oldest_s: time for which a speed stays in force.
         left_out: number of speeds in the frames that are implausible or repeated.
     """

@@ -41,8 +41,8 @@ class Boot:
     Attributes:
         slot: the booted slot; None without a release.
         bundle: the booted bundle, which passed every check in this boot; None without a release.
-        verdicts: on the slots that this boot checked.
-        boots_left: of the trial, without this boot; 0 if the release is not on trial.
+        verdicts: results of the checks of the slots that this boot checked.
+        boots_left: number of boots left in the trial, without this boot; 0 if the release is not on trial.
     """
 
     slot: Slot | None

@@ -119,12 +119,12 @@ def flash(
 
     Args:
         client: open; its settings are set here.
-        image: as built by `contract.release.image`.
+        image: image of the release, as built by `contract.release.image`.
         key: returns the key for a seed of the programming level; a dry run needs none.
         judge: raises FlashError if an ECU with these facts must not be flashed with this image.
         progress: called with every block.
         on_step: called with every step.
-        clock, sleep: in s.
+        clock, sleep: functions that return a time and wait, in s.
     """
     began = clock()
     asking = Asking(client, key=key, clock=clock, sleep=sleep)

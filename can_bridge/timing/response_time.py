@@ -34,7 +34,7 @@ class MessageTiming:
     Attributes:
         frame_ns: longest time of the frame on the bus, C.
         period_ns: T.
-        deadline_ns: after the release, D.
+        deadline_ns: D, longest permitted time after the release.
         jitter_ns: largest delay from the release until the frame is queued, J.
     """
 
@@ -50,9 +50,9 @@ class Response:
 
     Attributes:
         blocking_ns: time of the longest frame of lower priority, B.
-        response_ns: from release to the end of the frame, including the intermission; None if unbounded.
+        response_ns: time from release to the end of the frame, including the intermission; None if unbounded.
         instance: index in the busy period of the frame that takes this time; 0 is the first.
-        deadline_ns: after the release.
+        deadline_ns: longest permitted time after the release.
     """
 
     blocking_ns: int

@@ -54,7 +54,7 @@ class KeptFault:
 
     Attributes:
         age: of a confirmed fault: number of operation cycles since its last failure in which the test only passed.
-        snapshot: of the first failure in the latest cycle with a failure; empty without.
+        snapshot: snapshot of the first failure in the latest cycle with a failure; empty without.
     """
 
     status: Status = _UNTESTED

@@ -80,9 +80,9 @@ class VehicleSpeed(NamedTuple):
     """The vehicle's speed and the density of its air.
 
     Attributes:
-        speed_m_per_s: at least 0; None if the vehicle does not know it.
+        speed_m_per_s: vehicle's speed, at least 0; None if the vehicle does not know it.
         age_ns: time from measuring the speed until the frame is passed to the bus.
-        density_kg_per_m3: of the air, above 0; None if unknown.
+        density_kg_per_m3: density of the air, above 0; None if unknown.
     """
 
     speed_m_per_s: float | None

@@ -115,7 +115,7 @@ class EstimatorNetwork:
 
     Attributes:
         window: L.
-        mean, std: of the columns of the window, (S+1,).
+        mean, std: mean and standard deviation of the columns of the window, (S+1,).
         layers: weight (outputs, inputs) and bias (outputs,) of each layer.
     """
 

@@ -36,7 +36,7 @@ def serve(
     release does not fit the vehicle, the bus cannot be opened, or a file cannot be written.
 
     Args:
-        config: of the vehicle; its bus is a real bus.
+        config: settings of the vehicle; its bus is a real bus.
         signature: result of verifying the release's signature, in words.
         calibration: values for the ECU before its first step; its own values by default.
     """

@@ -139,7 +139,7 @@ def serve_store(
 
     Args:
         access: key shared with the tester.
-        config: of the vehicle; its bus is a real bus.
+        config: settings of the vehicle; its bus is a real bus.
         is_stopped, write: see `ecu.daemon.service.serve`.
     """
     check(config, options)

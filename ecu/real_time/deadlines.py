@@ -22,8 +22,8 @@ class Deadlines:
     """The next period; times in ns of one clock that never goes back.
 
     Attributes:
-        period_ns: from one deadline to the next.
-        number: of the period, including those left out.
+        period_ns: time from one deadline to the next.
+        number: number of the period; omitted periods are counted.
         left_out: number of periods so far that were not begun, because work on an earlier one was not done.
         grace_ns: how late a period may begin after the previous period's work; a later period is left out.
     """

@@ -37,8 +37,8 @@ class Wanted:
     """The requested privileges.
 
     Attributes:
-        priority: of SCHED_FIFO, 1 to 99; 0 to stay an ordinary process.
-        processor: to run on alone; None for any.
+        priority: SCHED_FIFO priority, 1 to 99; 0 to stay an ordinary process.
+        processor: processor to run on alone; None for any.
         without_collector: no garbage collection.
     """
 

@@ -17,7 +17,7 @@ def steps_of(option: str, duration: float, period: float, *, least: int = 1) -> 
     `_LONGEST`.
 
     Args:
-        duration, period: in t_c.
+        duration, period: times in t_c.
         least: smallest number of control periods.
     """
     if not (isfinite(duration) and duration <= _LONGEST):

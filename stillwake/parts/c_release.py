@@ -86,7 +86,7 @@ def write_fmu(path: Path, library: Path, release: Bundle, config: Config) -> Non
     Args:
         library: folder of the same export.
         release: the library's release.
-        config: of the vehicle that the library is compiled for.
+        config: settings of the vehicle that the library is compiled for.
 
     Raises:
         LibraryError: the library has the control step alone, or does not compile.

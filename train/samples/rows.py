@@ -80,8 +80,8 @@ class Rows:
         forces: (n, 2) Cd, Cl.
         lengths: rows of each episode, in order; sums to n.
         unit: (N,) one global deviation of pressure in each sensor's column; None if the scaling is not known.
-        layout: of the sensors, in the order of their columns.
-        names: of each episode, in order; may be empty.
+        layout: layout of the sensors, in the order of their columns.
+        names: names of each episode, in order; may be empty.
     """
 
     inputs: Tensor

@@ -77,7 +77,7 @@ class AttemptOutcome(Generic[T]):
     """The outcome of an attempt.
 
     Attributes:
-        frame: for the nodes with the verdict HEARD; None if the frame did not reach its end.
+        frame: frame that the nodes with the verdict HEARD receive; None if the frame did not reach its end.
         used: bits at the nominal and at the data bit rate until the end of frame or the error.
         rest: nominal bits from there until the bus is free.
     """

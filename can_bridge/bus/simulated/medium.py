@@ -46,7 +46,7 @@ class Transmission:
 
     Attributes:
         frame: stamped with `end_ns`.
-        begin_ns, end_ns: of the successful attempt, without the intermission.
+        begin_ns, end_ns: begin and end of the successful attempt, without the intermission.
     """
 
     frame: Frame

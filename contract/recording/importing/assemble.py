@@ -71,7 +71,7 @@ def assemble(
     file and place, and what would be right.
 
     Args:
-        sources: in the order of the episodes.
+        sources: source files in the order of the episodes.
         facts: control period and action limit must be known.
         references: for a series or sensor, the value in the files that equals 1 in the data set.
         renamed: for a series or sensor, its name in the files.

@@ -88,7 +88,7 @@ class ForcesTable:
     """The forces of a table.
 
     Attributes:
-        forces: by the names in `FORCE_COLUMNS`.
+        forces: arrays of forces by the names in `FORCE_COLUMNS`.
         clock: clock of the times according to the column's unit; None if the column states no such unit.
     """
 

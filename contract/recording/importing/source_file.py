@@ -131,7 +131,7 @@ class Contents:
     """The contents of a file.
 
     Attributes:
-        arrays: by the data set's names; there is one "Cp" of shape (n, sensors), in the layout's order.
+        arrays: arrays by the data set's names; there is one "Cp" of shape (n, sensors), in the layout's order.
         unread: names in the file that were not used.
         renamed: names of series or sensors whose arrays have another name in the file.
         files: files that were read.
