@@ -1,5 +1,5 @@
 /* The ECU's control period: it checks the pressure stream, updates the fail-safe, extends the window, plans, passes the
- * first free action through the command gate, and answers. The twin of ecu/ecu.py.
+ * first free action through the command gate, and answers. This file corresponds to ecu/ecu.py.
  */
 #include "sw_ecu.h"
 

@@ -1,7 +1,7 @@
 /* The timing check of the ECU's steps: skipped periods, early steps, a clock that stops or goes back.
  *
  * Lateness is summed; a sum of half a period counts as a skipped period. An eighth of the remaining sum is dropped at
- * every step. The twin of ecu/timing.py, which gives the reasons.
+ * every step. This file corresponds to ecu/timing.py, which gives the reasons.
  */
 #include "sw_counts.h"
 #include "sw_ecu_parts.h"

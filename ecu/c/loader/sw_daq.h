@@ -1,5 +1,5 @@
-/* Measurement by XCP (DAQ): one dynamic list, and one event, the end of a control period. This file is the C
- * counterpart of can_bridge/calibration/daq.py and measured.py.
+/* Measurement by XCP (DAQ): one dynamic list, and one event, the end of a control period. This file corresponds to
+ * can_bridge/calibration/daq.py and measured.py.
  *
  * If a control period ends before all frames of an earlier period are sent, its measurement is skipped, so that all
  * frames of a set belong to one period.

@@ -1,5 +1,5 @@
-/* Images in the flash: their checks, the choice of the image to boot, and the report for testers. The twin of
- * can_bridge/flashing/boot.py, of report.py, which has the layout, and of `judged` in remembered.py.
+/* Images in the flash: their checks, the choice of the image to boot, and the report for testers. This file corresponds
+ * to can_bridge/flashing/boot.py, to report.py, which has the layout, and to `judged` in remembered.py.
  */
 #include "sw_store.h"
 
