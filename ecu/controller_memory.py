@@ -95,7 +95,7 @@ class Past(ArrayValue):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ControllerMemory(ArrayValue):
-    """A value: every method returns a new memory and does not change this one. The arrays are read-only.
+    """The memory is an immutable value: every method returns a new memory. The arrays are read-only.
 
     Attributes:
         window: (L, S + 1), a row (Cp at the sensors, action in force) a period, oldest first; zero before the first

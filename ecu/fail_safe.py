@@ -74,7 +74,7 @@ class PeriodInputs:
         window_full: the controller can plan.
         off_speed: the vehicle is slower or faster than the release is made for.
         tests: the jets must be shut to measure the wake without them.
-        fault: reason for which the ECU must switch itself off in this period, whatever arrived.
+        fault: reason for which the ECU must switch itself off in this period, even if good frames arrived.
         updating: a new release is to be written.
     """
 

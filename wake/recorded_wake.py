@@ -1,4 +1,5 @@
-"""A recorded episode as a plant, which repeats the recorded pressures and forces whatever the jets do, without end."""
+"""A recorded episode as a plant, which repeats the recorded pressures and forces without end, for any action of the
+jets."""
 
 from typing import Final
 

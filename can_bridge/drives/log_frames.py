@@ -127,7 +127,7 @@ class _Bus:
 
     def add(self, message: can.Message, specs: Mapping[int, MessageSpec], verify: Verify | None, back_s: float) -> None:
         """Add one data frame."""
-        # A 29-bit identifier belongs to another node, whatever its number.
+        # Any 29-bit identifier belongs to another node.
         frame_id = message.arbitration_id + (message.is_extended_id << 32)
         self.seen[frame_id] += 1
         spec = specs.get(frame_id)

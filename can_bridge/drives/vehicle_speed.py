@@ -20,7 +20,7 @@ _SHORTEST_S: Final = 0.1
 _STARTS: Final = 10
 """Largest number of spans at the beginning of a log that may be rejected as wrong."""
 _SLOWEST: Final = 1e-3
-"""Smallest speed in m/s. A vehicle that stands does not move, but the distance must increase."""
+"""Smallest speed in m/s. It is also used for a stationary vehicle, because the distance must increase."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -63,7 +63,7 @@ class Reception:
 
     Attributes:
         checks: one check for each frame of the message, oldest first; only NO_NEW_DATA if there was none.
-        accepted: the newest frame with a good check, whatever the state; None if there was none.
+        accepted: the newest frame with a good check in any state; None if there was none.
     """
 
     stream: StreamState

@@ -65,7 +65,7 @@ def _boot_trial(remembered: Remembered, slot: Slot, verdicts: dict[Slot, Verdict
     standing = remembered.state.slots[slot]
     try:
         if standing.boots_left > 0:
-            # The boot is counted first, so that the boots end whatever the image does to the ECU.
+            # The boot is counted first, so that the number of boots is limited even if the image crashes the ECU.
             left = standing.boots_left - 1
             remembered.keep_slot(slot, replace(standing, boots_left=left))
             verdicts[slot], bundle = at_once(remembered.judged(slot))

@@ -1,6 +1,6 @@
 """Flashing of an ECU, in steps over an open udsoncan client: one code for a bus, a bench in virtual time, and a test.
 
-Nothing here prints, sleeps or reads a clock by itself. After any interruption the ECU still has its old release. A
+Nothing in this module prints, sleeps or reads a clock. After any interruption the ECU still has its old release. A
 further run continues at the ECU's state: a half-transferred or not yet activated image, or a release on trial.
 """
 

@@ -23,7 +23,7 @@ class PeriodicMessage:
         period_ns: least time between two releases.
         offset_ns: time of the first release.
         jitter_ns: largest delay from a release until the frame is queued.
-        deadline_ns: time after its release by which a frame has to arrive; 0 stands for the period.
+        deadline_ns: time after its release by which a frame has to arrive; 0 means the period.
     """
 
     name: str

@@ -153,7 +153,7 @@ class UdsServer:
         return self._go_on(now_ns)
 
     def _at(self, now_ns: int) -> int:
-        """Return the time, which stands still if the clock goes back."""
+        """Return the time, which does not change if the clock goes back."""
         if self._now_ns is None:
             self._security.power_on(now_ns)
         self._now_ns = now_ns if self._now_ns is None else max(now_ns, self._now_ns)

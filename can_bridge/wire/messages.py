@@ -95,7 +95,7 @@ class JetCommand(NamedTuple):
 
     Attributes:
         flow_m2_per_s: out of the upper slot and into the lower, per unit span.
-        enable: False shuts the jets whatever the flow is.
+        enable: False shuts the jets at any flow.
         pressure_counter: E2E counter of the newest pressure frame used; None before the first.
         next_period: the jets begin to move at the next sampling instant, not when the command arrives.
     """

@@ -324,7 +324,8 @@ def open_manifest(path: Path, raw: bytes) -> Opened:
 def parse(path: Path, opened: Opened) -> Manifest:
     """Convert an opened manifest; raises BundleManifestError for a missing, unknown or invalid field."""
     try:
-        # Every field must be present: the bundle was built with the defaults of its own version, not of this one.
+        # Every field must be present: the bundle was built with the defaults of its version, not of the present
+        # version.
         return typed(dict(opened.body), Manifest, complete=True)
     except (ConfigError, BundleManifestError) as error:
         raise BundleManifestError(f"bundle {path}: {MANIFEST}: {shown(error)}") from error

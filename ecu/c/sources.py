@@ -10,7 +10,7 @@ MONOCYPHER: Final = "4.0.3"
 
 
 def sources_in(folder: str = "") -> dict[str, bytes]:
-    """Sources, headers and linker scripts of a folder, or of this one, by name."""
+    """Sources, headers and linker scripts of a folder, by default of this folder, by name."""
     return c_files(files("ecu.c").joinpath(folder))
 
 
@@ -49,7 +49,7 @@ def fmu_sources() -> dict[str, bytes]:
 
 
 def plant_fmu_sources() -> dict[str, bytes]:
-    """What stands in front of the plant's FMU, but for `sw_plant_settings.h` (`firmware_sim.fmu.plant_fmu`)."""
+    """The sources of the plant's FMU except `sw_plant_settings.h` (`firmware_sim.fmu.plant_fmu`)."""
     shared = ("sw_fmi3.h", "sw_fmi3_calls.h", "sw_fmu_other.c")
     return sources_in("fmu/plant") | {name: text for name, text in fmu_sources().items() if name in shared}
 

@@ -32,8 +32,8 @@ def serve(
     signature: str,
     calibration: Calibration | None = None,
 ) -> Counters:
-    """Run until stopped; the jets are shut on the bus at the end, whatever the cause. Raises StillwakeError if the
-    release does not fit the vehicle, the bus cannot be opened, or a file cannot be written.
+    """Run until stopped; the jets are shut on the bus at the end, for any cause. Raises StillwakeError if the release
+    does not fit the vehicle, the bus cannot be opened, or a file cannot be written.
 
     Args:
         config: settings of the vehicle; its bus is a real bus.

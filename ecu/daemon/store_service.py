@@ -133,7 +133,7 @@ def serve_store(
     is_stopped: Callable[[], bool],
     write: Callable[[str], object],
 ) -> Counters:
-    """Run until stopped; the jets are shut on the bus at the end, whatever the cause. Raises StillwakeError if another
+    """Run until stopped; the jets are shut on the bus at the end, for any cause. Raises StillwakeError if another
     process runs this ECU, the bus cannot be opened, a file cannot be written, or a reset within the process failed: the
     next start of the process boots again.
 

@@ -75,7 +75,7 @@ def main(arguments: Sequence[str]) -> None:
         stopped.append(number)
 
     signal.signal(signal.SIGTERM, stop)
-    # Ctrl-C in a terminal reaches all its processes; the parent process decides when this one ends.
+    # Ctrl-C in a terminal reaches all its processes; the parent process decides when this process ends.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     with taken(_WANTED) as privileges:
         sys.stdout.write(f"{in_words(privileges)}\n")

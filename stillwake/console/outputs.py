@@ -49,6 +49,6 @@ def check_json(path: Path | None) -> None:
 
 
 def save_json(path: Path | None, *, figures: Any, facts: Mapping[str, Any]) -> None:
-    """Write today's measurements with the facts behind them, if a file was given."""
+    """Write today's measurements and their facts, if a file was given."""
     if path is not None:
         write_result(path, figures=figures, facts=facts, on=date.today())

@@ -41,7 +41,7 @@ class StretchReadings:
 
     Attributes:
         noise: (n, 2 p), added to the sensors' Cp, in pairs of mirror images.
-        told: (n,) ratio of the speed that the feedback receives to the flow's speed.
+        told: ratio of the speed that the feedback receives to the flow's speed, (n,).
         lost: (n,) whether a period's pressures are lost; the last pressures then replace them, and the command stays.
     """
 

@@ -82,7 +82,7 @@ class OpenFoamWake(NeverCopied):
         self.body, self.layout = TRUCK_BODY, sensors.TRUCK
         self.mesh = truck_mesh(refinement)
         self.grid: Grid = truck_grid()
-        """Grid of `vorticity`: the own solver's grid, so that pictures can be compared."""
+        """Grid of `vorticity`. It is the grid of stillwake's solver, so that pictures can be compared."""
         self._case = folder
         self._steps = round(duration / self.config.control_period) * self.config.substeps
         self._patience_s = patience_s

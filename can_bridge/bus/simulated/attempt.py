@@ -101,7 +101,7 @@ def resolve(
         receivers: the other active nodes, and whether they are error-passive.
         misheard: receivers that alone see a wrong bit, and the bit's position.
         disturbed: position of the bit that all nodes see inverted. Positions count from the start of frame; a position
-            after the end of frame stands for the last bit.
+            after the end of frame means the last bit.
     """
     verdicts: dict[T, AttemptVerdict] = {}
     senders, position = _collide(list(senders), verdicts)

@@ -158,9 +158,9 @@ def read_source(
 
     Args:
         names: series that may be in the file, without Cp.
-        renamed: for a series, a sensor or Cp, its name in the file if it differs.
-        references: for a series or sensor, the value in the file that equals 1 in the data set; the reference of Cp
-            also applies to sensors.
+        renamed: name in the file of a series, a sensor or Cp, if it differs.
+        references: value in the file that equals 1 in the data set, by series or sensor; the reference of Cp also
+            applies to sensors.
     """
     if not path.is_file():
         raise DatasetError(f"{path}: is a folder without postProcessing" if path.is_dir() else f"{path}: no such file")

@@ -90,7 +90,7 @@ def measured(
 
 
 _LONGEST_END_S: Final = 5.0
-"""Longest wait in s for the process to end by itself: it may have to finish a control period before Python exits."""
+"""Longest wait in s for the process to end: it may have to finish a control period before Python exits."""
 
 
 class LiveWake(NeverCopied):

@@ -47,7 +47,7 @@ class DriveOptions:
         fill, split: see `can_bridge.drives.log_to_series.series_of`.
         forces: FILE for every log, or LOG=FILE for one.
         names: columns of t, Cd and Cl in the forces' files, if they have other names.
-        references: by Cd and Cl, the size of the unit in those files.
+        references: size of the unit of Cd and Cl in those files, by name.
         clock: meaning of the forces' times; None if the file states it.
         shift_s: seconds to add to the forces' times.
         channels: channels to read of the logs; empty if the frames identify the channel.
