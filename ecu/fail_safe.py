@@ -267,8 +267,7 @@ class FailSafe:
         lost: one bit for each of the latest `loss_window` periods since control was requested or re-armed, the newest
             lowest: 1 without usable pressures.
         reason: why the loop is not in control; constant during a fault.
-        enable_request: enable request of the vehicle, as last received; taken as high before the first, and when a
-            fault begins.
+        enable_request: latest enable request of the vehicle; taken as high before the first, and when a fault begins.
     """
 
     mode: OperatingMode = OperatingMode.INIT

@@ -1,5 +1,4 @@
-"""A recorded episode as a plant, which repeats the recorded pressures and forces without end, for any action of the
-jets."""
+"""A recorded episode as a plant, which repeats the recorded pressures and forces, independent of the jets."""
 
 from typing import Final
 

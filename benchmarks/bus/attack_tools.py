@@ -4,8 +4,7 @@
     python -m benchmarks attack-tools [--json FILE]
 
 The ECU is `stillwake ecu --slots` with the shipped release in a separate process, with classic frames, which scapy's
-scanners use. The benchmark fails if the scanners find a service or an identifier that the diagnosis page does not list,
-or unlock a security level.
+scanners use. The benchmark fails if they find an unlisted service or identifier, or unlock a level.
 """
 
 import json

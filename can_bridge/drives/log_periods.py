@@ -32,8 +32,7 @@ class Scales:
     Attributes:
         period: control period in W / U_inf.
         point: W, U_inf and rho, if the log does not have them.
-        action_limit: bound on the action, in U_inf W. A command that exceeds it by up to half the resolution is set to
-            it.
+        action_limit: bound on the action, in U_inf W. A command up to half the resolution above it is set to it.
         given: names of the operating point's settings that the user gave; the log must not contradict them.
         believed: settings for the plausibility of the log's speeds.
     """

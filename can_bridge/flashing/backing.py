@@ -72,8 +72,8 @@ class Backing(Protocol):
         ...
 
     def keep(self, kind: RecordKind, record: bytes) -> None:
-        """Replace the stored record of this kind by `record`, at most `MAX_RECORD` bytes. Raises MediumError if every
-        location for records in the memory is defective."""
+        """Replace the record of this kind; `record` has at most `MAX_RECORD` bytes. Raises MediumError on defective
+        memory."""
         ...
 
     def clear(self, slot: Slot, behind: int = 0) -> Long[None]:

@@ -133,8 +133,7 @@ def _response(own: MessageTiming, higher: _Rhythms, blocking: int, bit_ns: int) 
 def _busy_ns(rhythms: _Rhythms, blocking: int) -> int | None:
     """Return the longest time in ns for which these messages keep the bus busy after a blocking frame, or None."""
     load = sum((Fraction(busy, period) for (period, _), busy in rhythms.items()), Fraction(0))
-    # With a load of 1 the busy period ends only if nothing adds to it; with a smaller load it always ends, but late
-    # near 1.
+    # With a load of 1 the busy period ends only if nothing adds to it; with a smaller load it always ends.
     if load > 1 or (load == 1 and (blocking or any(jitter for _, jitter in rhythms))):
         return None
     busy = blocking + sum(rhythms.values())

@@ -53,8 +53,7 @@ class Traffic:
         channel: the log's channel of the frames; empty on a bus.
         first_ns: time of the first frame.
         recent_ns: times of the newest frames, oldest first, at most RATE_OVER + 1.
-        check: verdict on the end-to-end protection of the newest frame against earlier ones; None without end-to-end
-            protection, or if its MAC was rejected.
+        check: result of the newest frame's end-to-end check; None without protection, or if its MAC was rejected.
         mac: verdict on the MAC of the newest frame; None for a message without authentication.
         lost: number of frames missing by their counters, which do not show the loss of a whole counter period or more;
             a restart of the sender counts as one.

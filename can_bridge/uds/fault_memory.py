@@ -122,8 +122,8 @@ class FaultMemory:
     def settle(self) -> None:
         """Record the noted results; store them if that is allowed now. Raises MediumError, and does not try again."""
         while self._noted and (self.is_on or len(self._noted) > 1):
-            # While recording is off, only the latest result stays in the queue: it is the tests' state when recording
-            # is switched on again.
+            # While recording is off, only the latest result stays queued: it is the tests' state when recording
+            # resumes.
             reason, snapshot = self._noted.popleft()
             if not self.is_on:
                 continue

@@ -112,9 +112,8 @@ class CompiledLibrary(Controller, Protocol):
         """Size of the scratch memory that the caller has to provide."""
 
     def known_answer(self) -> tuple[float, float]:
-        """Return the first action and the cost of the control step that a build computes at its start to check itself.
-        They equal, bit for bit, the results of a build that fuses no operations. Raises ControllerError if there is no
-        answer."""
+        """Return action and cost of the control step by which a build checks itself at its start: those of a build that
+        fuses no operations, bit for bit. Raises ControllerError if there is no answer."""
 
 
 CompileLibrary = Callable[[Mapping[str, bytes], Sizes], CompiledLibrary]

@@ -31,8 +31,7 @@ class EpisodeSummary:
         action_rms: root mean square of the action, in U_inf W.
         drag: mean Cd.
         lift: standard deviation of Cl.
-        frequency: frequency of the largest peak of Cl's spectrum, in 1/t_c; None for a series that is short or
-            constant.
+        frequency: frequency of the largest peak of Cl's spectrum, in 1/t_c; None for a short or constant series.
     """
 
     name: str

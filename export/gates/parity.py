@@ -34,8 +34,8 @@ class ParityTolerance:
     """The largest allowed differences.
 
     Attributes:
-        move: largest difference of an action, as a share of iterations * lr, Adam's largest move; 2.5e-5 U_inf W in the
-            paper.
+        move: largest difference of an action, as a share of iterations * lr, Adam's largest move; paper: 2.5e-5 U_inf
+            W.
         force: largest difference of a predicted Cd or Cl.
         cost: largest difference of a term or of J.
     """

@@ -139,8 +139,8 @@ def prior_arrays(program: ControllerProgram, integers: Mapping[str, Int8Matrix])
     """Return the prior's filters, each from its first row to its last row, and its layers; nothing without a prior.
 
     Args:
-        integers: integers of the prior's two matrices by their names; a matrix without integers is stored as floats of
-            scale 1.
+        integers: integers of the prior's two matrices by name; a matrix without integers is stored as floats of scale
+            1.
     """
     if program.prior is None:
         return {}

@@ -8,8 +8,7 @@ from typing import Any, Final
 from contract.errors import ConfigError
 
 _LONGEST: Final = 1e5
-"""Longest accepted time in t_c. A run of this length computes for days on any machine, but its arrays still fit into
-memory."""
+"""Longest accepted time in t_c. Such a run computes for days on any machine, but its arrays still fit into memory."""
 
 
 def steps_of(option: str, duration: float, period: float, *, least: int = 1) -> int:

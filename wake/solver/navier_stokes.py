@@ -38,8 +38,7 @@ class FlowSolver(CopiedWhole):
         viscosity: 1 / Re.
         slot_profile: velocity on the faces at `grid.rear` per unit action, (ny,); None for no jets.
         inflow_u, inflow_v: velocity at the inlet, (ny,) at the u-faces and (ny + 1,) at the v-faces.
-        precision: precision of the flows. The grid and the factors of the projection are first computed in double
-            precision.
+        precision: precision of the flows. Grid and factors of the projection are first computed in double precision.
     """
 
     def __init__(

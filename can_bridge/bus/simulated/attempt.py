@@ -1,5 +1,4 @@
-"""The result of one attempt to send a frame (sent, unacknowledged, collided or destroyed), and its effect on each
-node's error counters.
+"""The result of one attempt to send a frame (sent, unacknowledged, collided or destroyed), and the error counts.
 
 The functions are pure: they compute a verdict for each node, and the number of bits that the attempt occupies, from the
 senders and the wrong bits. The rules are in `can_bridge.bus.simulated.fault_confinement`.

@@ -26,8 +26,7 @@ class BackgroundNode:
 
     Args:
         bus: simulated bus, at the time from which the offsets count.
-        seed: random seed of contents, jitter and clocks. Each message has its own random sequence, independent of the
-            others.
+        seed: random seed of contents, jitter and clocks. Each message has an independent random sequence.
         drift_ppm: clocks are slower than the bus's time by 0 to this drift. None is faster, because the response-time
             analysis assumes that no period is shorter than stated.
     """

@@ -141,8 +141,7 @@ class SimulatedBus:
         Args:
             name: the node's name in messages, and for `corrupts` and `mishears`.
             transmit_capacity, receive_capacity: largest number of frames in its queues.
-            restarts: whether the node recovers from bus-off automatically; otherwise it recovers after
-                `SimulatedPort.restart`.
+            restarts: whether the node recovers from bus-off automatically, without `SimulatedPort.restart`.
         """
         port = SimulatedPort(
             name or f"node {len(self._ports)}",

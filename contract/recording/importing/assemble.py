@@ -76,8 +76,7 @@ def assemble(
         references: value in the files that equals 1 in the data set, by series or sensor.
         renamed: name in the files, by series or sensor.
         progress: called with every file before it is read.
-        told: function that is called with a file and a note about it, such as names that are neither series nor
-            sensors.
+        told: function that receives a file and a note on it, such as names that are neither series nor sensors.
     """
     renamed, references = dict(renamed or {}), dict(references or {})
     if facts.control_period is None or facts.action_limit is None:

@@ -12,8 +12,7 @@ viewer sends on a separate channel, one request per message, and gets one answer
                           `text`, one line on the present work, or why the loop ended. It is the first message
 
 A viewer needs only the latest `loop`, `hello`, `now`, `bus`, `settings` and picture, but all `periods` and `events`.
-When a viewer receives `hello`, it discards all earlier data: they belong to another run, or will be sent again. NaN and
-infinity are sent as null.
+At `hello` a viewer discards all earlier data, which belong to another run or are sent again. NaN and infinity are null.
 """
 
 import struct
