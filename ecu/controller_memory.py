@@ -223,7 +223,7 @@ class ControllerMemory(ArrayValue):
         with finite numbers.
 
         Args:
-                weights: weights of the cost, (8,) in the order of `CostWeights`; the controller's own by default.
+            weights: weights of the cost, (8,) in the order of `CostWeights`; the controller's own by default.
             limit: bound on |a| in U_inf W, at any speed; the controller's own by default.
         """
         pending = self.under_way.pending

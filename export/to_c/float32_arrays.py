@@ -1,4 +1,4 @@
-"""A program's numbers in the layout of the C sources (`export/to_c/sources/float32/sw_weights.h`).
+"""A program's parameters in the layout of the C sources (`export/to_c/sources/float32/sw_weights.h`).
 
 The numbers are derived in float64 and rounded once: matrices are centred if a norm follows, 1 / action_std is folded
 into the action's row, and both LSTM biases are added. Vectors are padded with zeros to whole registers.

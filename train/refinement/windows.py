@@ -25,9 +25,9 @@ class Price:
     """Weights of the cost of a period, Cd + lift |Cl| + motion Uy^2 + effort a^2.
 
     Attributes:
-            lift: price of the magnitude of the lift coefficient, which is smoothed within `ROUNDED`.
-        motion: price of the squared transverse velocity at the wake probe, which indicates drag after the end of the
-        stretch.     effort: price of the squared action in force.
+        lift: price of the magnitude of the lift coefficient, which is smoothed within `ROUNDED`.
+        motion: price of the squared transverse velocity at the wake probe, which indicates drag after the stretch.
+        effort: price of the squared action in force.
     """
 
     lift: float
