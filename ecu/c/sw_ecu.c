@@ -129,7 +129,7 @@ static int are_finite(const float *values, int count)
     return finite;
 }
 
-/* Stores a new plan in the memory. A plan with NaN or infinity is dropped, whatever the control step's status. */
+/* Stores a new plan in the memory. A plan with NaN or infinity is dropped at any status of the control step. */
 static decision planned(sw_ecu *ecu)
 {
     decision due = {0.0, SW_REASON_INTERNAL};
