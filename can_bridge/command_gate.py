@@ -108,7 +108,7 @@ def gate(
         enable: whether the jets may run.
         previous_m2_per_s: this gate's previous result; 0 at the start.
         previous_ns: time of that result; None at the start.
-        pressure_ns: sampling time of the pressures behind the command; None if there were none.
+        pressure_ns: sampling time of the pressures that the command uses; None without pressures.
         now_ns: present time on the same clock. Pressures from the future count as stale, because a clock is wrong.
     """
     if not enable:
@@ -130,7 +130,7 @@ def gate(
     passed = _clamp(in_range, previous_m2_per_s - step, previous_m2_per_s + step)
     if passed != in_range:
         interventions |= Intervention.RATE
-        # The range comes last, so that it holds whatever `previous` was.
+        # The range is applied last, so that it holds for any value of `previous`.
         passed = _clamp(passed, -limits.flow_m2_per_s, limits.flow_m2_per_s)
     return GatedCommand(flow_m2_per_s=passed, enable=True, interventions=interventions)
 

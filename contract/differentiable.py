@@ -14,7 +14,7 @@ class Seen:
 
     Attributes:
         Cp: (2 p,) at the sensors, in pairs of mirror images.
-        Cd, Cl: of the body.
+        Cd, Cl: drag and lift coefficients of the body.
         Uy: transverse velocity at the wake probe, in the present speed.
     """
 

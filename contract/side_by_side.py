@@ -104,7 +104,7 @@ def _begin(scratch: str, initializer: Callable[[], None] | None) -> None:
 
 
 def _result(future: "Future", name: str, kept: str) -> Any:
-    # Imported only when needed, because a vehicle does not install dask.
+    # dask is imported only when needed, because a vehicle does not install it.
     from distributed import KilledWorker
 
     if future.status == "finished":

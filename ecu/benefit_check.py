@@ -113,7 +113,7 @@ class BenefitCheck:
         Args:
             cp: (S,) this period's pressures; None if there are none.
             drives: whether the jets could run until now.
-            speed: of the vehicle, in design speeds.
+            speed: speed of the vehicle, in design speeds.
         """
         if state.tests:
             return self._tested(state, cp, speed)

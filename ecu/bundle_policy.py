@@ -22,7 +22,7 @@ class BundlePolicy:
 
     Args:
         controller: runs the bundle's `controller.onnx`; default: ONNX Runtime on one thread.
-        layout: of the plant's sensors, the columns of Cp in each step.
+        layout: layout of the plant's sensors, the columns of Cp in each step.
     """
 
     def __init__(self, bundle: Bundle, controller: Controller | None = None, layout: SensorLayout = TRUCK) -> None:

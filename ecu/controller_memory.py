@@ -95,7 +95,7 @@ class Past(ArrayValue):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ControllerMemory(ArrayValue):
-    """A value: every method returns a new memory and does not change this one. The arrays are read-only.
+    """The memory is an immutable value: every method returns a new memory. The arrays are read-only.
 
     Attributes:
         window: (L, S + 1), a row (Cp at the sensors, action in force) a period, oldest first; zero before the first
@@ -122,7 +122,7 @@ class ControllerMemory(ArrayValue):
             length: L.
             sensors: S.
             horizon: H.
-            delay: of the actuator, in control periods.
+            delay: delay of the actuator, in control periods.
             past: number of stored periods for a release that serves a range of speeds; 0 for another.
         """
         return ControllerMemory(
@@ -223,7 +223,7 @@ class ControllerMemory(ArrayValue):
         with finite numbers.
 
         Args:
-            weights: of the cost, (8,) in the order of `CostWeights`; the controller's own by default.
+            weights: weights of the cost, (8,) in the order of `CostWeights`; the controller's own by default.
             limit: bound on |a| in U_inf W, at any speed; the controller's own by default.
         """
         pending = self.under_way.pending

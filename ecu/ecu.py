@@ -51,8 +51,8 @@ class _Decision(NamedTuple):
     """The ECU's request to the command gate in one period.
 
     Attributes:
-        memory: with the new plan, or without a plan.
-        action: before the command gate, in U_inf W.
+        memory: controller's memory with the new plan, or without a plan.
+        action: action before the command gate, in U_inf W.
         forces: predicted (Cd, Cl) over the horizon, (H, 2); None without a plan.
         fault: reason why there is no action although one was due.
     """
@@ -163,7 +163,7 @@ class Ecu:
         Args:
             now_ns: time of the step, in the clock of the frames' timestamps.
             frames: everything received since the last step, oldest first.
-            health: of the CAN controller, for the status.
+            health: health of the CAN controller, for the status.
             around: see `Surroundings`.
         """
         outcome = self.next(self._state, now_ns, frames, health, **around)

@@ -49,15 +49,15 @@ class EcuState:
         pressures: the receiver of the Pressure message.
         commands, statuses: the senders of JetCommand and EcuStatus.
         pressure_ns: sampling time of the latest usable pressures; None before the first.
-        pressure_counter: of their frame; None before the first.
+        pressure_counter: counter of the frame that brought the pressures; None before the first.
         overruns: number of whole periods left out.
         missed: number of steps without usable pressures.
-        health: of the CAN controller in the latest step.
+        health: health of the CAN controller in the latest step.
         verifier: state of the Pressure message's authentication.
-        freshness: of the next JetCommand and the next EcuStatus.
+        freshness: freshness values for the next JetCommand and the next EcuStatus.
         other_ecu: whether another ECU is on the bus.
         sensors: state of the sensor check.
-        speed: of the vehicle; as at power-on with a release that does not need it.
+        speed: speed of the vehicle; as at power-on with a release that does not need it.
     """
 
     memory: ControllerMemory

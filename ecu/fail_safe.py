@@ -69,12 +69,12 @@ class PeriodInputs:
 
     Attributes:
         usable: a valid frame with four valid pressures arrived.
-        enable_request: of the vehicle, in that frame; None if none arrived.
+        enable_request: enable request of the vehicle, in that frame; None if none arrived.
         unusable_because: why pressures are not usable; ignored if they are.
         window_full: the controller can plan.
         off_speed: the vehicle is slower or faster than the release is made for.
         tests: the jets must be shut to measure the wake without them.
-        fault: reason for which the ECU must switch itself off in this period, whatever arrived.
+        fault: reason for which the ECU must switch itself off in this period, even if good frames arrived.
         updating: a new release is to be written.
     """
 
@@ -92,7 +92,7 @@ class Period(NamedTuple):
     """The data for conditions: one period's inputs, and the counts up to it.
 
     Attributes:
-        request: of the vehicle, as last received.
+        request: the vehicle's request for control, as last received.
         rises: the request was low before this period and is high now.
         misses: number of consecutive periods without usable pressures.
         good: number of consecutive periods with usable pressures.
@@ -267,7 +267,7 @@ class FailSafe:
         lost: one bit for each of the latest `loss_window` periods since control was requested or re-armed, the newest
             lowest: 1 without usable pressures.
         reason: why the loop is not in control; constant during a fault.
-        enable_request: of the vehicle, as last received; taken as high before the first, and when a fault begins.
+        enable_request: latest enable request of the vehicle; taken as high before the first, and when a fault begins.
     """
 
     mode: OperatingMode = OperatingMode.INIT

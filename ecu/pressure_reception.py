@@ -27,7 +27,7 @@ class Received(NamedTuple):
         verifier, receiver: their states after these frames.
         cp: usable pressures, (S,); None without.
         reading: the pressures in units of the design speed, in which a stuck sensor is constant at any vehicle speed.
-        enable_request: of the vehicle; None if no trusted frame arrived.
+        enable_request: enable request of the vehicle; None if no trusted frame arrived.
         unusable_because: why there are no usable pressures, if there are none.
         sampled_ns: sampling time of the usable pressures.
     """

@@ -76,7 +76,7 @@ class SensorCheckState(ArrayValue):
     """The state after a control period. The arrays are read-only, with a row for each of the S + P `Hypotheses`.
 
     Attributes:
-        residual: of the latest judged period, in Cp; NaN before the first.
+        residual: residual of the latest judged period, in Cp; NaN before the first.
         fast, slow: running means of the residual.
         noise: running variance of the change from one period to the next, in Cp^2.
         score: running mean of the fast mean's square, divided by the variance of healthy sensors and noise.
@@ -180,7 +180,7 @@ class SensorCheck:
             rows: number of its existing rows.
             cp: this period's pressures, (S,); None if there are none, and then nothing is judged.
             reading: the pressures as received, not scaled by the present speed; `cp` by default.
-            skipped: number of skipped periods before this one, for each of which the window has a row.
+            skipped: number of skipped periods before the present period; the window has a row for each of them.
         """
         length, kept_rows = len(window), len(state.estimates)
         if cp is None or rows == 0:
@@ -244,7 +244,7 @@ class SensorCheck:
         }
 
     def _others_move(self, resting: int, window: Array) -> bool:
-        """Return whether the other pressures of a window show a flow in the periods in which this one was constant."""
+        """Return whether the other pressures of a window show a flow while this pressure was constant."""
         moved = np.ptp(window[-self.config.flat_periods :, :-1], axis=0)
         return bool(np.median(np.delete(moved, resting)) >= MOVING * self._sound)
 
@@ -312,5 +312,5 @@ def _mean(before: Array, value: Array, periods: int) -> Array:
 
 
 def _appended(rows: Array, row: Array, times: int) -> Array:
-    """Append a row `times` times and drop as many of the oldest rows."""
+    """Append a row `times` times and drop the same number of the oldest rows."""
     return np.concatenate([rows, np.tile(row, (times, 1))])[-len(rows) :]

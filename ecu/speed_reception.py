@@ -29,8 +29,8 @@ class SpeedState:
     """The vehicle's speed after a control period.
 
     Attributes:
-        ratio: of the last accepted speed to the design speed; None if no speed is in force.
-        density: of the air in kg/m3, stated by the vehicle with this speed, or the operating point's.
+        ratio: ratio of the last accepted speed to the design speed; None if no speed is in force.
+        density: density of the air in kg/m3, stated by the vehicle with this speed, or the operating point's.
         measured_ns: time at which the speed was measured.
         is_off: the speed left the release's range by more than the margin and has not returned into the range.
     """

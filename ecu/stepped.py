@@ -58,7 +58,7 @@ class LoopEcu:
 
     Attributes:
         kind: python, c or mcu.
-        computed_by: what computes its control step, for people.
+        computed_by: description of the code that computes its control step, for people.
         step_ns: duration of its latest step in virtual time; without it the loop charges `ecu.compute_time_ms`.
         clock_mhz: clock of the core for `step_ns`.
     """

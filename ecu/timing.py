@@ -21,7 +21,7 @@ class StepTiming:
     """The timing after a control step.
 
     Attributes:
-        step_ns: time of the step; None before the first. -1 stands for a negative time, `LATEST_NS` for any later time.
+        step_ns: time of the step; None before the first. -1 means a negative time, `LATEST_NS` any later time.
         lag_ns: lateness beyond the periods left out; negative if early.
         off_time: one bit for each of the latest `ecu.deadline_window` steps, the newest lowest: 1 if late or early.
         skipped: number of whole periods left out before the step.

@@ -98,10 +98,10 @@ class Film:
         wake: the plant. Every instant must be given to `record`, those between frames too.
         story: times and the drag to compare with.
         sensor_names: the controller's, lit; the others are small dots.
-        width: of the picture in pixels; even, as the height is.
+        width: width of the picture in pixels; even, as the height is.
 
     Attributes:
-        figure: to be drawn.
+        figure: figure to be drawn.
     """
 
     def __init__(self, wake: Drawable, story: Story, sensor_names: Sequence[str], width: int = 960) -> None:

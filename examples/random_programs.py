@@ -27,10 +27,10 @@ def random_program(
     """A program with weights drawn as PyTorch initialises them, norms perturbed so that none is the identity.
 
     Args:
-        seed: of the draw.
+        seed: random seed of the weights.
         model: widths and window; the paper's if None.
         mpc: optimiser settings; the paper's if None.
-        prior_memory: of a prior with five units that know speed and goal, and read sums; 0 for none.
+        prior_memory: rows of a prior with five units that read speed, goal and sums; 0 for no prior.
     """
     rng = np.random.default_rng(seed)
     model = ModelConfig() if model is None else model

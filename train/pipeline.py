@@ -172,7 +172,8 @@ def _choice(
     state = checkpoint.load(path, checkpoints.identity) if checkpoints.resume else None
     if state is None:
         names = select(settings.selection, encoder, rows, settings.sensors, settings=settings, progress=progress)
-        # Stored although it is cheap: mirror images differ only by rounding, and a resumed run may round otherwise.
+        # The order is stored although it is cheap to compute: the values of mirror-image sensors differ only by
+        # rounding, and a resumed run may round differently and choose another order.
         checkpoint.save(path, checkpoints.identity, {"order": torch.from_numpy(rows.layout.indices(names))})
     else:
         names = tuple(rows.layout.names[index] for index in state["order"].tolist())

@@ -59,7 +59,7 @@ def fit_estimator(
     if not used:
         raise DatasetError(f"no training episode is longer than the window of {window} control steps")
     learned = [item.rows(columns) for item in used]
-    # Checked before the mirror images are added, because a dead sensor's mirror image would hide it.
+    # The rows are checked before the mirror images are added, because a dead sensor's mirror image would hide it.
     for name, spread in zip((*sensors, "the action"), np.ptp(np.concatenate(learned), axis=0), strict=True):
         if spread == 0.0:
             raise DatasetError(f"{name} is constant in all training episodes: nothing to learn from")

@@ -1,4 +1,4 @@
-"""A recorded episode as a plant, which repeats the recorded pressures and forces whatever the jets do, without end."""
+"""A recorded episode as a plant, which repeats the recorded pressures and forces, independent of the jets."""
 
 from typing import Final
 

@@ -3,8 +3,8 @@
     pip install scapy
     python -m benchmarks attack-tools [--json FILE]
 
-The ECU is `stillwake ecu --slots` with the shipped release in a separate process, with classic frames, which scapy's
-scanners use. The benchmark fails if a service, an identifier or a key gives more than the diagnosis page states.
+The ECU is `stillwake ecu --slots` with the shipped release in a separate process, with classic frames for the scanners.
+The benchmark fails if they find a service or identifier that the diagnosis page does not list, or unlock a level.
 """
 
 import json

@@ -43,9 +43,9 @@ class Case(NamedTuple):
     """What differs from the trained goal.
 
     Attributes:
-        weights: in place of the release's.
-        limit: of the jets, as a share of the release's.
-        delay: of the actuator, known to the ECU, in control periods.
+        weights: cost weights in place of the release's.
+        limit: action limit of the jets, as a share of the release's.
+        delay: delay of the actuator, known to the ECU, in control periods.
     """
 
     name: str

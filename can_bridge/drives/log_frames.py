@@ -57,9 +57,9 @@ def frames_of(
     our frames are on two channels, or times decrease.
 
     Args:
-        messages: in the order of the log.
+        messages: messages in the order of the log.
         only: the message set to read; by default, the set of the pressures in the log.
-        verify: for secured messages; without it, freshness and authentication codes are not checked.
+        verify: check of secured messages; without it, freshness and authentication codes are not checked.
         back_s: time in s by which a message may be older than an earlier message.
     """
     buses: dict[str, _Bus] = {}
@@ -127,7 +127,7 @@ class _Bus:
 
     def add(self, message: can.Message, specs: Mapping[int, MessageSpec], verify: Verify | None, back_s: float) -> None:
         """Add one data frame."""
-        # A 29-bit identifier belongs to another node, whatever its number.
+        # Any 29-bit identifier belongs to another node.
         frame_id = message.arbitration_id + (message.is_extended_id << 32)
         self.seen[frame_id] += 1
         spec = specs.get(frame_id)

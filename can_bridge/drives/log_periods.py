@@ -32,7 +32,7 @@ class Scales:
     Attributes:
         period: control period in W / U_inf.
         point: W, U_inf and rho, if the log does not have them.
-        action_limit: in U_inf W. A command that exceeds it by up to half the resolution is set to it.
+        action_limit: bound on the action, in U_inf W. A command up to half the resolution above it is set to it.
         given: names of the operating point's settings that the user gave; the log must not contradict them.
         believed: settings for the plausibility of the log's speeds.
     """
@@ -113,9 +113,9 @@ def table_of(
     before the stretch's first frame; NaN if the log has no value.
 
     Args:
-        pressure_pa: of the stretch's frames.
+        pressure_pa: pressures of the stretch's frames.
         commands: commands received during the stretch, without repetitions.
-        modulus: of the pressures' counter.
+        modulus: number of values of the pressures' counter.
     """
     table = np.full((int(stretch.index[-1]) + 2, SENSORS + 1), np.nan)
     table[stretch.index + 1, :SENSORS] = pressure_pa

@@ -27,10 +27,10 @@ class Piece:
 
     Attributes:
         first_row: number of the data set's control periods from the log's first pressure to row 0.
-        time_s: of each row on the log's clock, (n,).
-        Cp: (n, 4), in the message's order.
-        action: commanded at each row, (n,).
-        initial_action: in force before row 0.
+        time_s: time of each row on the log's clock, (n,).
+        Cp: pressure coefficients, (n, 4), in the sensor order of the Pressure message.
+        action: action commanded at each row, (n,).
+        initial_action: action in force before row 0.
     """
 
     first_row: int

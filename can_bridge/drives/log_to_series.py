@@ -50,7 +50,7 @@ class LogReport:
         channel: channel of the messages; empty if the log has none.
         speed: least speed of the vehicle, median while it moves, and greatest, in m/s, by its frames; None without.
         without_speed: number of rows in which the speed was unknown or the vehicle stood.
-        dynamic_pressure: in Pa at the median speed.
+        dynamic_pressure: dynamic pressure in Pa at the median speed.
         is_resampled: rows were interpolated from those of the log, because the speed varies.
         frames: numbers of pressures and commands used.
         unused: numbers of frames that were not used, by the reason.
@@ -107,13 +107,13 @@ def series_of(
     `split`.
 
     Args:
-        messages: of the log, in its order.
+        messages: messages of the log, in its order.
         scales: operating point and control period.
         fill: longest gap in control periods that is filled.
         split: whether a longer gap makes two pieces; otherwise it raises an error.
         sensors: names of the pressures, for the report.
         only: the message set to read; by default, the set of the pressures in the log.
-        verify: for secured messages; without it, freshness and authentication codes are not checked.
+        verify: check of secured messages; without it, freshness and authentication codes are not checked.
     """
     log = frames_of(path, messages, only=only, verify=verify, back_s=scales.period_s)
     modulus, command_modulus = (

@@ -20,7 +20,7 @@ _SHORTEST_S: Final = 0.1
 _STARTS: Final = 10
 """Largest number of spans at the beginning of a log that may be rejected as wrong."""
 _SLOWEST: Final = 1e-3
-"""Smallest speed in m/s. A vehicle that stands does not move, but the distance must increase."""
+"""Smallest speed in m/s. It is also used for a stationary vehicle, because the distance must increase."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -29,8 +29,8 @@ class VehicleSpeeds:
 
     Attributes:
         time_s: times of measurement on the log's clock, increasing, (n,).
-        speed: in m/s, (n,).
-        density: of the air in kg/m3, NaN if the vehicle does not state it, (n,).
+        speed: vehicle's speed in m/s, (n,).
+        density: density of the air in kg/m3, NaN if the vehicle does not state it, (n,).
         oldest_s: time for which a speed stays in force.
         left_out: number of speeds in the frames that are implausible or repeated.
     """

@@ -63,7 +63,7 @@ class Reception:
 
     Attributes:
         checks: one check for each frame of the message, oldest first; only NO_NEW_DATA if there was none.
-        accepted: the newest frame with a good check, whatever the state; None if there was none.
+        accepted: the newest frame with a good check in any state; None if there was none.
     """
 
     stream: StreamState
@@ -81,7 +81,7 @@ class ReceiverState:
     """The receiver's state for one message.
 
     Attributes:
-        last_counter: of the latest frame with a valid CRC; None before the first.
+        last_counter: counter of the latest frame with a valid CRC; None before the first.
         window: the latest periods' checks, oldest first, from the check that ended NODATA on.
         counts: numbers of the results, by the check's value; read them with `count`.
     """

@@ -72,7 +72,8 @@ class Backing(Protocol):
         ...
 
     def keep(self, kind: RecordKind, record: bytes) -> None:
-        """Replace a record, of at most `MAX_RECORD` bytes. Raises MediumError if no place of the memory works."""
+        """Replace the record of this kind; `record` has at most `MAX_RECORD` bytes. Raises MediumError on defective
+        memory."""
         ...
 
     def clear(self, slot: Slot, behind: int = 0) -> Long[None]:

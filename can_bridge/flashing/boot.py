@@ -41,8 +41,8 @@ class Boot:
     Attributes:
         slot: the booted slot; None without a release.
         bundle: the booted bundle, which passed every check in this boot; None without a release.
-        verdicts: on the slots that this boot checked.
-        boots_left: of the trial, without this boot; 0 if the release is not on trial.
+        verdicts: results of the checks of the slots that this boot checked.
+        boots_left: number of boots left in the trial, without this boot; 0 if the release is not on trial.
     """
 
     slot: Slot | None
@@ -65,7 +65,7 @@ def _boot_trial(remembered: Remembered, slot: Slot, verdicts: dict[Slot, Verdict
     standing = remembered.state.slots[slot]
     try:
         if standing.boots_left > 0:
-            # The boot is counted first, so that the boots end whatever the image does to the ECU.
+            # The boot is counted first, so that the number of boots is limited even if the image crashes the ECU.
             left = standing.boots_left - 1
             remembered.keep_slot(slot, replace(standing, boots_left=left))
             verdicts[slot], bundle = at_once(remembered.judged(slot))

@@ -38,8 +38,8 @@ class SlotReport:
     """One slot; for the other fields see `state.SlotState`.
 
     Attributes:
-        name, digest: of the release; empty if no image was checked.
-        verdict: of the last boot; None if it did not check this slot.
+        name, digest: name and digest of the release; empty if no image was checked.
+        verdict: result of the last boot's check; None if it did not check this slot.
     """
 
     phase: SlotPhase
@@ -60,11 +60,11 @@ class StoreReport:
     """The state of the store.
 
     Attributes:
-        slots: by `Slot`.
+        slots: reports or states in the order of `Slot`.
         running: the booted slot; None without a release, or if another image was announced for this slot since.
         active: the slot of the confirmed release.
         next_boot: the slot that the next boot tries first.
-        reason: of the last boot; None before the first.
+        reason: reason for the result of the last boot; None before the first.
         least_security_version: least security version of a release.
         key_list_version: None without a key list.
         failed_attempts: numbers of consecutive wrong keys.

@@ -56,13 +56,13 @@ class SlotState:
 
     Attributes:
         length: bytes of the announced image.
-        sha256: of the announced image, 32 bytes.
+        sha256: SHA-256 of the announced image, 32 bytes.
         received: number of bytes that are stored for certain.
-        digest: of the bundle, in hex; empty until the image was checked.
-        name: of the release; empty until the image was checked.
-        security_version: of the release; 0 until the image was checked.
+        digest: digest of the bundle, in hex; empty until the image was checked.
+        name: name of the release; empty until the image was checked.
+        security_version: security version of the release; 0 until the image was checked.
         signer: 32 bytes of the key that signed it; empty until the image was checked.
-        boots_left: of the trial.
+        boots_left: number of boots left in the trial.
     """
 
     phase: SlotPhase = SlotPhase.EMPTY
@@ -90,7 +90,7 @@ class StoreState:
     """Both slots and the state common to them.
 
     Attributes:
-        slots: by `Slot`.
+        slots: reports or states in the order of `Slot`.
         active: the slot whose confirmed image boots if no image is on trial; None if none was confirmed yet.
         least_security_version: least security version of a release; only a confirmation raises it.
         failed_attempts: numbers of consecutive wrong keys, by level.

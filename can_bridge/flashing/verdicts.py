@@ -38,5 +38,5 @@ class Verdict(IntEnum):
     UNREADABLE = 13, "the memory does not give the image back"
     EMPTY = 14, "the slot is empty"
     WRONG_BUILD = 15, "the image was made for another build of the firmware, or has numbers that no ECU can run"
-    """The image's numbers are laid out for another firmware, which is checked right after WRONG_DBC; or its payload is
-    too short or has a number that no ECU can run, which is checked last."""
+    """The image's parameters are laid out for another firmware, which is checked right after WRONG_DBC; or its payload
+    is too short or has a number that no ECU can run, which is checked last."""

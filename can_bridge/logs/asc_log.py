@@ -119,7 +119,7 @@ class _Clock:
     """Seconds on one clock, although times may count from the previous line, or restart with a trigger block.
 
     Attributes:
-        offset_s: from the times of this block to those of the first block.
+        offset_s: difference in s from the times of this block to those of the first block.
     """
 
     def __init__(self) -> None:

@@ -64,7 +64,7 @@ def check_fits(release: Bundle, length: int, facts: EcuFacts) -> None:
 
     Args:
         release: made with this version's DBC, as is every bundle that was loaded.
-        length: of the release's image, bytes.
+        length: length of the release's image, bytes.
     """
     for line in _misfits(release, length, facts):
         raise WrongReleaseError(f"bundle {release.manifest.name} {line}; nothing was written")
@@ -101,7 +101,7 @@ class StoredFault:
     Attributes:
         code: three bytes.
         age: number of operation cycles without the fault since it was last found.
-        time_ms, mode_before, missed, overruns, pressures_cp: from the moment when it was found; None without snapshot.
+        time_ms, mode_before, missed, overruns, pressures_cp: values when the fault was found; None without snapshot.
     """
 
     code: int

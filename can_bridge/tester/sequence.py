@@ -1,6 +1,6 @@
 """Flashing of an ECU, in steps over an open udsoncan client: one code for a bus, a bench in virtual time, and a test.
 
-Nothing here prints, sleeps or reads a clock by itself. After any interruption the ECU still has its old release. A
+Nothing in this module prints, sleeps or reads a clock. After any interruption the ECU still has its old release. A
 further run continues at the ECU's state: a half-transferred or not yet activated image, or a release on trial.
 """
 
@@ -119,12 +119,12 @@ def flash(
 
     Args:
         client: open; its settings are set here.
-        image: as built by `contract.release.image`.
+        image: image of the release, as built by `contract.release.image`.
         key: returns the key for a seed of the programming level; a dry run needs none.
         judge: raises FlashError if an ECU with these facts must not be flashed with this image.
         progress: called with every block.
         on_step: called with every step.
-        clock, sleep: in s.
+        clock, sleep: functions that return a time and wait, in s.
     """
     began = clock()
     asking = Asking(client, key=key, clock=clock, sleep=sleep)

@@ -31,7 +31,7 @@ class BackgroundTraffic:
     """The traffic of other nodes.
 
     Attributes:
-        messages: to be sent, highest priority first.
+        messages: messages to be sent, highest priority first.
         left_out: other messages of the file, each as "name (why)".
     """
 

@@ -19,11 +19,11 @@ class PeriodicMessage:
     """A periodic message of a node. Raises ValueError for a frame that no controller can send, or a meaningless time.
 
     Attributes:
-        frame_id: of 11 bits, or 29 if it is extended.
+        frame_id: identifier of 11 bits, or of 29 bits if it is extended.
         period_ns: least time between two releases.
-        offset_ns: of the first release.
+        offset_ns: time of the first release.
         jitter_ns: largest delay from a release until the frame is queued.
-        deadline_ns: time after its release by which a frame has to arrive; 0 stands for the period.
+        deadline_ns: time after its release by which a frame has to arrive; 0 means the period.
     """
 
     name: str

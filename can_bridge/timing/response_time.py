@@ -34,7 +34,7 @@ class MessageTiming:
     Attributes:
         frame_ns: longest time of the frame on the bus, C.
         period_ns: T.
-        deadline_ns: after the release, D.
+        deadline_ns: D, longest permitted time after the release.
         jitter_ns: largest delay from the release until the frame is queued, J.
     """
 
@@ -50,9 +50,9 @@ class Response:
 
     Attributes:
         blocking_ns: time of the longest frame of lower priority, B.
-        response_ns: from release to the end of the frame, including the intermission; None if unbounded.
+        response_ns: time from release to the end of the frame, including the intermission; None if unbounded.
         instance: index in the busy period of the frame that takes this time; 0 is the first.
-        deadline_ns: after the release.
+        deadline_ns: longest permitted time after the release.
     """
 
     blocking_ns: int
@@ -133,7 +133,7 @@ def _response(own: MessageTiming, higher: _Rhythms, blocking: int, bit_ns: int) 
 def _busy_ns(rhythms: _Rhythms, blocking: int) -> int | None:
     """Return the longest time in ns for which these messages keep the bus busy after a blocking frame, or None."""
     load = sum((Fraction(busy, period) for (period, _), busy in rhythms.items()), Fraction(0))
-    # With a load of 1 the busy period ends only if nothing adds to it; below 1 always, but late near 1.
+    # With a load of 1 the busy period ends only if nothing adds to it; with a smaller load it always ends.
     if load > 1 or (load == 1 and (blocking or any(jitter for _, jitter in rhythms))):
         return None
     busy = blocking + sum(rhythms.values())

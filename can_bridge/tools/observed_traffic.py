@@ -53,8 +53,8 @@ class Traffic:
         channel: the log's channel of the frames; empty on a bus.
         first_ns: time of the first frame.
         recent_ns: times of the newest frames, oldest first, at most RATE_OVER + 1.
-        check: of the newest frame against earlier ones; None without end-to-end protection, or if its MAC was rejected.
-        mac: of the newest frame; None for a message without authentication.
+        check: result of the newest frame's end-to-end check; None without protection, or if its MAC was rejected.
+        mac: verdict on the MAC of the newest frame; None for a message without authentication.
         lost: number of frames missing by their counters, which do not show the loss of a whole counter period or more;
             a restart of the sender counts as one.
         receiver: state of the end-to-end check, with the number of each result.
@@ -69,7 +69,7 @@ class Traffic:
 
         Args:
             e2e: settings that distinguish a loss from a wrong sequence.
-            key: of secured messages; without it their authentication is not checked.
+            key: key for secured messages; without it their authentication is not checked.
             carries: description of other frames with this identifier, for people.
         """
         self._e2e, self._key, self.channel, self._carries = e2e, key, channel, carries

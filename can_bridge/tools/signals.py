@@ -45,7 +45,7 @@ class SignalValue(NamedTuple):
     """One value.
 
     Attributes:
-        value: in `unit`.
+        value: physical value in `unit`.
         text: the value's name in the table of values, or a hash's digits; empty without one.
     """
 
@@ -64,7 +64,7 @@ class Decoded(NamedTuple):
     """The content of one of our messages.
 
     Attributes:
-        signals: in the order of the frame; empty if a value is outside its table or the length is wrong.
+        signals: signals in the order of the frame; empty if a value is outside its table or the length is wrong.
     """
 
     spec: MessageSpec
@@ -169,7 +169,7 @@ def encode(name: str, assignments: Sequence[str]) -> tuple[MessageSpec, bytes]:
     or signal, a value out of range, or if cantools is missing.
 
     Args:
-        name: of one of our messages, as in the DBC.
+        name: name of one of our messages, as in the DBC.
         assignments: "signal=value"; a value is a number in the signal's unit, or a name from its table.
     """
     if name not in _SPECS:

@@ -28,9 +28,9 @@ class Summary:
     Attributes:
         config: bit rates, for the load, and the rules for counters. A frame without bit-rate switch has the nominal
             rate.
-        key: of secured messages; without it their authentication is not checked.
+        key: key for secured messages; without it their authentication is not checked.
         most: largest number of messages listed; frames of further identifiers are only counted, as `unlisted`.
-        messages: by (channel, extended, identifier), because two buses have independent counters.
+        messages: messages by (channel, extended, identifier), because two buses have independent counters.
         errors: numbers of error frames, by the reported error.
         remote, unsound: numbers of remote frames and of impossible frames.
         first_s, last_s: earliest and latest time of a frame of any kind, in any order; None without one.

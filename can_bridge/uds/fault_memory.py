@@ -54,7 +54,7 @@ class KeptFault:
 
     Attributes:
         age: of a confirmed fault: number of operation cycles since its last failure in which the test only passed.
-        snapshot: of the first failure in the latest cycle with a failure; empty without.
+        snapshot: snapshot of the first failure in the latest cycle with a failure; empty without.
     """
 
     status: Status = _UNTESTED
@@ -122,7 +122,8 @@ class FaultMemory:
     def settle(self) -> None:
         """Record the noted results; store them if that is allowed now. Raises MediumError, and does not try again."""
         while self._noted and (self.is_on or len(self._noted) > 1):
-            # While recording is off only the latest result waits: the tests' state when recording is on again.
+            # While recording is off, only the latest result stays queued: it is the tests' state when recording
+            # resumes.
             reason, snapshot = self._noted.popleft()
             if not self.is_on:
                 continue

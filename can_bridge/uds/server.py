@@ -124,9 +124,9 @@ class UdsServer:
     def request(
         self, now_ns: int, payload: bytes, *, is_functional: bool = False, is_occupied: bool = False
     ) -> list[bytes]:
-        """Take a complete request; return its answers, none if the answer is suppressed or not ready. If another long
-        answer is still being sent, `is_occupied`, the request is refused as busy, and the tester has to repeat it. A
-        functional request goes to every ECU."""
+        """Process a complete request and return its answers: an empty list if the answer is suppressed or not ready. If
+        `is_occupied` (another long answer is still being sent), the request is refused as busy, and the tester has to
+        repeat it. A functional request addresses every ECU."""
         now_ns = self._at(now_ns)
         if not payload:
             return []
@@ -153,7 +153,7 @@ class UdsServer:
         return self._go_on(now_ns)
 
     def _at(self, now_ns: int) -> int:
-        """Return the time, which stands still if the clock goes back."""
+        """Return the time, which does not change if the clock goes back."""
         if self._now_ns is None:
             self._security.power_on(now_ns)
         self._now_ns = now_ns if self._now_ns is None else max(now_ns, self._now_ns)

@@ -159,7 +159,7 @@ class Permission:
 
     Attributes:
         level: level that must be unlocked; None if none need be.
-        length: of the value or option record in bytes; None for any length.
+        length: length of the value or option record in bytes; None for any length.
     """
 
     sessions: frozenset[Session] = _ALL

@@ -80,7 +80,7 @@ class Download:
     """A requested download.
 
     Args:
-        offset: of its first byte in the image.
+        offset: offset of its first byte in the image.
         length: number of bytes in all its blocks.
 
     Attributes:

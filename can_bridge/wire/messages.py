@@ -80,9 +80,9 @@ class VehicleSpeed(NamedTuple):
     """The vehicle's speed and the density of its air.
 
     Attributes:
-        speed_m_per_s: at least 0; None if the vehicle does not know it.
+        speed_m_per_s: vehicle's speed, at least 0; None if the vehicle does not know it.
         age_ns: time from measuring the speed until the frame is passed to the bus.
-        density_kg_per_m3: of the air, above 0; None if unknown.
+        density_kg_per_m3: density of the air, above 0; None if unknown.
     """
 
     speed_m_per_s: float | None
@@ -95,7 +95,7 @@ class JetCommand(NamedTuple):
 
     Attributes:
         flow_m2_per_s: out of the upper slot and into the lower, per unit span.
-        enable: False shuts the jets whatever the flow is.
+        enable: False shuts the jets at any flow.
         pressure_counter: E2E counter of the newest pressure frame used; None before the first.
         next_period: the jets begin to move at the next sampling instant, not when the command arrives.
     """

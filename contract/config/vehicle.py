@@ -46,8 +46,8 @@ class E2eConfig(
     max_delta: Annotated[
         int, within(1, 127, "half the counter's period"), FRAMES, ours("as many lost as the ECU rides out", page=_GATE)
     ] = 4
-    """Largest counter increment that is still accepted as the next frame. With 4, three frames in a row may be lost, as
-    many as the ECU's fail-safe bridges."""
+    """Largest counter increment that is still accepted as the next frame. With 4, three frames in a row may be lost,
+    which is the number that the ECU's fail-safe bridges."""
     window: Annotated[AtLeastOne[int], FRAMES] = 5
     """Latest checks that are judged together."""
     min_ok: Annotated[int, FRAMES] = 2

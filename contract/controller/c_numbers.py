@@ -1,7 +1,8 @@
-"""The numbers of a release as a C struct: the constant for the compiler, and the bytes that the compiler makes of it.
+"""The parameters of a release as a C struct: the constant for the compiler, and the bytes that the compiler makes of
+it.
 
-Both come from one description, the arrays in the order of the struct's members, so that compiled-in numbers and the
-numbers of an image (`contract.controller.image_payload`) are equal.
+Both come from one description, the arrays in the order of the struct's members, so that compiled-in parameters and
+those of an image (`contract.controller.image_payload`) are equal.
 """
 
 from collections.abc import Mapping, Sequence

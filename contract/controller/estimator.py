@@ -1,4 +1,4 @@
-"""The interface of a bundle's `sensors.onnx`, which estimates each pressure from the others, and the network's numbers.
+"""The interface of a bundle's `sensors.onnx`, which estimates each pressure from the others, and the network's weights.
 
 The sensor check of the ECU asks two questions about the readings. Does each reading agree with the others? If not,
 which sensor must be left out, or which two exchanged, so that the rest agree? So one call estimates every pressure from
@@ -115,7 +115,7 @@ class EstimatorNetwork:
 
     Attributes:
         window: L.
-        mean, std: of the columns of the window, (S+1,).
+        mean, std: mean and standard deviation of the columns of the window, (S+1,).
         layers: weight (outputs, inputs) and bias (outputs,) of each layer.
     """
 

@@ -1,9 +1,9 @@
-"""The payload of an image for a microcontroller: a release's numbers as C reads them, then the text of their layout.
+"""The payload of an image for a microcontroller: a release's parameters as C reads them, then the text of their layout.
 
-The numbers are `sw_payload` of `sw_image.h`. The text is not read by C. It is the layout: one line for every setting
-and every struct on which the positions or the meaning of the numbers depend. Its SHA-256 identifies the layout in the
-image's header and in a build's `sw_layout.h`; a build refuses numbers of another layout. Nothing else in a library's
-headers belongs to a release, except what identifies the compiled-in release.
+The parameters are `sw_payload` of `sw_image.h`. The text is not read by C. It is the layout: one line for every setting
+and every struct on which the positions or the meaning of the parameters depend. Its SHA-256 identifies the layout in
+the image's header and in a build's `sw_layout.h`; a build refuses parameters of another layout. Nothing else in a
+library's headers belongs to a release, except what identifies the compiled-in release.
 
 An ECU must not use an invalid number as an index or a bound. The rules are stated here once: a build's `sw_layout.h`
 has them as a table, with which `sw_image_open` checks an image in C, and `check_numbers` checks it in Python.
@@ -36,7 +36,7 @@ _POSITIVE: Final = frozenset(
 )
 _NOT_NEGATIVE: Final = frozenset({"weights", "default_weights", "slowest", "decoder_largest"})
 _ESTIMATOR_MOST: Final = 2.0**17
-"""Largest magnitude of the estimator's numbers for which every estimate is finite."""
+"""Largest magnitude of the estimator's weights for which every estimate is finite."""
 _GAIN_ONE: Final = 2.0**22
 _ROW_SCALE_ONE: Final = 2.0**23
 """Scales that represent 1; they equal those in `export.to_c.int8_format`."""
@@ -173,7 +173,7 @@ _ESTIMATOR_SETTINGS: Final = "sw_estimator_settings.h"
 _IDENTITY: Final = "SW_PROGRAM_SHA256"
 """Definition in `sw_settings.h` that identifies the compiled-in program."""
 _OF_ECU: Final = ("SW_RELEASE_LAYOUT", "SW_RELEASE_BYTES", "SW_PAST", "SW_SENSOR_CHECK")
-"""Settings of `sw_ecu_settings.h` on which the numbers depend; the other settings are the vehicle's."""
+"""Settings of `sw_ecu_settings.h` on which the parameters depend; the other settings are the vehicle's."""
 _TITLE: Final = "layout 2 of a stillwake controller image\n"
 """First line of a layout. Its number rises when a member's meaning changes but its size does not: in layout 1, the wake
 without jets was given as a share of the wake at the design speed."""

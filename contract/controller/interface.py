@@ -112,8 +112,8 @@ class CompiledLibrary(Controller, Protocol):
         """Size of the scratch memory that the caller has to provide."""
 
     def known_answer(self) -> tuple[float, float]:
-        """Give the first action and the cost of the step by which a build judges itself at its start, to the bit those
-        of a build that fuses no operations. Raises ControllerError if there is no answer."""
+        """Return action and cost of the control step by which a build checks itself at its start: those of a build that
+        fuses no operations, bit for bit. Raises ControllerError if there is no answer."""
 
 
 CompileLibrary = Callable[[Mapping[str, bytes], Sizes], CompiledLibrary]

@@ -60,14 +60,14 @@ class Description:
     """Description of a model: the assumptions of the weights and their origin.
 
     Attributes:
-        layout: of all sensors, in the order of the scaling.
-        scaling: of all pressures, the action and the forces.
+        layout: layout of all sensors, in the order of the scaling.
+        scaling: scaling of all pressures, the action and the forces.
         sensors: names, in the order of the slim encoder's inputs.
-        dataset_sha256: of the recording that the model was fitted to.
+        dataset_sha256: SHA-256 of the recording that the model was fitted to.
         metrics: "teacher", "slim" and, with narrower networks, "deployed"
             (`train.distillation.evaluate.EncoderMetrics`), and "slim_latent" (L1/sigma against the teacher).
         ranking: method and order of the sensors; for SHAP also every sensor's mean and std, and stability of the sets.
-        versions: of the software; "torch_threads" is the number of threads during training.
+        versions: versions of the software; "torch_threads" is the number of threads during training.
     """
 
     config: Config
@@ -92,7 +92,7 @@ class Provenance:
     """Origin of a trained model, as a release that is exported from it states it.
 
     Attributes:
-        metrics, versions, config: as in the model's description.
+        metrics, versions, config: values as in the model's description.
     """
 
     dataset_sha256: str
@@ -111,7 +111,7 @@ class ModelFolder:
     """A verified model directory.
 
     Attributes:
-        tensors: by their names in the file; each belongs to a network that a model may have.
+        tensors: tensors by their names in the file; each belongs to a network that a model may have.
         config_tree: the settings as stored, without the defaults of later versions.
     """
 

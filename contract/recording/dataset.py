@@ -77,9 +77,9 @@ class Dataset:
     """Episodes in recorded order, and facts about their plant.
 
     Attributes:
-        episodes: with different names; every Cp has one column for each sensor of the layout.
-        layout: of the sensors; by default the truck's.
-        facts: of the plant. If None, the facts come from the episodes' provenance and times; see `plant`.
+        episodes: episodes with different names; every Cp has one column for each sensor of the layout.
+        layout: layout of the sensors; by default the truck's.
+        facts: facts about the plant. If None, the facts come from the episodes' provenance and times; see `plant`.
 
     Raises DatasetError for episodes that do not fit each other or the layout.
     """

@@ -16,8 +16,8 @@ from contract.recording.needs import Need
 from contract.recording.plausible import dominant_frequency, implausible, longest_run, share_near
 
 STEP_TOLERANCE: Final = 0.05
-"""Largest relative deviation of a time step from the control period. A clock error of a twentieth of a period blurs the
-jets' ramp less than the resolution of the four pressures does."""
+"""Largest relative deviation of a time step from the control period. A clock error of a twentieth of a period distorts
+the recorded ramp of the jets less than the resolution of the four pressures does."""
 CLOCK_TOLERANCE: Final = 1e-3
 """Largest relative deviation of the mean time step from the control period. Over a horizon of 25 steps, the model's
 clock is then wrong by a fortieth of a step."""

@@ -27,11 +27,11 @@ class EpisodeSummary:
     """Figures of one episode.
 
     Attributes:
-        duration: in t_c, from the first sample to the last.
+        duration: duration in t_c, from the first sample to the last.
         action_rms: root mean square of the action, in U_inf W.
         drag: mean Cd.
         lift: standard deviation of Cl.
-        frequency: of the largest peak of Cl's spectrum, in 1/t_c; None for a series that is short or constant.
+        frequency: frequency of the largest peak of Cl's spectrum, in 1/t_c; None for a short or constant series.
     """
 
     name: str

@@ -103,7 +103,7 @@ def renew(
     estimator: MadeEstimator | None = None,
     judge: Callable[[Bundle], object] | None = None,
 ) -> Bundle:
-    """Write a bundle again under another name, for this version's DBC, and sign it. The old DBC may be another one.
+    """Write a bundle again under another name, for this version's DBC, and sign it. The old DBC may differ.
 
     The new bundle may also have another operating point: the controller works in Cp and U_inf W, not in Pa and m/s. The
     control period and the budget follow from the operating point.

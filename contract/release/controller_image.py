@@ -54,10 +54,10 @@ class ImageFacts:
     Attributes:
         layout: SHA-256, 32 bytes, that identifies the build's layout of the payload.
         dbc: SHA-256 of stillwake.dbc, 32 bytes.
-        digest: of the release, 32 bytes.
+        digest: digest of the release, 32 bytes.
         period_ns: control period.
         operating_point: width in m, speed in m/s, density in kg/m3.
-        action_limit: of the jets, in free-stream speed times width.
+        action_limit: action limit of the jets, in free-stream speed times width.
         hardware: name of the ECU hardware that the image may be flashed to; None for any.
     """
 

@@ -123,16 +123,16 @@ class Manifest:
         precision: "float32" or "int8" (weights; arithmetic is float32).
         sensors: names in the order of the controller's window and of the Pressure message.
         window: L, control steps of history.
-        control_period: in t_c.
+        control_period: control period in t_c.
         action_limit: bound on |a| that the optimiser keeps.
         mpc: horizon, iterations, learning rate, weights of the cost. The ECU passes these weights to the controller in
             every step; the weights inside the controller, from its export, only apply without a manifest.
         budget_ms: largest time from a pressure frame to the command.
         compute_time_ms: part of `budget_ms` that the release's settings assign to the control step.
-        dataset_sha256: of the recording that the model was fitted to.
-        weights_sha256: of the trained model's tensors.
-        program_sha256: of the program that `controller.onnx` computes (`export.program.controller_program`); a C
-            library of the same program has it in its header.
+        dataset_sha256: SHA-256 of the recording that the model was fitted to.
+        weights_sha256: SHA-256 of the trained model's tensors.
+        program_sha256: SHA-256 of the program that `controller.onnx` computes (`export.program.controller_program`); a
+            C library of the same program has it in its header.
         provenance: settings, metrics and versions of the training, and the results of the export's gates.
         sensor_positions: (x, y) of every sensor in the body's reference length W; None if they are not known.
         sensor_estimator: figures of `sensors.onnx`; None without that file.
@@ -323,7 +323,7 @@ def open_manifest(path: Path, raw: bytes) -> Opened:
 def parse(path: Path, opened: Opened) -> Manifest:
     """Convert an opened manifest; raises BundleManifestError for a missing, unknown or invalid field."""
     try:
-        # Every field must be present: the bundle was built with the defaults of its own version, not of this one.
+        # Every field must be present, because the bundle's version may have had other defaults.
         return typed(dict(opened.body), Manifest, complete=True)
     except (ConfigError, BundleManifestError) as error:
         raise BundleManifestError(f"bundle {path}: {MANIFEST}: {shown(error)}") from error

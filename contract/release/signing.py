@@ -7,7 +7,7 @@ its own, together with the public key of its claimed signer:
     key <32 bytes in hex>
     signature <64 bytes in hex>
 
-The key in the file proves nothing by itself: it states who signed. A signature is trusted only if the reader has the
+The key in the file is no proof: it only states who signed. A signature is trusted only if the reader has the
 key from another source.
 """
 

@@ -10,7 +10,7 @@ MONOCYPHER: Final = "4.0.3"
 
 
 def sources_in(folder: str = "") -> dict[str, bytes]:
-    """Sources, headers and linker scripts of a folder, or of this one, by name."""
+    """Sources, headers and linker scripts of a folder, by default of this folder, by name."""
     return c_files(files("ecu.c").joinpath(folder))
 
 

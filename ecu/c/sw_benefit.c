@@ -1,5 +1,6 @@
 /* The benefit check: whether control reduces the suction on the base and the pressure differences of mirrored sensors,
- * compared with the wake while the jets are shut. The twin of ecu/benefit_check.py, which gives the reasons.
+ * compared with the wake while the jets are shut. This file corresponds to ecu/benefit_check.py, which gives the
+ * reasons.
  */
 #include "sw_ecu_parts.h"
 

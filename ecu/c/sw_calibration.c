@@ -1,5 +1,5 @@
 /* The calibration: the values of a release that may be changed between two control periods, their limits, and the
- * bounds of the command gate that follow from them. The twin of ecu/calibrating.py.
+ * bounds of the command gate that follow from them. This file corresponds to ecu/calibrating.py.
  */
 #include "sw_ecu_parts.h"
 

@@ -1,5 +1,5 @@
 /* The ECU's control period: it checks the pressure stream, updates the fail-safe, extends the window, plans, passes the
- * first free action through the command gate, and answers. The twin of ecu/ecu.py.
+ * first free action through the command gate, and answers. This file corresponds to ecu/ecu.py.
  */
 #include "sw_ecu.h"
 
@@ -129,7 +129,7 @@ static int are_finite(const float *values, int count)
     return finite;
 }
 
-/* Stores a new plan in the memory. A plan with NaN or infinity is dropped, whatever the control step's status. */
+/* Stores a new plan in the memory. A plan with NaN or infinity is dropped at any status of the control step. */
 static decision planned(sw_ecu *ecu)
 {
     decision due = {0.0, SW_REASON_INTERNAL};

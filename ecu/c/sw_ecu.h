@@ -1,8 +1,8 @@
 /* The ECU around a control step: it takes CAN frames and returns a jet command and a status, once a control period.
  *
- * It is the twin of the Python ECU (ecu), which is its specification: equal frames at equal times lead to equal frames
+ * It corresponds to the Python ECU (ecu), which is its specification: equal frames at equal times lead to equal frames
  * and an equal state. The code is freestanding C99, without allocation, recursion, library calls or static state: all
- * memory is in the caller's sw_ecu. The generated sw_ecu_settings.h has the messages of the DBC, the numbers of the
+ * memory is in the caller's sw_ecu. The generated sw_ecu_settings.h has the messages of the DBC, the parameters of the
  * release that is compiled in, and the vehicle's settings.
  *
  *     static sw_ecu ecu;
@@ -31,7 +31,7 @@ extern "C" {
  */
 int sw_ecu_init(sw_ecu *ecu);
 
-/* Initialises the ECU with the numbers of a release elsewhere, as sw_image_open returns them. The memory behind the
+/* Initialises the ECU with the parameters of a release elsewhere, as sw_image_open returns them. The memory behind the
  * pointers must stay valid while the ECU runs; `numbers` itself need not.
  */
 int sw_ecu_init_of(sw_ecu *ecu, const sw_numbers *numbers);

@@ -1,4 +1,4 @@
-/* The inputs, the numbers and the state of an ECU. They are public only because the caller provides the memory. */
+/* The inputs, the parameters and the state of an ECU. They are public only because the caller provides the memory. */
 #ifndef SW_ECU_STATE_H
 #define SW_ECU_STATE_H
 
@@ -216,7 +216,7 @@ typedef struct {
 #endif
 } sw_ecu_state;
 
-/* The numbers of a release except those of its controller and its sensor estimator; read in place. */
+/* The parameters of a release except those of its controller and its sensor estimator; read in place. */
 typedef struct {
     double fast_deviation[SW_SENSORS][SW_SENSORS]; /* of healthy residuals, in Cp: sensor i without sensor j */
     double slow_deviation[SW_SENSORS][SW_SENSORS]; /* as fast_deviation, of their slow means */
@@ -232,7 +232,7 @@ typedef struct {
     uint8_t reserved[SW_RELEASE_RESERVED];
 } sw_release;
 
-/* The addresses of all numbers of a release: compiled in, or in an image on flash (sw_image.h). */
+/* The addresses of all parameters of a release: compiled in, or in an image on flash (sw_image.h). */
 typedef struct {
     sw_program program;
     const sw_release *release;
@@ -293,7 +293,7 @@ typedef struct {
     sw_secoc secoc; /* set by sw_ecu_authenticate; not part of a saved state */
 #endif
     sw_ecu_work work;
-    sw_numbers numbers; /* numbers of the running release; set by sw_ecu_init and sw_ecu_init_of */
+    sw_numbers numbers; /* parameters of the running release; set by sw_ecu_init and sw_ecu_init_of */
 } sw_ecu;
 
 #endif

@@ -1,5 +1,5 @@
-/* The network that estimates each pressure from the other pressures: its scratch memory, and its numbers from a
- * release's sensors.onnx. The generated sw_estimator_weights.c defines the numbers that are compiled in.
+/* The network that estimates each pressure from the other pressures: its scratch memory, and its weights from a
+ * release's sensors.onnx. The generated sw_estimator_weights.c defines the weights that are compiled in.
  *
  * Matrices are int8 with one scale for each output, as in sensors.onnx, in the layout of sw_dots.h.
  */
@@ -12,7 +12,7 @@
 #include "sw_settings.h"
 #include "sw_workspace.h"
 
-/* The network's numbers, read in place: little-endian, no pointers, every member aligned to SW_ALIGNMENT. */
+/* The network's weights, read in place: little-endian, no pointers, every member aligned to SW_ALIGNMENT. */
 typedef struct sw_estimator_weights {
     /* Standardisation of a window's columns: (value - mean) * factor, in integers. */
     SW_ALIGNED float mean[SW_SENSORS + 1];

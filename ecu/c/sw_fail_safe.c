@@ -1,7 +1,7 @@
 /* The fail-safe: one table of states and transitions, which decides on the ECU's mode in each control period.
  *
  * The rows are searched from the first on. A period takes the first row that starts at the present mode and whose
- * condition holds. The twin of ecu/fail_safe.py, with the same rows, order and names.
+ * condition holds. This file corresponds to ecu/fail_safe.py, with the same rows, order and names.
  */
 #include "sw_counts.h"
 #include "sw_ecu_parts.h"

@@ -2,7 +2,7 @@
  *
  * The jets are shut at once without permission, without a finite number, if the clock has not advanced, or without a
  * fresh pressure, checked in this order. Otherwise the command is limited to its range and then to one step from the
- * previous command. Zero is the safe state, so the step limit never slows down a shut-off. The twin of
+ * previous command. Zero is the safe state, so the step limit never slows down a shut-off. This file corresponds to
  * can_bridge/command_gate.py.
  */
 #include <float.h>

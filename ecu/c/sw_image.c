@@ -1,4 +1,4 @@
-/* Finds the numbers in an image, and checks that each index and bound among them is valid. */
+/* Finds the parameters in an image, and checks that each index and bound among them is valid. */
 #include "sw_image.h"
 
 #include <stddef.h>
@@ -99,7 +99,7 @@ static int can_run(const sw_payload *payload)
 
 sw_image_status sw_image_open(const uint8_t *image, sw_numbers *numbers)
 {
-    /* A text of the layout follows the numbers, for tools. */
+    /* A text of the layout follows the parameters, for tools. */
     uint32_t differing = length_of(image) < SW_IMAGE_HEADER + sizeof(sw_payload) ? 1u : 0u;
     for (int i = 0; i < 32; i++) differing |= (uint32_t)image[LAYOUT + i] ^ (uint32_t)sw_layout_sha256[i];
     if (differing != 0u) return SW_IMAGE_OTHER_BUILD;

@@ -1,4 +1,4 @@
-/* A release as an image on flash, whose numbers this build reads in place.
+/* A release as an image on flash, whose parameters this build reads in place.
  *
  * An image is a header of SW_IMAGE_HEADER bytes, followed by an sw_payload. The caller must check first that the image
  * is complete and signed by a trusted key.
@@ -16,7 +16,7 @@ extern "C" {
 
 #define SW_IMAGE_HEADER 512
 
-/* The numbers of a release: little-endian, in the compiler's layout. Every compiler uses the same layout, which the
+/* The parameters of a release: little-endian, in the compiler's layout. Every compiler uses the same layout, which the
  * image's writer uses too (sw_own_layout.c compares them).
  */
 typedef struct {
@@ -37,10 +37,10 @@ typedef enum {
     SW_IMAGE_BAD_NUMBERS = 3  /* a number is NaN, or an index or a bound out of its limits */
 } sw_image_status;
 
-/* SHA-256 of this build's layout: sizes and types of all numbers, and the settings on which they depend. */
+/* SHA-256 of this build's layout: sizes and types of all parameters, and the settings on which they depend. */
 extern const uint8_t sw_layout_sha256[32];
 
-/* Returns the addresses of a verified image's numbers, for sw_ecu_init_of. They are written only if the answer is
+/* Returns the addresses of a verified image's parameters, for sw_ecu_init_of. They are written only if the answer is
  * SW_IMAGE_OK: every number is checked once, so that none leads outside an array and no divisor is 0. A board may then
  * copy *numbers->program.hot to faster memory, and point there.
  */

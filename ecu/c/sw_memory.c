@@ -2,8 +2,8 @@
  *
  * The window's row at period k is (Cp_k, a_{k-1}): the present pressures, and the action in force when they were
  * sampled. In a release for a range of speeds the window is resampled from a past; pressures, actions and plan are in
- * units of the present speed, while actions sent and in transit are in units of the design speed. The twin of
- * ecu/controller_memory.py.
+ * units of the present speed, while actions sent and in transit are in units of the design speed. This file corresponds
+ * to ecu/controller_memory.py.
  */
 #include "sw_ecu_parts.h"
 

@@ -1,5 +1,5 @@
-/* The past at another speed: rows of control periods, resampled at steps of one convective time each. The twin of
- * contract/controller/resampling.py, and of Past in ecu/controller_memory.py, which give the reasons.
+/* The past at another speed: rows of control periods, resampled at steps of one convective time each. This file
+ * corresponds to contract/controller/resampling.py, and to Past in ecu/controller_memory.py, which give the reasons.
  */
 #include "sw_ecu_parts.h"
 

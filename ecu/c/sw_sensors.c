@@ -1,5 +1,5 @@
-/* The sensor check: whether the pressures are plausible. The twin of ecu/sensor_check.py, which explains the criteria.
- * Sums run from left to right, as in NumPy for so few numbers.
+/* The sensor check: whether the pressures are plausible. This file corresponds to ecu/sensor_check.py, which explains
+ * the criteria. Sums run from left to right, as in NumPy for so few numbers.
  */
 #include "sw_counts.h"
 #include "sw_ecu_parts.h"

@@ -46,7 +46,7 @@ class Connection:
     Args:
         open_bus: opens the bus; raises BusError.
         deliver: called in a thread with every frame received.
-        first_pause_s: before the first attempt to open a lost bus again.
+        first_pause_s: pause before the first attempt to open a lost bus again.
 
     Attributes:
         not_sent: number of frames that the bus did not take, including those while it was lost.

@@ -24,7 +24,7 @@ class ProcessOptions:
 
     Attributes:
         spin_ns: see `clock.sleep_until`.
-        periods: number of periods after which it ends by itself; None for no limit.
+        periods: number of periods after which the process ends; None for no limit.
         stage_times: file for the stages of each period, written at the end.
         metrics: file of counters for Prometheus.
         freshness: file for freshness values over a power cycle, needed with `bus.key`.

@@ -67,7 +67,7 @@ def run(
     write: Callable[[str], object],
     freshness: FreshnessStore | None,
 ) -> Counters:
-    """Run until stopped; the jets are shut on the bus at the end, whatever the cause. Raises StillwakeError if the bus
+    """Run until stopped; the jets are shut on the bus at the end, for any cause. Raises StillwakeError if the bus
     cannot be opened, or a file cannot be written."""
     messages = message_set(config.bus)
     pressure, speed = messages.pressure.spec, messages.speed.spec

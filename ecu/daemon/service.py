@@ -32,11 +32,11 @@ def serve(
     signature: str,
     calibration: Calibration | None = None,
 ) -> Counters:
-    """Run until stopped; the jets are shut on the bus at the end, whatever the cause. Raises StillwakeError if the
-    release does not fit the vehicle, the bus cannot be opened, or a file cannot be written.
+    """Run until stopped; the jets are shut on the bus at the end, for any cause. Raises StillwakeError if the release
+    does not fit the vehicle, the bus cannot be opened, or a file cannot be written.
 
     Args:
-        config: of the vehicle; its bus is a real bus.
+        config: settings of the vehicle; its bus is a real bus.
         signature: result of verifying the release's signature, in words.
         calibration: values for the ECU before its first step; its own values by default.
     """

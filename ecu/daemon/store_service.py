@@ -133,13 +133,13 @@ def serve_store(
     is_stopped: Callable[[], bool],
     write: Callable[[str], object],
 ) -> Counters:
-    """Run until stopped; the jets are shut on the bus at the end, whatever the cause. Raises StillwakeError if another
+    """Run until stopped; the jets are shut on the bus at the end, for any cause. Raises StillwakeError if another
     process runs this ECU, the bus cannot be opened, a file cannot be written, or a reset within the process failed: the
     next start of the process boots again.
 
     Args:
         access: key shared with the tester.
-        config: of the vehicle; its bus is a real bus.
+        config: settings of the vehicle; its bus is a real bus.
         is_stopped, write: see `ecu.daemon.service.serve`.
     """
     check(config, options)

@@ -29,8 +29,8 @@ from ecu.stepped import CalibratedEcu
 XCP_PLACES: Final = 4
 """Largest number of waiting packets to a tool. A tool waits for each answer; a command without a place is lost."""
 MOST_FRAMES: Final = 128
-"""Largest number of frames that the ECU processes in one call. A control period of CAN FD at 2 Mbit/s holds a third of
-this number; the rest of a flood is lost."""
+"""Largest number of frames that the ECU processes in one call; further frames are lost. In one control period, CAN FD
+at 2 Mbit/s carries a third of this number."""
 
 
 def isotp_settings(config: BusConfig, *, is_tester: bool = False) -> IsoTpSettings:

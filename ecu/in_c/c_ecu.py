@@ -114,7 +114,7 @@ class CEcu(CEcuState):
         secret: the key, with `bus.key`; the ECU is then in its first power cycle.
 
     Attributes:
-        description: compiler and flags behind the control step, for people.
+        description: compiler and flags of the control step, for people.
         lib: the loaded library, for functions and variables that do not belong to the ECU; see `Structs.ffi`.
         ecu: the `sw_ecu` itself, without its workspace.
     """

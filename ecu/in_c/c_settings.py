@@ -1,4 +1,4 @@
-"""The constants of the ECU in C: messages of the DBC, numbers of a release, settings of a vehicle.
+"""The constants of the ECU in C: messages of the DBC, parameters of a release, settings of a vehicle.
 
 They become `sw_ecu_settings.h` in a library's folder, so that no number of the Python ECU is repeated in C. A
 floating-point number is written with all its digits, as a double by default.
@@ -158,8 +158,8 @@ def _named(prefix: str, owner: object, *names: str) -> dict[str, int | float | s
 
 
 def release_numbers(bundle: Bundle, config: Config) -> Numbers:
-    """Return the `sw_release` of a verified release: its numbers that do not depend on the vehicle's settings. A number
-    that the release lacks is zero."""
+    """Return the `sw_release` of a verified release: its parameters that do not depend on the vehicle's settings. A
+    parameter that the release lacks is zero."""
     manifest, estimator, speeds = bundle.manifest, bundle.manifest.sensor_estimator, bundle.manifest.speeds
     check = BenefitCheck.of(manifest, replace(config.ecu.benefit_check, enabled=True))
     nothing, point = np.zeros((len(manifest.sensors),) * 2), manifest.operating_point

@@ -369,7 +369,7 @@ def _same(one: Any, other: Any) -> bool:
     if isinstance(one, DelayLine) and isinstance(other, DelayLine):
         one, other = np.array(one.values), np.array(other.values)
     if isinstance(one, np.ndarray) and isinstance(other, np.ndarray):
-        # Two zeros must have equal signs; any two NaNs count as equal, whatever their bits.
+        # Two zeros must have equal signs; any two NaNs count as equal, even with different bits.
         return one.shape == other.shape and bool(
             ((one == other) & (np.signbit(one) == np.signbit(other)) | np.isnan(one) & np.isnan(other)).all()
         )

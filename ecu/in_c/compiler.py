@@ -62,7 +62,7 @@ def compile_c(contents: Mapping[str, bytes], output: Path, *, compiler: Sequence
 def preprocessed(source: Path, *, compiler: Sequence[str], flags: Sequence[str]) -> str:
     """Return a header or source after preprocessing, without line markers. Raises LibraryError with the preprocessor's
     first error message if it rejects the file."""
-    # The option `-x c` makes the compiler treat a header as C, whatever its file extension.
+    # The option `-x c` makes the compiler treat a header as C in spite of its file extension.
     done = _run([*compiler, "-E", "-P", *flags, "-x", "c", str(source)], None)
     if done.returncode != 0:
         raise LibraryError(f"{compiler[0]}: {_complaint(done)}")

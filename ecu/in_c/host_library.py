@@ -35,7 +35,7 @@ class CController(NeverCopied):
         flags: flags of the compiler.
 
     Attributes:
-        description: compiler and flags behind the control step, for people.
+        description: compiler and flags of the control step, for people.
     """
 
     INSTEAD: ClassVar = "it is a loaded library; make another one of the same sources"

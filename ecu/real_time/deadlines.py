@@ -22,8 +22,8 @@ class Deadlines:
     """The next period; times in ns of one clock that never goes back.
 
     Attributes:
-        period_ns: from one deadline to the next.
-        number: of the period, including those left out.
+        period_ns: time from one deadline to the next.
+        number: number of the period; omitted periods are counted.
         left_out: number of periods so far that were not begun, because work on an earlier one was not done.
         grace_ns: how late a period may begin after the previous period's work; a later period is left out.
     """
@@ -41,7 +41,7 @@ class Deadlines:
             raise ValueError(f"grace_ns = {self.grace_ns}: must be in 0..{self.period_ns - 1}")
 
     def after(self, now_ns: int) -> Self:
-        """Return the next deadline that can still be met, after the work on this one."""
+        """Return the next deadline that can still be met, after the work for the present deadline."""
         late_ns = now_ns - self.grace_ns - (self.due_ns + self.period_ns)
         missed = max(0, -(-late_ns // self.period_ns))
         steps = 1 + missed

@@ -37,7 +37,7 @@ class Wanted:
     """The requested privileges.
 
     Attributes:
-        priority: of SCHED_FIFO, 1 to 99; 0 to stay an ordinary process.
+        priority: SCHED_FIFO priority, 1 to 99; 0 to stay an ordinary process.
         without_collector: no garbage collection.
     """
 

@@ -66,10 +66,10 @@ class Repository:
     """A repository in a folder, and the keys that this call needs.
 
     Args:
-        folder: with `metadata` and `targets`, to be served.
-        keys: folder with a folder for each key, as `stillwake keygen` makes it; those that a call does not use
-            need not be there.
-        now: of every expiry.
+        folder: folder with `metadata` and `targets`, to be served.
+        keys: folder with a folder for each key, as `stillwake keygen` makes it; those that a call does not use need not
+            be there.
+        now: time from which every expiry counts.
     """
 
     def __init__(self, folder: Path, keys: Path, now: datetime) -> None:

@@ -60,7 +60,7 @@ def fetch(repository: str, state: Path, root: bytes, *, vehicle: str, hardware: 
         state: folder of the metadata that was seen last; made at the first call.
         root: the root metadata that the vehicle was given at production.
         vehicle: its identity.
-        hardware: of its ECU.
+        hardware: name of the ECU's hardware.
         to: directory to write.
 
     Returns:

@@ -34,9 +34,10 @@ class ParityTolerance:
     """The largest allowed differences.
 
     Attributes:
-        move: of an action, as a share of iterations * lr, Adam's largest move; 2.5e-5 U_inf W in the paper.
-        force: of a predicted Cd or Cl.
-        cost: of a term or of J.
+        move: largest difference of an action, as a share of iterations * lr, Adam's largest move; paper: 2.5e-5 U_inf
+            W.
+        force: largest difference of a predicted Cd or Cl.
+        cost: largest difference of a term or of J.
     """
 
     move: float = 5e-3

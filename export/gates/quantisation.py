@@ -24,11 +24,11 @@ class QuantisationLimits:
     """The limits of the gate.
 
     Attributes:
-        rms_action_error: of the commanded action a_t, in U_inf W. One step moves an action by up to about iterations *
-            lr (5e-3 with the paper's settings); the default is a fifth of that. The largest error is reported but has
-            no limit: Adam follows the sign of a gradient, and where the gradient is close to zero the two programs may
-            move in opposite directions at nearly no cost.
-        max_cost_gap: on J, in units of Cd.
+        rms_action_error: largest permitted rms error of the commanded action a_t, in U_inf W. One step moves an action
+            by up to about iterations * lr (5e-3 with the paper's settings); the default is a fifth of that. The largest
+            error is reported but has no limit: Adam follows the sign of a gradient, and where the gradient is close to
+            zero the two programs may move in opposite directions at nearly no cost.
+        max_cost_gap: largest permitted increase of J, in units of Cd.
     """
 
     rms_action_error: float = 1e-3
@@ -40,8 +40,8 @@ class QuantisationReport:
     """The differences between the quantised and the float program over `cases` control steps.
 
     Attributes:
-        max_action_error, rms_action_error: of the commanded action a_t, in U_inf W.
-        max_plan_error: of any action of a plan.
+        max_action_error, rms_action_error: largest and rms error of the commanded action a_t, in U_inf W.
+        max_plan_error: largest error of any action of a plan.
         max_cost_gap, mean_cost_gap: J(quantised plan) - J(float plan), both by the float program with its own weights;
             positive if the quantised plan is worse.
     """

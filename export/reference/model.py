@@ -31,7 +31,7 @@ def linear_adjoint(layer: Linear, dy: Array) -> Array:
 
 def elu(x: Array) -> Array:
     """Return x for x > 0, exp(x) - 1 otherwise."""
-    # The minimum prevents an overflow of exp for large positive values, which are not used.
+    # The minimum prevents an overflow of expm1 for large positive x, where its result is discarded.
     return np.where(x > 0, x, np.expm1(np.minimum(x, 0.0)))
 
 

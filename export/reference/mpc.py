@@ -46,7 +46,7 @@ def control_step(
         plan: (H,) the previous step's output plan.
         free: (H,) 1 where the shifted plan may be changed, 0 where it is committed.
         weights: (8,) cost weights; the program's if None.
-        speed: of the vehicle, as a ratio to the design speed.
+        speed: speed of the vehicle, as a ratio to the design speed.
         limit: bound on |a|, in U_inf W; the program's if None or above it.
     """
     previous_action = float(window[-1, -1])

@@ -39,7 +39,7 @@ def prior_plan(
         committed: (H,) the actions where they are not free.
         free: (H,) 1 where the prior decides.
         reach: A, bound on |a| of the program, in U_inf W.
-        speed: of the vehicle, as a ratio to the design speed.
+        speed: speed of the vehicle, as a ratio to the design speed.
         goal: the present goal.
         limit: bound on |a| in this control step, in U_inf W.
     """

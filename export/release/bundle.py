@@ -22,7 +22,7 @@ class Vehicle:
     """A release's assumptions about the vehicle.
 
     Attributes:
-        control_period: in t_c.
+        control_period: control period in t_c.
         budget_ms: largest time between a pressure frame and the command, in ms.
         compute_time_ms: part of budget_ms for the control step.
     """
@@ -67,11 +67,11 @@ def write_release(
     something else; BundleControllerError if the estimator is for other sensors or another window.
 
     Args:
-        provenance: of the training; the gates' figures are added under `export`.
+        provenance: provenance of the training; the gates' figures are added under `export`.
         positions: (x, y) of every sensor in the body's reference length, if they are known.
         resting: the wake without jets by speed, if it is known.
-        key: to sign the release with; unsigned if None.
-        estimator: of the same sensors and window; without it, the ECU does not check its sensors.
+        key: key to sign the release with; unsigned if None.
+        estimator: estimator of the same sensors and window; without it, the ECU does not check its sensors.
     """
     lowered = gated.lowered
     program = lowered.effective

@@ -102,8 +102,8 @@ def calibration_windows(
 
 
 def gate_windows(program: ControllerProgram, episodes: Sequence[Episode], layout: SensorLayout = TRUCK) -> list[Array]:
-    """Return the last `GATE_WINDOWS` windows (L, S+1) of the first episode that has so many. Raises ExportError if all
-    episodes are too short; the message states the longest."""
+    """Return the last `GATE_WINDOWS` windows (L, S+1) of the first episode that has this number of windows. Raises
+    ExportError if all episodes are too short; the message states the longest."""
     for item in episodes:
         if windows_in(len(item), program.window) >= GATE_WINDOWS:
             return recorded_windows(program, item, GATE_WINDOWS, layout)
@@ -133,7 +133,7 @@ def export_all(
         recording: data set whose test episode the gates replay, and whose training episodes calibrate int8.
         config: `config.mpc` is used for the controller; control period and action limit must be the model's.
         precision: "int8" or "float32", of both.
-        key: to sign the bundle with; unsigned if None.
+        key: key to sign the bundle with; unsigned if None.
         named: whether the user named the recording; if not, it must be the recording that the model was fitted to.
         estimator: a sensor estimator for the bundle; None for a bundle without it.
         notice: called with a line if the recording is not the model's.
@@ -194,7 +194,7 @@ def export_library(
 
     Args:
         model: directory written by `train`.
-        release: with the settings of its controller.
+        release: release with the settings of its controller.
         recording: data set that the model was fitted to.
         phase: called with each of `EXPORT_PHASES` when it begins.
     """

@@ -78,7 +78,7 @@ def wheel_bom(wheel: Path, day: str) -> bytes:
     """Return the bill of a wheel and its required packages, in the versions installed here; extras are optional.
 
     Args:
-        day: of the bill, YYYY-MM-DD.
+        day: date of the bill, YYYY-MM-DD.
     """
     digest = sha256(wheel.read_bytes())
     with zipfile.ZipFile(wheel) as archive:

@@ -1,4 +1,4 @@
-"""The sensor estimator of a release as C: its sizes and its numbers, for `ecu/c/sw_estimator.h`.
+"""The sensor estimator of a release as C: its sizes and its weights, for `ecu/c/sw_estimator.h`.
 
 Integers and scales are those of the bundle's `sensors.onnx`. Its matrices are int8 with one scale per output; biases,
 standardisation and the small last layer are float32.

@@ -1,4 +1,4 @@
-"""A program's numbers in the layout of the C sources (`export/to_c/sources/float32/sw_weights.h`).
+"""A program's parameters in the layout of the C sources (`export/to_c/sources/float32/sw_weights.h`).
 
 The numbers are derived in float64 and rounded once: matrices are centred if a norm follows, 1 / action_std is folded
 into the action's row, and both LSTM biases are added. Vectors are padded with zeros to whole registers.
@@ -139,7 +139,8 @@ def prior_arrays(program: ControllerProgram, integers: Mapping[str, Int8Matrix])
     """Return the prior's filters, each from its first row to its last row, and its layers; nothing without a prior.
 
     Args:
-        integers: of the prior's two matrices by their names; a matrix without integers is stored as floats of scale 1.
+        integers: integers of the prior's two matrices by name; a matrix without integers is stored as floats of scale
+            1.
     """
     if program.prior is None:
         return {}

@@ -1,4 +1,4 @@
-"""A program's numbers in the layout of the int8 C sources (`export/to_c/sources/int8/sw_weights.h`).
+"""A program's parameters in the layout of the int8 C sources (`export/to_c/sources/int8/sw_weights.h`).
 
 Integers and scales are the rounded program's, as in the int8 ONNX graph. Biases are taken from the program unchanged.
 """

@@ -58,7 +58,7 @@ def c_library(program: Program, ranges: ActivationRanges | None = None) -> dict[
     ExportError for a value that float32 cannot hold, or a program that the library cannot run; the message states it.
 
     Args:
-        ranges: of the activations of a rounded program.
+        ranges: ranges of the activations of a rounded program.
     """
     if isinstance(program, RoundedProgram):
         assert ranges is not None

@@ -23,7 +23,7 @@ DOC: Final = "Pressures estimated from each other: see contract.controller.estim
 
 
 def build_estimator(rounded: RoundedEstimator) -> onnx.ModelProto:
-    """Build `sensors.onnx` of a network; raises ExportError if one of its numbers has no finite float32."""
+    """Build `sensors.onnx` of a network; raises ExportError if one of its weights has no finite float32."""
     network = rounded.network
     sensors, length = network.sensors, network.window
     seen_by = views(sensors)

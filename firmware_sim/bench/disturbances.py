@@ -143,7 +143,7 @@ class ActionLimit(Span, section="action_limit"):
 
 @dataclass(frozen=True, kw_only=True)
 class StuckJets(Span, section="stuck_jets"):
-    """The jets' actuator does not move, whatever the command."""
+    """The jets' actuator does not move at any command."""
 
     stuck_jets: Annotated[Finite[float], Rule(wording="between -1 and 1", holds=lambda value: -1 <= value <= 1)]
     """Share of `flow.action_limit` at which the jets are stuck; 0 is shut."""

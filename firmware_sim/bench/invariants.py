@@ -57,7 +57,7 @@ _WANTED: Final = DRIVING | {Mode.WARMUP}
 AGE_TOLERANCE: Final = 0.01
 """Tolerance of ages as a share of a period; clocks 200 ppm apart and the wait until the bus is read need far less."""
 _LONGEST_S: Final = 1e6
-"""Length in s that stands for a span without end."""
+"""Length in s that means a span without end."""
 ROUNDING: Final = 1e-9
 """Tolerance for the rounding of floating-point numbers that are compared with a limit."""
 

@@ -180,7 +180,8 @@ class VehicleNode:
         if self.has_given_up or not self._requested:
             self._action = before = 0.0
         if not self._next_period and self._action != 0.0:
-            # After a command for the next period, a command for this period skips the action between: limit the step.
+            # A command for this period that follows a command for the next period omits one action, so the step is
+            # limited.
             self._action = self._in_reach_of(self._driven_to, self._action)
         self._driven_to = before if self._next_period else self._action
         return Actuation(

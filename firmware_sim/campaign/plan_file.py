@@ -11,7 +11,7 @@
     set = ["ecu.delay_steps=2"]
     criteria = { useful = 0.5 }
 
-A scenario with `each` stands for several scenarios: one for each value or, with `each = "sensors"`, one for each sensor
+A scenario with `each` expands to several scenarios: one for each value or, with `each = "sensors"`, one for each sensor
 of the release. In its texts `{each}` is the value, `{base_sensor}` the release's first sensor on the base, `{sensor_1}`
 and so on its sensors, `{after:20}` the instant 20 t_c after the request for control, in s of the run, and
 `{seconds:20}` the length of 20 t_c in s.
@@ -34,7 +34,7 @@ BUILT_IN: Final = ("paper", "sensors", "bus", "flow")
 """Names of the files in `plans/`, in the plan's order."""
 MOST_SCENARIOS: Final = 1000
 _SENSORS: Final = "sensors"
-"""Value of `each` that stands for the release's sensors."""
+"""Value of `each` that means the release's sensors."""
 
 
 @dataclass(frozen=True, kw_only=True)

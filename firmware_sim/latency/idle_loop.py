@@ -30,7 +30,7 @@ class IdleStage(IntEnum):
     """Columns of the idle loop's table; times are CLOCK_MONOTONIC in ns."""
 
     PERIOD = 0
-    """Number of the period, including periods left out."""
+    """Index of the period; skipped periods are counted."""
     SCHEDULED = 1
     WOKE = 2
 
@@ -75,7 +75,7 @@ def main(arguments: Sequence[str]) -> None:
         stopped.append(number)
 
     signal.signal(signal.SIGTERM, stop)
-    # Ctrl-C in a terminal reaches all its processes; the parent process decides when this one ends.
+    # Ctrl-C in a terminal reaches all its processes; the parent process decides when this process ends.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     with taken(_WANTED) as privileges:
         sys.stdout.write(f"{in_words(privileges)}\n")

@@ -62,7 +62,7 @@ class MeasuredRun:
         """Evaluate a run; raises StillwakeError if its tables hold no usable periods."""
         periods = joined(recorded.vehicle, recorded.ecu, period_ns=period_ns, counter_period=counter_period)
         begin = periods.origin_ns
-        # One more period on each side: the idle loop may sleep across the first or last instant.
+        # One more period is added on each side, because the idle loop may sleep across the first or last instant.
         idle = between(recorded.idle, begin - period_ns, begin + int(periods.scheduled[-1]) + period_ns)
         if not len(idle):
             raise StillwakeError("the idle loop did not run at the same time: there is no baseline")

@@ -63,7 +63,7 @@ def recorded(
     period_ns: int,
     progress: Callable[[int], None],
 ) -> Recorded:
-    """Run until the vehicle ends by itself, and write tables and logs into the folder. Raises BusError with a process's
+    """Run until the vehicle's process ends, and write tables and logs into the folder. Raises BusError with a process's
     last line if it ended too early or did not end; StillwakeError if a table cannot be read.
 
     Args:

@@ -156,7 +156,7 @@ class LiveSession(NeverCopied):
         self._hello_due = self._settings_due = self._now_due = False
         return out
 
-    # Handling of viewers' requests.
+    # The following methods handle viewers' requests.
 
     def _do(self, request: Asked, answer: LiveAnswer) -> None:
         match request.action:

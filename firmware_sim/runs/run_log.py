@@ -45,7 +45,7 @@ class Row:
         step_ms: wall-clock time of the ECU's step on this machine; NaN if it skipped the step.
         age_ms: virtual time from the sampling of the pressures to the arrival of the command that answers them; NaN if
             no command arrived in this period.
-        set_aside: sensors that the controller does not use; bit i stands for the bundle's sensor i.
+        set_aside: sensors that the controller does not use; bit i is the bundle's sensor i.
         speed: speed of the vehicle at the period's start, in m/s; NaN if it is not known.
     """
 

@@ -11,7 +11,7 @@ from contextlib import suppress
 from typing import Final
 
 LEAST_MB: Final = 150
-"""Smallest address space in MB, found by hand, with which Python, numpy and the command line load."""
+"""Smallest address space in MB, measured once, with which Python, numpy and the command line load."""
 NEEDS_MB: Final = {
     **dict.fromkeys(("run", "campaign", "vehicle", "live", "latency", "export"), 850),
     **dict.fromkeys(("train", "refine", "mcu"), 750),

@@ -8,7 +8,7 @@ from typing import Any, Final
 from contract.errors import ConfigError
 
 _LONGEST: Final = 1e5
-"""Longest time in t_c: days of computing on any machine, and still an array that fits into its memory."""
+"""Longest accepted time in t_c. Such a run computes for days on any machine, but its arrays still fit into memory."""
 
 
 def steps_of(option: str, duration: float, period: float, *, least: int = 1) -> int:
@@ -16,7 +16,7 @@ def steps_of(option: str, duration: float, period: float, *, least: int = 1) -> 
     `_LONGEST`.
 
     Args:
-        duration, period: in t_c.
+        duration, period: times in t_c.
         least: smallest number of control periods.
     """
     if not (isfinite(duration) and duration <= _LONGEST):

@@ -67,7 +67,7 @@ Bus = Annotated[
 ]
 
 WAKE: Final = "wake"
-"""The own solver, among the sources of pressures."""
+"""Name of stillwake's solver among the sources of pressures."""
 
 
 def names_in(text: str) -> tuple[str, ...] | None:

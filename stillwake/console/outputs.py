@@ -67,6 +67,6 @@ def print_written(path: Path, result: object) -> None:
 
 
 def save_json(path: Path | None, *, figures: Any, facts: Mapping[str, Any]) -> None:
-    """Write today's measurements with the facts behind them, if a file was given."""
+    """Write today's measurements and their facts, if a file was given."""
     if path is not None:
         write_result(path, figures=figures, facts=facts, on=date.today())

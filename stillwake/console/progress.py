@@ -140,7 +140,7 @@ class Report:
 
         Args:
             total: None if it is not known yet.
-            unit: of this task's counts, if it differs from the other tasks' unit.
+            unit: unit of this task's counts, if it differs from the other tasks' unit.
         """
         still_wanted()
         now, changes = self._clock(), {"completed": done, "total": total, "note": note}
@@ -185,7 +185,7 @@ def progress(
     Nothing is shown before the first report, so that an error at the start is shown without a bar.
 
     Args:
-        unit: of the counts, in the plural.
+        unit: unit of the counts, in the plural.
         estimate_over: time in s over which the latest speed is averaged for the time left.
         console, clock: the output, and a clock in s.
     """

@@ -89,7 +89,7 @@ def write_fmu(fmu: "tuple[FmuKind, Path]", library: Path, release: Bundle, confi
         fmu: its kind and its file.
         library: folder of the same export.
         release: the library's release.
-        config: of the vehicle that the library is compiled for.
+        config: settings of the vehicle that the library is compiled for.
 
     Raises:
         ConfigError: the kind does not support the settings.

@@ -40,7 +40,7 @@ class LiveParts:
     Attributes:
         bundle: release bundle; the shipped bundle if None.
         library: C library of the bundle; if None, the library of the shipped bundle is made when it is needed.
-        state: of the flow, to begin from; the shipped state if None.
+        state: initial state of the flow; the shipped state if None.
         lead_in: t_c until control is requested.
     """
 

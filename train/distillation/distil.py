@@ -53,7 +53,7 @@ def distil(
     passes read windows, as on the vehicle. Returns the slim encoder in evaluation mode, on the device of `rows`.
 
     Args:
-        rows: with all sensors' columns.
+        rows: samples with all sensors' columns.
         chosen: (N,) indices of the sensors, in the order of the slim encoder's inputs.
     """
     settings, device = config.train, rows.inputs.device

@@ -57,7 +57,7 @@ class Stopwatch:
 
     Attributes:
         cpu, wall: clocks, s.
-        spent: by phase, in order.
+        spent: resources used by each phase, in order.
     """
 
     cpu: Callable[[], float] = time.process_time

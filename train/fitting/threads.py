@@ -30,7 +30,7 @@ def without_denormals() -> Iterator[None]:
     """Flush denormal numbers to zero inside the block, in this thread.
 
     A flow in single precision and its adjoint have many denormal numbers where a wave decays. Some processors take a
-    hundred times as long for each: a gradient took three times as long (by hand, Xeon of 2.5 GHz).
+    hundred times as long for each: a gradient took three times as long (measured once, Xeon of 2.5 GHz).
     """
     # Torch cannot tell the previous setting; nothing else in this program changes it.
     torch.set_flush_denormal(True)

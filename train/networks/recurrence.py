@@ -6,9 +6,9 @@ row. Only the recurrence, which starts from zero in every window, runs for each 
 
     (i, f, o) = sigmoid(p + W_hh h),  g = tanh(p + W_hh h),  c' = f c + i g,  h' = o tanh(c')
 
-The backward pass is written by hand: it adds each window's gradient in place to the row that the gradient belongs to.
-Autograd would build and traverse a graph of some 400 small nodes. Internally, the layout is gates x windows, so that
-each gate and each run of windows is contiguous in memory.
+The backward pass does not use PyTorch's autograd: it adds each window's gradient in place to the row that the gradient
+belongs to. Autograd would build and traverse a graph of some 400 small nodes. Internally, the layout is gates x
+windows, so that each gate and each run of windows is contiguous in memory.
 """
 
 from typing import Any

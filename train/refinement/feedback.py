@@ -64,7 +64,7 @@ class Feedback(nn.Module):
     Args:
         memory: M, number of rows (differences, sums, action) that the feedback reads.
         units: number of units of the hidden layer.
-        scales: of the p differences and the action.
+        scales: scales of the p differences and the action.
         middles: (p,) means of the sums, in Cp.
         limit: A, bound on |a|, in U_inf W.
         seed: random seed of the initial weights.

@@ -70,7 +70,7 @@ def refine_model(
         The stored model, and the number of control periods that the plant was run for.
 
     Raises:
-        DatasetError: the recording is another one, or the sensors are no pairs of mirror images.
+        DatasetError: the model was fitted to another recording, or the sensors are no pairs of mirror images.
         PlantError: the flow diverged.
         StillwakeError: a file cannot be written.
     """

@@ -55,7 +55,7 @@ class Refined:
     """Result of the refinement.
 
     Attributes:
-        feedback: with averaged weights.
+        feedback: feedback with averaged weights.
         stretches: rows (n, p + 1) of differences and actions, for each of the last stretches near the design speed; if
             there are none, for the last stretches at any speed.
         periods: number of control periods that the plant was run for.

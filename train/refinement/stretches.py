@@ -20,8 +20,8 @@ class Task:
     """A stretch that will be run.
 
     Attributes:
-        number: of its stream.
-        readings, speeds, action_limit: as `differentiate` takes them.
+        number: number of the stretch's stream.
+        readings, speeds, action_limit: inputs as `differentiate` takes them.
     """
 
     number: int
@@ -39,7 +39,7 @@ class Done:
 
     Attributes:
         stream: the stream after the stretch.
-        gradients: of the feedback's parameters, in their order.
+        gradients: gradients of the feedback's parameters, in their order.
     """
 
     number: int

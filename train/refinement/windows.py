@@ -25,9 +25,9 @@ class Price:
     """Weights of the cost of a period, Cd + lift |Cl| + motion Uy^2 + effort a^2.
 
     Attributes:
-        lift: of the magnitude of the lift coefficient, which is smoothed within `ROUNDED`.
-        motion: of the squared transverse velocity at the wake probe, which indicates drag after the end of the stretch.
-        effort: of the squared action in force.
+        lift: price of the magnitude of the lift coefficient, which is smoothed within `ROUNDED`.
+        motion: price of the squared transverse velocity at the wake probe, which indicates drag after the stretch.
+        effort: price of the squared action in force.
     """
 
     lift: float
@@ -41,7 +41,7 @@ class StretchReadings:
 
     Attributes:
         noise: (n, 2 p), added to the sensors' Cp, in pairs of mirror images.
-        told: (n,) ratio of the speed that the feedback receives to the flow's speed.
+        told: ratio of the speed that the feedback receives to the flow's speed, (n,).
         lost: (n,) whether a period's pressures are lost; the last pressures then replace them, and the command stays.
     """
 

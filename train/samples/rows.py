@@ -34,7 +34,7 @@ def fit_scaling(episodes: Sequence[Episode], layout: SensorLayout = TRUCK) -> Sc
     pressure = np.concatenate([episode.series["Cp"] for episode in episodes])
     action = np.concatenate([episode.series["action"] for episode in episodes])
     drag, lift = (np.concatenate([episode.series[name] for episode in episodes]) for name in ("Cd", "Cl"))
-    # Checked before the mirror images are added, because a dead sensor's mirror image would hide it.
+    # The rows are checked before the mirror images are added, because a dead sensor's mirror image would hide it.
     for name, values in zip(layout.names, pressure.T, strict=True):
         _refuse_constant(f"sensor {name}", values)
     for name, values in (("action", action), ("Cd", drag), ("Cl", lift)):
@@ -80,8 +80,8 @@ class Rows:
         forces: (n, 2) Cd, Cl.
         lengths: rows of each episode, in order; sums to n.
         unit: (N,) one global deviation of pressure in each sensor's column; None if the scaling is not known.
-        layout: of the sensors, in the order of their columns.
-        names: of each episode, in order; may be empty.
+        layout: layout of the sensors, in the order of their columns.
+        names: names of each episode, in order; may be empty.
     """
 
     inputs: Tensor

@@ -125,7 +125,7 @@ def select(
     images or no base; DatasetError if `rows` has too few windows.
 
     Args:
-        rows: with all sensors' columns.
+        rows: samples with all sensors' columns.
         settings: its seed is used and, for "shap", its numbers of draws.
     """
     if method not in METHODS:

@@ -25,7 +25,7 @@ class Ranking:
 
     Attributes:
         scores: (repeats, N).
-        names: of the N sensors, in the order of the scores.
+        names: names of the N sensors, in the order of the scores.
     """
 
     scores: Array
@@ -86,12 +86,12 @@ class SensorChoice:
 
     Attributes:
         method: "shap.GradientExplainer", another of `train.selection.methods.METHODS`, or "given".
-        repeats: of the ranking.
-        order: for SHAP all names, best first; for the other methods the chosen names.
+        repeats: number of repeats of the ranking.
+        order: sensors, for SHAP all names, best first; for the other methods the chosen names.
         mean: (N,) mean of the scores over the repeats.
         std: (N,) standard deviation of the scores over the repeats.
-        stable: by size of the best set, whether the set is the same in every repeat.
-        differences: by size of the best set, the share of repeats of every sensor that is among the best in some only.
+        stable: whether the best set is the same in every repeat, by size of the set.
+        differences: share of repeats of every sensor that is in the best set in some repeats only, by size of the set.
     """
 
     method: str

@@ -84,7 +84,7 @@ class ShapRanker:
 
     def _magnitude(self, packed: "_Packed", background: Tensor, packs: Tensor, generator: np.random.Generator) -> Array:
         """Return the sum of |SHAP| over packs, windows, rows and latents, (F,), for packs (P, M, L, F)."""
-        # Imported here, because it takes longer to load than torch, and no other selection method needs it.
+        # shap is imported here, because it takes longer to load than torch, and no other selection method needs it.
         import shap
 
         # Every position in a pack is combined with every background window, in its own random order.

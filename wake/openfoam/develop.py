@@ -110,8 +110,8 @@ def developed(
     """Return the developed wake: `folder/developed.npz` if it was computed with these settings, else a newly computed
     wake, stored there.
 
-    The computation starts from the own solver's developed wake and takes minutes; a later call continues an interrupted
-    one. Raises PlantError if icoFoam is missing or fails, or the stored file is damaged.
+    The computation starts from the developed wake of stillwake's solver and takes minutes; a later call continues an
+    interrupted computation. Raises PlantError if icoFoam is missing or fails, or the stored file is damaged.
     """
     require_installed()
     mesh, path = truck_mesh(foam.refinement), folder / "developed.npz"

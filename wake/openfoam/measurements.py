@@ -31,7 +31,7 @@ class Readings:
 
     Attributes:
         forces: total, pressure and viscous force on the truck and the two slots, (3, 3, 3), kinematic.
-        pressures: at the probed cells, kinematic.
+        pressures: kinematic pressures at the probed cells.
         wake: velocity at the wake probe, (3,).
     """
 

@@ -82,7 +82,7 @@ class OpenFoamWake(NeverCopied):
         self.body, self.layout = TRUCK_BODY, sensors.TRUCK
         self.mesh = truck_mesh(refinement)
         self.grid: Grid = truck_grid()
-        """Grid of `vorticity`: the own solver's grid, so that pictures can be compared."""
+        """Grid of `vorticity`. It is the grid of stillwake's solver, so that pictures can be compared."""
         self._case = folder
         self._steps = round(duration / self.config.control_period) * self.config.substeps
         self._patience_s = patience_s
@@ -192,8 +192,8 @@ class OpenFoamWake(NeverCopied):
         return self._instruments.sample(self._readings, t=self.t, action=self._action)
 
     def vorticity(self) -> Array:
-        """Return dv/dx - du/dy in the corners of `grid`, as `TruckWake.vorticity` does; at a control period's end
-        only."""
+        """Return dv/dx - du/dy at the corners of `grid`, as `TruckWake.vorticity` does. It is only available at the end
+        of a control period."""
         grid = self.grid
         u, v = np.moveaxis(self._to_grid(self.state().velocity).reshape(*grid.shape, 2), 2, 0)
         inside = np.zeros(grid.shape, dtype=bool)

@@ -57,7 +57,7 @@ class WakePicture:
     Args:
         kind: vorticity, or Cp in the flow.
         sensor_names: the sensors that are coloured by their Cp; all other sensors are small dots. None colours all.
-        width: of the picture in pixels.
+        width: width of the picture in pixels.
     """
 
     def __init__(
@@ -150,9 +150,9 @@ def mean_figure(grid: Grid, body: BodyConfig, mean: Flow, duration: float) -> Fi
     """Draw a mean flow downstream of the body: u in colour, streamlines, edge of backward flow, bubble length.
 
     Args:
-        grid, body: of the plant of the mean.
-        mean: from `wake.pictures.fields.TimeMean`.
-        duration: of the mean, t_c; for the title.
+        grid, body: grid and body of the plant whose mean is drawn.
+        mean: time mean from `wake.pictures.fields.TimeMean`.
+        duration: duration of the mean, t_c; for the title.
     """
     left, right, low, high = _NEAR_WAKE
     # Rounding makes the truck's view exactly 6.8 to 12.

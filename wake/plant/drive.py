@@ -30,8 +30,8 @@ class Gust:
     """A sinusoidal wind about U_inf.
 
     Attributes:
-        amplitude: in U_inf.
-        period, start: in t_c.
+        amplitude: amplitude in U_inf.
+        period, start: period and start time in t_c.
         cycles: number of periods; a whole number, so that the gust begins and ends at U_inf.
     """
 
@@ -67,10 +67,10 @@ class Drive:
     """A speed that is linear between instants, and constant before the first and after the last instant.
 
     Attributes:
-        name: of the profile or of its file.
+        name: name of the profile or its file.
         times: s, rising.
         speeds: m/s, one per instant.
-        gust: of the air, which is not part of the vehicle's speed; in t_c of U from the drive's time 0.
+        gust: speed of the air that is not part of the vehicle's speed; times in t_c of U from the drive's time 0.
     """
 
     name: str

@@ -1,4 +1,4 @@
-"""Protocols of a flow around a body; the own solver and OpenFOAM both provide such a flow."""
+"""Protocols of a flow around a body; stillwake's solver and OpenFOAM both provide such a flow."""
 
 from typing import Any, Protocol, runtime_checkable
 
@@ -66,7 +66,7 @@ class LivePlant(LoopPlant, Drawable, Protocol):
 
 @runtime_checkable
 class Disturbable(Plant, Protocol):
-    """A flow whose viscosity and wind can change during a run; of the plants here only the own solver."""
+    """A flow whose viscosity and wind can change during a run. Only stillwake's solver is such a plant."""
 
     config: FlowConfig
     wind: Wind | None
@@ -81,7 +81,7 @@ class Disturbable(Plant, Protocol):
 
 @runtime_checkable
 class Drivable(Disturbable, Protocol):
-    """A flow whose stream can change its speed; of the plants here only the own solver."""
+    """A flow whose stream can change its speed. Only stillwake's solver is such a plant."""
 
     def scale(self, ratio: float) -> None:
         """Scale the flow to a stream of `ratio` times the speed."""

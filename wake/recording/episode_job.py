@@ -38,7 +38,7 @@ class Policy(Protocol):
         Args:
             memory: result of the previous step.
             Cp: wall pressures at t_k, (90,).
-            action: in force at t_k, a_{k-1} after clipping, in U_inf W.
+            action: action in force at t_k, a_{k-1} after clipping, in U_inf W.
         """
 
 

@@ -243,7 +243,7 @@ def record_round(
 
     Args:
         policy: builds the controller in each recording process; without it, only the plans' signals act.
-        workers, scheduler, progress, notice, block_steps, start: as for `wake.recording.recorder.record`.
+        workers, scheduler, progress, notice, block_steps, start: parameters as for `wake.recording.recorder.record`.
     """
     jobs = partial(jobs_for, output, config=config, block_steps=block_steps, policy=policy, start=start)
     facts = {name: value for name, value in setting_of(config).items() if name in _FACTS}

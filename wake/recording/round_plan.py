@@ -35,9 +35,9 @@ class RoundPlan:
         level: rms of the random action that is added to the controller's commands, if there is a controller. It is a
             fraction of the action limit; for a calm episode it is in U_inf W.
         role: "train", or the kind to hold it out.
-        seed: with round, episode and role it determines the random action, so that rounds do not repeat one another.
+        seed: random seed. With round, episode and role it determines the random action, so that rounds differ.
         lead: control steps without forcing from the start to the first sample.
-        bundle, bundle_digest: of the controller; None without a controller.
+        bundle, bundle_digest: bundle of the controller, and its digest; None without a controller.
     """
 
     kind: Literal["controlled", "calm"]

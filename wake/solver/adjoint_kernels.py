@@ -221,7 +221,7 @@ def back_stages(
         slot_bar: (3, m); receives the sensitivities of the slots' velocities at each stage's end.
         start: the flow at the step's start.
         work, rates, second: finite; overwritten.
-        a, step, slot_velocity, wind, gained, domain: as in the forward kernel.
+        a, step, slot_velocity, wind, gained, domain: arguments as in the forward kernel.
     """
     work.u[:], work.v[:], work.p[:] = start.u, start.v, start.p
     advance_stage(work, rates, a[0], step[0], slot_velocity[0], wind[0], gained[0], domain)

@@ -81,7 +81,7 @@ def box_grid(length: float, refinement: float = 1.0) -> Grid:
 
     Every box has the same resolution at nose and base. Raises ConfigError if a slot has fewer than two cells.
     """
-    # Rounded so that the truck's stations equal the tabulated stations bit for bit.
+    # The stations are rounded, so that the truck's stations equal the tabulated stations bit for bit.
     base = tuple((round(length + offset, 9), size) for offset, size in _FROM_BASE)
     x_parts = [
         graded_faces(_FROM_NOSE, DOMAIN_X[0], 0.0, refinement),

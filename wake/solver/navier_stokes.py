@@ -38,7 +38,7 @@ class FlowSolver(CopiedWhole):
         viscosity: 1 / Re.
         slot_profile: velocity on the faces at `grid.rear` per unit action, (ny,); None for no jets.
         inflow_u, inflow_v: velocity at the inlet, (ny,) at the u-faces and (ny + 1,) at the v-faces.
-        precision: of the flows. The grid and the factors of the projection are first computed in double precision.
+        precision: precision of the flows. Grid and factors of the projection are first computed in double precision.
     """
 
     def __init__(
@@ -111,7 +111,7 @@ class FlowSolver(CopiedWhole):
 
         Args:
             dt, steps: length and number of the time steps.
-            action_from, action_to: at the beginning and at the end.
+            action_from, action_to: actions at the beginning and at the end.
             wind: difference between u of stream and inflow, a continuous function of the time since the beginning.
             starts: (steps, size of the buffer); receives the flow at the start of each step, for the adjoint.
         """

@@ -83,7 +83,7 @@ def moved(
     its clock at zero and no action.
 
     Args:
-        state: on `source`, of the plant's body and Reynolds number.
+        state: state on `source`, of the plant's body and Reynolds number.
         wake: the plant, which is in the returned state afterwards.
         duration: time without jets after the interpolation, t_c.
         progress: called with (time, duration) after every control period.

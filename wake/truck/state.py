@@ -1,4 +1,4 @@
-"""A state from which the own solver's plant can continue, in memory and on disk."""
+"""A state from which a plant of stillwake's solver can continue, in memory and on disk."""
 
 from dataclasses import dataclass
 from pathlib import Path

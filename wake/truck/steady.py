@@ -37,10 +37,9 @@ class SteadyWake:
     Attributes:
         state: the flow, its clock set to zero; the plant is left in it.
         base_Cp: mean over the sensors on the base.
-        recirculation_length: from the base to the point where the velocity on the axis turns downstream, in W.
-        velocity_rate: max |du/dt| and |dv/dt| over the last control period, in U_inf / t_c.
-        drag_rate: |dCd/dt| over the last control period, wall and slots, in 1 / t_c.
-        time: duration of the settling from rest, in t_c.
+        recirculation_length: distance from the base to the point where the velocity on the axis turns downstream, in W.
+        velocity_rate: max |du/dt| and |dv/dt| over the last control period, in U_inf / t_c. drag_rate: |dCd/dt| over
+        the last control period, wall and slots, in 1 / t_c. time: duration of the settling from rest, in t_c.
     """
 
     state: State

@@ -41,7 +41,7 @@ class Tape(CopiedWhole):
     PlantError if the plant is within a control period. A copy has its own plant.
 
     Args:
-        plant: at the beginning of a control period; its wind must not change.
+        plant: plant at the beginning of a control period; its wind must not change.
         memory_mb: limit of the stored data, in 10^6 bytes.
 
     Attributes:

@@ -101,7 +101,7 @@ _IS_FD: Final = {CanId(spec.frame_id): spec.is_fd for spec in SPECS}
 
 
 class PythonCanBus(OpenBus):
-    """One thread may send while another one receives. `received` counts all receptions, accepted and rejected."""
+    """One thread may send while another thread receives. `received` counts all receptions, accepted and rejected."""
 
     def __init__(
         self,

@@ -90,7 +90,7 @@ class UdpMulticastBus(PythonCanUdpMulticastBus):
 
         Args:
             channel: an IPv4 or IPv6 multicast address.
-            options: of python-can's backend. The backend always takes CAN FD frames; the caller separates the formats.
+            options: options of python-can's backend. It always takes CAN FD frames; the caller separates the formats.
         """
         try:
             super().__init__(channel, **(options | {"fd": True}))

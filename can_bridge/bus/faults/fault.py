@@ -58,7 +58,7 @@ class FrameArrivals:
         arrived: list[tuple[int, Frame]] = []
         for frame in frames:
             stamp_ns = frame.timestamp_ns
-            # The bus returns the oldest frame first, whatever its stamp is.
+            # The bus returns the oldest frame first, independent of its time stamp.
             self._latest_ns = max(self._latest_ns, stamp_ns if self._looked_ns <= stamp_ns <= now_ns else now_ns)
             arrived.append((self._latest_ns, frame))
         self._looked_ns = now_ns

@@ -120,7 +120,7 @@ class Delay(FrameFault, section="delay"):
                 if self.concerns(frame):
                     if self.is_active(arrived_ns):
                         due_ns += round((self.delay_s + port.random.random() * self.jitter_s) * NS)
-                    # In a queue no frame overtakes another one; that includes frames after the fault's end.
+                    # In a queue no frame overtakes another frame, not even a frame after the fault's end.
                     due_ns = last_due_ns = max(due_ns, last_due_ns)
                 port.acted += due_ns > arrived_ns
                 stamp_ns = frame.timestamp_ns + (due_ns - arrived_ns if self.restamp else 0)

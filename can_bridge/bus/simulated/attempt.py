@@ -1,7 +1,7 @@
-"""The result of one attempt to send a frame (sent, unacknowledged, collided or destroyed), and what it counts for.
+"""The result of one attempt to send a frame (sent, unacknowledged, collided or destroyed), and the error counts.
 
-The functions are pure: from the senders and the wrong bits they compute a verdict for each node and the bits that the
-attempt takes. The rules are in `can_bridge.bus.simulated.fault_confinement`.
+The functions are pure: they compute a verdict for each node, and the number of bits that the attempt occupies, from the
+senders and the wrong bits. The rules are in `can_bridge.bus.simulated.fault_confinement`.
 """
 
 from collections.abc import Mapping, Sequence
@@ -76,7 +76,7 @@ class AttemptOutcome(Generic[T]):
     """The outcome of an attempt.
 
     Attributes:
-        frame: for the nodes with the verdict HEARD; None if the frame did not reach its end.
+        frame: frame that the nodes with the verdict HEARD receive; None if the frame did not reach its end.
         used: bits at the nominal and at the data bit rate until the end of frame or the error.
         rest: nominal bits from there until the bus is free.
     """
@@ -100,7 +100,7 @@ def resolve(
         receivers: the other active nodes, and whether they are error-passive.
         misheard: receivers that alone see a wrong bit, and the bit's position.
         disturbed: position of the bit that all nodes see inverted. Positions count from the start of frame; a position
-            after the end of frame stands for the last bit.
+            after the end of frame means the last bit.
     """
     verdicts: dict[T, AttemptVerdict] = {}
     senders, position = _collide(list(senders), verdicts)

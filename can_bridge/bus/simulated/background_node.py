@@ -25,8 +25,8 @@ class BackgroundNode:
     A frame that the bus does not take is lost; `SimulatedPort.refused` counts it.
 
     Args:
-        bus: at the time from which the offsets count.
-        seed: of contents, jitter and clocks. Each message has its own random sequence, independent of the others.
+        bus: simulated bus, at the time from which the offsets count.
+        seed: random seed of contents, jitter and clocks. Each message has an independent random sequence.
         drift_ppm: clocks are slower than the bus's time by 0 to this drift. None is faster, because the response-time
             analysis assumes that no period is shorter than stated.
     """

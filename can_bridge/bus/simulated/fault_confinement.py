@@ -63,7 +63,7 @@ class FaultConfinement:
         return BusHealth(state=self.state, tx_errors=self.tx_errors, rx_errors=self.rx_errors, bus_off=self.times_off)
 
     def receive_error(self) -> "FaultConfinement":
-        """Apply rule 1."""
+        """Apply rule 1: count a receive error."""
         return replace(self, rx_errors=min(self.rx_errors + 1, _RECEIVE_LIMIT))
 
     def dominant_after_flag(self) -> "FaultConfinement":
@@ -82,15 +82,15 @@ class FaultConfinement:
         return self if self.state is BusState.ERROR_PASSIVE else self.transmit_error()
 
     def transmitted(self) -> "FaultConfinement":
-        """Apply rule 7."""
+        """Apply rule 7: decrement TEC after an acknowledged transmission."""
         return replace(self, tx_errors=self.tx_errors - 1) if self.tx_errors else self
 
     def received(self) -> "FaultConfinement":
-        """Apply rule 8."""
+        """Apply rule 8: decrement REC after an errorless reception."""
         if self.rx_errors >= PASSIVE_FROM:
             return replace(self, rx_errors=_AFTER_PASSIVE)
         return replace(self, rx_errors=self.rx_errors - 1) if self.rx_errors else self
 
     def recovered(self) -> "FaultConfinement":
-        """Apply rule 12."""
+        """Apply rule 12: reset both counters after bus-off."""
         return FaultConfinement(times_off=self.times_off)

@@ -46,7 +46,7 @@ class Transmission:
 
     Attributes:
         frame: stamped with `end_ns`.
-        begin_ns, end_ns: of the successful attempt, without the intermission.
+        begin_ns, end_ns: begin and end of the successful attempt, without the intermission.
     """
 
     frame: Frame
@@ -141,7 +141,7 @@ class SimulatedBus:
         Args:
             name: the node's name in messages, and for `corrupts` and `mishears`.
             transmit_capacity, receive_capacity: largest number of frames in its queues.
-            restarts: whether the node recovers from bus-off by itself; otherwise it does after `SimulatedPort.restart`.
+            restarts: whether the node recovers from bus-off automatically, without `SimulatedPort.restart`.
         """
         port = SimulatedPort(
             name or f"node {len(self._ports)}",

@@ -71,12 +71,12 @@ def assemble(
     file and place, and what would be right.
 
     Args:
-        sources: in the order of the episodes.
+        sources: source files in the order of the episodes.
         facts: control period and action limit must be known.
-        references: for a series or sensor, the value in the files that equals 1 in the data set.
-        renamed: for a series or sensor, its name in the files.
+        references: value in the files that equals 1 in the data set, by series or sensor.
+        renamed: name in the files, by series or sensor.
         progress: called with every file before it is read.
-        told: called with a file and a note about it, such as names that are neither series nor sensors.
+        told: function that receives a file and a note on it, such as names that are neither series nor sensors.
     """
     renamed, references = dict(renamed or {}), dict(references or {})
     if facts.control_period is None or facts.action_limit is None:

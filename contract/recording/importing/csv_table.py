@@ -26,7 +26,7 @@ class CsvTable:
 
     Attributes:
         header: names of the columns, all different.
-        rows: cells of each row, as many as the header has.
+        rows: cells of each row, with the header's number of cells.
         lines: line number of each row, from 1.
     """
 

@@ -88,7 +88,7 @@ class ForcesTable:
     """The forces of a table.
 
     Attributes:
-        forces: by the names in `FORCE_COLUMNS`.
+        forces: arrays of forces by the names in `FORCE_COLUMNS`.
         clock: clock of the times according to the column's unit; None if the column states no such unit.
     """
 
@@ -103,9 +103,9 @@ def read_forces(
     three is missing, or they do not fit each other.
 
     Args:
-        renamed: for t, Cd and Cl, the name in the file. For a name that is not given, the name in the file may be
-            followed by its unit in brackets, as `stillwake report` writes it.
-        references: for a series, the value in the file that equals 1 in the data set.
+        renamed: name in the file of t, Cd and Cl. For a name that is not given, the name in the file may be followed by
+            its unit in brackets, as `stillwake report` writes it.
+        references: value in the file that equals 1 in the data set, by series.
     """
     if not path.is_file():
         raise DatasetError(f"{path}: no such file")

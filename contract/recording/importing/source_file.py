@@ -131,7 +131,7 @@ class Contents:
     """The contents of a file.
 
     Attributes:
-        arrays: by the data set's names; there is one "Cp" of shape (n, sensors), in the layout's order.
+        arrays: arrays by the data set's names; there is one "Cp" of shape (n, sensors), in the layout's order.
         unread: names in the file that were not used.
         renamed: names of series or sensors whose arrays have another name in the file.
         files: files that were read.
@@ -158,9 +158,9 @@ def read_source(
 
     Args:
         names: series that may be in the file, without Cp.
-        renamed: for a series, a sensor or Cp, its name in the file if it differs.
-        references: for a series or sensor, the value in the file that equals 1 in the data set; the reference of Cp
-            also applies to sensors.
+        renamed: name in the file of a series, a sensor or Cp, if it differs.
+        references: value in the file that equals 1 in the data set, by series or sensor; the reference of Cp also
+            applies to sensors.
     """
     if not path.is_file():
         raise DatasetError(f"{path}: is a folder without postProcessing" if path.is_dir() else f"{path}: no such file")

@@ -28,9 +28,9 @@ class Stored:
     """An array of a file.
 
     Attributes:
-        values: as they are stored.
-        attributes: of the array, by name. Those of CF are used: scale_factor, add_offset, _FillValue, missing_value,
-            valid_min, valid_max, valid_range, units, and netCDF's _Unsigned.
+        values: array as it is stored.
+        attributes: metadata of the array, by name. Those of CF are used: scale_factor, add_offset, _FillValue,
+            missing_value, valid_min, valid_max, valid_range, units, and netCDF's _Unsigned.
         netcdf: whether the file is netCDF's, whose default fill values apply if the array states none.
     """
 

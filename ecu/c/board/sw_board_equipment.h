@@ -1,4 +1,4 @@
-/* The data that a board receives at production, in one file. This one has no loader: the firmware runs the numbers
+/* The data that a board receives at production, in one file. This firmware has no loader: it runs the parameters
  * compiled in.
  *
  * With SW_BOARD_LOADER 1 the board runs the release in its flash, can be flashed and calibrated, and needs

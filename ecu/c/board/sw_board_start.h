@@ -5,7 +5,8 @@
 /* Runs after a reset: the entry point for the linker. */
 void sw_board_start(void);
 
-/* Sets up clocks, pins and watchdog, for the board's maker. It runs before memory is initialised. */
+/* Sets up clocks, pins and watchdog. The board's maker implements this function. It runs before memory is initialised.
+ */
 void sw_board_power_on(void);
 
 /* Runs the program, with interrupts masked; it does not return. */

@@ -1,5 +1,5 @@
-/* Security access (ISO 14229-1, service 0x27): seeds, keys, wrong attempts and the delay after them. The twin of
- * can_bridge/uds/security.py and access_key.py.
+/* Security access (ISO 14229-1, service 0x27): seeds, keys, wrong attempts and the delay after them. This file
+ * corresponds to can_bridge/uds/security.py and access_key.py.
  *
  * A seed is valid for one answer. An attempt is counted in the store before the answer is checked, so that cutting the
  * supply at the right moment gains no attempt.

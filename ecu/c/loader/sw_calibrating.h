@@ -1,6 +1,6 @@
 /* The calibration by diagnosis: the values that UDS and XCP read and write, and that the control reads between two
- * periods; and the stored values, which survive a power loss. The twin of can_bridge/calibration/segment.py and
- * uds/calibration_service.py.
+ * periods; and the stored values, which survive a power loss. This file corresponds to
+ * can_bridge/calibration/segment.py and uds/calibration_service.py.
  *
  * Values are sent in their memory layout: little-endian.
  */

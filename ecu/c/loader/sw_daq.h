@@ -1,8 +1,8 @@
-/* Measurement by XCP (DAQ): one dynamic list, and one event, the end of a control period. The twin of
+/* Measurement by XCP (DAQ): one dynamic list, and one event, the end of a control period. This file corresponds to
  * can_bridge/calibration/daq.py and measured.py.
  *
- * A control period that ends before all frames of an earlier period are sent is skipped, so that all frames of a set
- * belong to one period.
+ * If a control period ends before all frames of an earlier period are sent, its measurement is skipped, so that all
+ * frames of a set belong to one period.
  */
 #ifndef SW_DAQ_H
 #define SW_DAQ_H

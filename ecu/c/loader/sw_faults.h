@@ -1,5 +1,5 @@
-/* The fault memory: status, age and one snapshot of each trouble code, which survive resets. The twin of
- * can_bridge/uds/fault_memory.py, of fault_reports.py next to it, and of ecu/flashable/watched_control.py.
+/* The fault memory: status, age and one snapshot of each trouble code, which survive resets. This file corresponds to
+ * can_bridge/uds/fault_memory.py, to fault_reports.py next to it, and to ecu/flashable/watched_control.py.
  *
  * It is written only while no jet can run, and only if its content has changed.
  */

@@ -1,5 +1,5 @@
-/* One endpoint of an ISO-TP connection (ISO 15765-2:2016), as a state machine of time and frames: the twin of
- * can_bridge/isotp/endpoint.py. Messages have 1 to SW_ISOTP_MOST bytes; each direction transfers one at a time.
+/* One endpoint of an ISO-TP connection (ISO 15765-2:2016), as a state machine of time and frames. This file corresponds
+ * to can_bridge/isotp/endpoint.py. Messages have 1 to SW_ISOTP_MOST bytes; each direction transfers one at a time.
  *
  * Times are in ns, from 0 to 2^61.
  */
@@ -76,7 +76,7 @@ int sw_isotp_is_occupied(const sw_isotp *end);
 /* Returns whether only SW_ISOTP_KEPT places for messages are left, reserved for the request in progress. */
 int sw_isotp_is_full(const sw_isotp *end);
 
-/* Returns the place for the next message to send, and the number of its bytes. */
+/* Returns the buffer for the next message to send, and stores the number of its free bytes in `room`. */
 uint8_t *sw_isotp_place(sw_isotp *end, uint32_t *room);
 
 /* Queues the message of `length` bytes at that place; later calls of sw_isotp_poll send it. A message that is longer

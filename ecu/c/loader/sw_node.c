@@ -66,7 +66,7 @@ static int64_t clipped(int64_t now_ns)
 }
 
 /* Runs a control period without a release, or if the release has been overwritten: jets shut, the reason on the bus,
- * and the counts in the state. Nothing of the release is read. The twin of ecu/flashable/shut_ecu.py.
+ * and the counts in the state. Nothing of the release is read. This function corresponds to ecu/flashable/shut_ecu.py.
  */
 static int shut_step(sw_node *node, int64_t now_ns, sw_frame frames_out[SW_FRAMES_OUT])
 {

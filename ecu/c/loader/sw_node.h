@@ -1,5 +1,5 @@
-/* The ECU in a vehicle: it boots a release from its flash memory, controls, and can be flashed and calibrated. The twin
- * of ecu/flashable.
+/* The ECU in a vehicle: it boots a release from its flash memory, controls, and can be flashed and calibrated. This
+ * file corresponds to ecu/flashable.
  *
  * The code is freestanding C99, without allocation, recursion or static state: all memory is in the caller's sw_node.
  *

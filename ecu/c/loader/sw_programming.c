@@ -41,8 +41,8 @@ uint8_t sw_programming_download(const sw_programming *programming, uint32_t offs
     return is_missing ? 0u : SW_NRC_OUT_OF_RANGE;
 }
 
-/* --- The self-test: whether the running release computes on this chip. The twin of ecu/flashable/self_test.py. It uses
- * the ECU's memory for the control step, which no later period reads. ---
+/* --- The self-test: whether the running release computes on this chip. This part corresponds to
+ * ecu/flashable/self_test.py. It uses the ECU's memory for the control step, which no later period reads. ---
  */
 
 #define AMPLITUDE 0.3f /* in Cp: a typical amplitude of a shedding wake at the rear edges */

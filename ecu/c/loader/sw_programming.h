@@ -1,4 +1,4 @@
-/* Programming by diagnosis: key lists, downloads and routines over the store of releases. The twin of
+/* Programming by diagnosis: key lists, downloads and routines over the store of releases. This file corresponds to
  * can_bridge/uds/ecu_services.py.
  *
  * Each function returns SW_UDS_DONE, which is 0, or the SW_NRC_ of the refusal; those that begin long work may return

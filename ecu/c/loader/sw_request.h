@@ -1,5 +1,5 @@
-/* The reasons to refuse a request now, as UDS codes: the vehicle asks for control, or the store refuses. The twin of
- * ecu/flashable/vehicle_request.py.
+/* The reasons to refuse a request now, as UDS codes: the vehicle asks for control, or the store refuses. This file
+ * corresponds to ecu/flashable/vehicle_request.py.
  */
 #ifndef SW_REQUEST_H
 #define SW_REQUEST_H

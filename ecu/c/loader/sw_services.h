@@ -1,5 +1,5 @@
-/* The ECU behind the UDS server: the parts behind the services, and the table of services. The twin of
- * can_bridge/uds/permissions.py and transfer.py, and of the handlers in server.py.
+/* The ECU behind the UDS server: the parts behind the services, and the table of services. This file corresponds to
+ * can_bridge/uds/permissions.py and transfer.py, and to the handlers in server.py.
  */
 #ifndef SW_SERVICES_H
 #define SW_SERVICES_H

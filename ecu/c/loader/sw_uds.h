@@ -1,5 +1,5 @@
-/* The ECU's side of UDS (ISO 14229-1): it takes requests and returns answers, with time as an argument. The twin of
- * can_bridge/uds/server.py, job.py and sessions.py. The caller gives the table of services.
+/* The ECU's side of UDS (ISO 14229-1): it takes requests and returns answers, with time as an argument. This file
+ * corresponds to can_bridge/uds/server.py, job.py and sessions.py. The caller gives the table of services.
  *
  * Every request is checked in the order of the standard's figures: service, session, length, sub-function and its
  * session, security level, sequence. The ECU behind the service may then refuse for its own reasons. One request is

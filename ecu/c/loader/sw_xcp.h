@@ -1,5 +1,5 @@
-/* The ECU's side of XCP on CAN (ASAM MCD-1 XCP 1.x): it takes and returns packets, with time as an argument. The twin
- * of can_bridge/calibration/xcp.py and xcp_slave.py. Compiled in if SW_XCP is 1.
+/* The ECU's side of XCP on CAN (ASAM MCD-1 XCP 1.x): it takes and returns packets, with time as an argument. This file
+ * corresponds to can_bridge/calibration/xcp.py and xcp_slave.py. Compiled in if SW_XCP is 1.
  *
  * A tool reads and writes the same calibration as UDS (sw_calibrating), and reads or measures the latest control period
  * (sw_daq). It waits for each answer: at most SW_XCP_PLACES packets wait to be sent, and commands without a free place

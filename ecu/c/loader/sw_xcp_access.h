@@ -1,4 +1,4 @@
-/* The unlocking of the calibration by a tool: seed and key of XCP. The twin of XcpAccess in
+/* The unlocking of the calibration by a tool: seed and key of XCP. This file corresponds to XcpAccess in
  * can_bridge/calibration/xcp.py.
  */
 #ifndef SW_XCP_ACCESS_H

@@ -1,5 +1,5 @@
-/* The memory of a calibration tool: the calibration's two pages, and the latest control period. The twin of the
- * handlers in can_bridge/calibration/xcp_slave.py.
+/* The memory of a calibration tool: the calibration's two pages, and the latest control period. This file corresponds
+ * to the handlers in can_bridge/calibration/xcp_slave.py.
  */
 #ifndef SW_XCP_MEMORY_H
 #define SW_XCP_MEMORY_H

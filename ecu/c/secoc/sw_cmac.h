@@ -1,4 +1,4 @@
-/* AES-128 CMAC (NIST SP 800-38B, RFC 4493). The twin of can_bridge/secoc/key.py. */
+/* AES-128 CMAC (NIST SP 800-38B, RFC 4493). This file corresponds to can_bridge/secoc/key.py. */
 #ifndef SW_CMAC_H
 #define SW_CMAC_H
 

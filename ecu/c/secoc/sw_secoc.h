@@ -1,5 +1,5 @@
 /* Authenticated frames after AUTOSAR SecOC: a frame that is not authentic or not fresh is refused before the E2E check.
- * The twin of can_bridge/secoc/securing.py, which describes the frame:
+ * This file corresponds to can_bridge/secoc/securing.py, which describes the frame:
  *
  *     protected part | zeros | freshness, 8 bytes | MAC, 8 bytes
  */

@@ -20,7 +20,9 @@
 #define POINT 32u /* bytes of a point, and of a scalar */
 #define SCALAR_BITS 253
 
-/* The y of the points of small order, the last two not reduced: anyone can forge signatures of these keys. */
+/* The y coordinates of the points of small order; the last two are not reduced modulo p. Public keys with these values
+ * are rejected, because anyone can forge signatures for them.
+ */
 static const uint8_t small_order[7][POINT] = {
     {0x00},
     {0x01},

@@ -1,4 +1,5 @@
-/* Two slots for releases, of which one runs and the other can be written: the twin of can_bridge/flashing/store.py.
+/* Two slots for releases, of which one runs and the other can be written. This file corresponds to
+ * can_bridge/flashing/store.py.
  *
  *     announce, append .., finish     an image into the slot that is not protected; checked as it lies in the flash
  *     activate                        booted from the next reset on, SW_TRIAL_BOOTS times at most

@@ -1,5 +1,5 @@
-/* Images in the flash: their checks, the choice of the image to boot, and the report for testers. The twin of
- * can_bridge/flashing/boot.py, of report.py, which has the layout, and of `judged` in remembered.py.
+/* Images in the flash: their checks, the choice of the image to boot, and the report for testers. This file corresponds
+ * to can_bridge/flashing/boot.py, to report.py, which has the layout, and to `judged` in remembered.py.
  */
 #include "sw_store.h"
 
@@ -78,7 +78,7 @@ static int boot_trial(sw_store *store, uint32_t slot)
 {
     sw_store_state *next = sw_state_draft(store);
     if (next->slots[slot].boots_left > 0u) {
-        /* The boot is counted first, so that boots end whatever the image does. If it cannot be counted, the trial
+        /* The boot is counted first, so that the number of boots is limited. If it cannot be counted, the trial
          * would never end, so the image does not run.
          */
         next->slots[slot].boots_left--;

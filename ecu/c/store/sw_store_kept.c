@@ -179,7 +179,7 @@ void sw_state_give_up(sw_slot_state *slot)
     slot->boots_left = 0;
 }
 
-/* --- Key list, calibrations, failed attempts and faults: the twin of can_bridge/flashing/remembered.py --- */
+/* --- Key list, calibrations, failed attempts and faults; they correspond to can_bridge/flashing/remembered.py --- */
 
 /* The record of calibrations: magic (4), number (1); for each digest (32), length (2), bytes. */
 #define HEAD 5u

@@ -56,8 +56,8 @@ class Speed:
         return cls(typical_ms=median(times_ms), worst_ms=max(times_ms))
 
     def check(self, period_ms: float, *, refinement: float, substeps: int) -> str | None:
-        """Return None if the plant is fast enough, and a warning if it is only just fast enough. Raises PlantError,
-        with the factor that is missing and possible remedies, if the plant is too slow."""
+        """Return None if the plant is fast enough, or a warning if it is only just fast enough. If the plant is too
+        slow, raises PlantError, whose text states possible remedies."""
         if self.typical_ms > period_ms:
             lacking = self.typical_ms / (_ROOM * period_ms)
             coarser = f" (--set flow.refinement={COARSE[0]:g} --set flow.substeps={COARSE[1]})"
@@ -90,7 +90,7 @@ def measured(
 
 
 _LONGEST_END_S: Final = 5.0
-"""Longest wait in s for the process to end by itself: it may have to finish a control period before Python exits."""
+"""Longest wait in s for the process to end: it may have to finish a control period before Python exits."""
 
 
 class LiveWake(NeverCopied):

@@ -1,4 +1,4 @@
-"""The messages between the running loop and a viewer, by their types, and the format of the picture.
+"""The types of the messages between the running loop and a viewer, and the format of the picture.
 
 The loop sends on one channel: JSON messages, each with its `type`, and pictures of the flow as bytes (`pack_field`). A
 viewer sends on a separate channel, one request per message, and gets one answer to each.
@@ -8,11 +8,11 @@ viewer sends on a separate channel, one request per message, and gets one answer
     events                `run`, and new `items`: increasing number n, time_s, t, text, and the kind: "set" by a viewer,
                           "state" of the ECU, "vehicle", "bus", "loop"
     settings              `settings`, a `LiveSettings`; sent after every change
-    loop                  `state` of the loop's process: starting, running, busy (with work of seconds) or ended;
-                          `text`, one line on that work, or on why the loop ended. The first message on the channel
+    loop                  `state` of the loop's process: starting, running, busy (for some seconds) or ended;
+                          `text`, one line on the present work, or why the loop ended. It is the first message
 
 A viewer needs only the latest `loop`, `hello`, `now`, `bus`, `settings` and picture, but all `periods` and `events`.
-At a `hello`, a viewer discards all earlier data: they are of another run, or are sent again. NaN and infinity are null.
+At `hello` a viewer discards all earlier data, which belong to another run or are sent again. NaN and infinity are null.
 """
 
 import struct

@@ -38,7 +38,7 @@ class SeenState(NamedTuple):
     Attributes:
         state: name of an `OperatingMode`, or `UNPOWERED` or `BOOT`.
         set_aside: sensors that the ECU has set aside.
-        given_up: whether the vehicle has withdrawn its request by itself.
+        given_up: whether the vehicle has withdrawn its request without a viewer's command.
         nodes: state of each node's CAN controller.
     """
 

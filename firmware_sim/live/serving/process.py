@@ -154,7 +154,7 @@ def _that_travels(error: Exception) -> Exception:
 
 
 _LONGEST_END_S: Final = 3.0
-"""Time in s for the process to end by itself before it is terminated, and then killed."""
+"""Time in s that the process has for ending before it is terminated, and then killed."""
 
 
 class LoopProcess:
@@ -165,8 +165,8 @@ class LoopProcess:
         fast: whether a period may take less time than on a vehicle.
         hear: called with new messages, in a separate thread.
         answered: called with a request's number and its answer, in that thread.
-        ended: called once, in that thread, with the reason if the process ended by itself: a StillwakeError, or another
-            error of the session.
+        ended: called once, in that thread, with the reason if the process ended without a request: a StillwakeError, or
+            another error of the session.
     """
 
     def __init__(

@@ -37,7 +37,7 @@ PING_S: Final = 20.0
 _IDLE_S: Final = 10.0
 """Time in s after which a connection without a complete request is closed."""
 MOST_CONNECTIONS: Final = 128
-"""Largest number of connections: two of each viewer, and as many for loading files. This is half of the file
+"""Largest number of connections: two of each viewer, and the same number for loading files. This is half of the file
 descriptors that any system allows a process."""
 
 

@@ -146,11 +146,11 @@ def decode(
 ) -> None:
     """Print a recorded log as signals with units, and the verdicts of its end-to-end checks.
 
-    It prints a line for each frame, then a table of the messages: counts, rates, losses, checks, the load of the bus,
-    whose bit rates are settings, and the number of other lines. A counter is compared with the previous frame on the
-    same channel. With --set bus.key=FILE the MAC and freshness of secured messages are checked first. Frames of
-    diagnosis are named by the identifiers in the settings. Other messages are shown as bytes; `cantools decode` reads
-    those.
+    It prints a line for each frame, then a table of the messages with counts, rates, losses and check results, the bus
+    load (computed from the bit rates in the settings), and the number of lines that are not frames. A counter is
+    compared with the previous frame on the same channel. With --set bus.key=FILE the MAC and freshness of secured
+    messages are checked first. Diagnostic frames are recognised by the identifiers in the settings. Other messages are
+    shown as bytes; use `cantools decode` for them.
     """
     from can_bridge.logs.log_reader import CanLog
     from can_bridge.tools.summary import Summary

@@ -72,7 +72,7 @@ def figures(found: "BusLoad") -> dict[str, Any]:
 
 
 def facts(config: Config) -> dict[str, Any]:
-    """Return the settings behind the figures, and the facts of the background's file."""
+    """Return the settings that the figures depend on, and the facts of the background's file."""
     bus = config.bus
     file = Path(bus.background.dbc) if bus.background.dbc else None
     return {

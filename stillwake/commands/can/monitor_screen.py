@@ -19,7 +19,7 @@ def screen(summary: Summary, now_s: float, *, source: str, matching: str, width:
     """Return the table with its heading.
 
     Args:
-        now_s: on the clock of the frames.
+        now_s: time on the clock of the frames.
         source: description of the frames' source.
     """
     return Group(_heading(summary, matching, source), _table(summary, matching, round(now_s * 1e9), width))

@@ -47,11 +47,11 @@ class DriveOptions:
         fill, split: see `can_bridge.drives.log_to_series.series_of`.
         forces: FILE for every log, or LOG=FILE for one.
         names: columns of t, Cd and Cl in the forces' files, if they have other names.
-        references: by Cd and Cl, the size of the unit in those files.
-        clock: of the forces' times; None if the file states it.
+        references: size of the unit of Cd and Cl in those files, by name.
+        clock: meaning of the forces' times; None if the file states it.
         shift_s: seconds to add to the forces' times.
-        channels: of the logs, to read; empty if the frames identify the channel.
-        zone: of logs that begin in local time; None if it is not given.
+        channels: channels to read of the logs; empty if the frames identify the channel.
+        zone: time zone of logs that begin in local time; None if it is not given.
     """
 
     fill: int

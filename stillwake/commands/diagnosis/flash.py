@@ -187,7 +187,7 @@ def _effort(flashed: "Flashed", length: int) -> str:
 
 
 def _comparison(release: Bundle, length: int, facts: "EcuFacts") -> Table:
-    """Return a table of the release to flash next to the ECU's report."""
+    """Return a table that compares the release to be flashed with the values that the ECU reports."""
     from can_bridge.flashing.backing import Slot
     from contract.release.checks import dbc_sha256
 

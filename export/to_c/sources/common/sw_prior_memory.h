@@ -1,4 +1,4 @@
-/* The prior of the plan: its numbers and its scratch memory. SW_PRIOR_UNITS is 0 without a prior. */
+/* The prior of the plan: its weights and its scratch memory. SW_PRIOR_UNITS is 0 without a prior. */
 #ifndef SW_PRIOR_MEMORY_H
 #define SW_PRIOR_MEMORY_H
 
@@ -19,8 +19,8 @@
 #define SW_PRIOR_OUTPUTS ((SW_PRIOR_UNITS + 7) / 8 * 8)
 
 /* Members of sw_weights: the first row of the past that each filter reads, and the number of its rows; the rows'
- * weights, filter by filter; the layers. The two matrices are the numbers times their scales, which are 1 in a float32
- * library: a unit's weights on its inputs, one for each scheduling variable, and those of its gate on the sums.
+ * weights, filter by filter; the layers. The two matrices are the stored numbers times their scales, which are 1 in a
+ * float32 library: a unit's weights on its inputs, one for each scheduling variable, and those of its gate on the sums.
  */
 #define SW_PRIOR_NUMBERS                                                                        \
     SW_ALIGNED int32_t prior_filter_rows[SW_PRIOR_FILTERS][2];                                  \

@@ -1,6 +1,6 @@
-/* The addresses of a trained program's numbers: compiled in, or in an image on flash that is read in place.
+/* The addresses of a trained program's parameters: compiled in, or in an image on flash that is read in place.
  *
- * The numbers are structures without pointers, laid out as in sw_weights.h, so any address aligned to SW_ALIGNMENT
+ * The parameters are structures without pointers, laid out as in sw_weights.h, so any address aligned to SW_ALIGNMENT
  * bytes will do: `hot`, which every step of every roll-out reads completely, may be in faster memory than the others.
  */
 #ifndef SW_PROGRAM_H
@@ -28,7 +28,7 @@ struct sw_hot;
 
 typedef struct {
     const struct sw_weights *weights;
-    const struct sw_hot *hot; /* numbers of an int8 library; others have none */
+    const struct sw_hot *hot; /* parameters of an int8 library; other libraries have none */
 } sw_program;
 
 #endif

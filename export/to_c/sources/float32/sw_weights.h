@@ -1,5 +1,5 @@
-/* The numbers of a trained program; the generated sw_weights.c defines those that are compiled in. Matrices are stored
- * with their shorter side, or their inputs, as rows, so that rows are long; matrices before a norm are centred
+/* The parameters of a trained program; the generated sw_weights.c defines those that are compiled in. Matrices are
+ * stored with their shorter side, or their inputs, as rows, so that rows are long; matrices before a norm are centred
  * (sw_norm.h).
  */
 #ifndef SW_WEIGHTS_H
@@ -11,7 +11,7 @@
 
 typedef float sw_prior_number; /* type of the prior's matrices (sw_prior_memory.h) */
 
-/* The numbers are read in place: little-endian, no pointers, every member aligned to SW_ALIGNMENT. */
+/* The parameters are read in place: little-endian, no pointers, every member aligned to SW_ALIGNMENT. */
 typedef struct sw_weights {
     /* Scaling: (value - mean) factor of a window's columns, and physical forces = mean + std scaled. */
     SW_ALIGNED float window_mean[SW_SENSORS + 1];
@@ -62,7 +62,7 @@ typedef struct sw_weights {
     SW_PRIOR_NUMBERS
 } sw_weights;
 
-/* The numbers that are compiled in. */
+/* The parameters that are compiled in. */
 extern const sw_weights sw_own_weights;
 #define SW_OWN_PROGRAM {&sw_own_weights, NULL}
 

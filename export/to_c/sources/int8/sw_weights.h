@@ -1,4 +1,4 @@
-/* The numbers of a trained program; the generated sw_weights.c defines those that are compiled in. Matrices are int8
+/* The parameters of a trained program; the generated sw_weights.c defines those that are compiled in. Matrices are int8
  * with one scale for each output, W[o][i] ~ scale[o] q[o][i]. Their layout is that of sw_dots.h, and each is followed
  * by SW_AHEAD zeros for loads ahead of their use. The adjoint has a transposed copy of its own.
  *
@@ -36,7 +36,7 @@ enum { SW_LAYER_EPSILON, SW_LAYER_ADJOINT };
 
 typedef int8_t sw_prior_number; /* type of the prior's matrices (sw_prior_memory.h) */
 
-/* The numbers are read in place: little-endian, no pointers, every member aligned to SW_ALIGNMENT. */
+/* The parameters are read in place: little-endian, no pointers, every member aligned to SW_ALIGNMENT. */
 typedef struct sw_weights {
     /* Scaling: (value - mean) factor of a window's columns, and physical forces = mean + std scaled. */
     SW_ALIGNED float window_mean[SW_SENSORS + 1];
@@ -116,7 +116,7 @@ typedef struct sw_hot {
     SW_ALIGNED int8_t dyn3_adjoint_rows[SW_DYN2_P * SW_LATENT_P + SW_AHEAD];
 } sw_hot;
 
-/* The numbers that are compiled in. */
+/* The parameters that are compiled in. */
 extern const sw_weights sw_own_weights;
 extern const sw_hot sw_own_hot;
 #define SW_OWN_PROGRAM {&sw_own_weights, &sw_own_hot}

@@ -4,7 +4,7 @@
  * caller's structures, so that several controllers may run side by side. The work of a step does not depend on the
  * data, except for a few comparisons in the cost, and for the iterations, which are skipped if no weight needs them.
  * Compile the sources as C; C++ may include this header. The generated sw_settings.h has the sizes and the hash of the
- * program, and sw_weights.c its numbers. The numbers need not be compiled in: the functions that end in _of use numbers
+ * program, and sw_weights.c its parameters. These need not be compiled in: the functions that end in _of use parameters
  * anywhere in memory (sw_program.h).
  */
 #ifndef STILLWAKE_H
@@ -79,7 +79,7 @@ sw_status sw_control_step(sw_workspace *work, const sw_input *input, sw_output *
  */
 sw_status sw_known_answer(sw_workspace *work, sw_input *input, sw_output *output);
 
-/* These three functions take the numbers of any program with this library's sizes. */
+/* These three functions accept the parameters of any program whose array sizes equal those of this library. */
 sw_status sw_input_reset_of(const sw_program *program, sw_input *input);
 sw_status sw_control_step_of(const sw_program *program, sw_workspace *work, const sw_input *input, sw_output *output);
 sw_status sw_known_answer_of(const sw_program *program, sw_workspace *work, sw_input *input, sw_output *output);
