@@ -25,7 +25,7 @@ COMPILER: Final = "arm-none-eabi-gcc"
 CORE: Final = ("-mcpu=cortex-m7", "-mthumb", "-mfloat-abi=hard", "-mfpu=fpv5-sp-d16")
 BARE: Final = (*CORE, "-std=c99", "-O2", "-ffp-contract=off", "-fno-unroll-loops", "-ffreestanding",
                "-ffunction-sections", "-fdata-sections", "-g1")  # fmt: skip
-"""As in the exported folder's CMakeLists.txt."""
+"""The flags of the exported folder's CMakeLists.txt."""
 AS_WRITTEN: Final = ("-flto", "-fno-inline", "-fno-partial-inlining", "-fno-ipa-sra", "-fno-ipa-icf",
                      "-fno-aggressive-loop-optimizations")  # fmt: skip
 """Each function stands once; a bound comes from a loop's exit alone, not from the absence of undefined behaviour."""

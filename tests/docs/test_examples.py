@@ -17,7 +17,7 @@ from tests.docs.blocks.pages import python
 
 def test_the_loop_around_the_onnx_graph_commands_within_the_limit():
     """Zero until the window of 32 is full; then actions that differ and keep the shipped bundle's limit of 0.075."""
-    (code,) = python("how-to/use-the-onnx-graph.md")
+    code = python("how-to/use-the-onnx-graph.md")[0]
     assert '"runs/bundle"' in code
     commanded: list[float] = []
 

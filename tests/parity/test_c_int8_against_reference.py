@@ -25,7 +25,8 @@ from export.int8.layer_inputs import activation_ranges
 from export.int8.rounded_program import RoundedProgram, rounded_to_nearest
 from export.program.controller_program import ControllerProgram
 from export.program.windows import random_window, random_windows
-from export.reference.mpc import control_step, shift
+from export.reference.model import encode
+from export.reference.mpc import control_step, predict, shift
 from export.to_c.library import c_library
 from tests.each import each
 from tests.examples import examples
@@ -46,12 +47,12 @@ def assert_close(program: ControllerProgram, controller: CController, count: int
         expected = control_step(program, *case.arguments)
         found = controller.control_step(*case.arguments)
         errors.append(found.plan - expected.plan)
-        forces.append(found.forces - expected.forces)
+        # At its own plan: where a gradient is near zero, rounding turns the sign of a step of Adam.
+        forces.append(found.forces - predict(program, encode(program, case.window), found.plan))
         gaps.append(found.cost - expected.cost)
     reach = program.mpc.iterations * program.mpc.learning_rate
     assert np.sqrt(np.mean(np.square(errors))) < 0.05 * reach
-    # 0.0068 at seed 1: with a range of effort of 9 a random prior's rounded slopes count 3.3 times as much as with 100.
-    assert np.abs(forces).max() < 8e-3
+    assert np.abs(forces).max() < 2e-3
     assert np.abs(gaps).max() < 5e-3
 
 

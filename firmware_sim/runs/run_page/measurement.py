@@ -28,7 +28,7 @@ RUN: Final = "Run"
 _NO_UNIT: Final = {"1": "", "name": ""}
 _BODY: Final = (209, 209, 209)
 _QUALITY: Final = 90
-"""Of JPEG, the picture format that Foxglove and Rerun both show."""
+"""Quality of JPEG, the picture format that Foxglove and Rerun both show."""
 
 
 def write_run(path: Path, folder: RunFolder) -> Counter[str]:

@@ -35,7 +35,7 @@
 #define SW_EIGHT_TIMES
 #endif
 
-/* On such a core, loads four numbers before anything that follows: a number cannot be used in the cycle after its load. */
+/* Loads four numbers before anything that follows: such a core cannot use a number in the cycle after its load. */
 #if defined(__ARM_FEATURE_DSP) && defined(__thumb2__) && defined(__GNUC__)
 #define SW_LOADED(a, b, c, d) __asm__("" : "+t"(a), "+t"(b), "+t"(c), "+t"(d))
 #else
