@@ -141,6 +141,7 @@ def main(json_file: JsonFile = None) -> None:
             figures.append({"runtime": name, "version": versions(package)[package], **differences})
     facts = {
         "bundle": release.manifest.name,
+        "digest": release.digest,
         "windows": WINDOWS,
         "nodes": len(model.graph.node),
         "versions": versions("stillwake", "onnxruntime"),

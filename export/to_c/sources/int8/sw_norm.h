@@ -15,7 +15,7 @@
 #include "sw_tables.h"
 #include "sw_weights.h"
 
-/* With its loops unrolled, a function inlined into another one makes that one's stack deeper. */
+/* A function inlined into another one, with its loops unrolled, makes the stack of the other one deeper. */
 #if defined(__ARM_FEATURE_DSP) && defined(__thumb2__)
 #include "sw_norm_dsp.h"
 #define SW_ONCE static __attribute__((noinline, unused))
