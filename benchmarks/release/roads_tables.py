@@ -12,8 +12,22 @@ _DEFAULT_MESH = (443, 164)
 
 def tables(results: Path) -> dict[str, str]:
     """Return every table by its marker."""
-    rows = read(results / "roads.json")["figures"]
-    return {"roads": table(_HEADS, [_cells(row) for row in rows])}
+    rows = [_cells(row) for row in read(results / "roads.json")["figures"]]
+    return {"roads": table(_HEADS, [*rows, _release(results)])}
+
+
+def _release(results: Path) -> tuple[object, ...]:
+    found = read(results / "release_loop.json")
+    spread = found["figures"]["over_phases"]
+    drag = spread["reduction_percent"]
+    names = ("abs_Cl_controlled", "jet_power_controlled", "net_reduction_percent")
+    lift, power, net = (spread[name]["mean"] for name in names)
+    starts = len(found["figures"]["phases"])
+    return (
+        f"the shipped release ({found['facts']['bundle']})",
+        f"{drag['mean']:.1f} ({drag['least']:.1f} to {drag['most']:.1f})",
+        *(f"{lift:.3f}", f"{power:.3f}", f"{net:.1f}", "", "bus", starts),
+    )
 
 
 def _cells(row: dict[str, Any]) -> tuple[object, ...]:
