@@ -6,6 +6,8 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
   const {make, write, format} = stillwake;
   const SHADES = {control: '--wash', hold: '--amber-wash', fault: '--alarm-wash'};
   const FONT = '11px system-ui, sans-serif';
+  /** Pixels at the right of the plot: half of the last label of time, which has at most five characters. */
+  const EDGE = 18;
 
   stillwake.Chart = class {
     /**
@@ -88,8 +90,6 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
 
     options() {
       const {series, height, sync, x, digits} = this.what;
-      const times = (t) => format.short(t);
-      const levels = (y) => format.number(y, digits);
       const axis = {
         stroke: () => stillwake.colour('--dim'),
         font: FONT,
@@ -99,7 +99,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       return {
         width: 300,
         height,
-        padding: [6, 8, x ? 0 : 4, 0],
+        padding: [6, EDGE, x ? 0 : 4, 0],
         legend: {show: false},
         cursor: {y: false, drag: {x: false, y: false}, points: {size: 6}, sync: sync ? {key: sync} : undefined},
         scales: {
@@ -107,8 +107,8 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
           y: {range: (_, least, greatest) => this.fit(least, greatest)},
         },
         axes: [
-          {...axis, size: x ? 24 : 0, gap: 3, space: 60, values: (_, ticks) => (x ? ticks.map(times) : [])},
-          {...axis, size: 46, gap: 4, space: 17, values: (_, ticks) => ticks.map(levels)},
+          {...axis, size: x ? 24 : 0, gap: 3, space: 60, values: (_, ticks) => (x ? ticks : []).map((t) => format.short(t))},
+          {...axis, size: 46, gap: 4, space: 17, values: (_, ticks) => ticks.map((y) => format.number(y, digits))},
         ],
         series: [
           {},
