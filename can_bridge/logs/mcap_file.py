@@ -20,6 +20,7 @@ _NAMES: Final = {spec.frame_id: spec.name for spec in SPECS}
 _FRAME: Final = {
     **{"message": "STRING", "id": "UINT32", "data": "BYTES", "channel": "STRING"},
     **dict.fromkeys(("extended", "fd", "bitrate_switch", "received", "remote", "error"), "BOOL"),
+    **{"error_state_indicator": "BOOL", "dlc": "UINT32"},
 }
 """Types of the fields of a frame; an error frame's id has the error classes of linux/can/error.h."""
 
@@ -73,6 +74,8 @@ def _frames(messages: Sequence[can.Message]) -> Iterator[Dated]:
             received=one.is_rx,
             remote=one.is_remote_frame,
             error=one.is_error_frame,
+            error_state_indicator=one.error_state_indicator,
+            dlc=one.dlc,
         )
         yield "/frames", round(one.timestamp * 1e9), frame
 
