@@ -12,10 +12,9 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
   stillwake.Chart = class {
     /**
      * @param {Element} element to fill.
-     * @param {object} what title, unit, series [{label, colour, dash, width, step, gaps}] (`gaps`
-     *   'join' draws across nulls), lines [{label, value, colour}], least
-     *   and greatest of the axis (else from the data, to multiples of `snap`), height, sync (charts with the same one
-     *   share their cursor), x (whether time is written below), onPick (called with the time that was clicked).
+     * @param {object} what title, series [{label, colour, dash, width, step, gaps}] (`gaps` 'join' draws across
+     *   nulls), lines [{label, value, colour}], least and greatest of the axis (else from the data, to multiples of
+     *   `snap`), height, sync (charts with the same one share their cursor), x (whether time is written below), onPick.
      */
     constructor(element, what) {
       this.what = {height: 150, snap: 0.1, x: true, digits: 2, ...what};
@@ -90,6 +89,8 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
 
     options() {
       const {series, height, sync, x, digits} = this.what;
+      const times = (t) => format.short(t);
+      const levels = (y) => format.number(y, digits);
       const axis = {
         stroke: () => stillwake.colour('--dim'),
         font: FONT,
@@ -107,8 +108,8 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
           y: {range: (_, least, greatest) => this.fit(least, greatest)},
         },
         axes: [
-          {...axis, size: x ? 24 : 0, gap: 3, space: 60, values: (_, ticks) => (x ? ticks : []).map((t) => format.short(t))},
-          {...axis, size: 46, gap: 4, space: 17, values: (_, ticks) => ticks.map((y) => format.number(y, digits))},
+          {...axis, size: x ? 24 : 0, gap: 3, space: 60, values: (_, ticks) => (x ? ticks.map(times) : [])},
+          {...axis, size: 46, gap: 4, space: 17, values: (_, ticks) => ticks.map(levels)},
         ],
         series: [
           {},
