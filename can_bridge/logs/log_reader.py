@@ -19,7 +19,7 @@ from can_bridge.logs.asc_log import read_asc
 from can_bridge.logs.blf_log import Objects
 from can_bridge.logs.candump_log import read_candump
 from can_bridge.logs.entries import Binary, CutOffError, Entry, Lines, LogEvent
-from can_bridge.logs.mcap_log import McapMessages
+from can_bridge.logs.mcap_file import McapMessages
 from can_bridge.logs.mdf_log import Records
 from can_bridge.logs.table_log import TABLE_COLUMNS, TableRows, read_csv
 from can_bridge.logs.trc_log import read_trc
@@ -134,11 +134,8 @@ class CanLog:
         if suffix == ".mf4":
             records = Records(self.path)
             return records, records.read(self._since_epoch)
-        if suffix == ".mcap":
-            messages = McapMessages(self.path)
-            return messages, messages.read()
-        if suffix == ".db":
-            rows = TableRows(self.path)
+        if suffix in (".mcap", ".db"):
+            rows = McapMessages(self.path) if suffix == ".mcap" else TableRows(self.path)
             return rows, rows.read()
         if self.path.suffix.lower() == PACKED:
             file: Binary = stack.enter_context(GzipFile(self.path))

@@ -104,7 +104,7 @@ def test_the_frames_of_an_mcap_are_read_as_they_were_given(tmp_path):
         with refused(BusError, r"a\.mcap: cannot be read as a CAN log \("):
             list(CanLog(path))
     write_measurement(path, [], more=[run])
-    with refused(BusError, r"a\.mcap: has no frames of CAN \(messages stillwake\.Frame\), among 3 messages"):
+    with refused(BusError, r"a\.mcap: has no frames of CAN, among 3 messages"):
         list(CanLog(path))
 
 

@@ -98,8 +98,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
         ticks: {show: false},
       };
       return {
-        width: 300,
-        height,
+        width: 300, height,
         padding: [6, EDGE, x ? 0 : 4, 0],
         legend: {show: false},
         cursor: {y: false, drag: {x: false, y: false}, points: {size: 6}, sync: sync ? {key: sync} : undefined},
