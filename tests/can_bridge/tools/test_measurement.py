@@ -95,8 +95,8 @@ def test_the_frames_of_an_mcap_are_read_as_they_were_given(tmp_path):
     log = CanLog(path)
     for one, read in zip(sent, log, strict=True):
         assert (read.is_error_frame, read.arbitration_id) == (one.is_error_frame, one.arbitration_id)
-        assert (read.timestamp, read.channel) == (pytest.approx(one.timestamp, rel=0, abs=1e-9), one.channel)
-        assert identity(read) == identity(one)
+        assert read.timestamp == pytest.approx(one.timestamp, rel=0, abs=1e-9)
+        assert (identity(read), read.channel) == (identity(one), one.channel)
     assert log.channels == {"can0": 22, "": 21} and log.events == {"record of Run": 3}
     whole = path.read_bytes()
     for length in [*range(0, len(whole), len(whole) // 20), len(whole) - 1]:
