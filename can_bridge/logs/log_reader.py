@@ -1,4 +1,4 @@
-"""Recorded CAN traffic in any of these formats: candump, Vector ASC and BLF, PEAK TRC, ASAM MDF, python-can's tables.
+"""Recorded CAN traffic: candump, Vector ASC and BLF, PEAK TRC, ASAM MDF, MCAP, python-can's tables.
 
 Every line or object is a message, an event that is counted by its name, or an error with its number that ends the
 reading, so that the counts add up to the lines. Times are those of the file: since the epoch, or in ASC since its
@@ -19,14 +19,15 @@ from can_bridge.logs.asc_log import read_asc
 from can_bridge.logs.blf_log import Objects
 from can_bridge.logs.candump_log import read_candump
 from can_bridge.logs.entries import Binary, CutOffError, Entry, Lines, LogEvent
+from can_bridge.logs.mcap_file import McapMessages
 from can_bridge.logs.mdf_log import Records
 from can_bridge.logs.table_log import TABLE_COLUMNS, TableRows, read_csv
 from can_bridge.logs.trc_log import read_trc
 from contract.errors import BusError
 
-LOG_SUFFIXES: Final = (".log", ".asc", ".blf", ".trc", ".mf4", ".csv", ".db")
+LOG_SUFFIXES: Final = (".log", ".asc", ".blf", ".trc", ".mf4", ".mcap", ".csv", ".db")
 PACKED: Final = ".gz"
-_UNPACKED: Final = (".mf4", ".db")
+_UNPACKED: Final = (".mf4", ".mcap", ".db")
 """Endings of files that are read by libraries, which need the file itself and not its unpacked content."""
 
 GREATEST_TIME_S: Final = 2**63 / 1e9
@@ -127,14 +128,14 @@ class CanLog:
             names = ", ".join(name or "one without a name" for name in sorted(self.channels)) or "none"
             raise BusError(f"{self.path}: --channel {', '.join(sorted(self._only))}: it has {names}")
 
-    def _opened(self, stack: ExitStack) -> tuple[Lines | Objects | TableRows | Records, Iterator[Entry]]:
+    def _opened(self, stack: ExitStack) -> tuple[Lines | Objects | TableRows | Records | McapMessages, Iterator[Entry]]:
         """Return the object that counts the lines, and their entries."""
         suffix = suffix_of(self.path)
         if suffix == ".mf4":
             records = Records(self.path)
             return records, records.read(self._since_epoch)
-        if suffix == ".db":
-            rows = TableRows(self.path)
+        if suffix in (".mcap", ".db"):
+            rows = McapMessages(self.path) if suffix == ".mcap" else TableRows(self.path)
             return rows, rows.read()
         if self.path.suffix.lower() == PACKED:
             file: Binary = stack.enter_context(GzipFile(self.path))

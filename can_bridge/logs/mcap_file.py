@@ -1,5 +1,5 @@
-"""Writing of MCAP: a topic of frames and one for each group of channels, in Protobuf, which Foxglove, Rerun and
-PlotJuggler all read, with its schemas."""
+"""MCAP: a topic of frames and one for each group of channels, in Protobuf, which Foxglove, Rerun and PlotJuggler all
+read, with its schemas. As a log it is read back: the frames are entries, and other messages are counted."""
 
 import shutil
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -11,15 +11,17 @@ import can
 import numpy as np
 
 from can_bridge.logs.channels import ChannelGroup
+from can_bridge.logs.entries import BRS, ESI, FD_FRAME, Entry, LogEvent, error_frame, frame
 from can_bridge.wire.message_specs import SPECS
 from contract.atomic import replacing
-from contract.errors import BusError
+from contract.errors import BusError, install
 
 _PACKAGE: Final = "stillwake"
 _NAMES: Final = {spec.frame_id: spec.name for spec in SPECS}
 _FRAME: Final = {
     **{"message": "STRING", "id": "UINT32", "data": "BYTES", "channel": "STRING"},
     **dict.fromkeys(("extended", "fd", "bitrate_switch", "received", "remote", "error"), "BOOL"),
+    **{"error_state_indicator": "BOOL", "dlc": "UINT32"},
 }
 """Types of the fields of a frame; an error frame's id has the error classes of linux/can/error.h."""
 
@@ -73,6 +75,8 @@ def _frames(messages: Sequence[can.Message]) -> Iterator[Dated]:
             received=one.is_rx,
             remote=one.is_remote_frame,
             error=one.is_error_frame,
+            error_state_indicator=one.error_state_indicator,
+            dlc=one.dlc,
         )
         yield "/frames", round(one.timestamp * 1e9), frame
 
@@ -107,3 +111,45 @@ def _message_class(name: str, fields: Mapping[str, str], enums: Mapping[str, Map
     pool = DescriptorPool()
     pool.Add(file)
     return GetMessageClass(pool.FindMessageTypeByName(f"{_PACKAGE}.{name}"))
+
+
+class McapMessages:
+    """The messages of a measurement.
+
+    Attributes:
+        count: number of messages so far, of all topics.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.count = 0
+        self._path = path
+
+    def read(self) -> Iterator[Entry]:
+        """Yield the entries of the messages in the order of time. Raises BusError if a package is missing or there is
+        no frame; McapError for a damaged file."""
+        try:
+            from mcap.reader import make_reader
+            from mcap_protobuf.decoder import DecoderFactory
+        except ImportError as error:
+            raise BusError(f"{self._path}: MCAP needs mcap-protobuf-support: {install('mcap')}") from error
+        decoders, has_frames = DecoderFactory(), False
+        with self._path.open("rb") as file:
+            for schema, channel, message in make_reader(file, validate_crcs=True).iter_messages():
+                self.count += 1
+                name = schema.name if schema else channel.topic
+                ours = schema if name == f"{_PACKAGE}.Frame" else None
+                if decode := decoders.decoder_for(channel.message_encoding, ours):
+                    has_frames = True
+                    yield _entry(message.log_time / 1e9, decode(message.data))
+                else:
+                    yield LogEvent(f"record of {name.rpartition('.')[2]}")
+        if not has_frames:
+            raise BusError(f"{self._path}: has no frames of CAN, among {self.count} messages")
+
+
+def _entry(time_s: float, one: Any) -> Entry:
+    if one.error:
+        return error_frame(time_s, one.channel, one.id)
+    fd = FD_FRAME * one.fd | BRS * one.bitrate_switch | ESI * one.error_state_indicator
+    data = None if one.remote else one.data
+    return frame(time_s, one.channel, (one.id, one.extended), data, fd=fd, is_rx=one.received, dlc=one.dlc)

@@ -33,9 +33,10 @@ def write_netcdf(path: Path, episode: Episode, layout: SensorLayout) -> None:
     from scipy.io import netcdf_file
 
     with replacing(path) as temporary, netcdf_file(temporary, "w") as file:
-        file.Conventions, file.title, file.role = "CF-1.11", episode.name, episode.role
+        file.Conventions, file.title, file.role = "CF-1.11", episode.name.encode(), episode.role
         file.provenance = json.dumps(episode.provenance, sort_keys=True)
-        names = np.array([list(name.ljust(max(map(len, layout.names)))) for name in layout.names], "S1")
+        names = np.array([name.encode() for name in layout.names])
+        names = np.char.ljust(names, names.itemsize).view("S1").reshape(len(names), -1)
         for dimension, size in (("t", len(episode)), ("sensor", len(layout)), ("name_length", names.shape[1])):
             file.createDimension(dimension, size)
 
@@ -45,7 +46,7 @@ def write_netcdf(path: Path, episode: Episode, layout: SensorLayout) -> None:
             for attribute, value in attributes.items():
                 setattr(variable, attribute, value)
 
-        put("sensor_name", names, "sensor", "name_length", long_name="name of the sensor")
+        put("sensor_name", names, "sensor", "name_length", long_name="name of the sensor", _Encoding="utf-8")
         for axis, values in zip("xy", layout.positions.T, strict=True):
             put(axis, values, "sensor", units="1", long_name=f"position of the sensor along {axis} in W")
         put("initial_action", np.array(episode.initial_action), units="1", long_name="action before the first row")

@@ -1,13 +1,14 @@
-"""The command that reports on finished runs."""
+"""The command that reports on finished runs, and writes runs, logs and data sets in other formats."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
+from urllib.parse import quote
 
 import typer
 
 from contract.errors import ConfigError
 from stillwake.console.numbers import listed
-from stillwake.console.outputs import check_frames, print_written
+from stillwake.console.outputs import DATASET_SUFFIXES, check_frames, print_written
 from stillwake.console.terminal import console
 
 if TYPE_CHECKING:
@@ -16,7 +17,7 @@ if TYPE_CHECKING:
     from firmware_sim.runs.run_folder import RunFolder
 
 Sources = Annotated[
-    list[Path], typer.Argument(metavar="FOLDER|LOG", help="Folders written by `run`, one or several; or one log.")
+    list[Path], typer.Argument(metavar="FOLDER|FILE", help="Folders written by `run`; or one log, or one data set.")
 ]
 Outputs = Annotated[
     list[Path], typer.Option("--output", help="File to write, by its ending (repeatable).", metavar="FILE")
@@ -30,14 +31,15 @@ def report(sources: Sources, outputs: Outputs = []) -> None:  # noqa: B006
     written into the run's folder. Other endings: .png, .pdf or .svg for one picture, .csv for the series with units in
     the header, .mf4 (ASAM MDF) or .mcap for frames and named signals with units.
 
-    A log of the bus in any format becomes an .mf4 or .mcap with the same signals.
+    A log of the bus in any format becomes an .mf4 or .mcap with the same signals. A data set (.h5) becomes netCDF
+    (.nc): one file an episode, whose name follows the file's if there are several.
 
     stillwake report runs/demo --output demo.mf4 --output demo.mcap
     """
     from can_bridge.logs.log_reader import is_log
 
-    if is_log(sources[0]) and not sources[0].is_dir():
-        _of_log(sources, outputs)
+    if not sources[0].is_dir() and (sources[0].suffix.lower() in DATASET_SUFFIXES or is_log(sources[0])):
+        (_of_log if is_log(sources[0]) else _of_dataset)(sources, outputs)
         return
     from firmware_sim.runs.run_folder import RunFolder
     from firmware_sim.runs.run_page.comparison import write_comparison
@@ -55,6 +57,20 @@ def report(sources: Sources, outputs: Outputs = []) -> None:  # noqa: B006
         print_written(output, write())
     if not outputs:
         console.print(f"wrote {write_report(runs[0])}")
+
+
+def _of_dataset(sources: list[Path], outputs: list[Path]) -> None:
+    from contract.recording.dataset import read
+    from contract.recording.netcdf import write_netcdf
+
+    if len(sources) > 1 or [one.suffix.lower() for one in outputs] != [".nc"]:
+        raise ConfigError(f"{sources[0]}: is a data set; give one, and the file to write with --output FILE.nc")
+    found = read(sources[0])
+    for episode in found.episodes:
+        ending = "" if len(found.episodes) == 1 else f"_{quote(episode.name, safe=' ')}"
+        path = outputs[0].with_stem(f"{outputs[0].stem}{ending}")
+        write_netcdf(path, episode, found.layout)
+        print_written(path, None)
 
 
 def _of_log(sources: list[Path], outputs: list[Path]) -> None:

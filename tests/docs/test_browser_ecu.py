@@ -64,6 +64,15 @@ _DRIVE = """async ([changes, periods]) => {
     return told;
 }"""
 """A drive without the page's clock: [received, sent, operating mode, calibration, refusal] of each period."""
+_CUT = """async () => {
+    const {plot} = Object.assign(stillwake.page, {show() {}}).command;
+    stillwake.page.command.window(9992, 10000);
+    plot.setData(plot.data);
+    await new Promise((drawn) => setTimeout(drawn, 100));
+    const {width, height} = plot.ctx.canvas;
+    return plot.ctx.getImageData(width - 1, height / 2, 1, height / 2).data.some((byte) => byte > 0);
+}"""
+"""Whether the longest last label of the time axis reaches the picture's edge."""
 
 
 @pytest.fixture(scope="module")
@@ -182,6 +191,7 @@ def assert_everyone_can_use(browser, home: str) -> None:
         opened.page.evaluate("stillwake.page.pause(true)")
         assert opened.troubles == []
         assert not opened.is_wider_than_its_window, width
+        assert not opened.page.evaluate(_CUT), width
         # axe asks for the style sheets by requests that a browser refuses for files: troubles of its own.
         assert opened.violations() == [], (dark, width)
         opened.page.context.close()

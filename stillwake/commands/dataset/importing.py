@@ -93,11 +93,11 @@ def import_(
     measurements at t_k and the action commanded at t_k. For numbers with a unit give the size of our unit: --reference
     Cp=240Pa (rho U_inf^2 / 2), t=5ms, Cd=40N, or Cd=-1 for the opposite sign.
 
-    A log of the CAN bus (.log, .asc, .blf, .trc, .mf4, python-can's .csv and .db, also packed as .gz) has commands and
-    the pressures of the four sensors in --layout, in the order of the message; its drag and lift come from --forces. Cp
-    is computed with the vehicle's speed in the log; without it, and for the body's width, with operating_point.
-    --forces LOG=FILE is for one log. --forces-clock states its times: s on the log's clock (log), s since the log's
-    first pressure (start), or t_c since then; a column 't [t_c]' needs no option.
+    A log of the CAN bus (.log, .asc, .blf, .trc, .mf4, .mcap, python-can's .csv and .db, also packed as .gz) has
+    commands and the pressures of the four sensors in --layout, in the order of the message; its drag and lift come from
+    --forces. Cp is computed with the vehicle's speed in the log; without it, and for the body's width, with
+    operating_point. --forces LOG=FILE is for one log. --forces-clock states its times: s on the log's clock (log), s
+    since the log's first pressure (start), or t_c since then; a column 't [t_c]' needs no option.
 
     Nothing is written unless every file is valid. docs/how-to/use-your-own-data.md and
     docs/how-to/train-from-a-can-log.md have examples.

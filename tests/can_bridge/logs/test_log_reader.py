@@ -135,7 +135,7 @@ def test_other_files_are_refused_by_name(tmp_path):
     (tmp_path / "folder.log").mkdir()
     (tmp_path / "a.csv").write_text("name,x,y\n")
     for name, words in (
-        ("a.txt", r"a\.txt: a log must end in \.log, \.asc, \.blf, \.trc, \.mf4, \.csv, \.db, or"),
+        ("a.txt", r"a\.txt: a log must end in \.log, \.asc, \.blf, \.trc, \.mf4, \.mcap, \.csv, \.db, or"),
         ("a", r"`python -m can\.logconvert` makes one of another format"),
         ("a.db.gz", "unpack it first"),
         ("a.csv", "cannot be read as a CAN log .its head is none|line 1: 'name,x,y': must be timestamp,arbitration_id"),

@@ -24,6 +24,7 @@ from can_bridge.wire.frame import Frame
 from contract.errors import BusError, StillwakeError
 from stillwake.console.endings import missing
 from tests.can_bridge.drives.drive_log import DBC, drive, log_of
+from tests.can_bridge.logs.log_texts import frames, identity
 from tests.refused import refused
 
 small_mcap = pytest.importorskip("small_mcap")
@@ -80,6 +81,31 @@ def test_an_mcap_has_frames_and_what_cantools_decodes_of_them(tmp_path):
         ours = {path for path in drawn if path.split(".")[0] in {topic for topic, *_ in named}}
         assert len(ours) == 6
         assert ours <= paths
+
+
+def test_the_frames_of_an_mcap_are_read_as_they_were_given(tmp_path):
+    """Of every kind; a file that is cut, or has no frame, is one line."""
+    sent, path = frames(40), tmp_path / "a.mcap"
+    sent.append(can.Message(timestamp=0.6, arbitration_id=0x7DF, is_remote_frame=True, dlc=5, is_extended_id=False))
+    sent += [can.Message(timestamp=0.61, arbitration_id=bit, is_error_frame=True) for bit in (0x8, 0x20)]
+    for k, one in enumerate(sent):
+        one.channel, one.is_rx, one.error_state_indicator = ("can0", "")[k % 2], k % 4 != 0, one.is_fd and k % 3 == 0
+    run = ChannelGroup(name="Run", times_s=np.arange(3.0), channels=(NamedChannel("a", "", np.arange(3.0)),))
+    write_measurement(path, sent, more=[run])
+    log = CanLog(path)
+    for one, read in zip(sent, log, strict=True):
+        assert (read.is_error_frame, read.arbitration_id) == (one.is_error_frame, one.arbitration_id)
+        assert read.timestamp == pytest.approx(one.timestamp, rel=0, abs=1e-9)
+        assert (identity(read), read.channel) == (identity(one), one.channel)
+    assert log.channels == {"can0": 22, "": 21} and log.events == {"record of Run": 3}
+    whole = path.read_bytes()
+    for length in [*range(0, len(whole), len(whole) // 20), len(whole) - 1]:
+        path.write_bytes(whole[:length])
+        with refused(BusError, r"a\.mcap: cannot be read as a CAN log \("):
+            list(CanLog(path))
+    write_measurement(path, [], more=[run])
+    with refused(BusError, r"a\.mcap: has no frames of CAN, among 3 messages"):
+        list(CanLog(path))
 
 
 def test_damaged_frames_are_counted_by_name_and_a_second_channel_has_its_own_group():

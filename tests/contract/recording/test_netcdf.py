@@ -21,7 +21,7 @@ from tests.contract.recording.random_episodes import episode
 def written(tmp_path):
     """An episode as a data set stores it, and its netCDF file."""
     series = {"Cl": np.array([-1.0, -32767 / 32768, 0.5] * 4)}
-    dataset.write(tmp_path / "a.h5", Dataset(episodes=(episode(series=series),)))
+    dataset.write(tmp_path / "a.h5", Dataset(episodes=(episode("Lauf für Ø", series=series),)))
     (stored,) = dataset.read(tmp_path / "a.h5").episodes
     write_netcdf(tmp_path / "a.nc", stored, TRUCK)
     return stored, tmp_path / "a.nc"
@@ -30,14 +30,14 @@ def written(tmp_path):
 def test_xarray_reads_series_units_and_sensors(written):
     stored, path = written
     with xarray.open_dataset(path, engine="scipy") as found:
-        assert found.attrs["Conventions"] == "CF-1.11" and found.attrs["role"] == "train"
+        assert [found.attrs[name] for name in ("Conventions", "title", "role")] == ["CF-1.11", stored.name, "train"]
         assert dict(found.sizes) == {"t": 12, "sensor": 90}
         for name, values in stored.series.items():
             np.testing.assert_array_equal(found[name], values, err_msg=name)
             assert found[name].attrs["units"] == "1" and found[name].attrs["long_name"]
         assert found["Cp"].dims == ("t", "sensor") and found["Cp"].encoding["dtype"] == np.int16
         assert found["jet_power"].attrs["long_name"] == "power of the jets in rho U_inf^3 W / 2"
-        assert [name.decode().strip() for name in found["sensor_name"].values] == list(TRUCK.names)
+        assert [name.strip() for name in found["sensor_name"].values] == list(TRUCK.names)
         np.testing.assert_array_equal(np.column_stack([found["x"], found["y"]]), TRUCK.positions)
         assert float(found["initial_action"]) == stored.initial_action
 

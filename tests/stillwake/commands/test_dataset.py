@@ -6,7 +6,9 @@ from dataclasses import astuple
 from pathlib import Path
 
 import h5py
+import numpy as np
 import pytest
+import xarray
 
 from contract.config.loading import load_config
 from contract.recording import dataset
@@ -75,6 +77,19 @@ def test_it_lists_episodes_sensors_and_facts_and_draws(run: Run, made: Path, tmp
     status, _, errors = run("inspect", made, "--picture", tmp_path / "a.jpg")
     assert status == 1
     assert "must end in .png" in errors
+
+
+def test_each_episode_becomes_netcdf_by_report(cli: Callable[..., Outcome], made: Path, tmp_path: Path) -> None:
+    assert cli("report", made, "--output", tmp_path / "my.nc").code == 0
+    for episode in dataset.read(made).episodes:
+        with xarray.open_dataset(tmp_path / f"my_{episode.name}.nc", engine="scipy") as found:
+            assert (found.attrs["title"], found.attrs["role"]) == (episode.name, episode.role)
+            assert tuple(name.strip() for name in found["sensor_name"].values) == NAMES
+            np.testing.assert_array_equal(found["Cp"], episode.series["Cp"])
+    with h5py.File(made, "a") as file:
+        del file["episodes/sweep"], file["episodes/calm"]
+    assert cli("report", made, "--output", tmp_path / "one.nc").out == f"wrote {tmp_path / 'one.nc'}\n"
+    assert (tmp_path / "one.nc").read_bytes() == (tmp_path / "my_held out.nc").read_bytes()
 
 
 def test_a_file_that_is_there_is_replaced_only_when_asked_and_a_source_never(

@@ -158,6 +158,7 @@ def test_what_cannot_be_reported_is_refused(all_refused, tmp_path):
         "a.log": "a.log: is a log; give one, and the file to write with --output FILE.mf4",
         "a.log --output x.html": "x.html: a measurement must end in .mf4 or .mcap",
         "b.mf4 --output x.mcap": "b.mf4: there is no such file",
+        "c.h5 --output x.csv": "c.h5: is a data set; give one, and the file to write with --output FILE.nc",
     }
     all_refused("report", rows)
 

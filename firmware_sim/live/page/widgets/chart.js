@@ -6,14 +6,15 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
   const {make, write, format} = stillwake;
   const SHADES = {control: '--wash', hold: '--amber-wash', fault: '--alarm-wash'};
   const FONT = '11px system-ui, sans-serif';
+  /** Pixels at the right of the plot: half of the last label of time, which has at most five characters. */
+  const EDGE = 18;
 
   stillwake.Chart = class {
     /**
      * @param {Element} element to fill.
-     * @param {object} what title, unit, series [{label, colour, dash, width, step, gaps}] (`gaps`
-     *   'join' draws across nulls), lines [{label, value, colour}], least
-     *   and greatest of the axis (else from the data, to multiples of `snap`), height, sync (charts with the same one
-     *   share their cursor), x (whether time is written below), onPick (called with the time that was clicked).
+     * @param {object} what title, series [{label, colour, dash, width, step, gaps}] (`gaps` 'join' draws across
+     *   nulls), lines [{label, value, colour}], least and greatest of the axis (else from the data, to multiples of
+     *   `snap`), height, sync (charts with the same one share their cursor), x (whether time is written below), onPick.
      */
     constructor(element, what) {
       this.what = {height: 150, snap: 0.1, x: true, digits: 2, ...what};
@@ -97,9 +98,8 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
         ticks: {show: false},
       };
       return {
-        width: 300,
-        height,
-        padding: [6, 8, x ? 0 : 4, 0],
+        width: 300, height,
+        padding: [6, EDGE, x ? 0 : 4, 0],
         legend: {show: false},
         cursor: {y: false, drag: {x: false, y: false}, points: {size: 6}, sync: sync ? {key: sync} : undefined},
         scales: {
