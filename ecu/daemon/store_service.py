@@ -167,7 +167,7 @@ def serve_store(
         fatal: list[BaseException] = []
 
         def failed(error: BaseException) -> None:
-            goes_on = "the control goes on"
+            goes_on = "control continues"
             if ecu.needs_reset:
                 # The tester is no longer served, and only a reset would end the update.
                 goes_on = "and with it the process"

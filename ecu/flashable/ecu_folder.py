@@ -62,7 +62,8 @@ def read_folder(folder: Path, *, root: Path | None = None, hardware: str | None 
         raw = (folder / IDENTITY).read_bytes()
     except OSError as error:
         raise ConfigError(
-            f"{folder}: no folder of an ECU ({IDENTITY}: {error.strerror}); `stillwake ecu provision` makes one"
+            f"{folder}: not a folder of an ECU ({IDENTITY}: {error.strerror}); `stillwake ecu provision` makes such a "
+            f"folder"
         ) from error
     try:
         identity = strict_json.decode(raw)
@@ -97,7 +98,7 @@ def provision(
         KeyFileError: the root key cannot be read, or did not sign the list.
     """
     if os.path.lexists(folder) and not (folder.is_dir() and not any(folder.iterdir())):
-        raise OutputError(f"{folder}: is there already; an ECU's memory is never overwritten, name another folder")
+        raise OutputError(f"{folder}: exists already; an ECU's memory is never overwritten, name another folder")
     public = signing.read_public_key(root)
     identity = {"schema": _SCHEMA, "hardware": _name(hardware, "hardware"), "serial": _name(serial, "serial")}
     with replacing(folder) as temporary:

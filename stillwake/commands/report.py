@@ -19,7 +19,8 @@ Sources = Annotated[
     list[Path], typer.Argument(metavar="FOLDER|LOG", help="Folders written by `run`, one or several; or one log.")
 ]
 Outputs = Annotated[
-    list[Path], typer.Option("--output", help="File to write, by its ending (repeatable).", metavar="FILE")
+    list[Path],
+    typer.Option("--output", help="File to write; ending sets the format (repeatable).", metavar="FILE"),
 ]
 
 

@@ -49,7 +49,7 @@ class BurstLoss(SidedFault, section="burst_loss"):
     def __post_init__(self) -> None:
         super().__post_init__()
         most = self.mean_burst / (self.mean_burst + 1.0)
-        wording = f"at most {most:g} with bursts of {self.mean_burst:g}: one frame at least passes between two"
+        wording = f"at most {most:g} with bursts of {self.mean_burst:g}: at least one frame passes between two bursts"
         require(self.loss <= most, self, "loss", wording)
 
     @property
@@ -233,7 +233,7 @@ def _spec_of(frame: Frame) -> MessageSpec | None:
     if spec is None or not spec.names(frame) or len(frame.data) != spec.length:
         return None
     if spec.is_secured:
-        raise BusError(f"{spec.name} is authenticated: a fault ahead of its protection would need the key")
+        raise BusError(f"{spec.name} is authenticated: a fault before its protection would need the key")
     return spec
 
 

@@ -107,7 +107,7 @@ class SimulatedPort:
         if not self.queue.put(frame, self._clock()):
             self.refused += 1
             raise BusError(
-                f"{self.name} has {len(self.queue)} frames waiting for the bus, as many as its queue holds: frame "
+                f"{self.name} has {len(self.queue)} frames waiting for the bus, so its queue is full: frame "
                 f"{frame.frame_id:#x} was not sent"
             )
         if was_empty:

@@ -283,7 +283,7 @@ def test_what_makes_no_series_is_refused_in_one_line() -> None:
         ([message for i, message in enumerate(sound) if i % 4], "no two of its pressures follow each other"),
         (
             [pressure(one, k, k * PERIOD, valid=(True, True, True, False)) for k in range(40)] + sound[1:2],
-            "16 control periods in a row with valid pressures.*, and 3 valid in none",
+            "16 control periods in a row with valid pressures.*, and 3 never valid",
         ),
     ]
     for messages, text in cases:

@@ -152,7 +152,7 @@ def test_what_cannot_go_on_this_bus_is_refused(dbc):
     for used in [0x120, 0x121, DIAGNOSIS_IDS[0]]:
         with refused(BusError, f"Wheels has identifier {used:#x}, which another node sends"):
             read_traffic(renumbered("Wheels", 256, used), BusConfig(), DIAGNOSIS_IDS, seed=0)
-    with refused(BusError, "have one identifier, 0x100"):
+    with refused(BusError, "have the same identifier, 0x100"):
         read_traffic(renumbered("Long", 64, 256), BusConfig(), DIAGNOSIS_IDS, seed=0)
     with refused(BusError, r"Long is CAN FD, which a bus with bus\.frames = classic cannot carry"):
         read_traffic(dbc(), BusConfig(frames="classic"), DIAGNOSIS_IDS, seed=0)

@@ -196,7 +196,7 @@ SPOILT: list[tuple[Callable[[h5py.File], object], str]] = [
     (lambda file: file.create_dataset("x", (8,), "u1", external=[("/etc/passwd", 0, 8)]), "x is virtual or in another"),
     (lambda file: file.create_dataset("x", (10**9,), "f8"), "holds 1000.* values or more: must be at most 134217728"),
     (lambda file: file.create_dataset("x", (1,), "u1", maxshape=(None,), chunks=(2**28,)), "values or more"),
-    (lambda file: file.create_group(b"\xff\xfe"), "is no text that can be printed"),
+    (lambda file: file.create_group(b"\xff\xfe"), "is not printable text"),
 ]
 
 

@@ -83,7 +83,7 @@ def test_what_no_run_holds_is_refused(log_of, tmp_path):
         (lambda header: header["bus"].pop("lost"), "lost"),
         (lambda header: header["metadata"]["weights"].update(lift=-1.0), "lift"),
         # What JSON takes and no page could show.
-        (lambda header: header["traffic"]["nodes"]["ECU"].update(bus_off=math.inf), "Infinity is no number"),
+        (lambda header: header["traffic"]["nodes"]["ECU"].update(bus_off=math.inf), "Infinity is not a number"),
         (lambda header: header.update(enabled_at="x"), "'x': must be a whole number"),
         (lambda header: header.update(enabled_at=7), "from 0 to 6"),
         (lambda header: header["metadata"].update(plant="\ud800"), "no text"),

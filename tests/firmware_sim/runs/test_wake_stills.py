@@ -72,7 +72,7 @@ WRONG = {
     r"6 stills at 5 periods": lambda wake: replace(wake, k=wake.k[:-1]),
     r"must have \(95, 36\)": lambda wake: replace(wake, scene=replace(wake.scene, size=(95, 36))),
     "no WebP": with_a_png,
-    "NaN is no number": lambda wake: replace(wake, scene=replace(wake.scene, view=(0.0, 1.0, 0.0, float("nan")))),
+    "NaN is not a number": lambda wake: replace(wake, scene=replace(wake.scene, view=(0.0, 1.0, 0.0, float("nan")))),
 }
 
 

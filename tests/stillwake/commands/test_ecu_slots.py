@@ -51,9 +51,9 @@ def test_what_cannot_run_is_one_line(good, all_refused):
         "ecu --set bus.interface=udp_multicast --set bus.channel=239.77.0.1",
         {
             "--slots ecu": "--slots: needs --access; `stillwake keygen --secret` makes a key",
-            "--access access.key": "--access: goes with --slots or --mcu",
-            "--hardware x": "--hardware: goes with --slots or --mcu",
-            "--slots none --access access.key": "none: no folder of an ECU",
+            "--access access.key": "--access: needs --slots or --mcu",
+            "--hardware x": "--hardware: needs --slots or --mcu",
+            "--slots none --access access.key": "none: not a folder of an ECU",
             "--slots ecu --access none.key": "none.key",
             f"first {slots}": "BUNDLE: --slots runs the release in its folder",
             f"{slots} --trust x": "--trust: --slots runs",

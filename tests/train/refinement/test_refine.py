@@ -196,7 +196,7 @@ def test_the_predictor_finds_a_linear_system_and_needs_stretches_longer_than_its
     ):
         with pytest.raises(error, match=named):
             check_pairs(layout, sensors)
-    with pytest.raises(ConfigError, match=r"refine\.shortest = 60: must be more than memory"):
+    with pytest.raises(ConfigError, match=r"refine\.shortest = 60: must be more than refine.memory"):
         RefineConfig(shortest=60)
 
 

@@ -12,7 +12,7 @@ CONTROL = FIRST_SEEN._replace(state="CONTROL")
 def test_each_change_is_reported_once():
     for now, expected in [
         (CONTROL, []),
-        (CONTROL._replace(state="HOLD", reason=Reason.STREAM_LOST), ["CONTROL to HOLD: no pressures came"]),
+        (CONTROL._replace(state="HOLD", reason=Reason.STREAM_LOST), ["CONTROL to HOLD: no pressures arrived"]),
         (CONTROL._replace(state="FAULT", reason=Reason.IMPLAUSIBLE), ["the pressures contradict each other; the jets"]),
         (CONTROL._replace(set_aside=("base_0",)), ["base_0 is set aside"]),
         (CONTROL._replace(given_up=True), ["the vehicle gives up control"]),

@@ -36,8 +36,8 @@ def test_others_are_refused_by_their_host_origin_or_token():
 def test_what_is_no_request_gets_an_error():
     cases: dict[str, tuple[str | bytes, ...]] = {
         "is JSON": ("", "{", "[" * 5000, "9" * 5000),
-        "NaN is no number": ('{"set": {"noise": NaN}}',),
-        "-Infinity is no number": ('{"set": {"noise": -Infinity}}',),
+        "NaN is not a number": ('{"set": {"noise": NaN}}',),
+        "-Infinity is not a number": ('{"set": {"noise": -Infinity}}',),
         "is text": (b"{}",),
         "is an object": ("[]", "null"),
         "id: must be": ('{"id": "1"}', '{"id": true}', '{"id": 1.5}'),

@@ -108,7 +108,7 @@ def test_the_summary_counts_what_is_no_frame_by_its_name_and_reads_each_bus_by_i
         shown = cli("can", "decode", tmp_path / f"{name}.asc", "--summary", "--json", tmp_path / f"{name}.json").out
         assert flat(shown).split("data frames, ")[0] == flat(plain).split("data frames, ")[0], name
         assert "16 data frames, 0 remote, 0 error frames in 0.075000 s" in shown, name
-        assert f"lines that are no frames: {words}" in shown or words in shown.rpartition("no frames:")[2], name
+        assert f"lines that are not frames: {words}" in shown or words in shown.rpartition("not frames:")[2], name
         figures = json.loads((tmp_path / f"{name}.json").read_text())["figures"]
         assert figures["frames"] + sum(figures["events"].values()) == len(lines), name
     errors = ["(0.2) can0 20000004#0004000000000000", "(0.3) can0 20000088#00"]
@@ -121,4 +121,4 @@ def test_the_summary_counts_what_is_no_frame_by_its_name_and_reads_each_bus_by_i
     assert "16 data frames, 0 remote, 0 error frames" in one
     assert "it has can0, can1" in cli("can", "decode", tmp_path / "two.log", "--channel", "can2").err
     assert "can1 Pressure" in flat(cli("can", "monitor", tmp_path / "two.log").out)
-    assert "--channel: goes with a log" in cli("can", "monitor", "--channel", "can1").err
+    assert "--channel: needs a log" in cli("can", "monitor", "--channel", "can1").err

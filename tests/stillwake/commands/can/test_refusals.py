@@ -23,7 +23,7 @@ LOAD = {
 MONITOR = {
     "empty.log": "empty.log: holds no CAN frame",
     "": "that bus exists within a run only",
-    "empty.log --for 2": "--for: goes with a bus",
+    "empty.log --for 2": "--for: needs a bus",
     "--for inf": "--for inf: must be a number above 0",
     "--set bus.interface=nonsense": "nonsense",
 }
