@@ -32,7 +32,8 @@ class Surroundings(TypedDict, total=False):
 
     Attributes:
         fault: reason for which it must switch itself off.
-        updating: a new release is to be written: it switches itself off until a reset, as soon as no jet may run.
+        updating: whether a new release is being written. The ECU then switches itself off until a reset, as soon as no
+            jet may run.
     """
 
     fault: Reason | None

@@ -75,7 +75,7 @@ class PeriodInputs:
         off_speed: the vehicle is slower or faster than the release is made for.
         tests: the jets must be shut to measure the wake without them.
         fault: reason for which the ECU must switch itself off in this period, even if good frames arrived.
-        updating: a new release is to be written.
+        updating: a new release is being written.
     """
 
     usable: bool
@@ -193,7 +193,7 @@ class Transition:
     """One row of the table.
 
     Attributes:
-        within: number of periods from the first with the cause to the one that reacts, 1 if they are one period: a
+        within: number of periods from the first period with the cause to the period that reacts, both included: a
             number, or a formula of the ECU's settings.
     """
 

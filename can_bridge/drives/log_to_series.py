@@ -43,7 +43,7 @@ resolution."""
 
 @dataclass(frozen=True, kw_only=True)
 class LogReport:
-    """A report of the data read from a log and of the rest.
+    """A report of the data that were read from a log, and of the data that were not.
 
     Attributes:
         messages: name of the message set.

@@ -14,7 +14,7 @@ class Counters:
 
     Attributes:
         dropped: pressure frames that were dropped because the queue was full.
-        not_sent: frames that the bus did not take.
+        not_sent: frames that the bus refused.
         action: last action sent, U_inf W.
         busy_ns: total time of all steps, from waking until frames were sent.
         latest_wake_ns: largest time from a deadline to the start of its step.

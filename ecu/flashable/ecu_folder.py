@@ -1,10 +1,9 @@
-"""The folder that is the memory of an ECU on a computer: its store, its root key, and which ECU it is.
+"""The folder that is the memory of an ECU on a computer: its store, root key and identity.
 
-    root.pub        public root key
-    ecu.json        schema, hardware, serial
-    *.record, *.image   the store's (`can_bridge.flashing.folder_backing`)
+    root.pub        public root key ecu.json        schema, hardware, serial *.record, *.image   the store's
+    (`can_bridge.flashing.folder_backing`)
 
-Who may write the folder may replace all of it: it should be root's, or the service's alone.
+Write access to the folder allows replacing all of it: only root or the service should have this access.
 """
 
 import fcntl

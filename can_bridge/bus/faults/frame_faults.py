@@ -135,9 +135,9 @@ class Delay(FrameFault, section="delay"):
 
 @dataclass(frozen=True, kw_only=True)
 class Reorder(FrameFault, section="reorder"):
-    """Groups of `window` frames are held back, then received in a random order. `acted` counts those out of place.
+    """Groups of `window` frames are held back, then received in a random order. `acted` counts the frames out of place.
 
-    No frame moves by `window` places or more. Frames held back when the span ends are received at the next look.
+    No frame moves by `window` places or more. Frames held back when the span ends are received at the next reading.
     """
 
     window: Annotated[int, at_least(1)] = 2

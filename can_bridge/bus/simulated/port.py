@@ -78,7 +78,7 @@ class SimulatedPort:
     """A node's connection to a simulated bus, created by `SimulatedBus.port`.
 
     Attributes:
-        refused: frames that the bus did not take because the queue was full or the node bus-off.
+        refused: frames that the bus refused because the queue was full or the node bus-off.
         discarded: frames in the queue when the node went bus-off.
         overruns: frames lost because they arrived while the receive queue was full.
     """
