@@ -31,7 +31,7 @@ LARGEST_DATA_BITRATE: Final = 8_000_000
 _CAN_FD: Final = standard("SAE J2284-4", "CAN FD in vehicles, 500 kbit/s with data at 2 Mbit/s")
 _DELAY: Final = within(0, 10_000, "a longer delay exceeds every horizon")
 _GATE: Final = "explanation/what-shuts-the-jets.md#the-command-gate"
-_LIES: Final = "explanation/what-shuts-the-jets.md#sensors-that-lie"
+_LIES: Final = "explanation/what-shuts-the-jets.md#sensors-that-read-wrongly"
 _HELPS: Final = "explanation/what-shuts-the-jets.md#control-that-does-not-help"
 
 
