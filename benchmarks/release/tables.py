@@ -225,5 +225,5 @@ def steady(results: Path) -> str:
 
 {table(("", "Cd (wall)", "Cd with slots", "mean base Cp"), rows)}
 
-Complete suppression of shedding would save **{bound:.1f} %** of the wall drag; a larger reduction needs a change of the mean
-flow by the jets."""
+Complete suppression of shedding would save **{bound:.1f} %** of the wall drag; a larger reduction needs a change
+of the mean flow by the jets."""
