@@ -42,8 +42,8 @@ def campaign(found: Mapping[str, Any], *, told: bool = False) -> str:
     return f"""{table(heads, rows)}
 
 Measured on {found["date"]} with {facts["bundle_name"]} from {facts["phases"]} starting phases: means, smallest and
-largest values of the starts. An empty last column means in control all of the time; the number in brackets counts starts in
-which a fault latched. {facts["controlled"]:g} t_c with control, averages over the last
+largest values of the starts. An empty last column means in control all of the time; the number in brackets counts
+starts in which a fault latched. {facts["controlled"]:g} t_c with control, averages over the last
 {facts["controlled"] - facts["settle"]:g}. {safe} of {len(figures)} scenarios are safe."""
 
 
