@@ -68,7 +68,7 @@ def test_a_release_is_flashed_and_then_left_alone(flash: Flash, ecu: EcuToFlash)
     name = bundle.load(BUNDLE).manifest.name
     outcome = flash("--dry-run")
     assert outcome.code == 0
-    for words in ("nothing stands against it", "20 ms", "confirmed old"):
+    for words in ("no check failed", "20 ms", "confirmed old"):
         assert words in outcome.out
     assert ecu.memory.written == 0
     outcome = flash("--no-confirm")
@@ -95,7 +95,7 @@ def test_a_release_that_the_ecu_would_refuse_is_not_sent(flash: Flash, ecu: EcuT
 def test_silence(call: Flash, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(asking, "P2_S", 0.01)
     monkeypatch.setattr("can_bridge.tester.sequence.THERE_S", 0.05)
-    ends(call(), 3, "see that it has power, runs with --slots, and that interface, channel, bus.frames and")
+    ends(call(), 3, "check its power, that it runs with --slots, and that interface, channel, bus.frames and")
 
 
 def test_each_error_has_the_status_of_its_remedy() -> None:
@@ -121,7 +121,7 @@ def test_what_the_ecu_objects_to(flash: Flash, ecu: EcuToFlash, tmp_path: Path) 
     assert ecu.memory.written == 0
     ecu.is_wanted = False
     write_key(tmp_path / "wrong.key", bytes([7] * 16))
-    ends(flash("--access", tmp_path / "wrong.key"), 4, "it is not its own")
+    ends(flash("--access", tmp_path / "wrong.key"), 4, "it must be the ECU's")
     assert ecu.runs == "old"
 
 
@@ -153,7 +153,7 @@ def test_what_cannot_begin(
             "--bus :can0": must_be,
             "--bus virtual:": must_be,
             "--bus virtual:x --set bus.channel=y": "already sets bus.channel; leave out --set bus.channel",
-            "--bus simulated:x": "bus.interface = simulated: it is in virtual time",
+            "--bus simulated:x": "bus.interface = simulated: it runs in virtual time",
             "--bus can4711:x": "python-can does not know it",
             "--set ecu.hold_periods=2": "`flash` does not use it",
             "--access missing.key": "missing.key",

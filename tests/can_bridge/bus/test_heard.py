@@ -26,7 +26,7 @@ def line_for(messages: MessageSet, ids: dict[int, int], **rejected: int) -> str:
     [
         (FD, {}, {}, "no frame is received; no ECU on this bus, or another bus.channel"),
         # Its own frames, which some interfaces hear again, are nothing.
-        (FD, {0x120: 16}, {"OWN": 50}, "nothing at all is heard"),
+        (FD, {0x120: 16}, {"OWN": 50}, "no frame is received"),
         (FD, {0x131: 8, 0x141: 8}, {}, "the other node uses the messages for classic CAN: --set bus.frames=classic"),
         (CLASSIC, {0x130: 8}, {}, "the other node uses the messages for CAN FD: --set bus.frames=fd"),
         (FD, {0x132: 24, 0x142: 48}, {}, "for CAN FD, authenticated: it has a key, --set bus.key=FILE"),

@@ -164,7 +164,7 @@ def test_a_trial_whose_key_is_revoked_is_not_confirmed_and_ends():
     """It would not boot again, and the release before would be too old."""
     backing, store = trying_a_second_key(version=2)
     store.take_keys(keys(3, RELEASE, revoked=(SECOND,)))
-    with pytest.raises(OutOfOrderError, match="taken off the list"):
+    with pytest.raises(OutOfOrderError, match="is not in the list"):
         store.confirm()
     _, boot = booted(backing)
     assert (name_of(boot), boot.verdicts[Slot.B]) == ("one", Verdict.REVOKED_KEY)

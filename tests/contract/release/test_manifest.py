@@ -125,7 +125,7 @@ NONSENSE = [
     ("name", "a\x1b]0;title\x07", r"name 'a\x1b]0;title\x07': must be"),
     ("name", "\ud800", "half of a surrogate pair"),
     ("provenance", {"loss": float("nan")}, "NaN is not a number"),
-    ("provenance", {"kind": "linear"}, "a linear controller, which version 1.0.0 alone takes"),
+    ("provenance", {"kind": "linear"}, "a linear controller, which only version 1.0.0 accepts"),
     ("files", {"\x1b[2J": "0" * 64}, r"'\x1b[2J' must be a plain file name"),
     ("files", {str(i): "0" * 64 for i in range(65)}, "files has 65 entries: at most 64"),
     ("surprise\x1b[2J", 1, r"\x1b[2J"),

@@ -49,7 +49,7 @@ def test_a_failure_leaves_nothing(tmp_path: Path) -> None:
     for changes, error, words in (
         ({"keys": keys()[:-1]}, KeyFileError, "key list"),
         ({"image": image("foreign", key=STRANGER)}, ConfigError, "does not know"),
-        ({"image": image("first")[:-1]}, ConfigError, "no bundle in order"),
+        ({"image": image("first")[:-1]}, ConfigError, "not a valid bundle"),
         ({"fits": lambda bundle: Verdict.WRONG_VEHICLE}, ConfigError, "another vehicle"),
         ({"hardware": ""}, ConfigError, "hardware"),
         ({"serial": "a\nb"}, ConfigError, "serial"),

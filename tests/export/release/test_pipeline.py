@@ -220,7 +220,7 @@ def test_neither_is_written_where_one_place_holds_something_else(export, tmp_pat
     for occupied in ("bundle", "c"):
         (tmp_path / occupied).mkdir()
         (tmp_path / occupied / "thesis.txt").write_text("years of work")
-        with pytest.raises(StillwakeError, match="holds something else; name another"):
+        with pytest.raises(StillwakeError, match="holds other files; name another"):
             export(library=True)
         assert [item.name for item in tmp_path.rglob("*")] == [occupied, "thesis.txt"]
         (tmp_path / occupied / "thesis.txt").unlink()

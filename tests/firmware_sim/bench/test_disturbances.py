@@ -91,14 +91,14 @@ def test_what_makes_no_sense_or_could_not_act_is_refused_with_the_reason():
         ("ecu:drip", "no fault 'drip'"),
         ("ecu:disconnect:kind=device_gone", "would end the run with an error"),
         ("noise:level=1@1..", r"'noise:level=1@1\.\.': begins after the end of the run, at 1 s"),
-        ("ecu:drop:probability=1@1..", "begins when the run has ended"),
+        ("ecu:drop:probability=1@1..", "begins after the end of the run"),
         ("dead:sensor=base_1", "base_1 is not in use; the sensors are lower_36, base_7, upper_39, base_0"),
         ("gust:amplitude=0.1,period=5@0..0.4", r"lasts 0\.4 s, must be at least its period, 0\.5 s"),
     ):
         with pytest.raises(ConfigError, match=message):
             Disturbances.parse([text]).check(Config(), SENSORS, duration_s=1.0)
     for text in ("", "drop:probability=0.1", "background:drop:probability=1", "ECU:babble"):
-        with pytest.raises(ConfigError, match="must begin with the node whose port it is in"):
+        with pytest.raises(ConfigError, match="must begin with the node whose port has the fault"):
             parse_node_fault(text)
 
 

@@ -73,7 +73,7 @@ def test_an_ecu_that_leaves_control_does_not_pass_for_one_that_is_fast():
             run.ecu[i, [EcuStage.PLAN_BEGAN, EcuStage.PLAN_ENDED]] = 0
         of_run = judged(run)
         assert (of_run.misses, of_run.without_plan, of_run.left_control) == (0, len(lost), left)
-        assert f"{len(lost)} of them rest on no plan" in of_run.verdict
+        assert f"{len(lost)} of them have no plan" in of_run.verdict
         assert ("left control: FAULT, IMPLAUSIBLE." in of_run.verdict) == left
 
 

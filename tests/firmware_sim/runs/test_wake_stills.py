@@ -67,7 +67,7 @@ def with_a_png(wake: WakeStills) -> WakeStills:
 
 WRONG = {
     "not the series'": lambda wake: replace(wake, t=wake.t + 0.2),
-    "of rising periods from 0 to 5": lambda wake: replace(wake, k=wake.k + 1),
+    "must rise within 0 to 5": lambda wake: replace(wake, k=wake.k + 1),
     "rising periods": lambda wake: replace(wake, k=wake.k[::-1]),
     r"6 stills at 5 periods": lambda wake: replace(wake, k=wake.k[:-1]),
     r"must have \(95, 36\)": lambda wake: replace(wake, scene=replace(wake.scene, size=(95, 36))),

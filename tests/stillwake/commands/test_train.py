@@ -63,7 +63,7 @@ def test_the_same_command_goes_on_and_another_is_refused_or_starts_over(
     assert "model.checkpoints ends: joint fit, iteration 300 of 4000" in flat(outcome.out)
     assert outcome.err == "stopped; the same command continues from joint fit, iteration 300 of 4000\n"
     other = ("train", stopped, "--set", "train.seed=5")
-    line = "holds an unfinished training with train.seed = 0, not 5: finish it with those, or start over"
+    line = "holds an unfinished training with train.seed = 0, not 5: finish it with these settings, or start over"
     assert line in refused(*other)
     assert [options["resume"] for options in called] == [True]
     assert cli(*other, "--restart").code == 130

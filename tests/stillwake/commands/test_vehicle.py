@@ -17,7 +17,7 @@ def test_what_cannot_be_is_one_line(all_refused) -> None:
     all_refused(
         ("vehicle", "--periods", "3", *VIRTUAL),
         {
-            "--set bus.interface=simulated": "bus.interface = simulated: it is in virtual time and connects nothing",
+            "--set bus.interface=simulated": "bus.interface = simulated: it runs in virtual time, without real",
             "--plant wake --episode x": "--episode x: does not go with --plant wake",
             "--state x.npz": "--state x.npz: needs --plant wake: a recording has its own",
             "--drive ramps": "--drive ramps: needs --plant wake: a recording has its own",

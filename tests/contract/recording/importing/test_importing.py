@@ -262,9 +262,9 @@ def test_numbers_in_a_unit_are_divided_by_what_1_is_in_it(tmp_path, layout):
         (tmp_path / "a.csv", [], r"'t \[ms\]' is in 'ms', t must be without dimension: give W / U_inf as in --ref"),
         (tmp_path / "a.csv", ["t=5ms", "Cd=4Pa"], r"'Cd \(N\)' is in 'N' in the file, which --ref"),
         (kilo, ["t=5ms", "Cd=40N"], "'Cp' is in 'kPa', .* --reference Cp=240Pa"),
-        (packed(tmp_path / "d.h5", values, {"units": "1"}), ["Cd=40N"], "'Cd' is in '1' by the file's own word"),
+        (packed(tmp_path / "d.h5", values, {"units": "1"}), ["Cd=40N"], "'Cd' is in '1' in the file"),
         (kilo, ["t=5ms", "Cd=40N", "Cp=-1kPa"], "--reference Cp=-1kPa: a dynamic pressure must be positive"),
-        (kilo, ["drag=1"], "--reference drag=1: 'drag' is no series and no sensor"),
+        (kilo, ["drag=1"], "--reference drag=1: 'drag' is neither a series nor a sensor"),
     ):
         with pytest.raises(DatasetError, match=message):
             imported(path, layout, references=references_of(texts))
@@ -330,7 +330,7 @@ def test_wrong_arguments_and_sensors_are_refused(tmp_path, layout):
     for sources, renamed, message in (
         ([], nothing, "no data file is given"),
         ([one, two], nothing, "two files would make an episode called 'a'"),
-        ([one], {"drag": "Cd"}, "--map drag=Cd: 'drag' is no series and no sensor"),
+        ([one], {"drag": "Cd"}, "--map drag=Cd: 'drag' is neither a series nor a sensor"),
     ):
         with pytest.raises(DatasetError, match=message):
             assemble(sources, layout, FACTS, renamed=renamed)
