@@ -32,11 +32,9 @@ _ON_BASE: Final = "base_"
 MOVED: Final = 0.1
 """Change of the speed that ends a test, in design speeds, because the wake is then a different wake."""
 PATIENCE: Final = 6
-"""Longest test, in `wake_periods`: 18 s with shut jets, in which the vehicle may leave a speed at which control
-harms."""
+"""Longest test, in `wake_periods`: 18 s with shut jets, in which the vehicle may leave a harmful speed."""
 UNSTATED: Final = ((1.0, -1e-3, 1e-3),)
-"""Values for a release that does not state its wake, in Cp: smaller than any wake, so that the wake measured on the
-vehicle counts."""
+"""Values for a release that does not state its wake, in Cp: smaller than any wake, so the measured wake counts."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -166,8 +166,7 @@ LOW_AND_USABLE: Final = Condition(
     "usable pressures, and the request is low", lambda period: period.inputs.usable and not period.request
 )
 STANDING: Final = Condition(
-    "usable pressures, and the request was already high",
-    lambda period: period.inputs.usable and not period.rises,
+    "usable pressures, and the request was already high", lambda period: period.inputs.usable and not period.rises
 )
 INVALID: Final = Condition("the pressure stream is invalid", lambda period: _missing(period) is Reason.STREAM_INVALID)
 TOO_LONG: Final = Condition(

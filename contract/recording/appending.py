@@ -38,7 +38,7 @@ def _to_append(path: Path, facts: Mapping[str, Any], layout: SensorLayout) -> Da
         found = {name: episode.provenance[name] for name in facts if name in episode.provenance}
         for name, there, here in _differences(found, facts):
             raise DatasetError(
-                f"{path}: episode {episode.name} was recorded with {name} = {there}, the new episodes have {here}:  "
+                f"{path}: episode {episode.name} was recorded with {name} = {there}, the new episodes have {here}: "
                 f"name another file"
             )
     return there

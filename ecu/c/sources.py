@@ -23,8 +23,7 @@ def firmware_sources() -> dict[str, bytes]:
     """The sources of the ECU around a control step, the same for every program and vehicle; `board/` and `loader/` have
     the sources of the firmware around the ECU.
 
-    The generated header `sw_ecu_settings.h` (`ecu.in_c.c_settings`) of a program and a vehicle is not included.
-    """
+    The generated `sw_ecu_settings.h` (`ecu.in_c.c_settings`) is not included."""
     around = {"board": sources_in("board"), "loader": loader_sources()}
     return control_sources() | {f"{part}/{name}": text for part in around for name, text in around[part].items()}
 
@@ -64,6 +63,5 @@ def plant_fmu_sources(*parts: str) -> dict[str, bytes]:
 def example_sources() -> dict[str, bytes]:
     """Example programs around the ECU, each with a `main`, by their names in a folder.
 
-    The frames that an example plays back are generated: `examples/pressures.h` (`ecu.in_c.c_examples`).
-    """
+    The frames of an example are generated: `examples/pressures.h` (`ecu.in_c.c_examples`)."""
     return {f"examples/{name}": content for name, content in sources_in("examples").items()}

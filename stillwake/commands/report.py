@@ -19,8 +19,7 @@ Sources = Annotated[
     list[Path], typer.Argument(metavar="FOLDER|LOG", help="Folders written by `run`, one or several; or one log.")
 ]
 Outputs = Annotated[
-    list[Path],
-    typer.Option("--output", help="File to write; ending sets the format (repeatable).", metavar="FILE"),
+    list[Path], typer.Option("--output", help="File; its ending sets the format (repeatable).", metavar="FILE")
 ]
 
 

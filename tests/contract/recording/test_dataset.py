@@ -290,8 +290,8 @@ def test_a_data_set_is_made_or_added_to(written, tmp_path):
 
 def test_another_flow_or_other_sensors_are_refused_by_what_differs(written):
     for facts, named in (
-        ({**FACTS, "flow": {"reynolds": 400.0, "substeps": 30}}, r"flow\.reynolds = 500\.0, .* has 400\.0"),
-        ({**FACTS, "grid": [310, 114]}, r"grid = \[443, 164\], .* has \[310, 114\]"),
+        ({**FACTS, "flow": {"reynolds": 400.0, "substeps": 30}}, r"flow\.reynolds = 500\.0, .* have 400\.0"),
+        ({**FACTS, "grid": [310, 114]}, r"grid = \[443, 164\], .* have \[310, 114\]"),
     ):
         before = written.read_bytes()
         with pytest.raises(DatasetError, match=rf"data\.h5: episode b was recorded with {named}"):

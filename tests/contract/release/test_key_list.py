@@ -66,7 +66,7 @@ def test_a_list_is_as_it_is_described_and_the_root_key_signs_it():
 def test_what_is_no_list_is_refused_even_if_the_root_key_signed_it():
     one, two, many = b"\1" * 32, b"\2" * 32, b"".join(key.raw for key in KEYS)
     for raw, message in (
-        (b'{"keys":[]}', "of an older version; make it again with `stillwake bundle keylist`"),
+        (b'{"keys":[]}', "has an old format; make it again with `stillwake bundle keylist`"),
         (laid_out(0), "version 0: must be in 1..4294967295"),
         (laid_out(keys=b""), "0 keys"),
         (laid_out(keys=many[: 17 * 32], revoked=b""), "17 keys"),

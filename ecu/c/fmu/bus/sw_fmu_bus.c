@@ -219,7 +219,7 @@ static int take_operation(fmu_memory *kept, uint32_t code, const uint8_t *argume
     }
 }
 
-/* After a wrong length the next operations cannot be read. */
+/* A wrong length makes the next operations unreadable. */
 void fmu_take_operations(fmu_memory *kept)
 {
     fmu_side *side = &kept->side;
