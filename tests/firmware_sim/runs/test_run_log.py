@@ -86,7 +86,7 @@ def test_what_no_run_holds_is_refused(log_of, tmp_path):
         (lambda header: header["traffic"]["nodes"]["ECU"].update(bus_off=math.inf), "Infinity is not a number"),
         (lambda header: header.update(enabled_at="x"), "'x': must be a whole number"),
         (lambda header: header.update(enabled_at=7), "from 0 to 6"),
-        (lambda header: header["metadata"].update(plant="\ud800"), "no text"),
+        (lambda header: header["metadata"].update(plant="\ud800"), "not text"),
         (lambda header: header["traffic"]["nodes"].update(ECU=[]), "must be a table"),
         ({"Cl": np.zeros(5)}, r"'Cl' is float64 of shape \(5,\): must be numbers of shape \(6\)"),
         ({"step_ms": np.full(6, math.inf)}, "'step_ms' is"),

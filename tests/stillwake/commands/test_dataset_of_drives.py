@@ -178,7 +178,7 @@ def test_what_is_missing_or_contradicts_itself_is_refused(all_refused: Callable[
             "--forces forces.csv --set bus.frames=classic": "holds no pressure, PressureClassic (0x121)",
         },
     )
-    forced = "no pressures for 5 control periods at 2.000 s; --fill allows 2; with --split"
+    forced = "no pressures for 5 control periods at 2.000 s; --fill allows 2; --split makes"
     all_refused((*call, "--layout", "sensors.csv", "--forces", "forces.csv"), {"train=gap.log": forced})
     three = "a Pressure message has 4 sensors, --layout has 3"
     all_refused((*call, "--layout", "three.csv", "--forces", "forces.csv"), {"train=drive.log": three})

@@ -34,7 +34,7 @@ def good(cli, short_release, tmp_path, monkeypatch):
 def test_it_is_provisioned_once_and_shown(good, refused):
     assert "a key that is not in this ECU's list" in refused(*PROVISION.split(), "--bundle", BUNDLE)
     assert "ECU 42 (bench)" in good(f"{PROVISION} --bundle first")
-    assert "is there already" in refused(*PROVISION.split())
+    assert "exists already" in refused(*PROVISION.split())
     info = good("diagnose --slots ecu --json ecu.json")
     # What runs, the folder cannot know: it must not claim that nothing does.
     assert "confirmed, first" in info and "asks the ECU" in info

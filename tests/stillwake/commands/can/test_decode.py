@@ -64,7 +64,7 @@ def test_decode_prints_a_line_a_frame_and_a_summary_and_writes_a_row_a_signal(
     assert lines[1].endswith("Flow=0 m2/s, PressureCounter=0  [E2E OK]")
     assert lines[3] == "(1700000000.012000) 18FEF100 unknown: 00 00 00 00 00 00 00 00"
     assert "130 JetCommand 3 50.00 0.008000 0.048000 0 OK 3" in flat(decoded.out)
-    assert "12 data frames, 0 remote, 0 error frames in 0.052000 s from 1700000000.000000; load of" in decoded.out
+    assert "12 data frames, 0 remote, 0 error frames in 0.052000 s from 1700000000.000000; bus load by" in decoded.out
     assert cli("can", "decode", tmp_path / "a.blf", "--summary").out.splitlines()[0].strip() == ""
     flows = rows_of(tmp_path / "a.csv", "Flow")
     assert [(row["time_s"], row["id"], row["e2e"], float(row["value"]), row["unit"]) for row in flows[:2]] == [
