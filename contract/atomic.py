@@ -59,8 +59,8 @@ def _check_file(path: Path, there: os.stat_result) -> None:
         raise StillwakeError(f"cannot write {path}: it is neither a file nor a directory")
     if there.st_nlink > 1:
         raise StillwakeError(
-            f"cannot write {path}: the file has {there.st_nlink} names (hard links), and the others would keep the old "
-            "one; remove them, or name another file"
+            f"cannot write {path}: the file has {there.st_nlink} names (hard links), and the other names would keep "
+            "the old content; remove them, or name another file"
         )
     for stream in _STREAMS:
         with suppress(OSError):

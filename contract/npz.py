@@ -42,7 +42,7 @@ def read_npz(path: Path, *, objects: bool = False) -> Arrays:
     numbers and texts, is damaged, or holds more than `MOST_VALUES` values. With `objects`, an array of Python objects
     becomes an empty array."""
     if path.exists() and not path.is_file():
-        raise ValueError("it is no file")
+        raise ValueError("it is not a file")
     found, total = Arrays(), 0
     try:
         with ZipFile(path) as archive:
@@ -51,7 +51,7 @@ def read_npz(path: Path, *, objects: bool = False) -> Arrays:
                     name = item.filename.removesuffix(".npy")
                     shape, in_columns, dtype = _HEADERS[npy.read_magic(file)](file)
                     if dtype.hasobject and not objects:
-                        raise ValueError(f"{name} holds Python's objects, which are not read: save numbers alone")
+                        raise ValueError(f"{name} holds Python objects, which are not read: save only numbers")
                     if dtype.hasobject:
                         found[name] = np.empty(0, dtype=object)
                         continue

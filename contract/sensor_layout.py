@@ -56,11 +56,11 @@ class SensorLayout:
         first, second = np.nonzero(np.triu(_distance(self.positions, self.positions) < SAME_PLACE, 1))
         if first.size:
             one, other = self.names[first[0]], self.names[second[0]]
-            raise ConfigError(f"sensors {one} and {other} are at one place: leave one of them out")
+            raise ConfigError(f"sensors {one} and {other} have one position: leave one of them out")
         if self.base.size and not (self.base.min() >= 0 and self.base.max() < count):
             raise ConfigError(f"base sensors {self.base.tolist()}: must be columns from 0 to {count - 1}")
         if self.mirror is not None and not _is_involution(self.mirror, count):
-            raise ConfigError("mirror images of the sensors: the mirror image of a mirror image must be the sensor")
+            raise ConfigError("mirror images of the sensors: each must have the sensor itself as its mirror image")
 
     def __len__(self) -> int:
         return len(self.names)

@@ -34,7 +34,7 @@ MODEL: Final = _DATA / "model"
 
 def developed() -> Path:
     """Return the path of the developed flow; raises StillwakeError if the data are not installed."""
-    return _present(DEVELOPED, "the developed flow that runs begin from")
+    return _present(DEVELOPED, "the developed flow that runs begin with")
 
 
 def recording() -> Path:

@@ -21,6 +21,6 @@ def read_toml(source: Traversable, what: str) -> dict[str, Any]:
     except OSError as error:
         raise ConfigError(f"{what} {source}: {error.strerror or error}") from error
     except UnicodeDecodeError as error:
-        raise ConfigError(f"{what} {source}: is no text in UTF-8") from error
+        raise ConfigError(f"{what} {source}: is not UTF-8 text") from error
     except (ValueError, RecursionError) as error:  # tomllib's errors, or that of a NUL in the path
         raise ConfigError(f"{what} {source}: {error}") from error

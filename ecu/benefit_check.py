@@ -6,12 +6,12 @@ Where it only deflects the wake, the pressures of mirrored sensors differ more t
 control are measured on the vehicle itself, whenever the jets have been shut for long enough. The speed may have changed
 since, and the wake with it, so both means are divided by the values of the release's own wake at the speed of each
 period. After power-on it is unknown how long the jets had been shut, and a reset under control leaves a calmed wake.
-Until the vehicle has measured for long enough, the larger of its own and the release's wake counts.
+Until the vehicle has measured for long enough, the larger of the measured wake and the release's wake counts.
 
-Control that does not help for a shedding cycle is only suspected, because it is compared with another time, and by a
-speed that may be wrong. So the jets are shut, and the wake is measured without them at this speed. If that wake is
-worse, control continues; it also continues at another speed, about which the test says nothing. Otherwise the fault
-latches in the end. A new request for control starts again.
+If control does not help for a shedding cycle, this is only a suspicion, because the comparison is with an earlier time,
+and the speed may be wrong. So the ECU shuts the jets and measures the wake without them at this speed. If that wake is
+worse, control continues; it also continues if the speed changes, because the test holds only for its own speed.
+Otherwise the fault latches in the end. A new request for control starts again.
 """
 
 from dataclasses import dataclass, replace
@@ -32,9 +32,9 @@ _ON_BASE: Final = "base_"
 MOVED: Final = 0.1
 """Change of the speed that ends a test, in design speeds, because the wake is then a different wake."""
 PATIENCE: Final = 6
-"""Longest test, in `wake_periods`: 18 s. The jets are shut meanwhile, and a speed at which control harms may pass."""
+"""Longest test, in `wake_periods`: 18 s with shut jets, in which the vehicle may leave a harmful speed."""
 UNSTATED: Final = ((1.0, -1e-3, 1e-3),)
-"""Values for a release that does not state its wake, in Cp: smaller than any wake, so that the vehicle's own counts."""
+"""Values for a release that does not state its wake, in Cp: smaller than any wake, so the measured wake counts."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -150,8 +150,9 @@ class BenefitCheck:
     def _tested(
         self, state: BenefitCheckState, cp: Array | None, speed: float
     ) -> tuple[BenefitCheckState, Reason | None]:
-        """Do `next` during a test. The means under control are compared with the wake since the jets were shut, of
-        which more cycles count than of control, because harmful control that is resumed by chance would begin anew."""
+        """Do `next` during a test. The means under control are compared with the wake since the jets were shut. That
+        wake is averaged over more cycles than control, because a wrong verdict by chance would resume harmful control.
+        """
         if cp is None:
             return state, None
         config = self.config

@@ -187,9 +187,9 @@ class ControllerMemory(ArrayValue):
     def with_delay(self, delay: int) -> "ControllerMemory":
         """Change to another delay of the actuator, between two control periods; `delay` is less than the horizon.
 
-        The sent actions stay, but are taken to act at other times: the latest `delay` actions are under way, and each
-        row of the window gets the action that was in force by the new delay. The oldest row's action, zero before the
-        first row, stands for older ones. The plan is shifted, and its action for the next period stays. A past is
+        The sent actions stay, but take effect at other times: the latest `delay` actions are under way, and each row of
+        the window gets the action that was in force by the new delay. The oldest row's action, zero before the first
+        row, also replaces older actions. The plan is shifted, and its action for the next period stays. A past is
         emptied.
         """
         later = delay - len(self.under_way.pending)
@@ -229,7 +229,7 @@ class ControllerMemory(ArrayValue):
         pending = self.under_way.pending
         plan, free = self.plan.copy(), np.ones(len(self.plan))
         # The graph shifts the plan by a step. Its next actions are then those under way to a late actuator, as they
-        # were sent, whatever the gate, a hold or rounding made of the plan.
+        # were sent, even if the gate, a hold or rounding changed the plan.
         plan[1 : 1 + len(pending)] = np.array(pending) / self.speed
         free[: len(pending)] = 0.0
         try:
@@ -258,7 +258,7 @@ class ControllerMemory(ArrayValue):
 def _checked(name: str, values: object, shape: tuple[int, ...]) -> Array:
     """Return a copy of a controller's output; raises ControllerError unless it has this shape and finite numbers."""
     if not isinstance(values, np.ndarray) or values.dtype.kind != "f" or values.shape != shape:
-        raise ControllerError(f"the controller's {name} is no array of numbers of shape {shape}")
+        raise ControllerError(f"the controller's {name} is not an array of numbers of shape {shape}")
     if not np.isfinite(values).all():
         raise ControllerError(f"the controller's {name} is not finite")
     return values.astype(np.float64)

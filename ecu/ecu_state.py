@@ -32,7 +32,7 @@ class Surroundings(TypedDict, total=False):
 
     Attributes:
         fault: reason for which it must switch itself off.
-        updating: a new release is to be written: it switches itself off until a reset, as soon as no jet may run.
+        updating: a new release is being written: the ECU is off until a reset, as soon as no jet may run.
     """
 
     fault: Reason | None

@@ -75,7 +75,7 @@ class PeriodInputs:
         off_speed: the vehicle is slower or faster than the release is made for.
         tests: the jets must be shut to measure the wake without them.
         fault: reason for which the ECU must switch itself off in this period, even if good frames arrived.
-        updating: a new release is to be written.
+        updating: a new release is being written.
     """
 
     usable: bool
@@ -146,10 +146,10 @@ _STANDS: Final = Because("NOT_ARMED; NOT_AUTHENTIC if no frame is", _unless_refu
 _MISSING: Final = Because("why pressures are missing", _missing)
 _WAITING: Final = Because("NONE; OFF_SPEED at such a speed; NOT_HELPING in a test; why pressures are missing", _waiting)
 _OWN: Final = Because("of the fault", lambda period: period.inputs.fault or Reason.INTERNAL)
-_FIRST: Final = Because("the first one stays", lambda period: period.kept)
+_FIRST: Final = Because("the first reason stays", lambda period: period.kept)
 
 ALWAYS: Final = Condition("in any other case", lambda period: True)
-UPDATING: Final = Condition("a release is to be written", lambda period: period.inputs.updating)
+UPDATING: Final = Condition("a release is being written", lambda period: period.inputs.updating)
 OWN_FAULT: Final = Condition(
     "the ECU's own fault: clock, deadline, bus-off, sensors, another ECU, no benefit, controller",
     lambda period: period.inputs.fault is not None,
@@ -166,19 +166,19 @@ LOW_AND_USABLE: Final = Condition(
     "usable pressures, and the request is low", lambda period: period.inputs.usable and not period.request
 )
 STANDING: Final = Condition(
-    "usable pressures, and the request stands from before", lambda period: period.inputs.usable and not period.rises
+    "usable pressures, and the request was already high", lambda period: period.inputs.usable and not period.rises
 )
-INVALID: Final = Condition("the stream is not to be trusted", lambda period: _missing(period) is Reason.STREAM_INVALID)
+INVALID: Final = Condition("the pressure stream is invalid", lambda period: _missing(period) is Reason.STREAM_INVALID)
 TOO_LONG: Final = Condition(
     "more than `hold_periods` + `decay_periods` missing in a row",
     lambda period: period.misses > period.config.hold_periods + period.config.decay_periods,
 )
 TOO_MANY: Final = Condition(
-    "`loss_limit` of the last `loss_window` missing, this one too",
+    "`loss_limit` of the last `loss_window` missing, the present period included",
     lambda period: not period.inputs.usable and period.lost >= period.config.loss_limit,
 )
 FILLING: Final = Condition(
-    "the window is not full, the release is not made for the speed, or a test is whether control helps",
+    "the window is not full, the release is not made for the speed, or a test of control is in progress",
     lambda period: period.inputs.off_speed or period.inputs.tests or not period.inputs.window_full,
 )
 USABLE: Final = Condition("usable pressures", lambda period: period.inputs.usable)
@@ -192,7 +192,7 @@ class Transition:
     """One row of the table.
 
     Attributes:
-        within: number of periods from the first with the cause to the one that reacts, 1 if they are one period: a
+        within: number of periods from the first period with the cause to the period that reacts, both included: a
             number, or a formula of the ECU's settings.
     """
 

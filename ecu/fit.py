@@ -52,14 +52,14 @@ def check_sensors(bundle: Bundle, layout: SensorLayout) -> None:
     try:
         columns = layout.indices(manifest.sensors)
     except ConfigError as error:
-        raise BundleError(f"bundle {manifest.name!r} is of another plant: {error}") from error
+        raise BundleError(f"bundle {manifest.name!r} is for another plant: {error}") from error
     built_for = positions_of(manifest)
     if built_for is None:
         return
     for name, there, here in zip(manifest.sensors, built_for, layout.positions[columns], strict=True):
         if np.abs(there - here).max() > SAME_PLACE:
             raise BundleError(
-                f"bundle {manifest.name!r} was built for another body: its sensor {name} lies at {_place(there)}, on "
+                f"bundle {manifest.name!r} was built for another body: its sensor {name} is at {_place(there)}, on "
                 f"this plant at {_place(here)}, in W"
             )
 

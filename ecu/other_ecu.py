@@ -1,7 +1,7 @@
-"""Detection of another ECU by its frames: a node does not receive its own.
+"""Detection of another ECU by its frames: a node does not receive its own frames.
 
 Two ECUs on one bus would take turns in driving the jets, so each keeps them shut until it has not heard the other for
-`SILENCE_NS`. With a key the frame must be authentic: a forged frame does not shut the jets, a repeated own one does.
+`SILENCE_NS`. With a key the frame must be authentic: a forged frame does not shut the jets, a repeated frame does.
 """
 
 from collections.abc import Sequence

@@ -36,7 +36,8 @@ from contract.release.manifest import FAST_PERIODS, SLOW_PERIODS, SensorEstimato
 from contract.runtime.onnx_estimator import OnnxEstimator
 
 SCORE_PERIODS: Final = 32
-"""Number of periods over which squares are averaged: a shedding cycle, in part of which a wrong reading may fit."""
+"""Number of periods over which squares are averaged: a shedding cycle. During part of a cycle, a wrong reading may
+agree with the others by chance."""
 NOISE_ALLOWED: Final = 0.3
 """Share of the noise's variance: twice the part that the fast average leaves, 1 / (2 FAST_PERIODS - 1), because the
 estimate is noisy, too."""

@@ -41,15 +41,15 @@ def open_plant(
         yield own_wake(config, progress, start=start)
         return
     if start is not None:
-        raise PlantError(f"state {start}: OpenFOAM develops its own; only the own solver begins from a state file")
+        raise PlantError(f"state {start}: OpenFOAM develops its own; only stillwake's solver accepts a file")
     from wake.openfoam.develop import developed, require_truck
     from wake.openfoam.plant import OpenFoamWake
 
     require_truck(config.body)
     if config.flow.refinement != 1.0:
         raise PlantError(
-            f"flow.refinement = {config.flow.refinement:g}: is of the own solver's grid; OpenFOAM's mesh takes "
-            "openfoam.refinement"
+            f"flow.refinement = {config.flow.refinement:g}: is for the grid of stillwake's solver; set "
+            "openfoam.refinement for OpenFOAM's mesh"
         )
     folder = output / "openfoam"
     begin = developed(folder, config.flow, config.openfoam, progress)
@@ -80,7 +80,7 @@ def _start(path: Path | None, config: Config) -> State:
     if state.origin is not None and state.origin.reynolds != reynolds:
         name = "the shipped start" if path is None else f"state {path}"
         raise PlantError(
-            f"flow.reynolds = {reynolds:g}: {name} is of {state.origin.reynolds:g}; `{develops(reynolds)}` makes one, "
-            f"to be given with `--state {start_name(reynolds)} --set flow.reynolds={reynolds:g}`"
+            f"flow.reynolds = {reynolds:g}: {name} is of {state.origin.reynolds:g}; `{develops(reynolds)}` makes a "
+            f"state, to be given with `--state {start_name(reynolds)} --set flow.reynolds={reynolds:g}`"
         )
     return replace(state, substep=0, action=0.0)

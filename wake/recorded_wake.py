@@ -41,7 +41,7 @@ class RecordedWake:
                 f"{flow.control_period:g}"
             )
         self.layout = layout
-        self.description = f"recorded episode {episode.name}, {len(episode)} periods: it does not answer the jets"
+        self.description = f"recorded episode {episode.name}, {len(episode)} periods: it does not respond to the jets"
         self._series, self._length, self._flow = episode.series, len(episode), flow
         self._period = self._substep = 0
         self._action = 0.0

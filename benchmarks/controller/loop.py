@@ -38,7 +38,7 @@ def main(
     parts: Parts = Path("runs/controller_loop"),
     lead_in: Annotated[float, typer.Option(help="Time without control, t_c.")] = 25.0,
     controlled: Annotated[float, typer.Option(help="Time with control, t_c.")] = 100.0,
-    settle: Annotated[float, typer.Option(help="Left out of the controlled averages, t_c.")] = 40.0,
+    settle: Annotated[float, typer.Option(help="Time left out of the controlled averages, t_c.")] = 40.0,
 ) -> None:
     """Run the four closed loops and print a table."""
     weights = _weights_sha256(model)

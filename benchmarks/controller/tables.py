@@ -94,7 +94,7 @@ def _sizes(rows: list[dict[str, Any]], clocks: tuple[str, ...]) -> str:
     heads = ("dynamics/decoder width, iterations, weights", "M MAC", "flash, KiB", "RAM, KiB", "stack, B", "M instr.")
     times = tuple(f"ms at {clock} MHz, modelled" for clock in clocks)
     return table(
-        (*heads, *times, "= host to the bit"),
+        (*heads, *times, "= host bit for bit"),
         [
             (
                 f"{row['dynamics_width']}/{row['decoder_width']}, {row['iterations']}, {row['precision']}",

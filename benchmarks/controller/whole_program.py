@@ -48,7 +48,7 @@ _NODE: Final = re.compile(r'^node: { title: "([^"]+)" label: "([^"]*)"', re.MULT
 _EDGE: Final = re.compile(r'^edge: { sourcename: "([^"]+)" targetname: "([^"]+)"(?: label: "([^"]*)")?', re.MULTILINE)
 _TAKEN: Final = re.compile(r"^(\S+)/\d+ \(.*\n  Type: function.*\n(?:  .*\n)*?  Address is taken\.", re.MULTILINE)
 _COPY: Final = re.compile(r"\.(?:constprop|lto_priv|isra)(?:\.\d+)?")
-"""Endings of copies of a function; the part of a function that GCC makes another one is another one here, too."""
+"""Endings of copies of a function; a part that GCC splits off counts as a separate function here, too."""
 _INDIRECT: Final = "__indirect_call"
 
 

@@ -59,7 +59,7 @@ def main(
     parts: Parts = Path("runs/ecu_loop"),
     lead_in: Annotated[float, typer.Option(help="Time without control, t_c.")] = 25.0,
     controlled: Annotated[float, typer.Option(help="Time with control, t_c.")] = 100.0,
-    settle: Annotated[float, typer.Option(help="Left out of the controlled averages, t_c.")] = 40.0,
+    settle: Annotated[float, typer.Option(help="Time left out of the controlled averages, t_c.")] = 40.0,
     clock_mhz: Annotated[float, typer.Option(help="Of the emulated core, MHz.")] = 480.0,
 ) -> None:
     """Run the three closed loops and print a table."""

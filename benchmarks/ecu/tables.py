@@ -148,5 +148,5 @@ def faults(rows: list[dict[str, Any]]) -> str:
         found.append(
             (fault, *(sum(row[name] for row in of) for name in counts), median, max(row["periods_max"] for row in of))
         )
-    heads = ("fault", "cases", "set aside", "shut", "another one", "unseen", "periods, median", "at most")
+    heads = ("fault", "cases", "set aside", "shut", "healthy", "unseen", "periods, median", "at most")
     return table(heads, found)

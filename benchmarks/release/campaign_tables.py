@@ -36,14 +36,14 @@ def campaign(found: Mapping[str, Any], *, told: bool = False) -> str:
                 _in_control(row),
             )
         )
-    heads = ("scenario", *(["what is done"] * told), "use", "less drag, %", "mean abs Cl", "in control, % (latched)")
+    heads = ("scenario", *(["sentence"] * told), "use", "less drag, %", "mean abs Cl", "in control, % (latched)")
     facts, figures = found["facts"], found["figures"]
     safe = sum(row["safe"] for row in figures)
     return f"""{table(heads, rows)}
 
-Measured on {found["date"]} with {facts["bundle_name"]} from {facts["phases"]} starting phases: means, and the least and
-the most of the phases. In control all of the time where nothing stands; in brackets the starts in which a fault
-latched. {facts["controlled"]:g} t_c with control, averages over the last
+Measured on {found["date"]} with {facts["bundle_name"]} from {facts["phases"]} starting phases: means, smallest and
+largest values of the starts. An empty last column means in control all of the time; the number in brackets counts
+starts in which a fault latched. {facts["controlled"]:g} t_c with control, averages over the last
 {facts["controlled"] - facts["settle"]:g}. {safe} of {len(figures)} scenarios are safe."""
 
 

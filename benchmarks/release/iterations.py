@@ -69,7 +69,7 @@ NONE: Final = {"drag_fluctuation": 0.0, "lift_mean": 0.0, "smoothness": 0.0, "ra
 def main(
     json_file: JsonFile = None,
     parts: Parts = Path("runs/iterations"),
-    phases: Annotated[int, typer.Option(min=2, max=25, help="Starts, equal parts of a shedding cycle apart.")] = 3,
+    phases: Annotated[int, typer.Option(min=2, max=25, help="Number of starts, spread over a shedding cycle.")] = 3,
     workers: Annotated[int, typer.Option(min=1, max=16, help="Processes, a run each at a time.")] = 1,
     bundle: Annotated[Path, typer.Option(help="Another release in place of the shipped one.")] = BUNDLE,
 ) -> None:

@@ -80,7 +80,7 @@ def main(
     pictures: Annotated[Path, typer.Option(help="Folder of the pictures.")] = PICTURES,
     lead_in: Annotated[float, typer.Option(help="Time without control, t_c.", min=5.0)] = 25.0,
     controlled: Annotated[float, typer.Option(help="Time with control, t_c.", min=20.0)] = 100.0,
-    settle: Annotated[float, typer.Option(help="Left out of the controlled averages, t_c.", min=0.0)] = 40.0,
+    settle: Annotated[float, typer.Option(help="Time left out of the controlled averages, t_c.", min=0.0)] = 40.0,
 ) -> None:
     """Run the closed loop once, and write figures and pictures."""
     release, config = open_release(bundle, trust), load_config()

@@ -55,7 +55,7 @@ FIGURES: Final = (
 def main(
     json_file: JsonFile = None,
     parts: Parts = Path("runs/release_loop"),
-    phases: Annotated[int, typer.Option(min=1, max=25, help="Starts, equal parts of a shedding cycle apart.")] = 5,
+    phases: Annotated[int, typer.Option(min=1, max=25, help="Number of starts, spread over a shedding cycle.")] = 5,
     workers: Annotated[int, typer.Option(min=1, max=MOST_WORKERS, help="Processes, a run each at a time.")] = 2,
     bundle: Annotated[Path, typer.Option(help="Another release in place of the shipped one.")] = BUNDLE,
     config_file: Annotated[Path | None, typer.Option("--config", help="Settings of its body and flow (TOML).")] = None,

@@ -225,5 +225,5 @@ def steady(results: Path) -> str:
 
 {table(("", "Cd (wall)", "Cd with slots", "mean base Cp"), rows)}
 
-Suppressing shedding altogether would save **{bound:.1f} %** of the wall drag; more can only come from what the jets do
-to the mean flow."""
+Complete suppression of shedding would save **{bound:.1f} %** of the wall drag; a larger reduction needs a change
+of the mean flow by the jets."""

@@ -61,7 +61,7 @@ class Case(NamedTuple):
 def main(
     json_file: JsonFile = None,
     parts: Parts = Path("runs/weights"),
-    phases: Annotated[int, typer.Option(min=1, max=25, help="Starts, equal parts of a shedding cycle apart.")] = 3,
+    phases: Annotated[int, typer.Option(min=1, max=25, help="Number of starts, spread over a shedding cycle.")] = 3,
     workers: Annotated[int, typer.Option(min=1, max=16, help="Processes, a run each at a time.")] = 1,
     bundle: Annotated[Path, typer.Option(help="Another release in place of the shipped one.")] = BUNDLE,
 ) -> None:

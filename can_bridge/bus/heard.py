@@ -44,11 +44,11 @@ def line(
     wrong = {length: count for length, count in lengths.items() if length != wanted.length}
     if wrong:
         length = max(wrong, key=wrong.__getitem__)
-        return f"{opening}: it comes with {length} bytes and not {wanted.length}, so the {sender} has another DBC"
+        return f"{opening}: it has {length} bytes, must have {wanted.length}, so the {sender} has another DBC"
     if lengths:
-        reason = "MAC, counter or CRC are not right"
-        check = "another bus.key or DBC" if wanted.is_secured else "another DBC, or two nodes that send it"
-        return f"{opening}: {sum(lengths.values())} came, but their {reason}: {check}"
+        reason = "MAC, counter or CRC are wrong"
+        check = "another bus.key or DBC" if wanted.is_secured else "another DBC, or two nodes send it"
+        return f"{opening}: {sum(lengths.values())} arrived, but their {reason}: {check}"
     ids = {frame_id for frame_id, _ in heard.frames} - {spec.frame_id for spec in messages.specs}
     for other in SETS:
         if ids & {spec.frame_id for spec in other.specs}:
@@ -57,16 +57,16 @@ def line(
             return f"{opening}: the other node uses the messages for {other.name}: {advice}"
     if rejected.get(Rejection.WRONG_FORMAT, 0):
         there, here = ("classic", "fd") if wanted.is_fd else ("fd", "classic")
-        return f"{opening}: the other nodes' frames are not for bus.frames = {here}: --set bus.frames={there}"
+        return f"{opening}: the other nodes do not use bus.frames = {here}: --set bus.frames={there}"
     if ids:
         named = ", ".join(f"0x{i:03x}" for i in sorted(ids)[:MOST_NAMED])
         more = "" if len(ids) <= MOST_NAMED else f" and {len(ids) - MOST_NAMED} more"
-        return f"{opening}: no {sender}; heard are other nodes' {named}{more}"
+        return f"{opening}: no {sender}; only other nodes are heard, {named}{more}"
     foreign = {reason: count for reason, count in rejected.items() if count and reason is not Rejection.OWN}
     unusable = [f"{count} {reason.value}" for reason, count in foreign.items()]
     if unusable:
-        return f"{opening}: no {sender}; what is heard cannot be used: {', '.join(unusable)}"
-    return f"{opening}: nothing at all is heard; no {sender} on this bus, or it is another bus.channel"
+        return f"{opening}: no {sender}; the received frames cannot be used: {', '.join(unusable)}"
+    return f"{opening}: no frame is received; no {sender} on this bus, or another bus.channel"
 
 
 class Silence:

@@ -59,7 +59,7 @@ class Rejection(Enum):
     WRONG_FORMAT = "CAN FD for classic, or the reverse"
     """A CAN FD frame although `bus.frames` is classic, or one of our messages in the wrong format."""
     OTHER_ID = "another identifier"
-    OWN = "own frame heard again"
+    OWN = "own frame received again"
     ADAPTER = "adapter refused a command"
     """A serial adapter answered BEL: to a frame that it did not send, or to a command when it was opened."""
 

@@ -121,4 +121,4 @@ class Segment:
 
 def _check_range(offset: int, length: int) -> None:
     if offset < 0 or length < 0 or offset + length > PACKED_BYTES:
-        raise ConfigError(f"calibration: {length} bytes from {offset}: must lie in 0..{PACKED_BYTES}")
+        raise ConfigError(f"calibration: {length} bytes from {offset}: must be in 0..{PACKED_BYTES}")

@@ -61,7 +61,7 @@ def usual_interval(frames: Sequence[CountedFrame], modulus: int) -> float | None
 
 
 def without_repeats(frames: Sequence[CountedFrame], within_s: float) -> list[CountedFrame]:
-    """Return the frames without repetitions, which come again within a time in which the counter cannot wrap."""
+    """Return the frames without repetitions, which have an equal counter before the counter can wrap."""
     kept: list[CountedFrame] = []
     last: dict[bytes, float] = {}
     for frame in frames:

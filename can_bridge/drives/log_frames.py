@@ -76,8 +76,8 @@ def frames_of(
     bus = buses.get(channel, _Bus())
     if bus.goes_back is not None:
         raise DatasetError(
-            f"{path}: times go back from {bus.goes_back[0]:.6f} to {bus.goes_back[1]:.6f} s: two logs in one file, or "
-            f"a logger whose clock was set; cut it there"
+            f"{path}: its times go back from {bus.goes_back[0]:.6f} to {bus.goes_back[1]:.6f} s: two logs in one file, "
+            f"or a logger whose clock was set; cut the log there"
         )
     kept, damaged, forged, seen = bus.kept, bus.damaged, bus.forged, bus.seen
     present = [one for one in sets if one.pressure.spec.frame_id in kept]
@@ -91,7 +91,7 @@ def frames_of(
         )
     pressure, command = present[0].pressure.spec, present[0].command.spec
     if command.frame_id not in kept:
-        raise without("command", [command], "; without commands it is unknown what the jets did")
+        raise without("command", [command], "; without commands the actions of the jets are unknown")
     ids = (pressure.frame_id, command.frame_id, present[0].speed.spec.frame_id)
     others["of other messages"] = seen.total() - sum(seen[one] for one in ids)
     others["on other channels"] = sum(other.seen.total() for name, other in buses.items() if name != channel)
@@ -167,7 +167,7 @@ def _channel_of(path: Path, buses: Mapping[str, _Bus], specs: Mapping[int, Messa
             f"{name} ({', '.join(f'{count} {message}' for message, count in ours[name])})" for name in sorted(found)
         )
         raise DatasetError(
-            f"{path}: holds frames of ours on the channels {' and '.join(texts)}; choose one with --channel"
+            f"{path}: holds stillwake's frames on the channels {' and '.join(texts)}; choose one with --channel"
         )
     return found[0] if found else next((name for name, bus in buses.items() if bus.damaged), next(iter(buses), ""))
 

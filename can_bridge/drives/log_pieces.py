@@ -70,7 +70,7 @@ class Cutter:
             self._cut(f"no pressures for about {periods} control periods {at}", f"; --fill allows {self._fill}")
         else:
             self._cut(
-                f"the pressures' counter and the log's clock part {at}: the sender began again, or a clock was set"
+                f"the pressures' counter and the log's clock disagree {at}: the sender restarted, or a clock was set"
             )
 
     def add(self, table: Array, clock: SenderClock, moves: Mask) -> None:
@@ -80,14 +80,14 @@ class Cutter:
         self.ever_valid |= present[:, :SENSORS].any(axis=0)
         whole = np.flatnonzero(present.all(axis=1))
         if not len(whole):
-            self._note(f"{len(table) - 1} rows {self._at(clock, 1)} have none that is whole: left out")
+            self._note(f"{len(table) - 1} rows {self._at(clock, 1)} have no complete speed: left out")
             return
         # Missing rows at the ends are no gap: the log began before the ECU, or ended between two frames.
         head, tail = int(whole[0]), int(whole[-1]) + 1
         if len(table) - 1 > tail - head:
             self._note(
-                f"{self._at(clock, 1)}, {head - 1} rows in front of the first whole one are left out, and "
-                f"{len(table) - tail} behind the last"
+                f"{self._at(clock, 1)}, {head - 1} rows before the first complete row are left out, and "
+                f"{len(table) - tail} after the last"
             )
         cut = np.zeros(tail, dtype=np.bool_)
         short: list[tuple[str, int, int]] = []
@@ -150,7 +150,7 @@ class Cutter:
 
     def _cut(self, what: str, why: str = "") -> None:
         if not self._split:
-            raise DatasetError(f"{self._path}: {what}{why}; with --split both sides become episodes of their own")
+            raise DatasetError(f"{self._path}: {what}{why}; --split makes separate episodes of both parts")
         self._note(f"{what}: cut there")
 
     def _note(self, line: str) -> None:

@@ -43,7 +43,7 @@ resolution."""
 
 @dataclass(frozen=True, kw_only=True)
 class LogReport:
-    """A report of the data read from a log and of the rest.
+    """A report of the data that were read from a log, and of the data that were not.
 
     Attributes:
         messages: name of the message set.
@@ -122,7 +122,7 @@ def series_of(
     speeds = vehicle_speeds(log.speeds, log.messages, scales.believed)
     interval_s = usual_interval(log.pressures, modulus)
     if interval_s is None:
-        raise DatasetError(f"{path}: no two of its pressures follow each other: every other frame is missing")
+        raise DatasetError(f"{path}: none of its pressures are consecutive: every other frame is missing")
     if speeds is None:
         nominal_s, point = scales.period_s, scales.point
         _check_period(path, interval_s, scales)
@@ -168,7 +168,7 @@ def series_of(
             f"{path}: no part of it has {SHORTEST_PIECE} control periods in a row with valid pressures and commands; "
             f"it has {len(log.pressures)} pressures and {len(log.commands)} commands"
             + (f", and {without_speed} rows without the speed of a moving vehicle" if without_speed else "")
-            + (f", and {', '.join(dead)} valid in none" if dead else "")
+            + (f", and {', '.join(dead)} never valid" if dead else "")
         )
     pieces, is_resampled = cutter.pieces, False
     if speeds is not None:
@@ -180,7 +180,7 @@ def series_of(
         "not authentic": log.forged,
         "repeated": repeated + len(log.commands) - len(commands),
         "out of sequence": misplaced,
-        "of a speed repeated, or that no vehicle gets to so fast": 0 if speeds is None else speeds.left_out,
+        "with a repeated speed, or a speed that no vehicle reaches so fast": 0 if speeds is None else speeds.left_out,
         **log.others,
     }
     report = LogReport(
@@ -210,7 +210,7 @@ def _point_of(path: Path, speeds: VehicleSpeeds, period_s: float, scales: Scales
     if not len(moving):  # or the control period is of another vehicle
         moving = speeds.speed[speeds.speed > 0.0]
     if not len(moving):
-        raise DatasetError(f"{path}: its VehicleSpeed frames say 0 m/s: the vehicle stands, so there is no Cp")
+        raise DatasetError(f"{path}: its VehicleSpeed frames state 0 m/s: the vehicle stands, so Cp is not defined")
     median, known = float(np.median(moving)), speeds.density[np.isfinite(speeds.density)]
     words = {"speed": (moving, "m/s"), "density": (known, "kg/m3")}
     for name, (values, unit) in words.items():
@@ -220,7 +220,7 @@ def _point_of(path: Path, speeds: VehicleSpeeds, period_s: float, scales: Scales
         if not values.min() * (1 - _CONTRADICTS) <= setting <= values.max() * (1 + _CONTRADICTS):
             raise DatasetError(
                 f"{path}: operating_point.{name} = {setting:g} {unit}, its VehicleSpeed frames say "
-                f"{float(np.median(values)):g} {unit}: leave the setting out, the log's own makes Cp"
+                f"{float(np.median(values)):g} {unit}: leave the setting out, Cp is computed with the log's value"
             )
     point = replace(scales.point, speed=median, density=float(np.median(known)) if len(known) else scales.point.density)
     step = period_s / point.width

@@ -26,11 +26,11 @@ class BootReason(Enum):
     CONFIRMED = 1, "confirmed"
     TRIAL = 2, "on trial"
     """An activated image that has not been confirmed yet."""
-    REVERTED = 3, "confirmed; the release on trial was given up"
+    REVERTED = 3, "confirmed; the release on trial was rejected"
     """The confirmed image, because the image on trial failed a check or was not confirmed in time."""
-    FALLBACK = 4, "the one before; the confirmed release is not in order"
+    FALLBACK = 4, "the release before; the confirmed release is damaged"
     """The release before the confirmed release, because the confirmed release failed a check."""
-    NO_RELEASE = 5, "no release is in order"
+    NO_RELEASE = 5, "every release is damaged or missing"
     """No image passed its checks: the jets stay shut, and a release can be flashed."""
 
 

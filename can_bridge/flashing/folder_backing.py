@@ -182,9 +182,9 @@ class FolderBacking:
         """Write after the data written since the slot was erased. Raises MediumError if the data do not fit, the disk
         is full, or the slot was not prepared since power-on."""
         if slot not in self._written:
-            raise MediumError(f"slot {slot.name}: clear it, or begin again, before writing to it", 0)
+            raise MediumError(f"slot {slot.name}: clear it, or announce an image again, before writing to it", 0)
         if self._written[slot] + len(data) > self._capacity:
-            raise MediumError(f"slot {slot.name}: holds {self._capacity} bytes, no more fit", self._capacity)
+            raise MediumError(f"slot {slot.name}: holds {self._capacity} bytes, so no more data fits", self._capacity)
         before = self._written.pop(slot)
         self._unsynced.add(slot)
         self._files.append(_slot_file(slot), data)

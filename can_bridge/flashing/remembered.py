@@ -71,14 +71,14 @@ class Remembered:
         if self.keys is not None:
             if listed.version <= self.keys.version:
                 raise KeyFileError(
-                    f"key list: version {listed.version}: must be greater than {self.keys.version}, which this ECU has"
+                    f"key list: version {listed.version}: must be greater than this ECU's version, {self.keys.version}"
                 )
             for slot in needed:
                 signer = PublicKey(self.state.slots[slot].signer)
                 if signer in self.keys.keys - listed.keys:
                     raise KeyFileError(
-                        f"key list: lacks key {signer.fingerprint}, which signed the confirmed release; confirm one by "
-                        "another key first"
+                        f"key list: lacks key {signer.fingerprint}, which signed the confirmed release; confirm a "
+                        "release with another key first"
                     )
         self.backing.keep(RecordKind.KEYS, raw)
         self.keys = listed
@@ -165,5 +165,5 @@ def decode_calibrations(raw: bytes) -> dict[str, bytes]:
     except struct.error as error:
         raise ValueError(f"calibrations: {len(raw)} bytes, of which the last are missing") from error
     if encode_calibrations(kept) != raw:
-        raise ValueError(f"calibrations: {len(raw)} bytes, which no store writes; must begin with {_MAGIC.decode()}")
+        raise ValueError(f"calibrations: {len(raw)} bytes: must begin with {_MAGIC.decode()}")
     return kept

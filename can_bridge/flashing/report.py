@@ -152,7 +152,7 @@ def decode(raw: bytes) -> StoreReport:
             failed_attempts={Level.PROGRAMMING: programming, Level.CALIBRATION: calibration},
         )
     except (ValueError, struct.error) as error:
-        raise BusError(f"the ECU's report of its store is damaged ({shown(error)}); read it again") from error
+        raise BusError(f"the ECU's report of its store is damaged ({shown(error)}); read the report again") from error
 
 
 def _slot(raw: bytes, at: int) -> tuple[SlotReport, int]:

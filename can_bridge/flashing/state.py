@@ -175,7 +175,7 @@ def decode(raw: bytes) -> StoreState:
     if first.phase == second.phase and first.phase in (SlotPhase.CHECKED, SlotPhase.TRIAL):
         raise ValueError(f"state: both slots are {first.phase.name}")
     if encode(state) != raw:
-        raise ValueError("state: has bytes that no store writes")
+        raise ValueError("state: has unknown bytes")
     return state
 
 

@@ -169,7 +169,7 @@ class Store:
         slot, standing = self._transfer()
         if standing.phase != SlotPhase.FILLING or standing.received + len(data) > standing.length:
             raise OutOfOrderError(
-                f"image: {len(data)} bytes behind {standing.received}: must end at the announced {standing.length}"
+                f"image: {len(data)} bytes after {standing.received}: must end at the announced {standing.length}"
             )
         self._announced = None
         self._remembered.backing.append(slot, data)
@@ -213,7 +213,7 @@ class Store:
         if slot is None:
             if trial is not None and trial != self._running:
                 return
-            raise OutOfOrderError("no image to activate: one must be transferred and checked first")
+            raise OutOfOrderError("no image to activate: transfer and check an image first")
         if trial is not None:
             state = state.with_slot(trial, _given_up(state.slots[trial]))
         self._remembered.keep(
@@ -228,11 +228,11 @@ class Store:
         slot = self._running
         phase = None if slot is None else self.state.slots[slot].phase
         if slot is None or phase not in (SlotPhase.TRIAL, SlotPhase.CONFIRMED):
-            raise OutOfOrderError("no release to confirm: an activated one must run")
+            raise OutOfOrderError("no release to confirm: an activated release must run")
         if phase == SlotPhase.TRIAL:
             if self.keys is None or PublicKey(self.state.slots[slot].signer) not in self.keys.keys:
                 # The release would not boot again, and the release before may be too old after the confirmation.
-                raise OutOfOrderError("the release on trial is signed by a key that was taken off the list: revert it")
+                raise OutOfOrderError("the key that signed the release on trial is not in the list: revert it")
             self._confirm(slot)
 
     def _confirm(self, slot: Slot) -> None:
@@ -257,7 +257,7 @@ class Store:
         # The running release decides: if the answer is lost, a repeated request must not revert the first one.
         now = self._running if self._running is not None else active
         if now is None or self.state.slots[now.other].phase != SlotPhase.CONFIRMED:
-            raise OutOfOrderError("no release to go back to: none is on trial, and none was confirmed before")
+            raise OutOfOrderError("no release to revert to: none is on trial, and no earlier one was confirmed")
         verdict, _ = yield from self._remembered.judged(now.other)
         if verdict == Verdict.GOOD and active != now.other:
             self._remembered.keep(replace(self.state, active=now.other))
@@ -281,7 +281,7 @@ class Store:
             MediumError: it cannot be stored.
         """
         if self._running is None:
-            raise OutOfOrderError("no release to keep a calibration for: one must run")
+            raise OutOfOrderError("no release for the calibration: a release must run")
         self._remembered.keep_calibration(self.state.slots[self._running].digest, blob)
 
     def _writable_slot(self) -> Slot:
@@ -291,7 +291,7 @@ class Store:
         if running is None or (active is not None and self.state.slots[running].phase != SlotPhase.CONFIRMED):
             return Slot.A if active is None else active.other
         if active is not None and running != active and not self._is_known_bad(active):
-            raise OutOfOrderError("the release before boots from the next reset on: reset the ECU first")
+            raise OutOfOrderError("the previous release boots at the next reset: reset the ECU first")
         return running.other
 
     def _without(self, slot: Slot) -> StoreState:
@@ -314,7 +314,7 @@ class Store:
 
     def _transfer(self) -> tuple[Slot, SlotState]:
         if self._announced is None:
-            raise OutOfOrderError("no image is announced: announce it first")
+            raise OutOfOrderError("no image is announced: announce an image first")
         return self._announced, self.state.slots[self._announced]
 
 

@@ -149,7 +149,7 @@ class _Clock:
             if since is None or time_s + since < self._latest:
                 raise ValueError(
                     f"its time goes back from {self._latest:.6f} to {time_s:.6f} s with a trigger block, whose date "
-                    f"{quoted(self._date.strip(), 60)} does not tell by how much"
+                    f"{quoted(self._date.strip(), 60)} does not state by how much"
                 )
             self.offset_s = since
         self._is_new, self._has_frames = False, True
@@ -190,7 +190,7 @@ def _entry(time_s: float, words: list[str], text: str, base: int) -> Entry:
     direction = words[3].lower() if len(words) > 3 else ""
     if direction not in _DIRECTIONS:
         if words[2] in IDS or _identifier(words[2], base) is not None:
-            raise ValueError(f"{quoted(text, 60)} has neither Rx nor Tx behind the identifier")
+            raise ValueError(f"{quoted(text, 60)} has neither Rx nor Tx after the identifier")
         return _event(words[2], text)
     if direction == "txrq":
         return LogEvent(REQUEST)
@@ -214,7 +214,7 @@ def _entry(time_s: float, words: list[str], text: str, base: int) -> Entry:
 
 def _on_fd_channel(time_s: float, words: list[str], base: int) -> Entry:
     if len(words) < 5 or words[3].lower() not in _DIRECTIONS:
-        raise ValueError(f"{quoted(' '.join(words), 60)} has neither Rx nor Tx behind the channel")
+        raise ValueError(f"{quoted(' '.join(words), 60)} has neither Rx nor Tx after the channel")
     channel, direction = words[2], words[3].lower()
     if words[4].lower() == "errorframe":
         return error_frame(time_s, channel)
@@ -237,7 +237,7 @@ def _on_fd_channel(time_s: float, words: list[str], base: int) -> Entry:
     elif flags & _REMOTE_FLAG:
         return frame(time_s, channel, found, None, dlc=length_of(code, is_fd=False), is_rx=is_rx)
     if length != length_of(code, is_fd=bool(fd & FD_FRAME)):
-        raise ValueError(f"length code {code} does not stand for {length} bytes")
+        raise ValueError(f"length code {code} does not mean {length} bytes")
     return frame(time_s, channel, found, bytes_of(rest[4:], length, base), fd=fd if fd & FD_FRAME else 0, is_rx=is_rx)
 
 

@@ -85,7 +85,7 @@ class Objects:
         """Yield the entries of the objects. Raises ValueError for a file that is no BLF; CutOffError if truncated."""
         head = self._file.read(_FILE.size)
         if head[:4] != b"LOGG" or len(head) < _FILE.size:
-            raise ValueError("its head is none of a BLF")
+            raise ValueError("its header is not that of a BLF")
         _, header_size, announced, _, *start = _FILE.unpack(head)
         there = len(head) + len(self._file.read(header_size - _FILE.size))
         year, month, _, day, hour, minute, second, ms = start
@@ -101,9 +101,9 @@ class Objects:
                 for kind_inside, object_inside, header_inside in inside.objects(_unpacked(one)):
                     yield self._entry(kind_inside, object_inside, header_inside, start_ns)
         if announced > there:
-            raise CutOffError(f"{announced} bytes announced, {there} there")
+            raise CutOffError(f"{announced} bytes announced, {there} present")
         if outside.has_rest or inside.has_rest:
-            raise CutOffError("its last object is not whole")
+            raise CutOffError("its last object is incomplete")
 
     def _entry(self, kind: int, one: bytes, header: int, start_ns: int) -> Entry:
         self.count += 1
@@ -144,7 +144,7 @@ class _Stream:
             begin = data.find(b"LOBJ", at, at + 8)
             if begin < 0:
                 if len(data) - at >= 8:
-                    raise ValueError(f"no object begins where one must, behind {at} bytes of a block")
+                    raise ValueError(f"no object begins after {at} bytes of a block, where an object must begin")
                 break
             if len(data) - begin < _BASE.size:
                 break
@@ -178,5 +178,5 @@ def _frame(
     if flags & _REMOTE and not fd:
         return frame(time_s, str(channel), ident, None, dlc=length, is_rx=is_rx)
     if len(data) < length:
-        raise ValueError(f"{length} bytes announced, {len(data)} there")
+        raise ValueError(f"{length} bytes announced, {len(data)} present")
     return frame(time_s, str(channel), ident, data[:length], fd=fd, is_rx=is_rx)

@@ -104,19 +104,19 @@ class _Clock:
             raise self._differences(f"{self._not_later} of {self._count} frames are not later than the one before")
 
     def _differences(self, why: str) -> ValueError:
-        return ValueError(f"{why}: the times count from the line before, as of `candump -t d`; {_REMEDY}")
+        return ValueError(f"{why}: the times count from the line before, as `candump -t d` writes them; {_REMEDY}")
 
 
 def _entry(text: str, clock: _Clock, *, is_whole: bool) -> Entry:
     if (log := _LOG.fullmatch(text)) is not None:
         time, channel, digits, body, direction = log.groups()
         if not is_whole and direction is None:
-            raise CutOffError("its last line has no end, and may be the part of one")
+            raise CutOffError("its last line has no end, and may be incomplete")
         if body.startswith("##"):
             return LogEvent(XL)
         return _logged(clock.of(time, channel), channel, _ident(digits), body, is_rx=direction not in ("T", "t"))
     if (screen := _SCREEN.fullmatch(text)) is None:
-        raise ValueError(f"{quoted(text, 60)} is no line of candump")
+        raise ValueError(f"{quoted(text, 60)} is not a line of candump")
     time, channel, direction, digits, length, code, rest = screen.groups()
     if length is not None and int(length) > FD_LENGTHS[-1]:
         return LogEvent(XL)
@@ -133,7 +133,7 @@ def _entry(text: str, clock: _Clock, *, is_whole: bool) -> Entry:
     words = rest.split()
     data = bytes_of(words, count)
     if words[count:] and not words[count].startswith("'"):
-        raise ValueError(f"{count} bytes announced, {len(words)} there")
+        raise ValueError(f"{count} bytes announced, {len(words)} present")
     return frame(time_s, channel, ident, data, fd=fd, is_rx=is_rx)
 
 
@@ -146,7 +146,7 @@ def _logged(time_s: float, channel: str, ident: Ident, body: str, *, is_rx: bool
     if flags := _FD.fullmatch(body):
         fd, body = FD_FRAME | BRS * (int(flags[1], 16) & 1) | ESI * (int(flags[1], 16) >> 1 & 1), flags[2]
     if (bare := _DATA.fullmatch(body)) is None:
-        raise ValueError(f"{quoted(body, 60)} is no data of a frame")
+        raise ValueError(f"{quoted(body, 60)} is not the data of a frame")
     data = bytes.fromhex(bare[1].replace(".", ""))
     check_length(len(data), is_fd=bool(fd))
     return frame(time_s, channel, ident, data, fd=fd, is_rx=is_rx)

@@ -16,7 +16,7 @@ HEADER_LINE: Final = "header"
 COMMENT: Final = "comment"
 REQUEST: Final = "transmit request"
 """A node has requested to send a frame. The frame itself is another entry, or was never sent."""
-NOT_OURS: Final = "frame by a name that is not ours"
+NOT_OURS: Final = "frame with a name that is not stillwake's"
 """Event name of a frame whose name, in place of an identifier, is not one of our messages."""
 XL: Final = "CAN XL frame"
 
@@ -102,7 +102,7 @@ def length_of(code: int, *, is_fd: bool) -> int:
 def check_length(length: int, *, is_fd: bool) -> int:
     """Return the length. Raises ValueError for a length that no frame has."""
     if length not in (FD_LENGTHS if is_fd else CLASSIC_LENGTHS):
-        raise ValueError(f"{length} bytes are no length of {'CAN FD' if is_fd else 'classic CAN'}")
+        raise ValueError(f"{length} bytes are not a length of {'CAN FD' if is_fd else 'classic CAN'}")
     return length
 
 
@@ -111,7 +111,7 @@ def bytes_of(words: list[str], length: int, base: int = 16) -> bytes:
     hexadecimal byte must have two digits, so that a truncated byte is detected."""
     there = [word for word in words[:length] if _BYTE[base].fullmatch(word)]
     if len(there) < length:
-        raise ValueError(f"{length} bytes announced, {len(there)} there")
+        raise ValueError(f"{length} bytes announced, {len(there)} present")
     return bytes(int(word, base) for word in there)
 
 

@@ -62,10 +62,10 @@ def check_suffix(path: Path) -> None:
     if suffix_of(path) not in LOG_SUFFIXES:
         raise BusError(
             f"{path}: a log must end in {', '.join(LOG_SUFFIXES)}, or one of them and {PACKED}; "
-            f"`python -m can.logconvert` makes one of another format"
+            f"`python -m can.logconvert` converts other formats"
         )
     if path.suffix.lower() == PACKED and suffix_of(path) in _UNPACKED:
-        raise BusError(f"{path}: unpack it first (gunzip): {suffix_of(path)} is not read packed")
+        raise BusError(f"{path}: unpack it first (gunzip): a compressed {suffix_of(path)} cannot be read")
 
 
 class CanLog:
@@ -125,7 +125,7 @@ class CanLog:
             except Exception as error:
                 raise BusError(f"{self.path}: cannot be read as a CAN log ({error or type(error).__name__})") from error
         if self._only and not self._only & set(self.channels):
-            names = ", ".join(name or "one without a name" for name in sorted(self.channels)) or "none"
+            names = ", ".join(name or "a channel without a name" for name in sorted(self.channels)) or "none"
             raise BusError(f"{self.path}: --channel {', '.join(sorted(self._only))}: it has {names}")
 
     def _opened(self, stack: ExitStack) -> tuple[Lines | Objects | TableRows | Records | McapMessages, Iterator[Entry]]:

@@ -90,7 +90,7 @@ class Records:
                     others.append(LogEvent(_NAMES.get(name, f"record of {name}"), rows))
             if not has_frames:
                 counts = ", ".join(f"{one.name} {one.lines}" for one in others) or "nothing"
-                raise BusError(f"{self._path}: has no frames of CAN (groups {_DATA} and others); it has {counts}")
+                raise BusError(f"{self._path}: has no CAN frames (groups {_DATA} and others); it has {counts}")
             yield from others
             yield from merge(*groups, key=lambda message: message.timestamp)
 
@@ -136,6 +136,6 @@ def _frames(kind: str, fields: Mapping[str, Any], start_s: float) -> Iterator[ca
         there = of("DataLength", row) if "DataLength" in columns else length
         data = np.asarray(columns["DataBytes"][row], dtype=np.uint8).tobytes()[:there]
         if len(data) != length:
-            raise ValueError(f"record {row + 1} of {kind}: {length} bytes announced, {len(data)} there")
+            raise ValueError(f"record {row + 1} of {kind}: {length} bytes announced, {len(data)} present")
         fd |= (BRS * (of("BRS", row) == 1) | ESI * (of("ESI", row) == 1)) if fd else 0
         yield frame(time_s, channel, ident, data, fd=fd, is_rx=is_rx)

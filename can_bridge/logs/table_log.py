@@ -68,6 +68,6 @@ def _entry(time_s: float, frame_id: int, flags: list[bool], dlc: int, data: byte
     if is_remote:
         return frame(time_s, "", (frame_id, is_extended), None, dlc=dlc)
     if dlc != len(data):
-        raise ValueError(f"{dlc} bytes announced, {len(data)} there")
+        raise ValueError(f"{dlc} bytes announced, {len(data)} present")
     is_fd = len(data) > 8 or (frame_id in FD_IDS and not is_extended)
     return frame(time_s, "", (frame_id, is_extended), data, fd=FD_FRAME | BRS if is_fd else 0)

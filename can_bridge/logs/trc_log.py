@@ -72,7 +72,7 @@ def read_trc(lines: Lines, since_epoch: SinceEpoch) -> Iterator[Entry]:
 
 def _entry(text: str, columns: list[str], start_s: float, *, is_whole: bool) -> Entry:
     if not columns:
-        raise ValueError("stands before ;$COLUMNS, which this version must have")
+        raise ValueError("is before ;$COLUMNS, which this version must have")
     head = [name for name in columns if name != "D"]
     words = text.split()
     kind = words[columns.index("T")].upper() if "T" in columns and len(words) > columns.index("T") else ""
@@ -109,5 +109,5 @@ def _entry(text: str, columns: list[str], start_s: float, *, is_whole: bool) -> 
         raise ValueError(f"type {quoted(kind)} is not one of this format")
     data = bytes_of(rest, length)
     if len(rest) > length:
-        raise ValueError(f"{length} bytes announced, {len(rest)} there")
+        raise ValueError(f"{length} bytes announced, {len(rest)} present")
     return frame(time_s, channel, ident, data, fd=_FD.get(kind, 0), is_rx=is_rx)

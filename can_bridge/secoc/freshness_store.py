@@ -65,7 +65,7 @@ class FreshnessStore:
         """
         before = self._read()
         if before.trip >= LARGEST_HALF:
-            raise BusError(f"{self._path}: {before.trip} power cycles are all there are; begin again with another key")
+            raise BusError(f"{self._path}: {before.trip} power cycles are the maximum; start with another key")
         self._keep(FreshnessRecord(trip=before.trip + 1, heard=before.heard))
         return Authentication(key=key, trip=self._record.trip, heard=self._record.heard)
 
@@ -84,8 +84,8 @@ class FreshnessStore:
             return FreshnessRecord()
         except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
             raise BusError(
-                f"{self._path}: not a freshness file ({error}); without it the key must not be used further: remove "
-                "the file and give both nodes a new key"
+                f"{self._path}: not a freshness file ({error}); without a valid file the key must not be used again: "
+                "remove the file and give both nodes a new key"
             ) from error
 
     def _keep(self, record: FreshnessRecord) -> None:

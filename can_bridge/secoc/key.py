@@ -22,7 +22,7 @@ class Key(NeverCopied):
     """A 128-bit key, prepared for use. The key is never printed and cannot be pickled. Raises ValueError for another
     length, or for a key of zeros, which an empty memory would contain."""
 
-    INSTEAD: ClassVar = "a key shows itself nowhere; make another one of the same secret"
+    INSTEAD: ClassVar = "a key is never shown; make another key of the same secret"
 
     def __init__(self, secret: bytes) -> None:
         if len(secret) != KEY_LENGTH:
@@ -52,12 +52,12 @@ def read_secret(path: Path) -> bytes:
         with open(path, "rb", opener=_open_without_waiting) as file:
             about = os.fstat(file.fileno())
             if not stat.S_ISREG(about.st_mode):
-                raise KeyFileError(f"{path}: no key file; must be a regular file")
+                raise KeyFileError(f"{path}: not a key file; must be a regular file")
             content = file.read(_LONGEST + 1)
     except OSError as error:
         raise KeyFileError(f"{path}: cannot read the key ({error.strerror or error})") from error
     if os.name == "posix" and about.st_mode & (stat.S_IRWXG | stat.S_IRWXO):
-        raise KeyFileError(f"{path}: others than its owner have access to the key; put it right with `chmod 600`")
+        raise KeyFileError(f"{path}: other users have access to the key; correct this with `chmod 600`")
     try:
         secret = _decoded(content)
         Key(secret)

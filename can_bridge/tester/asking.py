@@ -105,18 +105,19 @@ class Asking:
                     continue
                 if refused.code == Nrc.INVALID_KEY:
                     raise AccessError(
-                        f"the ECU refused the key for {level.name.lower()}: it is not its own; name that with --access"
+                        f"the ECU refused the key for {level.name.lower()}: it must be the ECU's; name its file with "
+                        f"--access"
                     ) from refused
                 if refused.code == Nrc.EXCEEDED_ATTEMPTS:
                     raise AccessError(
-                        "the ECU refused the key, and takes none for 10 s after so many wrong ones; wait, and name its "
-                        "own with --access"
+                        "the ECU refused the key, and accepts no key for 10 s after several wrong keys; wait, and name "
+                        "its key file with --access"
                     ) from refused
                 if refused.code != Nrc.DELAY_NOT_EXPIRED:
                     raise
                 if self._clock() >= until:
                     raise AccessError(
-                        f"the ECU takes no key after wrong ones, and did not in {DELAY_S:g} s; wait, and try again"
+                        f"the ECU accepts no key after wrong keys, also not after {DELAY_S:g} s; wait, and try again"
                     ) from refused
             self.wait(1.0)
 
@@ -148,7 +149,7 @@ class Asking:
         """Stop the detection of faults and the control's frames before programming; an ECU may support neither."""
         for call in (lambda: self._client.control_dtc_setting(2), lambda: self._client.communication_control(1, 1)):
             with suppress(RefusedError, NoAnswerError):
-                self._ask("fall silent", call, times=2)
+                self._ask("stop sending", call, times=2)
 
     def reset(self, *, times: int = TIMES) -> None:
         """Request a hard reset; raises NotNowError if it would interrupt active control."""

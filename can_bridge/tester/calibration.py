@@ -87,8 +87,8 @@ def _keep(asking: Asking, value: bytes, step: str) -> None:
         if refused.code != Nrc.CONDITIONS_NOT_CORRECT:
             raise
         raise NotNowError(
-            f"the ECU refused to {step} now: its jets are enabled; what is in force stays; withdraw the enable request "
-            "and try again"
+            f"the ECU refused to {step} now: its jets are enabled; the present values stay in force; withdraw the "
+            "enable request and try again"
         ) from refused
 
 
@@ -96,5 +96,5 @@ def _check_in_force(asking: Asking, wanted: bytes) -> None:
     found = asking.read(Did.CALIBRATION)
     if found != wanted:
         raise FlashError(
-            "the ECU has other values than were written: another tool calibrates it; end that one and try again"
+            "the ECU's values differ from the written values: another tool calibrates it; end that tool and try again"
         )

@@ -75,18 +75,18 @@ def _misfits(release: Bundle, length: int, facts: EcuFacts) -> Iterator[str]:
     period_ns = manifest.operating_point.period_ns(manifest.control_period)
     least = facts.store.least_security_version
     if release.signer is None:
-        yield "is not signed, and an ECU takes signed ones alone: `stillwake bundle sign` signs it"
+        yield "is not signed, and an ECU accepts only signed bundles: `stillwake bundle sign` signs it"
     if manifest.hardware not in (None, facts.hardware):
         yield f"is for hardware {manifest.hardware}, the ECU is {facts.hardware}"
     if facts.dbc_sha256 != dbc_sha256():
         yield (
             f"is for the stillwake.dbc {dbc_sha256()[:12]}, the ECU has {facts.dbc_sha256[:12]} (stillwake "
-            f"{facts.software_version}): `stillwake bundle renew` of that version makes one"
+            f"{facts.software_version}): `stillwake bundle renew` of that version makes a bundle for it"
         )
     if period_ns != facts.period_ns:
-        yield f"has a control period of {period_ns / 1e6:g} ms, the ECU one of {facts.period_ns / 1e6:g} ms"
+        yield f"has a control period of {period_ns / 1e6:g} ms, the ECU {facts.period_ns / 1e6:g} ms"
     if manifest.security_version < least:
-        yield f"has security version {manifest.security_version}, the ECU takes {least} or greater"
+        yield f"has security version {manifest.security_version}, the ECU accepts {least} or greater"
     if length > facts.capacity:
         yield f"has {length} bytes, the ECU has room for {facts.capacity}"
 

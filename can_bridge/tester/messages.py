@@ -27,8 +27,8 @@ class NoAnswerError(FlashError):
     def __init__(self, step: str, *, was_there: bool = True) -> None:
         what = f"the ECU does not {step}" if was_there else "no ECU answers on this bus"
         super().__init__(
-            f"{what}; see that it has power, runs with --slots, and that interface, channel, bus.frames and "
-            "bus.diagnosis are its own"
+            f"{what}; check its power, that it runs with --slots, and that interface, channel, bus.frames and "
+            "bus.diagnosis equal its settings"
         )
 
 
@@ -38,8 +38,8 @@ class LostError(NoAnswerError):
     def __init__(self, received: int, length: int) -> None:
         FlashError.__init__(
             self,
-            f"the ECU no longer answers; it has {received} of {length} bytes and still the release from before: the "
-            "same command goes on from there",
+            f"the ECU no longer answers; it has {received} of {length} bytes and still runs the previous release: the "
+            "same command continues from there",
         )
 
 
@@ -71,7 +71,7 @@ class ImageRefusedError(WrongReleaseError):
     """The ECU rejected a transferred image, for the reason `verdict`."""
 
     def __init__(self, verdict: Verdict) -> None:
-        super().__init__(f"the ECU refused the release: {verdict.in_words}; it keeps the one it has")
+        super().__init__(f"the ECU refused the release: {verdict.in_words}; it keeps its present release")
         self.verdict = verdict
 
 

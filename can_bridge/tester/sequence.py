@@ -256,7 +256,7 @@ class _Flashing:
             enter_programming(self._asking)
         except NotNowError as refused:
             raise NotNowError(
-                f"the new release runs on trial, and was not confirmed: {refused}; the same command goes on with it"
+                f"the new release runs on trial, and was not confirmed: {refused}; the same command continues with it"
             ) from refused
         try:
             in_programming(self._asking, Routine.SELF_TEST)

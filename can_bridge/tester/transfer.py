@@ -146,7 +146,7 @@ class Transfer:
         answer = self._asking.routine(Routine.ERASE, option)
         offset = int.from_bytes(answer[:4], "big")
         if len(answer) != 4 or offset > len(self._image):
-            raise RefusedError("name the byte from which it wants the image", Nrc.OUT_OF_RANGE)
+            raise RefusedError("state the byte from which it needs the image", Nrc.OUT_OF_RANGE)
         return offset
 
     def _bring(self, offset: int) -> Verdict:
@@ -220,7 +220,7 @@ def bring(asking: Asking, raw: bytes) -> tuple[int, int]:
             raise
         raise WrongKeysError(
             f"the ECU refused the key list: it must be signed by the ECU's root key, have a version above {before}, "
-            "and keep the key that signed the confirmed release"
+            "and contain the key that signed the confirmed release"
         ) from refused
     after = _version(asking)
     asking.session(Session.DEFAULT)

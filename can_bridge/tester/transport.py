@@ -146,7 +146,7 @@ class BusConnection(BaseConnection):
                 self._layer.stop_sending()
                 self._failed = True
         if self._failed:
-            raise TimeoutException("the ECU took a part of the request only")  # type: ignore[no-untyped-call]
+            raise TimeoutException("the ECU accepted only a part of the request")  # type: ignore[no-untyped-call]
 
     def specific_wait_frame(self, timeout: float | None = None) -> bytes:
         """Return the next payload that can answer the request; raises TimeoutException after `timeout` seconds."""

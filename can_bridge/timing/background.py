@@ -76,11 +76,11 @@ def read_traffic(path: Path, bus: BusConfig, taken: Collection[int], *, seed: in
             )
         )
     if not messages:
-        raise BusError(f"{path}: no message to send: {'; '.join(left_out[:3]) or 'it has none'}")
+        raise BusError(f"{path}: no message to send: {'; '.join(left_out[:3]) or 'it has no messages'}")
     messages.sort(key=lambda message: message.priority)
     for one, other in pairwise(messages):
         if one.priority == other.priority:
-            raise BusError(f"{path}: {one.name} and {other.name} have one identifier, {one.frame_id:#x}")
+            raise BusError(f"{path}: {one.name} and {other.name} have the same identifier, {one.frame_id:#x}")
     return BackgroundTraffic(messages=tuple(messages), left_out=tuple(left_out))
 
 
@@ -110,8 +110,8 @@ def _switches_rate(message: "Message", database: "Database") -> bool:
 def _check(path: Path, message: "Message", bus: BusConfig, taken: Collection[int]) -> None:
     if not message.is_extended_frame and (message.frame_id in OUR_IDS or message.frame_id in taken):
         raise BusError(
-            f"{path}: {message.name} has identifier {message.frame_id:#x}, which another node sends: two must not "
-            "send one identifier"
+            f"{path}: {message.name} has identifier {message.frame_id:#x}, which another node sends: two nodes must "
+            "not send the same identifier"
         )
     if message.is_fd and bus.frames == "classic":
         raise BusError(f"{path}: {message.name} is CAN FD, which a bus with bus.frames = classic cannot carry")
@@ -150,7 +150,7 @@ def made_up(load: float, bus: BusConfig, taken: Collection[int], *, seed: int) -
     random = Random(seed)
     drawn = sorted(_draw(load, bus, random))
     if not drawn:
-        raise ConfigError(f"bus.background.load = {load}: less than one message a second takes at these bit rates")
+        raise ConfigError(f"bus.background.load = {load}: must be at least one message per second")
     ids = _identifiers(len(drawn), taken, random)
     if len(ids) < len(drawn):
         raise ConfigError(

@@ -87,7 +87,7 @@ def message_response_times(messages: Sequence[PeriodicMessage], bus: BusConfig) 
     order of falling priority, or two have one priority."""
     for one, other in pairwise(messages):
         if one.priority >= other.priority:
-            raise ValueError(f"{one.name} before {other.name}: messages must be in falling priority, each with its own")
+            raise ValueError(f"{one.name} before {other.name}: messages must be in strictly falling priority")
     timings = [
         MessageTiming(
             frame_ns=message.worst_ns(bus),

@@ -34,8 +34,8 @@ def open_bus(config: BusConfig) -> RawBus:
     BusError with interface and channel if the bus cannot be opened."""
     if config.interface == SIMULATED:
         raise ConfigError(
-            "bus.interface = simulated: that bus exists within a run only; name a real one, e.g. "
-            "--set bus.interface=socketcan --set bus.channel=can0, or a log where the command takes one"
+            "bus.interface = simulated: that bus exists only within a run; name a real bus, e.g. "
+            "--set bus.interface=socketcan --set bus.channel=can0, or a log if the command accepts a log"
         )
     return RawBus(open_backend(config)[0])
 

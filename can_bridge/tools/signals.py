@@ -174,7 +174,7 @@ def encode(name: str, assignments: Sequence[str]) -> tuple[MessageSpec, bytes]:
     """
     if name not in _SPECS:
         names = ", ".join(_SPECS)
-        raise BusError(f"{name}: is none of {names}; `python -m can.player` sends other frames, from a log")
+        raise BusError(f"{name}: must be one of {names}; `python -m can.player` sends other frames, from a log")
     message = _read_once(DBC).get_message_by_name(name)
     from cantools.database import EncodeError
 

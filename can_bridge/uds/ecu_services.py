@@ -22,13 +22,13 @@ from contract.errors import ConfigError, KeyFileError, StillwakeError
 WRITTEN: Final = 512
 """Number of bytes of an image that one piece of work writes."""
 _DONE: Final = {
-    Routine.ERASE: ("update", "a release is to be written: jets shut until a reset"),
+    Routine.ERASE: ("update", "a release is being written: jets shut until a reset"),
     Routine.ACTIVATE: (
         "activated",
-        "the release that was written is activated: booted on trial from the next reset on",
+        "the written release is activated: it boots on trial at the next reset",
     ),
-    Routine.CONFIRM: ("confirmed", "the release that runs is confirmed"),
-    Routine.REVERT: ("given_up", "the release before is booted from the next reset on"),
+    Routine.CONFIRM: ("confirmed", "the running release is confirmed"),
+    Routine.REVERT: ("given_up", "the previous release boots at the next reset"),
 }
 """Events of the log with their text, by routine."""
 
@@ -109,7 +109,7 @@ class EcuServices:
         status = yield from self._run(routine, option)
         if routine is Routine.CHECK:
             verdict = Verdict(status[0])
-            self._log("checked", f"the release that was written: {verdict.in_words}", verdict=verdict.name)
+            self._log("checked", f"the written release: {verdict.in_words}", verdict=verdict.name)
         elif routine in _DONE:
             self._log(*_DONE[routine])
         return status
@@ -136,7 +136,7 @@ class EcuServices:
         if self._store.received is None:
             raise Refused(Nrc.SEQUENCE_ERROR, "no image is announced")
         if offset != self._store.received or offset + length != self._announced_length:
-            raise Refused(Nrc.OUT_OF_RANGE, f"bytes {offset}..{offset + length} are not those that are missing")
+            raise Refused(Nrc.OUT_OF_RANGE, f"bytes {offset}..{offset + length} are not the missing bytes")
 
     def transfer(self, data: bytes) -> Long[None]:
         with _as_refusals():
@@ -205,7 +205,7 @@ class EcuServices:
         self._check_preconditions()
         verdict = yield from self._store.revert()
         if verdict != Verdict.GOOD:
-            raise Refused(Nrc.CONDITIONS_NOT_CORRECT, f"the release before: {verdict.in_words}")
+            raise Refused(Nrc.CONDITIONS_NOT_CORRECT, f"the previous release: {verdict.in_words}")
 
 
 @contextmanager

@@ -84,7 +84,7 @@ class SecurityAccess:
             raise Refused(Nrc.DELAY_NOT_EXPIRED)
         seed = self._random_bytes(SEED_LENGTH)
         if not any(seed):
-            raise Refused(Nrc.CONDITIONS_NOT_CORRECT, "the source of random bytes gives zeros")
+            raise Refused(Nrc.CONDITIONS_NOT_CORRECT, "the source of random bytes returns zeros")
         self._asked = level, seed
         return seed
 

@@ -39,7 +39,7 @@ def load_network(path: Path) -> "Database":
     except Exception as error:
         # cantools and its parsers raise errors of many kinds.
         reason = " ".join(str(error).split()) or type(error).__name__
-        raise BusError(f"{path}: no description of a CAN bus that cantools can read: {reason}") from error
+        raise BusError(f"{path}: not a description of a CAN bus that cantools can read: {reason}") from error
     if not isinstance(database, Database):
         raise BusError(f"{path}: describes diagnostics, not the messages of a bus")
     return database

@@ -7,12 +7,12 @@ from contract.config.rules import WIDTHS, Rule, Settings, paper, require, within
 from contract.geometry import HALF_WIDTH, LEADING_EDGE_RADIUS, LENGTH
 
 _LENGTH: Final = Rule(
-    wording="in 0.5..15: shorter, the grid cannot pass from the nose to the base; longer, too little of the wake is "
-    "left in the domain",
+    wording="in 0.5..15: a shorter body is too short for the grid between nose and base, a longer body leaves too "
+    "little wake in the domain",
     holds=lambda value: 0.5 <= value <= 15.0,
 )
 _RADIUS: Final = Rule(
-    wording=f"in 0..{HALF_WIDTH}: 0 is a sharp edge, half the width a round nose",
+    wording=f"in 0..{HALF_WIDTH}: 0 is a sharp edge, {HALF_WIDTH} a round nose",
     holds=lambda value: 0.0 <= value <= HALF_WIDTH,
 )
 

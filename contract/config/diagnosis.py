@@ -59,14 +59,14 @@ class DiagnosisConfig(
     """Identifier of the tester's requests to this ECU alone (physical addressing)."""
     response_id: Annotated[int | str, _ID] = "0x7E8"
     """Identifier of the ECU's answers to the tester."""
-    functional_id: Annotated[int | str, _ID_OR_NONE, ours("others' testers get no answer", page=_PAGE)] = ""
+    functional_id: Annotated[int | str, _ID_OR_NONE, ours("requests to every ECU get no answer", page=_PAGE)] = ""
     """Identifier of the tester's requests to every ECU (functional addressing), usually 0x7DF or 0x18DB33F1; if empty,
     they are ignored."""
     xcp_command_id: Annotated[int | str, _ID, ours("free beside the others", page=_PAGE)] = "0x7D0"
     """Identifier of the calibration tool's commands."""
     xcp_response_id: Annotated[int | str, _ID, ours("free beside the others", page=_PAGE)] = "0x7D8"
     """Identifier of the ECU's packets to the calibration tool."""
-    xcp: Annotated[bool, ours("a tool for tuning finds it", page=_PAGE)] = True
+    xcp: Annotated[bool, ours("a calibration tool works without a change of settings", page=_PAGE)] = True
     """Whether the ECU answers a calibration tool (XCP). If false, the ECU in C contains no code for it."""
 
     def __post_init__(self) -> None:

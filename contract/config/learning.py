@@ -24,7 +24,7 @@ SelectionMethod = Literal["shap", "qr", "greedy", "random", "hand"]
 """The methods that choose the slim encoder's sensors (`train.selection`)."""
 
 _ENCODER_ALONE: Final = ours("the paper distils the encoder alone", page="explanation/studies.md#smaller-networks")
-_SLIMMED: Final = paper("section 2.3.2", "only the encoder is slimmed")
+_SLIMMED: Final = paper("section 2.3.2", "the paper reduces only the encoder")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -102,7 +102,7 @@ class TrainConfig(Settings, source=paper("section 2.2.4")):
     segment: Annotated[
         AtLeastOne[int],
         WINDOWS,
-        ours("the plain way; the paper does not give how windows are drawn", page="how-to/train.md"),
+        ours("the simplest draw; the paper does not state how windows are drawn", page="how-to/train.md"),
     ] = 1
     """Consecutive windows drawn together; 1 draws each window separately. Consecutive windows share most of their
     computation, so 8 makes an iteration several times cheaper at the same batch size."""
@@ -140,7 +140,7 @@ class TrainConfig(Settings, source=paper("section 2.2.4")):
     """Rankings, each with its own random draws."""
     shap_samples: Annotated[AtLeastOne[int], ours("the default of the package shap; the paper gives none")] = 200
     """Points on the paths from the background to each explained window."""
-    seed: Annotated[NonNegative[int], ours("any would do; the paper gives none")] = 0
+    seed: Annotated[NonNegative[int], ours("an arbitrary number; the paper gives none")] = 0
     """Random seed of initial weights, batches, draws and noise."""
 
     def __post_init__(self) -> None:
@@ -205,5 +205,5 @@ class RefineConfig(Settings, source=ours("the paper has no prior", page="explana
     def __post_init__(self) -> None:
         super().__post_init__()
         require(self.batch <= self.streams, self, "batch", "at most streams")
-        require(self.shortest > self.memory, self, "shortest", "more than memory")
+        require(self.shortest > self.memory, self, "shortest", "more than refine.memory")
         require(self.longest >= self.shortest, self, "longest", "at least shortest")

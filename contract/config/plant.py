@@ -18,8 +18,8 @@ from contract.config.rules import (
 )
 
 _MESH: Final = "explanation/mesh-study.md"
-_SUBSTEPS: Final = within(1, 10_000, "more take hours a period")
-_REFINEMENT: Final = within(0.1, 10, "coarser, no jet is left; finer, a grid has ten million cells")
+_SUBSTEPS: Final = within(1, 10_000, "with more, a period takes hours")
+_REFINEMENT: Final = within(0.1, 10, "a coarser grid has no jet left, a finer grid has ten million cells")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,7 +30,7 @@ class FlowConfig(Settings, source=paper("section 2.1")):
     """U_inf W / nu: the paper's value, three to four orders of magnitude below a truck on a road."""
     control_period: Annotated[Positive[float], TIME] = 0.2
     """Time between two samples of the pressures, and between two actions."""
-    substeps: Annotated[int, _SUBSTEPS, ours("half the time step changes nothing that matters", page=_MESH)] = 30
+    substeps: Annotated[int, _SUBSTEPS, ours("half the time step changes no result noticeably", page=_MESH)] = 30
     """Time steps of the solver per control period: dt = 1/150 t_c, which the jets at full amplitude require."""
     action_limit: Annotated[Positive[float], FLOW_RATE] = 0.075
     """Largest magnitude of the action: the jet flow rate at full amplitude."""

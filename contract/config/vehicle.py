@@ -29,9 +29,9 @@ LARGEST_DATA_BITRATE: Final = 8_000_000
 """Largest bit rates of arbitration and data phase with transceivers specified in ISO 11898-2:2016 and CiA 601-4."""
 
 _CAN_FD: Final = standard("SAE J2284-4", "CAN FD in vehicles, 500 kbit/s with data at 2 Mbit/s")
-_DELAY: Final = within(0, 10_000, "more outlast any horizon")
+_DELAY: Final = within(0, 10_000, "a longer delay exceeds every horizon")
 _GATE: Final = "explanation/what-shuts-the-jets.md#the-command-gate"
-_LIES: Final = "explanation/what-shuts-the-jets.md#sensors-that-lie"
+_LIES: Final = "explanation/what-shuts-the-jets.md#sensors-that-read-wrongly"
 _HELPS: Final = "explanation/what-shuts-the-jets.md#control-that-does-not-help"
 
 
@@ -44,7 +44,7 @@ class E2eConfig(
     """Conditions under which a receiver of an E2E-protected message accepts the stream as valid."""
 
     max_delta: Annotated[
-        int, within(1, 127, "half the counter's period"), FRAMES, ours("as many lost as the ECU rides out", page=_GATE)
+        int, within(1, 127, "half the counter's period"), FRAMES, ours("lost frames that the ECU bridges", page=_GATE)
     ] = 4
     """Largest counter increment that is still accepted as the next frame. With 4, three frames in a row may be lost,
     which is the number that the ECU's fail-safe bridges."""
@@ -71,12 +71,12 @@ class BackgroundConfig(
     """Share of the bus time that generated periodic messages take, stuff bits included."""
     dbc: str = ""
     """DBC file whose messages, at their `GenMsgCycleTime`, replace the generated messages; contents are random."""
-    seed: Annotated[NonNegative[int], ours("any would do")] = 0
+    seed: Annotated[NonNegative[int], ours("an arbitrary number")] = 0
     """Random seed of identifiers, phases and contents."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        require(not (self.dbc and self.load), self, "load", "0 where bus.background.dbc names the traffic")
+        require(not (self.dbc and self.load), self, "load", "0 if bus.background.dbc is given")
 
 
 SIMULATED: Final = "simulated"
@@ -91,7 +91,7 @@ class BusConfig(Settings, source=ours("needs no hardware", page="explanation/sim
     """Kind of CAN interface. `simulated` is stillwake's own bus in virtual time. The others run in real time:
     `virtual`, `udp_multicast`, `slcan`, `socketcan` or another interface of python-can. `python-can` reads python-can's
     own configuration, section `channel`."""
-    channel: Annotated[str, ours("a name of our own")] = "stillwake"
+    channel: Annotated[str, ours("stillwake's own name")] = "stillwake"
     """Name (virtual), multicast address (udp_multicast, e.g. 239.74.163.2), serial port (slcan) or network device
     (socketcan, e.g. can0) of the bus; the simulated bus has none."""
     nominal_bitrate: Annotated[int, within(1, LARGEST_NOMINAL_BITRATE, "CAN's highest"), BIT_RATE, _CAN_FD] = 500_000
@@ -100,7 +100,7 @@ class BusConfig(Settings, source=ours("needs no hardware", page="explanation/sim
     """Bit rate of CAN FD's data phase."""
     frames: Annotated[Literal["fd", "classic"], ours("the stronger check", page="explanation/protection.md")] = "fd"
     """Set of messages: CAN FD, or classic CAN with eight data bytes, coarser pressures and a weaker check."""
-    key: Annotated[str, ours("a key is the user's to make", page="explanation/protection.md")] = ""
+    key: Annotated[str, ours("each user makes a secret key", page="explanation/protection.md")] = ""
     """File with a 128-bit key. With it, both nodes authenticate every frame (AUTOSAR SecOC) and refuse unauthenticated
     frames. Only CAN FD frames have room for it."""
     background: BackgroundConfig = field(default_factory=BackgroundConfig)
@@ -113,7 +113,7 @@ class BusConfig(Settings, source=ours("needs no hardware", page="explanation/sim
             value = getattr(self, name)
             require(value.isprintable() and bool(value.strip()), self, name, f"the name of {article} {name}")
         if self.frames == "classic":
-            room = "empty with bus.frames = classic: eight bytes have no room"
+            room = "empty with bus.frames = classic: its eight bytes have no room for a MAC"
             require(not self.key, self, "key", room)
             counter = "in 1..7 with bus.frames = classic, whose counter has 4 bits"
             require(self.e2e.max_delta < 8, self.e2e, "max_delta", counter)
@@ -127,12 +127,12 @@ class BusConfig(Settings, source=ours("needs no hardware", page="explanation/sim
 class SensorCheckConfig(
     Settings,
     section="ecu.sensor_check",
-    source=ours("above what sound sensors reach", page=_LIES),
+    source=ours("above the figures of healthy sensors", page=_LIES),
 ):
     """Thresholds above which the ECU no longer uses a pressure sensor. Levels are ratios of variances; figures of
     healthy sensors are over the whole shipped recording (docs/explanation/what-shuts-the-jets.md)."""
 
-    enabled: Annotated[bool, ours("a liar costs most of the gain", page=_LIES)] = True
+    enabled: Annotated[bool, ours("a sensor that reads wrongly costs most of the drag reduction", page=_LIES)] = True
     """Whether the ECU checks the pressures with the bundle's estimator, and continues without a faulty sensor."""
     liar_level: Positive[float] = 14.0
     """Ratio at which a sensor is set aside: its deviation from the other sensors' estimate over the deviation of the
@@ -147,7 +147,7 @@ class SensorCheckConfig(
     value once a sensor is set aside. Healthy sensors reach 12, under forcing beyond the training data."""
     doubt_periods: Annotated[AtLeastOne[int], PERIODS, ours("a shedding cycle")] = 25
     """Doubtful periods, minus others, at which the jets go to zero and the fault latches."""
-    flat_periods: Annotated[AtLeastOne[int], PERIODS, ours("longer than a sound reading rests", page=_LIES)] = 10
+    flat_periods: Annotated[AtLeastOne[int], PERIODS, ours("longer than healthy readings repeat", page=_LIES)] = 10
     """Consecutive periods with bit-identical readings after which a sensor is taken for stuck."""
 
 
@@ -159,13 +159,13 @@ class BenefitCheckConfig(
 ):
     """Thresholds by which the ECU decides that control does not help (docs/explanation/what-shuts-the-jets.md)."""
 
-    enabled: Annotated[bool, ours("off its design a controller can raise drag", page=_HELPS)] = True
+    enabled: Annotated[bool, ours("outside its design conditions a controller can raise drag", page=_HELPS)] = True
     """Whether the ECU compares base pressures with and without control, and shuts the jets if control does not help."""
     mean_periods: Annotated[AtLeastOne[int], PERIODS, ours("two shedding cycles")] = 50
     """Periods over which pressures are averaged, with and without control."""
-    wake_periods: Annotated[AtLeastOne[int], PERIODS, ours("until shedding is as before", page=_HELPS)] = 150
+    wake_periods: Annotated[AtLeastOne[int], PERIODS, ours("until shedding is restored", page=_HELPS)] = 150
     """Periods with the jets shut after which the wake is taken to be the wake without control."""
-    first_period: Annotated[AtLeastOne[int], PERIODS, ours("the wake needs a cycle to answer", page=_HELPS)] = 60
+    first_period: Annotated[AtLeastOne[int], PERIODS, ours("the wake needs a cycle to respond", page=_HELPS)] = 60
     """First period of control that is judged; before it the wake has not yet responded."""
     least_gain: NonNegative[float] = 0.04
     """Smallest share of the base suction that control must remove to count as help."""
@@ -182,7 +182,7 @@ class BenefitCheckConfig(
 
 @dataclass(frozen=True, kw_only=True)
 class SpeedConfig(
-    Settings, section="ecu.speed", source=ours("what a vehicle can do", page="explanation/other-speeds.md")
+    Settings, section="ecu.speed", source=ours("within the limits of a vehicle", page="explanation/other-speeds.md")
 ):
     """Conditions under which the ECU accepts the vehicle's speed, for a release that covers a range of speeds."""
 
@@ -190,13 +190,13 @@ class SpeedConfig(
     """Longest time from the measurement of a speed to its use in a control step, if no newer speed arrives."""
     most_acceleration: Annotated[Positive[float], Unit("m/s2")] = 15.0
     """Largest acceleration of a vehicle. A speed that would need more to be reached from the last speed is rejected."""
-    margin: Annotated[Fraction[float], ours("a wind of a tenth and a gust", page="explanation/other-speeds.md")] = 0.12
+    margin: Annotated[Fraction[float], ours("a 10 % wind and a gust", page="explanation/other-speeds.md")] = 0.12
     """Share by which the speed may leave the release's range before the jets are shut: the air speed may still be
     within. Up to this margin the ECU uses the end of the range. The jets restart when the speed is within the range."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class EcuConfig(Settings, source=ours("our ECU; the paper has none", page=_GATE)):
+class EcuConfig(Settings, source=ours("the paper has no ECU", page=_GATE)):
     """Timing and fail-safe behaviour of the ECU."""
 
     compute_time_ms: Annotated[NonNegative[float], MILLISECONDS, ours("a stated share of the 20 ms of a period")] = 8.0
@@ -213,7 +213,7 @@ class EcuConfig(Settings, source=ours("our ECU; the paper has none", page=_GATE)
     the step, and half a period of transmission. A delay of 20 ms has little effect; at 40 ms the side force grows."""
     loss_window: Annotated[AtLeastOne[int], PERIODS, ours("a second", page=_GATE)] = 50
     """Latest periods under control that `ecu.loss_limit` refers to."""
-    loss_limit: Annotated[int, PERIODS, ours("four deviations above a quarter lost at random", page=_GATE)] = 25
+    loss_limit: Annotated[int, PERIODS, ours("four sigma above a random loss of 25 %", page=_GATE)] = 25
     """Periods without usable pressures, among the latest `ecu.loss_window`, at which the jets go to zero and the fault
     latches. A controller that gets at most every second sample does not control the flow."""
     deadline_misses: Annotated[AtLeastOne[int], STEPS] = 3
@@ -221,13 +221,11 @@ class EcuConfig(Settings, source=ours("our ECU; the paper has none", page=_GATE)
     switches itself off. A number above the window disables the check."""
     deadline_window: Annotated[AtLeastOne[int], STEPS] = 10
     """Latest steps that `ecu.deadline_misses` refers to."""
-    plan_ahead: Annotated[bool, ours("takes off more drag", page="reference/results.md#what-limits-the-reduction")] = (
-        True
-    )
+    plan_ahead: Annotated[bool, ours("drag falls more", page="reference/results.md#what-limits-the-reduction")] = True
     """Whether the ECU plans for the next control period. If so, the jets begin to move at its start, and computing may
     take the whole present period. If not, they move as soon as the command arrives."""
     step_offset_ms: Annotated[
-        NonNegative[float], MILLISECONDS, ours("a fifth of a period for jitter", page="how-to/run-on-an-ecu.md")
+        NonNegative[float], MILLISECONDS, ours("a fifth of a period covers jitter", page="how-to/run-on-an-ecu.md")
     ] = 4.0
     """Time from the expected arrival of a pressure frame to the control step that uses it. Pressures that arrive later
     than expected by less than this are still used in their own period. The plan is for the next period, so waiting

@@ -32,7 +32,7 @@ PROGRAM_WEIGHTS: Final = "sw_weights.c"
 REPLAY: Final = "replay.c"
 """Name of the example program, which runs control steps from recorded rows on a host. It is not part of the library."""
 RECORDED: Final = "recorded.txt"
-NO_LIBRARY: Final = "this is no folder written by `stillwake export --c`"
+NO_LIBRARY: Final = "this is not a folder written by `stillwake export --c`"
 """Name of the file with the example program's input rows: pressures, then the action commanded one step before."""
 EXPECTED: Final = "expected.txt"
 """Name of the file with the example program's expected answers to the recorded rows."""
@@ -63,7 +63,7 @@ class ProgramSettings:
         try:
             self._found: dict[str, str] = dict(_DEFINITION.findall(header.decode("utf-8")))
         except UnicodeDecodeError as error:
-            raise LibraryError(f"{PROGRAM_SETTINGS}: is no text ({error})") from error
+            raise LibraryError(f"{PROGRAM_SETTINGS}: is not text ({error})") from error
 
     @classmethod
     def of(cls, contents: Mapping[str, bytes]) -> "ProgramSettings":
@@ -191,7 +191,7 @@ def rows_from_text(text: str) -> ProgramRows:
 def check_replaceable(folder: Path) -> None:
     """Raise LibraryError if writing a library would replace a folder with other contents."""
     if folder.is_dir() and any(folder.iterdir()) and not (folder / PROGRAM_SETTINGS).is_file():
-        raise LibraryError(f"{folder}: that directory holds something else; name another")
+        raise LibraryError(f"{folder}: that directory holds other files; name another directory")
 
 
 def write_folder(folder: Path, contents: Mapping[str, bytes]) -> None:

@@ -107,7 +107,7 @@ class CalibrationLimits:
         wanted = dict(zip(CALIBRATION_NAMES, now.values, strict=True))
         for name, value in values.items():
             if name not in CALIBRATION_NAMES:
-                raise ConfigError(f"calibration: {name!r} is none of {', '.join(CALIBRATION_NAMES)}")
+                raise ConfigError(f"calibration: {name!r} must be one of {', '.join(CALIBRATION_NAMES)}")
             if not isinstance(value, int | float) or isinstance(value, bool):
                 raise ConfigError(f"calibration: {name} = {value!r}: must be a number")
             if name == "delay_steps" and value != value // 1:

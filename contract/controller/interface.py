@@ -38,7 +38,7 @@ INPUTS: Final = ("window", "plan", "free", "weights", "speed", "limit")
 OUTPUTS: Final = ("new_plan", "forces", "terms", "cost")
 TERMS: Final = tuple(item.name for item in fields(CostWeights))
 """Names of the cost terms, in the order of every array of terms."""
-REFUSALS: Final = {1: "a number is not finite", 2: "this build, or the processor's mode, computes not as IEEE 754 does"}
+REFUSALS: Final = {1: "a number is not finite", 2: "this build, or the processor's mode, violates IEEE 754"}
 """Meanings of the C library's status codes except 0, which is an answer."""
 FORCES: Final = 2
 """Number of forces: Cd and Cl."""

@@ -159,7 +159,7 @@ class ModelFolder:
 def check_free(path: Path) -> None:
     """Raise StillwakeError if writing to `path` would replace anything but a model directory."""
     if path.exists() and not (path.is_dir() and ((path / DESCRIPTION).is_file() or not any(path.iterdir()))):
-        raise StillwakeError(f"{path}: exists and is not a model directory; choose another place")
+        raise StillwakeError(f"{path}: exists and is not a model directory; name another directory")
 
 
 def write(path: Path, description: Description, tensors: Tensors) -> None:

@@ -29,16 +29,16 @@ def _to_append(path: Path, facts: Mapping[str, Any], layout: SensorLayout) -> Da
     schema = schema_of(path)
     if schema == DATASET_SCHEMA_1:
         raise DatasetError(
-            f"{path}: schema {schema!r}, episodes can only be added to {DATASET_SCHEMA!r} and the one before"
+            f"{path}: schema {schema!r}, episodes can be added only to {DATASET_SCHEMA!r} and the schema before"
         )
     difference = there.layout.difference(layout)
     if difference is not None:
-        raise DatasetError(f"{path}: its sensors differ from those of what would be added, in {difference}")
+        raise DatasetError(f"{path}: its sensors differ from those of the new episodes, in {difference}")
     for episode in there.episodes:
         found = {name: episode.provenance[name] for name in facts if name in episode.provenance}
         for name, there, here in _differences(found, facts):
             raise DatasetError(
-                f"{path}: episode {episode.name} was recorded with {name} = {there}, what would be added has {here}: "
+                f"{path}: episode {episode.name} was recorded with {name} = {there}, the new episodes have {here}: "
                 f"name another file"
             )
     return there

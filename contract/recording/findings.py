@@ -120,7 +120,7 @@ def _disagreements(dataset: Dataset, config: Config) -> Iterator[Finding]:
 def _missing_roles(dataset: Dataset) -> Iterator[Finding]:
     for role, use in (("train", "to fit the model to"), ("test", "to judge the model on")):
         if not any(item.role == role for item in dataset.episodes):
-            remedy = f"import one with --{role} FILE; a long file can be cut in two"
+            remedy = f"import an episode with --{role} FILE; a long file can be cut in two"
             yield Finding(stops="training", text=f"dataset has no episode with role {role!r}, {use}: {remedy}")
 
 
@@ -213,14 +213,14 @@ def _constants(dataset: Dataset, config: Config) -> Iterator[Finding]:
     if kept:
         pressure = np.concatenate([item.series["Cp"] for item in kept])
         for name, values in zip(dataset.layout.names, pressure.T, strict=True):
-            yield from _constant(f"sensor {name}", values, "training", "nothing to learn from; leave it out")
+            yield from _constant(f"sensor {name}", values, "training", "it has no information; leave it out")
         for name in ("action", "Cd", "Cl"):
             values = np.concatenate([item.series[name] for item in kept])
             yield from _constant(name, values, "training", "nothing to learn from")
     tests = [item for item in dataset.episodes if item.role == "test"]
     for name in ("Cd", "Cl") if tests else ():
         yield from _constant(
-            name, np.concatenate([item.series[name] for item in tests]), "test", "no error has a scale"
+            name, np.concatenate([item.series[name] for item in tests]), "test", "errors cannot be normalised"
         )
 
 
@@ -234,7 +234,7 @@ def _selection(dataset: Dataset, config: Config) -> Iterator[Finding]:
     if train.sensors > len(layout):
         yield Finding(
             stops="training",
-            text=f"train.sensors = {train.sensors}: must be from 1 to {len(layout)}, the sensors that there are",
+            text=f"train.sensors = {train.sensors}: must be from 1 to {len(layout)}, the number of sensors",
         )
     if train.selection == "shap":
         images = 1 if layout.mirror is None else 2
@@ -252,11 +252,11 @@ def _hints(dataset: Dataset, config: Config) -> Iterator[Finding]:
     if dataset.layout.mirror is None:
         alone = dataset.layout.without_partner()
         why = (
-            f"the sensors have no mirror images, {alone[0]} for one: no sensor is at (x, -y)"
+            f"the sensors have no mirror images, {alone[0]} for example: no sensor is at (x, -y)"
             if alone
             else ("the sensors have no mirror images, because body or jets are not symmetric")
         )
-        yield Finding(stops=None, text=f"{why}; training has the recording alone, half of the data")
+        yield Finding(stops=None, text=f"{why}; training has only the recording, half of the data")
     yield from (Finding(stops=None, text=text) for text in implausible(dataset))
     yield from asymmetry(dataset)
     yield from _units(dataset)
@@ -317,7 +317,7 @@ def _forcing(dataset: Dataset) -> Iterator[Finding]:
         yield Finding(
             stops=None,
             text=f"the actions of all training episodes are of one frequency, {peaks[0]:.3g} U_inf / W: a model of it "
-            f"knows no other response; sweep the frequencies that a controller may use",
+            f"cannot learn other responses; sweep the frequencies that a controller may use",
         )
 
 
@@ -328,7 +328,7 @@ def _units(dataset: Dataset) -> Iterator[Finding]:
     if len(positions) > 1 and not _SPAN[0] <= span <= _SPAN[1]:
         yield Finding(
             stops=None,
-            text=f"the sensors span {span:.3g} W: places are in W, so divide lengths by the width of the body",
+            text=f"the sensors span {span:.3g} W: positions are in W, so divide lengths by the width of the body",
         )
     training = [item for item in dataset.episodes if item.role == "train"]
     limit, period = dataset.plant.action_limit, dataset.plant.control_period
@@ -337,7 +337,7 @@ def _units(dataset: Dataset) -> Iterator[Finding]:
         yield Finding(
             stops=None,
             text=f"no action of the training episodes is above {largest:.3g}, the limit is {limit:g}: the model does "
-            f"not know larger ones; flow.action_limit should be about the largest action that was recorded",
+            f"not learn larger actions; flow.action_limit should be about the largest action that was recorded",
         )
     if not training or period is None:
         return

@@ -25,12 +25,12 @@ def opened(path: Path) -> Iterator[h5py.File]:
             for raw in group.id:
                 name = f"{group.name.rstrip('/')}/{raw.decode('utf-8', 'surrogateescape')}"[1:]
                 if not name.isprintable():
-                    raise DatasetError(f"{path}: the name {name!r} is no text that can be printed")
+                    raise DatasetError(f"{path}: the name {name!r} is not printable text")
                 kind = group.id.links.get_info(raw).type
                 node = group[raw] if kind == h5py.h5l.TYPE_HARD else None
                 virtual = isinstance(node, h5py.Dataset) and (node.is_virtual or node.external)
                 if virtual or kind == h5py.h5l.TYPE_EXTERNAL:
-                    raise DatasetError(f"{path}: {name} is virtual or in another file: copy its numbers into this one")
+                    raise DatasetError(f"{path}: {name} is virtual or in another file: copy its numbers into this file")
                 if isinstance(node, h5py.Dataset):
                     # h5py reads whole chunks, and a chunk may be larger than the array.
                     size = max(node.size or 0, math.prod(node.chunks or (0,)))

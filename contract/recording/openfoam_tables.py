@@ -42,7 +42,7 @@ def read_foam_table(folder: Path, file: str, *, cut_off: bool = False) -> FoamTa
     for start, _, path in starts:
         lines, newer = _read(path, cut_off)
         if header and [line.split() for line in lines] != [line.split() for line in header]:
-            raise ValueError(f"{path}: another header than that of {starts[0][2]}")
+            raise ValueError(f"{path}: its header differs from that of {starts[0][2]}")
         if rows and newer and len(newer[0]) != len(rows[0]):
             raise ValueError(f"{path}: {len(newer[0])} columns, {starts[0][2]} has {len(rows[0])}")
         header = header or lines

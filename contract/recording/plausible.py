@@ -153,7 +153,7 @@ def _missing(names: Sequence[str], table: Array, gaps: Mask) -> Iterator[_Note]:
         times = f"in {rows} rows, first at step {start}," if rows > 1 else f"at step {start}"
         times = f"{run} times in a row from step {start}" if run > 1 else times
         where = f"{value:.6g} stands {times} in {_listed(names, here.any(axis=0))}, far from all other values"
-        yield where, "loggers write so for a missing one; fill the gap, or cut the file in two there"
+        yield where, "loggers write this for a missing value; fill the gap, or cut the file in two there"
 
 
 def _forces(episode: Episode, table: Array, *, symmetric: bool) -> Iterator[_Note]:
@@ -164,8 +164,8 @@ def _forces(episode: Episode, table: Array, *, symmetric: bool) -> Iterator[_Not
     if abs(lift.mean()) > abs(mean) and not pushed and (symmetric or drag.std() > abs(mean)):
         yield (
             f"mean Cl is {lift.mean():.3g} and mean Cd {mean:.3g}",
-            "the mean lift of a body is small beside its drag, so the two seem exchanged; import with --map Cd=Cl "
-            "--map Cl=Cd",
+            "the mean lift of a body is small compared with its drag, so the two seem exchanged; import with --map "
+            "Cd=Cl --map Cl=Cd",
         )
     elif mean <= 0.0:
         yield (
@@ -195,7 +195,7 @@ def _pressures(episode: Episode, names: Sequence[str], pressure: Array) -> Itera
             + (
                 "of pressures in Pa against p_inf, import with rho U_inf^2 / 2 as in --reference Cp=240Pa"
                 if several
-                else f"of a sensor in another unit, give what 1 is in it as in --reference {names[worst]}=375Pa"
+                else f"of a sensor in another unit, give its number for 1 as in --reference {names[worst]}=375Pa"
             ),
         )
     size, rms = float(np.sqrt(np.square(pressure).mean())), np.sqrt(np.square(pressure).mean(axis=0))
@@ -212,7 +212,7 @@ def _pressures(episode: Episode, names: Sequence[str], pressure: Array) -> Itera
     if weak.any():
         yield (
             f"Cp of {_listed(names, weak)} is less than a hundredth of the other sensors'",
-            f"it has another unit (--reference {names[int(weak.argmax())]}=NUMBER), or nothing is connected",
+            f"its unit differs (--reference {names[int(weak.argmax())]}=NUMBER), or the sensor is not connected",
         )
 
 
@@ -243,8 +243,8 @@ def _readings(
     jumps = np.abs(np.diff(table, axis=0))[changes].max(axis=1, initial=0.0) if times > 1 else np.zeros(1)
     if times > 1 and np.mean(gaps == times) > 0.9 and np.median(jumps) > 0.05 * spread.max():
         yield (
-            f"every row is there {times} times, {rows - 1 - len(changes)} of {rows} are as the one before",
-            f"keep one of {times}, and give flow.control_period and t by those",
+            f"every row occurs {times} times, {rows - 1 - len(changes)} of {rows} equal the row before",
+            f"keep one of {times}, and give flow.control_period and t of the remaining rows",
         )
         return
     still, swing = np.diff(table, axis=0) == 0, np.ptp(table, axis=0)
@@ -260,8 +260,9 @@ def _readings(
         if held and finest[k] * _STEPS < spread[k] * _activity(table[span], k, spread, action[span], action):
             where = f" at {table[start, k]:.4g} for {run + 1} of {rows} rows from step {start}"
             yield (
-                f"{name} stands still{where if long else f' in {share[k]:.0%} of the rows'}, while the others move",
-                "leave a sensor out that hangs, or cut the file there",
+                f"{name} is constant{where if long else f' in {share[k]:.0%} of the rows'}, while the other sensors "
+                f"change",
+                "leave out a sensor that is stuck, or cut the file there",
             )
             continue
         for word, extreme in (("largest", table[:, k].max()), ("smallest", table[:, k].min())):
@@ -276,13 +277,13 @@ def _readings(
             if finest[k] * _STEPS < spread[k] * _activity(table[here], k, spread, action[here], action):
                 yield (
                     f"{name} is at its {word} value, {extreme:.4g}, in {clipped} of {rows} rows",
-                    "it is saturated: widen its range, or leave it out",
+                    "the sensor is saturated: widen its range, or leave it out",
                 )
         if swing[k] > 10.0 * finest[k]:
             copies.setdefault(table[:, k].tobytes(), []).append(name)
     for same in copies.values():
         if len(same) > 1:
-            yield f"{' and '.join(same)} are equal in every row", "a column was written twice: leave one out"
+            yield f"{' and '.join(same)} are equal in every row", "a column was written twice: leave out one of them"
 
 
 def _activity(table: Array, k: int, spread: Array, action: Array, all_actions: Array) -> float:
@@ -309,8 +310,8 @@ def _scales(episodes: Sequence[Episode], tables: Sequence[Array]) -> Iterator[st
         if sizes[low] > least and sizes[high] > most * sizes[low]:
             yield (
                 f"{what} is {sizes[high]:.3g} in {episodes[high].name} and {sizes[low]:.3g} in {episodes[low].name}, "
-                f"{sizes[high] / sizes[low]:.3g} times: files of one body are alike, so one has another unit or scale; "
-                f"convert it, as --reference holds for all files"
+                f"{sizes[high] / sizes[low]:.3g} times: files of one body have similar values, so one file has another "
+                f"unit or scale; convert this file, because --reference holds for all files"
             )
 
 
@@ -357,6 +358,6 @@ def _copies(episodes: Sequence[Episode], tables: Sequence[Array], spread: Array)
     for (a, b), how in sorted(copies.items()):
         later, earlier = (f"{episodes[k].name} ({episodes[k].role})" for k in (b, a))
         yield (
-            f"episode {later} {how} {earlier}: a model is judged on rows that it was not fitted to, and none counts "
-            f"twice; leave it out, or cut the two apart"
+            f"episode {later} {how} {earlier}: a model is tested on rows that it was not fitted to, and no row counts "
+            f"twice; leave one episode out, or remove the common rows"
         )

@@ -77,7 +77,7 @@ def fitting_settings(dataset: Dataset) -> str:
 
 def _settings_lines(dataset: Dataset) -> Iterator[str]:
     plant, period = dataset.plant, dataset.plant.control_period
-    yield "# Settings that follow from the data set; the release's hold for the rest."
+    yield "# Settings that follow from the data set; for all others the release's values hold."
     yield "[flow]"
     for name, value in plant.as_dict().items():
         yield f"{name} = {value!r}" if value is not None else f"# {name}: not known"
@@ -108,7 +108,7 @@ def _settings_lines(dataset: Dataset) -> Iterator[str]:
     if len(dataset.layout) < 4:
         yield ""
         yield "[train]"
-        yield f"sensors = {len(dataset.layout)}  # all there are"
+        yield f"sensors = {len(dataset.layout)}  # all sensors"
 
 
 def _summary(episode: Episode, period: float | None) -> EpisodeSummary:

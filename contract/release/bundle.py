@@ -63,9 +63,9 @@ def write(path: Path, manifest: Manifest, contents: Mapping[str, bytes], key: Ed
 def check_replaceable(path: Path) -> None:
     """Raise BundleError if writing a bundle would replace a directory with other contents."""
     if path.suffix.lower() == ".zip":
-        raise BundleError(f"bundle {path}: is written as a directory; name one that does not end in .zip")
+        raise BundleError(f"bundle {path}: is written as a directory; give a name that does not end in .zip")
     if path.is_dir() and not (path / MANIFEST).is_file() and any(path.iterdir()):
-        raise BundleError(f"bundle {path}: that directory holds something else; name another")
+        raise BundleError(f"bundle {path}: that directory holds other files; name another directory")
 
 
 def sign(path: Path, key: Ed25519PrivateKey, judge: Callable[[Bundle], object] | None = None) -> Bundle:

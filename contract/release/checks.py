@@ -28,7 +28,7 @@ from contract.release.signing import PublicKey
 
 SIGNATURE: Final = "manifest.sig"
 CONTROLLER: Final = "controller.onnx"
-UNSIGNED: Final = "unsigned: its hashes show accidents, not who made it"
+UNSIGNED: Final = "unsigned: its hashes show damage, not its author"
 
 _T = TypeVar("_T")
 Trusted = PublicKey | frozenset[PublicKey] | None
@@ -204,7 +204,7 @@ def _verify_graph(path: Path, name: str, content: bytes) -> str:
         check_graph(content)
     except ValueError as error:
         raise BundleControllerError(f"bundle {path}: {name}: {error}") from error
-    return f"{len(content)} bytes, with all constants and ONNX's operators alone"
+    return f"{len(content)} bytes, with all constants and only ONNX's operators"
 
 
 def _verify_estimator(path: Path, contents: Mapping[str, bytes], *, is_stated: bool) -> str:

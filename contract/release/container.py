@@ -63,7 +63,7 @@ def _collect(path: Path) -> dict[str, bytes]:
         for item in items:
             trouble = None
             if not is_plain_name(item.name):
-                trouble = "is no plain name"
+                trouble = "is not a plain name"
             elif item.is_symlink():
                 trouble = "is a symbolic link"
             elif not item.is_file(follow_symlinks=False):

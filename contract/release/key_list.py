@@ -83,12 +83,12 @@ def encode(listed: KeyList, root: Ed25519PrivateKey) -> bytes:
 def signer(raw: bytes) -> PublicKey:
     """Verify a list's signature and return the root key. Raises KeyFileError without a valid signature."""
     if raw.startswith(b"{"):
-        raise KeyFileError("key list: is of an older version; make it again with `stillwake bundle keylist`")
+        raise KeyFileError("key list: has an old format; make it again with `stillwake bundle keylist`")
     if len(raw) < _HEADER.size + _SIGNATURE or not raw.startswith(_MAGIC):
         raise KeyFileError(f"key list: {len(raw)} bytes: has no signature, or does not begin with {_MAGIC.decode()}")
     root = raw[_HEADER.size - _KEY : _HEADER.size]
     if not signing.is_good(raw[-_SIGNATURE:], root, raw[:-_SIGNATURE]):
-        raise KeyFileError("key list: the signature is not its root key's: list or signature was altered")
+        raise KeyFileError("key list: the signature is not that of its root key: list or signature was altered")
     return PublicKey(root)
 
 

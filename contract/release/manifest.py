@@ -187,7 +187,7 @@ class Manifest:
     def _wrong(self) -> Iterator[str]:
         """Describe each invalid field."""
         if self.provenance.get("kind") == "linear":
-            yield "a linear controller, which version 1.0.0 alone takes: examples/linear_feedback.py makes one anew"
+            yield "a linear controller, which only version 1.0.0 accepts: examples/linear_feedback.py makes a new one"
         for what, name in (("name", self.name), ("hardware", self.hardware)):
             if name is not None and not is_name(name):
                 yield f"{what} {quoted(name)}: must be 1 to {MAX_NAME} printable characters"
@@ -195,7 +195,7 @@ class Manifest:
             yield f"security_version = {self.security_version!r}: must be in 0..{LARGEST_SECURITY_VERSION}"
         count, positions, scaling = len(self.sensors), self.sensor_positions, self.scaling
         if positions is not None and len(positions) != count:
-            yield f"sensor_positions has {len(positions)} places: must have {count}"
+            yield f"sensor_positions has {len(positions)} positions: must have {count}"
         places = np.array([(i, 0) for i in range(count)] if positions is None else positions, dtype=np.float64)
         try:
             SensorLayout(names=self.sensors, positions=places, base=np.array([], dtype=np.intp), mirror=None)
@@ -208,7 +208,7 @@ class Manifest:
             yield from _no_figure(f"sensor_estimator.{name}:", *(value for row in table for value in row))
         speeds = self.speeds
         if speeds is not None and not 0.1 <= speeds.slowest <= 1.0 <= speeds.fastest <= 10.0:
-            yield f"speeds = {speeds.slowest!r}..{speeds.fastest!r}: must hold 1 and lie in 0.1..10"
+            yield f"speeds = {speeds.slowest!r}..{speeds.fastest!r}: must include 1 and be within 0.1..10"
         if self.resting is not None:
             yield from _unlike_a_wake(self.resting)
         for name, wanted in (("pressure_mean", count), ("pressure_std", count), ("force_mean", 2), ("force_std", 2)):

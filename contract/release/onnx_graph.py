@@ -11,9 +11,9 @@ from typing import Final
 MAX_GRAPH_BYTES: Final = 16 * 2**20
 """Largest size of a graph's file, in bytes: a hundred times the paper's controller in int8."""
 FORBIDDEN: Final = {
-    b"location": "a constant is kept in another file: must be in this one",
-    b"com.microsoft": "an operator is of ONNX Runtime's own domain: must be one of ONNX's",
-    b"ai.onnx.": "an operator is of another domain than ONNX's first: must be of that",
+    b"location": "a constant is in another file: must be in this file",
+    b"com.microsoft": "an operator is of ONNX Runtime's domain: must be an operator of ONNX",
+    b"ai.onnx.": "an operator is not of ONNX's default domain: must be of this domain",
 }
 """Texts that no valid graph contains, and their meanings. A tensor in another file has the key `location`."""
 

@@ -110,7 +110,7 @@ def write_key_pair(folder: Path, key: Ed25519PrivateKey) -> PublicKey:
                 file.write(content)
     except FileExistsError as error:
         _remove(written)
-        raise KeyFileError(f"{error.filename or folder}: is there already; keys are never overwritten") from error
+        raise KeyFileError(f"{error.filename or folder}: exists already; keys are never overwritten") from error
     except OSError as error:
         _remove(written)
         if is_new:

@@ -48,13 +48,13 @@ def _table(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     table: dict[str, Any] = {}
     for key, value in pairs:
         if key in table:
-            raise ValueError(f"{key!r} is there twice")
+            raise ValueError(f"{key!r} occurs twice")
         table[key] = value
     return table
 
 
 def _no_number(text: str) -> float:
-    raise ValueError(f"{text} is no number")
+    raise ValueError(f"{text} is not a number")
 
 
 def _finite(text: str) -> float:
@@ -78,7 +78,7 @@ def _check(tree: Any, depth: int) -> None:
         try:
             tree.encode("utf-8")
         except UnicodeEncodeError as error:
-            raise ValueError(f"{tree[:50]!a} is no text: half of a surrogate pair") from error
+            raise ValueError(f"{tree[:50]!a} is not text: half of a surrogate pair") from error
     elif isinstance(tree, dict):
         for key, value in tree.items():
             _check(key, depth)

@@ -73,7 +73,7 @@ class BoundedGraph:
             if options.terminate:
                 raise BundleControllerError(
                     f"{self.name}: {done} of {steps} steps on zeros were done after {perf_counter() - began:.1f} s: "
-                    f"at most {limit_s:g} s are given for all"
+                    f"all must be done in {limit_s:g} s"
                 ) from error
             raise BundleControllerError(f"{self.name} failed on a window of zeros: {shown(error)}") from error
         finally:

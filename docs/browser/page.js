@@ -158,7 +158,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       this.status = null;
     }
 
-    /** Ends all faults, and raises the request anew. An ECU that has set a sensor aside believes it after a restart. */
+    /** Ends all faults, and raises the request anew. An ECU that has set a sensor aside uses it after a restart. */
     clear() {
       if (this.aside) this.powerOn();
       Object.assign(this.vehicle.settings, SOUND, {speed: this.facts.speed});
@@ -220,7 +220,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       const reason = this.reason[1];
       if (state !== this.state) this.note('state', `${this.state || 'power-on'} → ${state}${reason ? `: ${reason}` : ''}`);
       const aside = this.aside_names.join(' and ');
-      if (aside !== this.aside) this.note('state', aside ? `sets ${aside} aside` : 'believes all sensors again');
+      if (aside !== this.aside) this.note('state', aside ? `sets ${aside} aside` : 'uses all sensors again');
       [this.state, this.aside] = [state, aside];
     }
 

@@ -6,7 +6,7 @@ from typing import Final
 from contract.controller.c_folder import c_files
 
 MONOCYPHER: Final = "4.0.3"
-"""Version of the code of others in `store/vendor`; its own release writes it in place of `__git__`."""
+"""Version of Monocypher in `store/vendor`, which Monocypher's release writes in place of `__git__`."""
 
 
 def sources_in(folder: str = "") -> dict[str, bytes]:
@@ -20,10 +20,10 @@ def control_sources() -> dict[str, bytes]:
 
 
 def firmware_sources() -> dict[str, bytes]:
-    """The sources of the ECU around a control step, the same for every program and vehicle; in `board/` and `loader/`
-    those of the firmware around it.
+    """The sources of the ECU around a control step, the same for every program and vehicle; `board/` and `loader/` have
+    the sources of the firmware around the ECU.
 
-    What is generated for one of each is not among them: `sw_ecu_settings.h` (`ecu.in_c.c_settings`)."""
+    The generated `sw_ecu_settings.h` (`ecu.in_c.c_settings`) is not included."""
     around = {"board": sources_in("board"), "loader": loader_sources()}
     return control_sources() | {f"{part}/{name}": text for part in around for name, text in around[part].items()}
 
@@ -53,15 +53,15 @@ def fmu_sources(*parts: str) -> dict[str, bytes]:
 
 
 def plant_fmu_sources(*parts: str) -> dict[str, bytes]:
-    """What stands in front of the plant's FMU, but for `sw_plant_settings.h` (`firmware_sim.fmu.plant_fmu`); `parts`
-    as in `fmu_sources`."""
+    """The sources of the wrapper around the plant's FMU, without `sw_plant_settings.h` (`firmware_sim.fmu.plant_fmu`);
+    `parts` is as in `fmu_sources`."""
     shared = ("sw_fmi3.h", "sw_fmi3_calls.h", "sw_fmu_other.c", "sw_fmu_no_events.c")
     others = {name: text for name, text in fmu_sources("signals").items() if name in shared}
     return sources_in("fmu/plant") | others | {k: v for part in parts for k, v in sources_in(f"fmu/{part}").items()}
 
 
 def example_sources() -> dict[str, bytes]:
-    """Programs with a `main` of their own around the ECU, by their names in a folder.
+    """Example programs around the ECU, each with a `main`, by their names in a folder.
 
-    What one of them plays is generated: `examples/pressures.h` (`ecu.in_c.c_examples`)."""
+    The frames of an example are generated: `examples/pressures.h` (`ecu.in_c.c_examples`)."""
     return {f"examples/{name}": content for name, content in sources_in("examples").items()}

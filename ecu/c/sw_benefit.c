@@ -64,7 +64,7 @@ static int helps(const sw_benefit *benefit)
 
 static uint32_t one_less(uint32_t count) { return count > 0u ? count - 1u : 0u; }
 
-/* Takes this period into the means without control, which cover `over` periods. */
+/* Adds this period to the means without control, which cover `over` periods. */
 static void rested(sw_benefit *benefit, measured now, uint32_t over)
 {
     benefit->resting_suction += (now.suction - benefit->resting_suction) / (double)over;

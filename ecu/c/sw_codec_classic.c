@@ -7,15 +7,15 @@
 #error "a PressureClassic message has four pressures"
 #endif
 
-#define HEAD 1 /* its lower half is the E2E counter */
+#define HEAD 1 /* byte whose lower half is the E2E counter */
 
 /* PressureClassic */
 #define ENABLE_REQUEST 0x10u
-#define AGE_LIMIT 7u /* this age or more */
+#define AGE_LIMIT 7u /* means this age or more */
 #define PRESSURES 2  /* first byte; two pressures of 12 bits take three bytes */
 
 /* VehicleSpeedClassic */
-#define DENSITY 3 /* number of its byte, as the following */
+#define DENSITY 3 /* number of the signal's byte, like the following names */
 #define SPEED 4
 #define SPEED_AGE 6
 
@@ -78,7 +78,7 @@ void sw_emit_status(uint8_t *data, const sw_ecu_status *status)
     /* The reason's lowest bit follows the state; the other four bits are in the next byte. */
     data[HEAD] = (uint8_t)((((uint32_t)status->state & 0x07u) << 4) | ((reason & 0x01u) << 7));
     data[2] = (uint8_t)(((reason >> 1) & 0x0fu) | (sw_at_most(status->bus_off, SW_BUS_OFF_LIMIT) << 4));
-    /* Four counts of six bits. */
+    /* This word and the next byte have four counts of six bits. */
     sw_put_word(&data[3], overruns | (missed << 6) | (crc_errors << 12));
     data[5] = (uint8_t)((crc_errors >> 4) | (refused << 2));
     /* The upper half of the hash. */

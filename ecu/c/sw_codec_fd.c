@@ -16,7 +16,7 @@
 #define AGE 12
 
 /* VehicleSpeed */
-#define DENSITY 3 /* number of its byte, as the following */
+#define DENSITY 3 /* number of the signal's byte, like the following names */
 #define SPEED 4
 #define SPEED_AGE 6
 

@@ -13,7 +13,7 @@
 
 /* The action that the ECU requests from the command gate in one period. */
 typedef struct {
-    double action; /* before the gate, in U_inf W */
+    double action; /* action before the gate, in U_inf W */
     uint8_t fault; /* reason why a due action is missing, or SW_REASON_NONE */
 } decision;
 

@@ -103,14 +103,14 @@ const sw_frame *sw_receive(sw_receiver *receiver, const sw_message *message, con
 
 typedef struct {
     uint8_t usable;
-    uint8_t has_request; /* whether a frame came whose request counts */
+    uint8_t has_request; /* whether a frame with a valid request arrived */
     uint8_t enable_request;
     uint8_t unusable_because; /* SW_REASON_ */
     uint8_t counter;          /* E2E counter of the frame with the usable pressures */
     int64_t sampled_ns;       /* time at which they were sampled */
     double cp[SW_SENSORS];    /* the usable pressures */
 #if SW_PAST > 0
-    double reading[SW_SENSORS]; /* in units of the design speed, which a stuck reading does not follow */
+    double reading[SW_SENSORS]; /* pressures in units of the design speed: a stuck reading is constant in them */
 #endif
 } sw_received;
 

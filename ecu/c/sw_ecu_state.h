@@ -43,11 +43,11 @@ typedef struct {
 /* The operating mode in a control period; on the bus it has a number SW_MODE_ (sw_ecu_settings.h). */
 typedef enum {
     SW_INIT,    /* no usable pressures since power-on */
-    SW_STANDBY, /* control has been requested since power-on: the request must fall first */
+    SW_STANDBY, /* the request has been high since power-on, and must fall first */
     SW_ARMED,   /* control is not requested */
     SW_WARMUP,  /* control is requested, but the window is not full, the speed is out of range, or a test runs */
     SW_CONTROL, /* the jets follow the controller */
-    SW_HOLD,    /* pressures are missing: the last command stays */
+    SW_HOLD,    /* pressures are missing: the last command is held */
     SW_DECAY,   /* pressures are missing for longer: the command is halved each period */
     SW_FAULT,   /* the jets are shut until good frames arrive and the request rises again */
     SW_UPDATE   /* a new release is being written; only a reset ends this mode */
@@ -88,7 +88,7 @@ typedef struct {
 typedef struct {
     sw_bus_health health;
     uint8_t fault;    /* SW_REASON_ for which the ECU must switch itself off, or SW_REASON_NONE */
-    uint8_t updating; /* a new release is to be written: shut off until a reset, as soon as no jet may run */
+    uint8_t updating; /* a new release is being written: the ECU is off until a reset, as soon as no jet may run */
 } sw_surroundings;
 
 /* The state of a receiver. Counts saturate at their largest value. */
@@ -110,7 +110,7 @@ typedef struct {
     uint8_t enable_request;
     uint32_t misses; /* consecutive periods without usable pressures */
     uint32_t good;   /* consecutive periods with usable pressures */
-    uint64_t lost;   /* lost ones of the latest SW_LOSS_WINDOW periods: one bit each, the lowest is the newest */
+    uint64_t lost;   /* lost periods of the latest SW_LOSS_WINDOW: one bit each, the lowest is the newest */
 } sw_fail_safe;
 
 typedef struct {
@@ -126,7 +126,7 @@ typedef struct {
 /* The rows of the latest control periods with their speeds; the last `count` rows have data, the others are zero. */
 typedef struct {
     uint32_t count;
-    double rows[SW_PAST][SW_COLUMNS]; /* as in the window, each in units of its own speed */
+    double rows[SW_PAST][SW_COLUMNS]; /* rows as in the window, each in units of its own speed */
     double speeds[SW_PAST];           /* in design speeds */
 } sw_past;
 
@@ -134,7 +134,7 @@ typedef struct {
 typedef struct {
     sw_receiver receiver; /* receiver of VehicleSpeed */
     uint8_t known;        /* whether there is an accepted speed that is not too old */
-    uint8_t is_off;       /* outside the release's range; to return, the speed must be inside by the margin */
+    uint8_t is_off;       /* the speed left the range by more than the margin and has not returned into it */
     double ratio;         /* speed divided by the design speed; 0 if unknown */
     double density;       /* density of the air in kg/m3, from the same frame */
     int64_t measured_ns;
@@ -218,8 +218,8 @@ typedef struct {
 
 /* The parameters of a release except those of its controller and its sensor estimator; read in place. */
 typedef struct {
-    double fast_deviation[SW_SENSORS][SW_SENSORS]; /* of healthy residuals, in Cp: sensor i without sensor j */
-    double slow_deviation[SW_SENSORS][SW_SENSORS]; /* as fast_deviation, of their slow means */
+    double fast_deviation[SW_SENSORS][SW_SENSORS]; /* of healthy residuals in Cp: sensor i without sensor j */
+    double slow_deviation[SW_SENSORS][SW_SENSORS]; /* as fast_deviation, for the slow means of the residuals */
     double resting[SW_RESTING_SPEEDS][3]; /* the wake without jets: speed, base and swing in Cp */
     double slowest;                       /* lowest speed in the release's range, in design speeds */
     double fastest;
@@ -255,7 +255,7 @@ typedef struct {
     uint8_t key[SW_AES_BYTES];
     uint32_t trip;           /* number of power cycles, including this one; already counted in non-volatile memory */
     uint64_t heard_pressure; /* freshness value accepted in earlier power cycles; 0 for none */
-    uint64_t heard_speed;    /* that of VehicleSpeed, if the release needs the message */
+    uint64_t heard_speed;    /* the same for VehicleSpeed, if the release needs the message */
 } sw_authentication;
 #endif
 

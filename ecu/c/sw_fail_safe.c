@@ -8,7 +8,7 @@
 
 typedef enum {
     ALWAYS,
-    UPDATING,  /* a release is to be written */
+    UPDATING,  /* a release is being written */
     OWN_FAULT, /* clock, deadline, bus-off, sensors, another ECU, controller */
     REARMED,   /* the request rises with usable pressures, SW_REARM_FRAMES or more in a row */
     REARMED_FILLING,

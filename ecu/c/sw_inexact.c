@@ -1,5 +1,5 @@
 /* The check of exact arithmetic: the known answer of float, that of double, and no contraction. */
-/* First: it switches contraction off for the checks of sw_arithmetic.h as well. */
+/* This header is first: it also switches contraction off for the checks of sw_arithmetic.h. */
 #include "sw_exact.h"
 
 #include "sw_arithmetic.h"

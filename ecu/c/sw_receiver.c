@@ -20,7 +20,7 @@ static sw_check checked(sw_receiver *receiver, const sw_message *message, const 
     if (!sw_e2e_check(frame->data, message->bytes, message->data_id)) return SW_CHECK_ERROR;
     const uint32_t counter = sw_e2e_counter(frame->data);
     const uint32_t steps = (counter + (uint32_t)SW_E2E_COUNTERS - receiver->last_counter) % (uint32_t)SW_E2E_COUNTERS;
-    /* The first frame has no predecessor for a comparison. */
+    /* The first frame cannot be compared with an earlier frame. */
     const uint32_t delta = receiver->has_counter ? steps : 1u;
     receiver->has_counter = 1;
     receiver->last_counter = (uint8_t)counter;

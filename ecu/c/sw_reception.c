@@ -17,7 +17,7 @@ int sw_is_fresh(int64_t timestamp_ns, int64_t age_ns, int64_t now_ns, int64_t ol
 }
 
 #if SW_SECOC
-/* Returns whether a pressure frame came: if none was accepted, none was authentic. */
+/* Returns whether a pressure frame arrived: if none was accepted, none was authentic. */
 static int came(const sw_frame *frames, int count)
 {
     int any = 0;

@@ -49,7 +49,7 @@ class Connection:
         first_pause_s: pause before the first attempt to open a lost bus again.
 
     Attributes:
-        not_sent: number of frames that the bus did not take, including those while it was lost.
+        not_sent: number of frames that the bus refused, including the frames while the bus was lost.
         why_not_sent: reason for the latest frame; empty if it was sent.
     """
 

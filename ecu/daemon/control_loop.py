@@ -133,12 +133,12 @@ class ControlLoop:
     def _look_at_bus(self) -> None:
         match self._connection.look():
             case Lost(why=why):
-                self._tell("bus_lost", f"bus lost, jets shut, opening it again: {why}", why=why)
+                self._tell("bus_lost", f"bus lost, jets shut, reopening the bus: {why}", why=why)
             case Back(after_s=after_s):
                 self._arrivals = self._arrivals.forgotten()
                 self._tell(
                     "bus_back",
-                    f"bus back after {after_s:.1f} s; control needs the enable request raised again",
+                    f"bus open again after {after_s:.1f} s; for control, the enable request must rise again",
                     after_s=after_s,
                 )
 
@@ -147,7 +147,7 @@ class ControlLoop:
         if before.fault is None and now.fault is not None:
             self._tell("other_ecu", "another ECU is on this bus: jets shut", frames=now.frames - before.frames)
         elif before.fault is not None and now.fault is None:
-            self._tell("other_ecu_gone", "the other ECU is silent; control needs the enable request raised again")
+            self._tell("other_ecu_gone", "the other ECU is silent; for control, the enable request must rise again")
 
     def _tell_mode(self) -> None:
         state = self._ecu.state.fail_safe

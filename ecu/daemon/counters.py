@@ -14,7 +14,7 @@ class Counters:
 
     Attributes:
         dropped: pressure frames that were dropped because the queue was full.
-        not_sent: frames that the bus did not take.
+        not_sent: frames that the bus refused.
         action: last action sent, U_inf W.
         busy_ns: total time of all steps, from waking until frames were sent.
         latest_wake_ns: largest time from a deadline to the start of its step.
@@ -41,30 +41,30 @@ def text(counters: Counters, *, bundle: str) -> str:
 
 def _lines(c: Counters, bundle: str) -> Iterator[str]:
     state = c.state
-    yield from _metric("info", "gauge", "The release that runs.", {f'bundle="{_escaped(bundle)}"': 1})
+    yield from _metric("info", "gauge", "The running release.", {f'bundle="{_escaped(bundle)}"': 1})
     counts = {
         "steps": (c.steps, "Control steps."),
-        "periods_left_out": (c.left_out, "Periods without a control step, since one before was not done."),
+        "periods_left_out": (c.left_out, "Periods without a control step, because an earlier step was not finished."),
         "overruns": (state.overruns, "Whole periods that the ECU's own timing found missing."),
         "missed": (state.missed, "Steps without usable pressures."),
         "crc_errors": (state.pressures.count(FrameCheck.ERROR), "Pressure frames with a wrong CRC."),
-        "repeated": (state.pressures.count(FrameCheck.REPEATED), "Pressure frames with the counter of the one before."),
+        "repeated": (state.pressures.count(FrameCheck.REPEATED), "Pressure frames with a repeated counter."),
         "wrong_sequence": (state.pressures.count(FrameCheck.WRONG_SEQUENCE), "Pressure frames out of sequence."),
         "not_authentic": (state.verifier.refused, "Pressure frames refused by their MAC or freshness."),
         "frames_received": (c.received, "Frames of the ECU's messages."),
-        "frames_dropped": (c.dropped, "Pressure frames for which there was no room."),
-        "frames_not_sent": (c.not_sent, "Frames that the bus did not take."),
+        "frames_dropped": (c.dropped, "Pressure frames lost because the queue was full."),
+        "frames_not_sent": (c.not_sent, "Frames that the bus refused."),
         "bus_losses": (c.losses, "Times that the bus was lost."),
         "bus_off": (state.health.bus_off, "Times that the CAN controller was bus-off or the bus was lost."),
         "other_ecu_frames": (c.other_ecu, "Commands and statuses of another ECU."),
-        "busy_seconds": (c.busy_ns / 1e9, "All steps together, from waking to having sent."),
+        "busy_seconds": (c.busy_ns / 1e9, "Total time of all steps, from waking to the sent frames."),
     }
     for name, (value, meaning) in counts.items():
         yield from _metric(f"{name}_total", "counter", meaning, {"": value})
     gauges = {
         "action": (c.action, "Jets' action commanded last, U_inf W."),
-        "longest_step_seconds": (c.longest_ns / 1e9, "From waking to having sent."),
-        "latest_wake_seconds": (c.latest_wake_ns / 1e9, "Most that a step began behind its deadline."),
+        "longest_step_seconds": (c.longest_ns / 1e9, "Largest time from waking to the sent frames."),
+        "latest_wake_seconds": (c.latest_wake_ns / 1e9, "Largest delay of a step's start after its deadline."),
         "tx_errors": (state.health.tx_errors, "Transmit error counter of the CAN controller."),
         "rx_errors": (state.health.rx_errors, "Receive error counter of the CAN controller."),
     }

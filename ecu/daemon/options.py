@@ -48,7 +48,7 @@ def freshness_file(options: ProcessOptions) -> Path:
         return options.freshness
     folder = options.environment.get("STATE_DIRECTORY", "").partition(":")[0]
     if not folder:
-        raise ConfigError("bus.key: name the file that keeps freshness values over a restart with --freshness FILE")
+        raise ConfigError("bus.key: name a file that stores the freshness values with --freshness FILE")
     return Path(folder) / FRESHNESS
 
 

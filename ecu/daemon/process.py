@@ -35,8 +35,8 @@ class ServedEcu:
     """An ECU for a process.
 
     Attributes:
-        hears: other receivers of frames, by identifier; called by the thread that reads the bus.
-        beside: runs parallel to the control while the bus is open.
+        hears: further receivers of frames, by identifier; called by the thread that reads the bus.
+        beside: context that is active in parallel with the control while the bus is open.
     """
 
     ecu: SteppedEcu
@@ -91,7 +91,7 @@ def run(
             freshness.accepted(speed.frame_id, counters.state.speed.verifier.freshness)
 
     with ExitStack() as stack:
-        # Its thread starts before the privileges are taken, and is an ordinary one.
+        # Its thread starts before the process takes privileges, so it has none.
         kept = stack.enter_context(live_log(options.frames))
         privileges = stack.enter_context(taken(options.wanted))
         notifier = Notifier(options.environment, os.getpid())

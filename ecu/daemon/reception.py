@@ -20,8 +20,8 @@ STAMPED_WITH_THE_DATE: Final = frozenset({"socketcan", "udp_multicast", "slcan"}
 """Interfaces that stamp the reception with the computer's date. A `virtual` bus passes on the sender's stamp, and
 vendors' drivers have their own clocks: there a frame counts as received when it is read."""
 ROOM: Final = 256
-"""Largest number of frames stored for a step. A period has one pressure frame; the others may be a flood with its
-identifier. Checking all of them takes 2 ms."""
+"""Largest number of frames stored for a step. A period has one pressure frame; a flood may have its identifier.
+Checking this number of frames takes 2 ms."""
 
 
 class Taken(NamedTuple):

@@ -38,7 +38,7 @@ _ROOM: Final = 1024
 PAUSE_S: Final = 0.05
 """Largest time in s between two calls without a frame, and so the delay of timeouts."""
 SENDING_S: Final = 0.001
-"""Between two portions of an answer of many frames, and between two looks while a tool measures."""
+"""Time in s between two parts of a long answer, and between two calls while a tool measures."""
 
 
 class DiagnosisThread:
@@ -167,7 +167,7 @@ def serve_store(
         fatal: list[BaseException] = []
 
         def failed(error: BaseException) -> None:
-            goes_on = "the control goes on"
+            goes_on = "control continues"
             if ecu.needs_reset:
                 # The tester is no longer served, and only a reset would end the update.
                 goes_on = "and with it the process"

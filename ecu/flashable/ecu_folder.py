@@ -1,10 +1,9 @@
-"""The folder that is the memory of an ECU on a computer: its store, its root key, and which ECU it is.
+"""The folder that is the memory of an ECU on a computer: its store, root key and identity.
 
-    root.pub        public root key
-    ecu.json        schema, hardware, serial
-    *.record, *.image   the store's (`can_bridge.flashing.folder_backing`)
+    root.pub        public root key ecu.json        schema, hardware, serial *.record, *.image   the store's
+    (`can_bridge.flashing.folder_backing`)
 
-Who may write the folder may replace all of it: it should be root's, or the service's alone.
+Write access to the folder allows replacing all of it: only root or the service should have this access.
 """
 
 import fcntl
@@ -62,7 +61,8 @@ def read_folder(folder: Path, *, root: Path | None = None, hardware: str | None 
         raw = (folder / IDENTITY).read_bytes()
     except OSError as error:
         raise ConfigError(
-            f"{folder}: no folder of an ECU ({IDENTITY}: {error.strerror}); `stillwake ecu provision` makes one"
+            f"{folder}: not a folder of an ECU ({IDENTITY}: {error.strerror}); `stillwake ecu provision` makes such a "
+            f"folder"
         ) from error
     try:
         identity = strict_json.decode(raw)
@@ -97,7 +97,7 @@ def provision(
         KeyFileError: the root key cannot be read, or did not sign the list.
     """
     if os.path.lexists(folder) and not (folder.is_dir() and not any(folder.iterdir())):
-        raise OutputError(f"{folder}: is there already; an ECU's memory is never overwritten, name another folder")
+        raise OutputError(f"{folder}: exists already; an ECU's memory is never overwritten, name another folder")
     public = signing.read_public_key(root)
     identity = {"schema": _SCHEMA, "hardware": _name(hardware, "hardware"), "serial": _name(serial, "serial")}
     with replacing(folder) as temporary:

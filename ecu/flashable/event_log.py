@@ -32,7 +32,7 @@ def log_boot(log: Log, boot: Boot) -> None:
     """Log the booted release, and the verdicts on the slots."""
     verdicts = {f"slot_{slot.name.lower()}": verdict.in_words for slot, verdict in boot.verdicts.items()}
     if boot.bundle is None or boot.slot is None:
-        log("no_release", "no release is in order: jets shut, waiting to be flashed", **verdicts)
+        log("no_release", "every release is damaged or missing: jets shut, waiting to be flashed", **verdicts)
         return
     name, digest = boot.bundle.name, boot.bundle.digest
     event, words = "booted", boot.reason.in_words

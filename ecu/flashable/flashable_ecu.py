@@ -147,7 +147,7 @@ class FlashableEcu:
         self._take_over()
         if self._controlled.calibration is not None:
             self._controlled.calibration.hand_over()
-        # The release that is booted next cannot tell that the jets run now, so they are shut before the reset.
+        # The release booted next has no information that the jets run now, so they are shut before the reset.
         fault = Reason.UPDATING if self._wants_reset else None
         before = self._ecu.state
         sent = self._ecu.step(now_ns, frames, health, fault=fault, updating=self._controlled.is_updating)

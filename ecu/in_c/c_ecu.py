@@ -46,7 +46,7 @@ class CEcuState(NeverCopied):
         restore: calls `sw_ecu_restore`, or an equivalent, with a pointer to an `sw_ecu_state` and returns its result.
     """
 
-    INSTEAD: ClassVar = "it stands in memory of C; give its state to restore of another ECU of the same sources"
+    INSTEAD: ClassVar = "its state is in C's memory; pass it to `restore` of another ECU of the same sources"
 
     def __init__(self, structs: Structs, ecu: Any, bundle_hash: int, calibrate: _Answer, restore: _Answer) -> None:
         self.structs = structs
@@ -96,9 +96,7 @@ class CEcuState(NeverCopied):
         else:
             self.structs.set_state(place, state)
         if self._restore(place) != 0:
-            raise ValueError(
-                "state: of another calibration's delay, or no ECU can have left it: a number is out of range"
-            )
+            raise ValueError("state: of a calibration with another delay, or damaged: a number is out of range")
 
 
 class CEcu(CEcuState):
@@ -151,7 +149,7 @@ class CEcu(CEcuState):
         if self.lib.sw_ecu_init(ecu):
             raise LibraryError(
                 f"the compiled ECU refuses: {' '.join(flags)}, or this process's floating-point mode, changes "
-                f"arithmetic that its decisions rest on, or its numbers are damaged; GCC needs -ffp-contract=off"
+                f"arithmetic that its decisions depend on, or its numbers are damaged; GCC needs -ffp-contract=off"
             )
         if secret is not None:
             self._authenticate(structs, secret)
@@ -165,7 +163,7 @@ class CEcu(CEcuState):
 
     def _authenticate(self, structs: Structs, secret: bytes) -> None:
         if not hasattr(self.lib, "sw_ecu_authenticate"):
-            raise LibraryError("its settings are of a bus without a key (bus.key)")
+            raise LibraryError("its settings are for a bus without a key (bus.key)")
         given = structs.ffi.new("sw_authentication *", {"key": secret, "trip": 1})
         if self.lib.sw_ecu_authenticate(self.ecu, given):
             raise ConfigError("bus.key: a key of zeros; must be a random one")
@@ -190,7 +188,7 @@ def bundle_hash_of(sources: Mapping[str, bytes]) -> int:
     """Return the short hash of the bundle in an ECU's settings; raise LibraryError if the settings state none."""
     found = _BUNDLE_HASH.search(sources.get(c_settings.HEADER, b""))
     if found is None:
-        raise LibraryError(f"{c_settings.HEADER}: SW_BUNDLE_HASH is missing: it is no header of an ECU's settings")
+        raise LibraryError(f"{c_settings.HEADER}: SW_BUNDLE_HASH is missing: it is not a header of an ECU's settings")
     return int(found.group(1), 16)
 
 
@@ -204,7 +202,7 @@ def ecu_sources(folder: Path, bundle: Bundle, config: Config) -> dict[str, bytes
     sources = read_sources(folder, board=True)
     check_program(folder, sources, bundle)
     if c_settings.HEADER not in sources:
-        raise LibraryError(f"library {folder}: it has the control step alone, and no ECU around it; export it again")
+        raise LibraryError(f"library {folder}: it has only the control step and no ECU; export it again")
     check = config.ecu.sensor_check
     if bundle.manifest.sensor_estimator is None and check.enabled:
         # The ECU in Python makes the same choice.

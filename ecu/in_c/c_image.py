@@ -37,7 +37,7 @@ def controller_image(
 ) -> bytes:
     """Return the image of a verified release, signed if there is a key. `files` is the library with its ECU and its
     packed numbers. Raises LibraryError if the library has no ECU, belongs to another program, or is too old to have
-    packed numbers; BundleContainerError if an image cannot hold the release's name, or if no ECU opens one of its
+    packed numbers; BundleContainerError if an image cannot hold the release's name, or if no ECU accepts one of its
     numbers."""
     manifest = bundle.manifest
     if ECU_SETTINGS not in files or WEIGHTS_PART not in files:

@@ -76,13 +76,13 @@ def check_settings(config: Config) -> None:
     for name, most in _MOST.items():
         value = attrgetter(name)(config)
         if value > most:
-            raise ConfigError(f"{name} = {value}: the ECU in C takes at most {most}")
+            raise ConfigError(f"{name} = {value}: the ECU in C accepts at most {most}")
     if config.period_ns > _LONGEST_PERIOD_NS:
-        raise ConfigError(f"a control period of {config.period_ns} ns: the ECU in C takes at most {_LONGEST_PERIOD_NS}")
+        raise ConfigError(f"control period of {config.period_ns} ns: the ECU in C accepts at most {_LONGEST_PERIOD_NS}")
     held_ns = GateLimits.from_config(config).held_age_ns
     if held_ns > LATEST_NS:
         raise ConfigError(
-            f"ecu.hold_periods and ecu.decay_periods come to {held_ns} ns: the ECU in C takes at most {LATEST_NS}"
+            f"ecu.hold_periods and ecu.decay_periods add up to {held_ns} ns: the ECU in C accepts at most {LATEST_NS}"
         )
 
 

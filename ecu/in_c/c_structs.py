@@ -60,7 +60,7 @@ class Structs:
 
     def __init__(self, sources: Mapping[str, bytes], compiler: Sequence[str], header: str = _HEADER) -> None:
         if _HEADER not in sources:
-            raise LibraryError(f"{_HEADER} is missing: this library has the control step alone, and no ECU around it")
+            raise LibraryError(f"{_HEADER} is missing: this library has only the control step and no ECU")
         self.ffi: Any = cffi.FFI()
         headers = {name: content for name, content in sources.items() if name.endswith(".h") and "/" not in name}
         with tempfile.TemporaryDirectory() as folder:

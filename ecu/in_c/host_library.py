@@ -38,7 +38,7 @@ class CController(NeverCopied):
         description: compiler and flags of the control step, for people.
     """
 
-    INSTEAD: ClassVar = "it is a loaded library; make another one of the same sources"
+    INSTEAD: ClassVar = "it is a loaded library; build another library of the same sources"
 
     def __init__(
         self,
@@ -136,7 +136,7 @@ class CController(NeverCopied):
     @staticmethod
     def _check(status: int) -> None:
         if status != _OK:
-            raise ControllerError(f"the C library answered with status {status}: {REFUSALS[status]}")
+            raise ControllerError(f"the C library returned status {status}: {REFUSALS[status]}")
 
     def poison_workspace(self) -> None:
         """Fill the scratch memory with NaN: no result may depend on its earlier contents."""

@@ -38,7 +38,7 @@ def uds_settings() -> bytes:
         "LEVELS": len(Level),
         "ACCESS_ATTEMPTS": security.MAX_ATTEMPTS,
         "LONGEST_ANSWER": services.LONGEST_ANSWER,
-        # The room holds one answer, the answers beside it, and a refusal in every other place of the queue.
+        # The room holds the longest answer, parallel answers, and a refusal in every other place of the queue.
         "ISOTP_ROOM": services.LONGEST_ANSWER + services.BESIDE + 3 * _ISOTP.queue,
         "ISOTP_BESIDE": services.BESIDE,
         "ISOTP_QUEUE": _ISOTP.queue,

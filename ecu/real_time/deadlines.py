@@ -64,7 +64,7 @@ class Arrivals:
     """The latest arrivals of a periodic message.
 
     Attributes:
-        period_ns: between two arrivals.
+        period_ns: time between two arrivals.
         latest_ns: up to REMEMBERED arrivals, oldest first.
     """
 

@@ -107,10 +107,10 @@ def load(path: Path, stages: type[IntEnum]) -> NDArray[np.int64]:
         file = read_npz(path)
         columns, rows = file["columns"].tolist(), file["rows"]
     except (OSError, ValueError) as error:
-        raise StillwakeError(f"{path}: no table of stage times ({error})") from error
+        raise StillwakeError(f"{path}: not a table of stage times ({error})") from error
     expected = [stage.name.lower() for stage in stages]
     if columns != expected or rows.dtype != np.int64 or rows.ndim != 2 or rows.shape[1] != len(expected):
-        raise StillwakeError(f"{path}: no table of the columns {', '.join(expected)}")
+        raise StillwakeError(f"{path}: not a table of the columns {', '.join(expected)}")
     return rows
 
 

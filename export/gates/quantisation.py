@@ -89,7 +89,7 @@ def compare_answers(
         gaps.append(float((priced.terms - exact.terms) @ weights))
         plan = exact.plan
     if not errors:
-        raise ExportError("quantisation gate: no windows to compare on")
+        raise ExportError("quantisation gate: no windows to compare with")
     error = np.array(errors)
     return QuantisationReport(
         cases=len(errors),

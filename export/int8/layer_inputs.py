@@ -59,7 +59,7 @@ class LayerInputs:
 def layer_inputs(program: ControllerProgram, windows: Sequence[Array]) -> LayerInputs:
     """Run a program on windows (L, S+1); raises ExportError if there are none."""
     if not windows:
-        raise ExportError("int8 calibration: no windows to measure activations on")
+        raise ExportError("int8 calibration: no windows to measure activations with")
     encoder = encoder_layers(program, np.array(windows))
     plans = _plans(program, np.random.default_rng(0))
     # Every latent state is combined with every plan; the rows of a step are together.

@@ -264,7 +264,7 @@ class _Tensors:
     def shape(self, name: str, axes: int) -> tuple[int, ...]:
         shape = self._find(name).shape
         if len(shape) != axes or 0 in shape:
-            raise ExportError(f"{self._network}.{name}: shape {shape}, must have {axes} axes and no empty side")
+            raise ExportError(f"{self._network}.{name}: shape {shape}, must have {axes} axes of non-zero length")
         return tuple(map(int, shape))
 
     def take(self, name: str, shape: tuple[int, ...]) -> Array:

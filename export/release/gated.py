@@ -108,7 +108,7 @@ def _gate_library(
     compiled: CompileLibrary | None,
 ) -> LibraryReport:
     if lowered.library is None or compiled is None:
-        raise ValueError("a library without what compiles it: it cannot be checked")
+        raise ValueError("a library without a compiler: it cannot be checked")
     controller = compiled(lowered.library, lowered.effective.sizes)
     parity, quantisation = None, None
     if isinstance(lowered.program, RoundedProgram):

@@ -47,12 +47,12 @@ def check_model(content: bytes) -> int:
     except Exception as error:  # of protobuf, or of the checker or of the inference of shapes
         raise ValueError(f"onnx refuses it: {error}") from error
     if model.functions or model.training_info:
-        raise ValueError("it brings functions of its own, or training information")
+        raise ValueError("it has its own functions, or training information")
     nodes = list(_nodes(model.graph))
     constants = {one.name for one in model.graph.initializer}
     for node in nodes:
         if node.domain or node.op_type not in OPERATORS:
-            raise ValueError(f"operator {node.op_type!r} of domain {node.domain!r}: no controller computes with it")
+            raise ValueError(f"operator {node.op_type!r} of domain {node.domain!r}: no controller uses this operator")
         for name in node.input[1:] if node.op_type in SHAPING else ():
             if name and name not in constants:
                 raise ValueError(f"{node.op_type} takes {name!r}, which is computed: must be a constant")

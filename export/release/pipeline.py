@@ -205,7 +205,7 @@ def export_library(
     if trained.weights_sha256 != manifest.weights_sha256:
         raise ExportError(
             f"bundle {manifest.name} is of the model {manifest.weights_sha256[:12]}, {model} is "
-            f"{trained.weights_sha256[:12]}: a library is made from the model of its release"
+            f"{trained.weights_sha256[:12]}: name the model of the release"
         )
     about = trained.description
     episodes = _recording_of(recording, about.dataset_sha256, about.layout, False, lambda line: None)
@@ -214,7 +214,7 @@ def export_library(
     if lowered.program_sha256 != manifest.program_sha256:
         raise ExportError(
             f"bundle {manifest.name} has the program {manifest.program_sha256[:12]}, its model gives "
-            f"{lowered.program_sha256[:12]} here: export it again, with a bundle"
+            f"{lowered.program_sha256[:12]} here: export the model again, with a bundle"
         )
     gated = gate(lowered, windows, compiled=library.compiled)
     phase("write")
@@ -265,7 +265,7 @@ def check_settings(own: Config, config: Config) -> None:
         if trained != here:
             raise ExportError(
                 f"flow.{name} = {here:g} in the settings, the model was trained with {trained:g}: "
-                f"a controller keeps its model's"
+                f"a controller has its model's value"
             )
 
 
@@ -283,7 +283,7 @@ def _recording_of(
     if digest != of_model:
         other = f"{path} (SHA-256 {digest[:12]}) is not the recording that the model was fitted to ({of_model[:12]})"
         if not named:
-            raise ExportError(f"{other}: name that one with --dataset")
+            raise ExportError(f"{other}: name the model's recording with --dataset")
         difference = layout.difference(recording.layout)
         if difference is not None:
             raise ExportError(f"{other}, and of other sensors, in {difference}")

@@ -145,7 +145,7 @@ def _fed_by_elu(weight: Array) -> None:
     """Check a layer's width: ELU outputs use all 16 bits for every width."""
     if weight.shape[1] > form.FULL_RANGE_WIDTH:
         raise ExportError(
-            f"a layer of width {weight.shape[1]} behind an ELU: int8 lowering takes at most {form.FULL_RANGE_WIDTH}"
+            f"a layer of width {weight.shape[1]} after an ELU: int8 lowering accepts at most {form.FULL_RANGE_WIDTH}"
         )
 
 

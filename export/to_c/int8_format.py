@@ -102,7 +102,7 @@ def qmax(width: int) -> int:
     """Return the largest integer of a vector of this padded width whose product cannot overflow 32 bits; in C, SW_QMAX.
     Raises ExportError if the vector is so wide that too few integers are left."""
     if width > 4 * FULL_RANGE_WIDTH:
-        raise ExportError(f"a layer of width {width}: int8 lowering takes at most {4 * FULL_RANGE_WIDTH}")
+        raise ExportError(f"a layer of width {width}: int8 lowering accepts at most {4 * FULL_RANGE_WIDTH}")
     return INT16_QMAX if width <= FULL_RANGE_WIDTH else SUM_QMAX // width
 
 

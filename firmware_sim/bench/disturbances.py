@@ -98,7 +98,7 @@ class OtherBody(Span, section="body"):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        require((self.start_s, self.end_s) == (0.0, inf), self, "start_s", "left out, and its end: a body stays")
+        require((self.start_s, self.end_s) == (0.0, inf), self, "start_s", "left out, and its end, too: a body stays")
         self.instead_of(TRUCK_BODY)
 
     def instead_of(self, body: BodyConfig) -> BodyConfig:
@@ -245,7 +245,7 @@ class Disturbances:
             if isinstance(one, NodeFault):
                 continue
             if one.start_s >= duration_s:
-                raise ConfigError(f"disturbance {text!r}: begins when the run has ended, after {duration_s:g} s")
+                raise ConfigError(f"disturbance {text!r}: begins after the end of the run, at {duration_s:g} s")
             for name in one.named if isinstance(one, SensorDisturbance) else ():
                 if name not in sensors:
                     raise ConfigError(

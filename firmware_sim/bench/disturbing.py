@@ -211,7 +211,7 @@ class Disturbing:
             yield
             return
         if not isinstance(plant, Disturbable):
-            raise ConfigError("the flow of this plant cannot be disturbed: reynolds and gust need the own solver")
+            raise ConfigError("the flow of this plant cannot be disturbed: reynolds and gust need stillwake's solver")
         t_c, gusts = self._config.operating_point.convective_time, []
         for _, one in self._each(kinds.GustyWind):
             cycles = kinds.whole_cycles(one, t_c)

@@ -22,7 +22,7 @@ def driving(plant: Plant, drive: Drive, config: Config) -> Iterator[Drivable]:
     the plant cannot change its speed.
     """
     if not isinstance(plant, Drivable):
-        raise ConfigError(f"drive {drive.name}: this plant has one speed; a drive needs the own solver")
+        raise ConfigError(f"drive {drive.name}: this plant has a constant speed; a drive needs stillwake's solver")
     wind, first = plant.wind, drive.speeds[0] / config.operating_point.speed
     if first != 1.0:
         plant.scale(first)

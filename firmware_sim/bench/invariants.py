@@ -335,11 +335,11 @@ class Invariants:
         counter = command.pressure_counter
         sampled = None if counter is None else self._sampled.get(counter)
         if sampled is None:
-            self._broken("bus_age", f"{command.mode.name} rests on no pressures that were sent (counter {counter})")
+            self._broken("bus_age", f"{command.mode.name} is based on pressures that were not sent (counter {counter})")
             return
         age_ns = now_ns - round(ecu.compute_time_ms * 1e6) - sampled[1]
         if age_ns > (oldest + AGE_TOLERANCE) * period_ns + self._hidden_ns:
-            self._broken("bus_age", f"{command.mode.name} rests on pressures of {age_ns / 1e6:g} ms")
+            self._broken("bus_age", f"{command.mode.name} is based on pressures that are {age_ns / 1e6:g} ms old")
 
     def _broken(self, invariant: str, detail: str) -> None:
         self.violations.append(Violation(period=self._period, invariant=invariant, detail=detail))

@@ -43,7 +43,7 @@ def parse_node_fault(text: str) -> NodeFault:
     """Return the fault that a text describes. Raises ConfigError that states the text and its faulty part."""
     node, colon, rest = text.partition(":")
     if not colon or node not in NODES:
-        raise ConfigError(f"fault {text!r}: must begin with the node whose port it is in, vehicle: or ecu:")
+        raise ConfigError(f"fault {text!r}: must begin with the node whose port has the fault, vehicle: or ecu:")
     fault = parse_fault(rest)
     if isinstance(fault, Disconnect) and fault.kind == "device_gone":
         raise ConfigError(f"fault {text!r}: would end the run with an error; an open wire is `{node}:disconnect`")
@@ -54,12 +54,12 @@ def check_faults(faults: Sequence[NodeFault], config: BusConfig, *, duration_s: 
     """Check the faults; raises ConfigError for one that could not act in a run of this length on this bus."""
     for one in faults:
         if one.fault.start_s >= duration_s:
-            raise ConfigError(f"fault {one.text!r}: begins when the run has ended, after {duration_s:g} s")
+            raise ConfigError(f"fault {one.text!r}: begins after the end of the run, at {duration_s:g} s")
         remakes = (isinstance(one.fault, FlipBits) and one.fault.before_crc) or (
             isinstance(one.fault, StuckAt) and one.fault.counter_runs
         )
         if remakes and config.key:
-            raise ConfigError(f"fault {one.text!r}: makes frames of its own, which only the nodes can with bus.key")
+            raise ConfigError(f"fault {one.text!r}: computes new frames, which needs the nodes' key if bus.key is set")
 
 
 class NodeFaults:

@@ -153,7 +153,7 @@ class Swap(SensorDisturbance, section="swap"):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        require(len(set(self.sensors)) == len(self.sensors) == 2, self, "sensors", "two different ones")
+        require(len(set(self.sensors)) == len(self.sensors) == 2, self, "sensors", "two different sensors")
 
     def begun(self, at: Sequence[int], config: Config, seed: int) -> SensorFault:
         return lambda cp: _with(cp, at, cp[..., at[::-1]])

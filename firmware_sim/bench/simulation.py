@@ -183,14 +183,14 @@ class Simulation:
         if other is None:
             check_sensors(self._bundle, layout)
         elif not np.array_equal(layout.positions, layout_of(self._config.body).positions):
-            raise ConfigError(f"disturbance {text_of(other)!r}: the plant is another body than this")
+            raise ConfigError(f"disturbance {text_of(other)!r}: the plant already has another body")
 
 
 def _check_vehicle(config: Config, requested: int) -> None:
     """Raise StillwakeError if the bus or the actuator does not allow a run."""
     if config.bus.interface != SIMULATED:
         raise BusError(
-            f"bus.interface = {config.bus.interface!r}: a run is in virtual time, on a bus that is simulated; only "
+            f"bus.interface = {config.bus.interface!r}: a run is in virtual time, on the simulated bus; only "
             f"{SIMULATED!r} is possible"
         )
     check_bit_rates(config)

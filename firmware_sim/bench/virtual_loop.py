@@ -79,7 +79,7 @@ class VirtualLoop(NeverCopied):
         planned_ns: computing times of all steps so far that computed a plan.
     """
 
-    INSTEAD: ClassVar = "bus and nodes call each other; run the same again, it goes the same way to the bit"
+    INSTEAD: ClassVar = "bus and nodes call each other; repeat the run, which gives the same result bit for bit"
 
     def __init__(
         self,

@@ -154,7 +154,7 @@ class _Runs:
             lambda task: (run_task, task, self._campaign.bundle, self._starts[task.plant][task.phase]),
             workers=workers,
             scheduler=scheduler,
-            names=lambda task: (f"run {task.name}", "finished runs are kept"),
+            names=lambda task: (f"run {task.name}", "finished runs are stored"),
             finished=self._finished,
             slots=lambda threads: sum(threads.values()),
         )

@@ -44,7 +44,7 @@ class CampaignFolder:
             return
         present = self._label()
         if present is None:
-            raise OutputError(f"{self.path}: there is something that is no campaign; name another folder")
+            raise OutputError(f"{self.path}: holds files that are not a campaign's; name another folder")
         if present != _plain(label) and not overwrite:
             names = ", ".join(
                 sorted(name for name in present.keys() | label.keys() if present.get(name) != label.get(name))

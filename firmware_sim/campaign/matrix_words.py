@@ -71,7 +71,7 @@ def headline(rows: Sequence[ScenarioRow]) -> str:
     safe = sum(row.safe for row in rows)
     disturbed = [row for row in rows if row.scenario.name != UNDISTURBED]
     uses = [sum(row.use == use for row in disturbed) for use in ("useful", "marginal", "none")]
-    look = " One start: a look, not a figure." if rows and all(len(row.phases) == 1 for row in rows) else ""
+    look = " One start: an impression, not a figure." if rows and all(len(row.phases) == 1 for row in rows) else ""
     unsafe = ", ".join(row.scenario.name for row in rows if not row.safe)
     ending = f"; UNSAFE: {unsafe}" if unsafe else ""
     use = f"under disturbance {uses[0]} useful, {uses[1]} marginal, {uses[2]} of no use"

@@ -136,7 +136,7 @@ def _filled(text: str, words: Mapping[str, object]) -> str:
     try:
         return text.format_map(words)
     except KeyError as error:
-        raise ConfigError(f"{text!r}: {{{error.args[0]}}} is none of {', '.join(sorted(words))}") from error
+        raise ConfigError(f"{text!r}: {{{error.args[0]}}} must be one of {', '.join(sorted(words))}") from error
     except (ValueError, IndexError, AttributeError, TypeError) as error:
         raise ConfigError(f"{text!r}: cannot be filled in ({error})") from error
 

@@ -28,7 +28,7 @@ _CURVES: Final = {
         f"{PAPERS_DELAYED_CD[0]:.3f} without delay and {PAPERS_DELAYED_CD[12]:.3f} at 12 periods against "
         f"{PAPERS_UNCONTROLLED_CD:.3f} without control (appendix B); it gives no side force in numbers.",
     ),
-    "overview": ("All at a glance", _BARS),
+    "overview": ("Overview", _BARS),
 }
 """Title of each figure, and the text below it."""
 _USED: Final = ("operating_point", "flow", "bus", "ecu", "vehicle")

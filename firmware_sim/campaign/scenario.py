@@ -69,9 +69,9 @@ class Scenario:
                 f"{LONGEST_NAME}"
             )
         if self.name.rpartition(".")[2] == UNCONTROLLED:
-            raise ConfigError(f"name {self.name!r}: a campaign keeps its runs without control under such names")
+            raise ConfigError(f"name {self.name!r}: a campaign stores its runs without control under such names")
         if not self.sentence.strip() or not self.sentence.isprintable():
-            raise ConfigError(f"sentence {self.sentence!r}: must be one line on what is done to the loop")
+            raise ConfigError(f"sentence {self.sentence!r}: must be one line that states the disturbance of the loop")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -104,9 +104,9 @@ def check_names(scenarios: Sequence[Scenario]) -> None:
     seen: dict[str, Scenario] = {}
     for one in scenarios:
         if (other := seen.setdefault(one.name, one)) is not one:
-            raise ConfigError(f"scenario {one.name!r} is there twice, in {other.group!r} and in {one.group!r}")
+            raise ConfigError(f"scenario {one.name!r} occurs twice, in {other.group!r} and in {one.group!r}")
     if UNDISTURBED not in seen:
-        raise ConfigError(f"no scenario {UNDISTURBED!r}: all others are held against it")
+        raise ConfigError(f"no scenario {UNDISTURBED!r}: all others are compared with it")
 
 
 def selected(scenarios: Sequence[Scenario], globs: Sequence[str]) -> tuple[Scenario, ...]:
@@ -114,7 +114,7 @@ def selected(scenarios: Sequence[Scenario], globs: Sequence[str]) -> tuple[Scena
     without patterns. Raises ConfigError if a pattern matches no scenario."""
     for glob in globs:
         if not any(fnmatchcase(one.name, glob) for one in scenarios):
-            raise ConfigError(f"--only {glob!r}: no scenario has such a name; --list shows them")
+            raise ConfigError(f"--only {glob!r}: no scenario has a matching name; --list shows the names")
     return tuple(one for one in scenarios if one.name == UNDISTURBED or matches(one.name, globs))
 
 

@@ -48,10 +48,10 @@ def kind_and_path(text: str, names: tuple[str, ...] = FMU_KINDS) -> tuple[FmuKin
     path = Path(after if chosen else text)
     for name in chosen:
         if name not in names:
-            raise OutputError(f"{text}: {name}: no kind of FMU; there are {', '.join(names)}")
+            raise OutputError(f"{text}: {name}: must be one of {', '.join(names)}")
     kind = FmuKind(**dict.fromkeys(chosen, True))
     if kind.bus and kind.fmi2:
-        raise OutputError(f"{text}: bus and fmi2: FMI 2.0 has no bus; name one of them")
+        raise OutputError(f"{text}: bus and fmi2: FMI 2.0 has no bus; name only one of the two")
     if kind.triggered and not kind.bus:
         raise OutputError(f"{text}: triggered: is a kind of bus; name both")
     if path.suffix.lower() != FMU_SUFFIX:

@@ -75,7 +75,7 @@ def read_budget(path: Path) -> _Budget:
         if name in of_stages and not (isfinite(most) and most > 0.0):
             raise ConfigError(f"budget {path}: {name} = {most}: must be a positive number of ms")
     if not budget:
-        raise ConfigError(f"budget {path}: it limits nothing; for example misses_ours = 0")
+        raise ConfigError(f"budget {path}: has no limit; write a limit, for example misses_ours = 0")
     return budget
 
 

@@ -123,9 +123,9 @@ class MeasuredRun:
         """First line of a report."""
         total = len(self.periods)
         missed = f"{self.misses} of {total} commands missed their boundary."
-        line = missed if self.misses else f"All {total} commands came by the boundary they were due at."
+        line = missed if self.misses else f"All {total} commands arrived by their boundary."
         if self.without_plan:
-            line = f"{line} {self.without_plan} of them rest on no plan."
+            line = f"{line} {self.without_plan} of them have no plan."
         if self.left_control:
             line = f"The ECU left control: {self.recorded.fault}. {line}"
         if not self.is_too_noisy:

@@ -26,7 +26,7 @@ def histogram_figure(runs: Sequence[MeasuredRun]) -> Figure:
     answers, idle = [values[np.isfinite(values)] / 1e6 for values in everything], [run.idle_late / 1e6 for run in runs]
     longest = max(float(values.max(initial=period_ms)) for values in (*answers, *idle))
     bins = np.linspace(0.0, 1.02 * longest, BINS + 1).tolist()
-    above.axvline(period_ms, color="tab:red", linestyle="--", linewidth=1.2, label="boundary that a command is due at")
+    above.axvline(period_ms, color="tab:red", linestyle="--", linewidth=1.2, label="boundary of the command")
     for axes, title, values_of, labels in (
         (above, "from the sampling instant to the command", answers, [f"{run.name}: {run.about}" for run in runs]),
         (below, "idle loop: from its deadline to waking up", idle, [f"next to {run.name}" for run in runs]),

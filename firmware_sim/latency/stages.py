@@ -107,7 +107,7 @@ def joined(vehicle: Times, ecu: Times, *, period_ns: int, counter_period: int) -
     if not len(planned):
         raise StillwakeError("the ECU made no plan from the vehicle's pressures: was control requested, and granted?")
     if planned[0] >= len(sent) - 1:
-        raise StillwakeError("the ECU's first plan came in the vehicle's last period: measure for longer")
+        raise StillwakeError("the ECU's first plan arrived in the vehicle's last period: measure for longer")
     first, last = int(sent[planned[0], VehicleStage.PERIOD]), int(sent[-1, VehicleStage.PERIOD]) - 1
     grid = _Grid.over(sent, first, last, period_ns)
     origin = int(grid.scheduled[0])

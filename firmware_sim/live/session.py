@@ -54,7 +54,7 @@ class LiveSession(NeverCopied):
         clock: wall clock in s.
     """
 
-    INSTEAD: ClassVar = "bus and nodes call each other; make another one, which goes the same way to the bit"
+    INSTEAD: ClassVar = "bus and nodes call each other; create another session, which gives the same result bit for bit"
 
     def __init__(
         self,
@@ -210,9 +210,9 @@ class LiveSession(NeverCopied):
         self._apply(self._settings.without_faults, enable=None)
         text = "cleared"
         if self._run.state.sensors.set_aside is not None and not self._run.is_off:
-            text += "; the ECU starts again, and believes all sensors again"
+            text += "; the ECU starts again, and uses all sensors again"
         if self._run.help():
-            text += "; the request is taken back for a moment, since only a new one leads on"
+            text += "; the request is withdrawn for a moment, since only a new request starts control"
         self._note("set", text)
         return text
 

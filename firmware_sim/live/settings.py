@@ -69,7 +69,7 @@ SLIDERS: Final = {
     "noise": Slider(least=0.0, greatest=1.0, step=0.05, unit="deviations of all pressures"),
     "bias": Slider(least=-3.0, greatest=3.0, step=0.1, unit="deviations of all pressures"),
     "loss": Slider(least=0.0, greatest=1.0, step=0.05, unit="of the pressure frames"),
-    "delay_ms": Slider(least=0.0, greatest=200.0, step=5.0, unit="ms more to the jets"),
+    "delay_ms": Slider(least=0.0, greatest=200.0, step=5.0, unit="ms longer to the jets"),
 }
 WEIGHT: Final = Slider(least=0.0, greatest=LARGEST_WEIGHT, step=0.01, unit="")
 """Slider of every cost weight, with the bounds of a calibration."""
@@ -183,7 +183,7 @@ def changes(before: LiveSettings, now: LiveSettings, own: CostWeights, controlle
     percent, late = f"{100 * now.loss:g} %", f"{now.delay_ms:g} ms late"
     bias_before, bias = ((one.biased and (one.biased, one.bias)) for one in (before, now))
     rows: tuple[tuple[object, object, str, str], ...] = (
-        (before.enable, now.enable, "control is requested", "the request for control is taken back"),
+        (before.enable, now.enable, "control is requested", "the request for control is withdrawn"),
         (before.controller, now.controller, f"controller: {controllers[now.controller]}", ""),
         (before.plant, now.plant, f"plant: {now.plant}", ""),
         (before.noise, now.noise, f"noise of {now.noise:g} deviations on every sensor", "no noise on the sensors"),

@@ -64,7 +64,7 @@ class BlockCounter:
             ctypes.c_uint64(0),
         )
         if failed:
-            raise McuError(f"the emulator takes no hook: unicorn's error {failed}")
+            raise McuError(f"the emulator refused a hook: unicorn's error {failed}")
 
     def start(self) -> None:
         """Set the counts to zero."""

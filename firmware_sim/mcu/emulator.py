@@ -31,7 +31,7 @@ class EmulatedCore(NeverCopied):
         stack: address and size in bytes of the stack, at the lowest address of one of the memories.
     """
 
-    INSTEAD: ClassVar = "it stands in memory of the emulator; make another one of the same firmware"
+    INSTEAD: ClassVar = "its state is in the emulator's memory; create another emulator of the same firmware"
 
     def __init__(self, firmware: Firmware, memories: Sequence[tuple[int, int]], stack: tuple[int, int]) -> None:
         self._symbols, self._stack = firmware.symbols, stack

@@ -70,7 +70,7 @@ class Measurement:
             yield f"at {clock} MHz, one a cycle", f"{milliseconds:.1f} ms"
         for clock, milliseconds in self.modelled_ms.items():
             yield f"at {clock} MHz, modelled pipeline", f"{milliseconds:.1f} ms"
-        agreement = "identical to the bit" if self.identical else f"action within {self.action_difference:.2g}"
+        agreement = "identical bit for bit" if self.identical else f"action within {self.action_difference:.2g}"
         yield f"{self.steps} steps against this host", agreement
 
 
@@ -172,7 +172,7 @@ def verdicts(modelled_ms: Mapping[str, float], period: float) -> Iterator[tuple[
         modelled_ms: time of a control step by clock in MHz (`firmware_sim.mcu.measure.Measurement.modelled_ms`).
         period: control period in ms.
     """
-    yield "control period", f"{period:g} ms (from the settings; the library does not hold it)"
+    yield "control period", f"{period:g} ms (from the settings; it is not in the library)"
     for clock, needed in modelled_ms.items():
         share = needed / period
         if share <= 1.0:

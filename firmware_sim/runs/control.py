@@ -14,7 +14,7 @@ from firmware_sim.runs.statistics import Flags, planned_steps
 SKIPPED: Final = "SKIPPED"
 """Name used like a mode's name for a period that the ECU left out because it was still computing."""
 
-KEYS_DIFFER: Final = "Frames came, but none was authentic: do both nodes have the same key (bus.key)?"
+KEYS_DIFFER: Final = "Frames arrived, but none was authentic: do both nodes have the same key (bus.key)?"
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -9,14 +9,14 @@ DOES: Final[Mapping[str, str]] = {
     "OFF": "the jets are shut",
     "WARMUP": "the jets are shut while the controller's window fills, or control is tested",
     "CONTROL": "the jets follow the controller",
-    "HOLD": "the last command stays",
+    "HOLD": "the last command is held",
     "DECAY": "the command is halved each period",
     "FAULT": "the jets are shut until the request falls and rises again",
 }
 """State of the jets for each mode, by the name of a `can_bridge.wire.messages.Mode`."""
 BECAUSE: Final[Mapping[Reason, str]] = {
     Reason.NONE: "",
-    Reason.STREAM_LOST: "no pressures came",
+    Reason.STREAM_LOST: "no pressures arrived",
     Reason.STREAM_INVALID: "the pressure frames failed their end-to-end checks",
     Reason.DEADLINE: "its control steps came too late",
     Reason.BUS_OFF: "its CAN controller was off the bus",
@@ -26,7 +26,7 @@ BECAUSE: Final[Mapping[Reason, str]] = {
     Reason.NOT_AUTHENTIC: "the frames were not authentic",
     Reason.CLOCK: "its clock jumped",
     Reason.IMPLAUSIBLE: "the pressures contradict each other",
-    Reason.NOT_ARMED: "the request stands from before, and must fall and rise again",
+    Reason.NOT_ARMED: "the request has been high since before, and must fall and rise again",
     Reason.OTHER_ECU: "another ECU is on the bus",
     Reason.NO_RELEASE: "it has no release",
     Reason.UPDATING: "a release is being written",

@@ -177,7 +177,7 @@ def _bus_rows(log: RunLog) -> list[tuple[str, str]]:
         ("frames on the bus, all nodes / error frames", f"{traffic.frames} / {traffic.error_frames}"),
         ("longest wait for the bus", waits or "nothing was sent"),
         ("CAN controllers: state, TEC / REC / times bus-off", ", ".join(errors)),
-        ("frames that the bus did not take", str(sum(node.refused for node in traffic.nodes.values()))),
+        ("frames that the bus refused", str(sum(node.refused for node in traffic.nodes.values()))),
     ]
 
 

@@ -90,9 +90,9 @@ class Latency:
 def averages(log: RunLog) -> Averages | NoAverages:
     """Compute the averages: before the request for control, and from the end of the settling time to the end."""
     if not log.metadata.averages:
-        return NoAverages("No averages were asked for.")
+        return NoAverages("No averages were requested.")
     if log.metadata.drive is not None:
-        return NoAverages("The speed is the drive's: its energy counts.")
+        return NoAverages("The speed follows the drive, so its energy is compared, not averages.")
     t, enabled = log.series["t"], log.enabled_at
     # The sample at the request for control still shows the wake without control.
     before = slice(0, enabled + 1)

@@ -149,10 +149,10 @@ def _check(wake: WakeStills, total: int, log: RunLog) -> None:
     if not count or wake.k.shape != (count,) or wake.t.shape != (count,):
         raise ValueError(f"{count} stills at {len(wake.k)} periods")
     if sum(map(len, wake.stills)) != total:
-        raise ValueError("the stills do not fill their part of the file")
+        raise ValueError("the stills have another size than their part of the file")
     times = log.series["t"]
     if wake.k[0] < 0 or wake.k[-1] >= len(times) or (np.diff(wake.k) <= 0).any():
-        raise ValueError(f"stills must be of rising periods from 0 to {len(times) - 1}")
+        raise ValueError(f"the periods of the stills must rise within 0 to {len(times) - 1}")
     if not np.allclose(wake.t, times[wake.k], rtol=0.0, atol=_SAME_TIME):
         raise ValueError("the stills' times are not the series'")
     for still in wake.stills:
@@ -160,6 +160,6 @@ def _check(wake: WakeStills, total: int, log: RunLog) -> None:
             with Image.open(io.BytesIO(still), formats=("WEBP",)) as image:
                 size = image.size
         except (UnidentifiedImageError, OSError):
-            raise ValueError("a still is no WebP picture") from None
+            raise ValueError("a still is not a WebP picture") from None
         if size != wake.scene.size:
             raise ValueError(f"a still has {size} pixels, must have {wake.scene.size}")

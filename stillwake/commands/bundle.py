@@ -39,34 +39,34 @@ class NotComparedError(StillwakeError):
 
 
 bundle = typer.Typer(
-    no_args_is_help=True, help="Release bundles: sign, verify, show what is inside, name who may sign."
+    no_args_is_help=True, help="Release bundles: sign, verify, show their contents, list the keys that may sign."
 )
 
 DIFFERENT: Final = 1
 """Exit status of `diff` for two different bundles, like that of diff(1)."""
 
-DataSet = Annotated[Path | None, typer.Option("--dataset", help="Fit a new sensor estimator to this; takes minutes.")]
+DataSet = Annotated[Path | None, typer.Option("--dataset", help="Data set for a new sensor estimator; takes minutes.")]
 SecurityVersion = Annotated[
-    int | None, typer.Option(help="An ECU that confirmed a greater one refuses this bundle.", min=0)
+    int | None, typer.Option(help="An ECU that has confirmed a greater version refuses this bundle.", min=0)
 ]
-Hardware = Annotated[str | None, typer.Option(help="Name of the only hardware it may be flashed to.")]
+Hardware = Annotated[str | None, typer.Option(help="Name of the only ECU hardware that accepts the bundle.")]
 Speeds = Annotated[
-    str | None, typer.Option(metavar="SLOWEST:FASTEST", help="A smaller range, in design speeds: 0.7:1.3.")
+    str | None, typer.Option(metavar="SLOWEST:FASTEST", help="Smaller range of speeds, in design speeds: 0.7:1.3.")
 ]
 BillOfMaterials = Annotated[
     Path | None, typer.Option(help="Write the bill of materials, CycloneDX 1.6.", metavar="FILE")
 ]
 Allowed = Annotated[list[Path], typer.Option("--allow", help="Public key that may sign (repeatable).", metavar="PUB")]
 Revoked = Annotated[
-    list[Path], typer.Option("--revoke", help="Public key that no longer may (repeatable).", metavar="PUB")
+    list[Path], typer.Option("--revoke", help="Public key that may no longer sign (repeatable).", metavar="PUB")
 ]
 
 
 def keygen(
-    path: Annotated[Path, typer.Argument(help="Folder to write release.key and release.pub into; or a secret's file.")],
+    path: Annotated[Path, typer.Argument(help="Folder for release.key and release.pub, or file for a secret.")],
     secret: Annotated[
         bool,
-        typer.Option("--secret", help="A secret for frames (bus.key) or for a tester's access, in place of a pair."),
+        typer.Option("--secret", help="Make a secret for frames (bus.key) or for a tester's access, not a key pair."),
     ] = False,
 ) -> None:
     """Make a key pair: release.key signs and must be kept secret, release.pub is for everyone who checks the signature.
@@ -79,9 +79,7 @@ def keygen(
         from can_bridge.secoc.key import KEY_LENGTH, write_key
 
         write_key(path, secrets.token_bytes(KEY_LENGTH))
-        console.print(
-            f"wrote {path}: keep it secret; for frames it is --set bus.key={path}, for access --access {path}"
-        )
+        console.print(f"wrote {path}: keep it secret; for frames use --set bus.key={path}, for access --access {path}")
         return
     public = signing.write_key_pair(path, Ed25519PrivateKey.generate())
     console.print(f"wrote {path / signing.PRIVATE_KEY} and {path / signing.PUBLIC_KEY}: key {public.fingerprint}")
@@ -98,7 +96,7 @@ def sign(path: Annotated[Path, typer.Argument(help="Bundle directory.")], key: s
 
 @bundle.command()
 def renew(
-    path: Annotated[Path, typer.Argument(help="Bundle directory; its DBC may be another version's.")],
+    path: Annotated[Path, typer.Argument(help="Bundle directory; its DBC may be of another version.")],
     output: Annotated[Path, typer.Argument(help="Bundle directory.")],
     name: Annotated[str, typer.Option(help="Name of the new bundle.")],
     key: shared.PrivateKey,
@@ -198,7 +196,7 @@ def inspect(
 
 def _refuse_sbom(sbom: Path | None) -> None:
     if sbom is not None:
-        raise BundleError("--sbom: is of a bundle")
+        raise BundleError("--sbom: needs a bundle, and this is another file")
 
 
 def _verify(where: Path, trusted: PublicKey | None) -> None:
@@ -232,7 +230,7 @@ def _first_step(release: Bundle) -> Check:
 @bundle.command()
 def diff(
     a: Annotated[Path, typer.Argument(help="Bundle directory.")],
-    b: Annotated[Path, typer.Argument(help="Another one.")],
+    b: Annotated[Path, typer.Argument(help="Bundle directory to compare with.")],
 ) -> None:
     """Show what differs between two bundles, manifest, signer and files by their hashes, or between two images (.swi).
 
@@ -252,9 +250,9 @@ def diff(
 
 @bundle.command()
 def keylist(
-    path: Annotated[Path, typer.Argument(help="Key list to write; one that is there is never overwritten.")],
+    path: Annotated[Path, typer.Argument(help="Key list to write; an existing file is never overwritten.")],
     key: shared.PrivateKey,
-    version: Annotated[int, typer.Option(help="Of the list; an ECU takes only a greater one than it has.")],
+    version: Annotated[int, typer.Option(help="Version of the list; an ECU accepts only greater ones.")],
     allow: Allowed,
     revoke: Revoked = [],  # noqa: B006
 ) -> None:
@@ -306,7 +304,7 @@ def rows(release: Bundle) -> list[tuple[str, str]]:
     optimiser = f"{mpc.iterations} iterations, learning rate {mpc.learning_rate:g}"
     positions = zip(manifest.sensors, manifest.sensor_positions or (), strict=manifest.sensor_positions is not None)
     speeds = manifest.speeds
-    served = "all, each taken for U_inf" if speeds is None else f"{speeds.slowest:g} to {speeds.fastest:g} U_inf"
+    served = "all, each treated as U_inf" if speeds is None else f"{speeds.slowest:g} to {speeds.fastest:g} U_inf"
     ranges = zip(manifest.sensors, scaling.pressure_mean, scaling.pressure_std, strict=True)
     return [
         ("name", manifest.name),

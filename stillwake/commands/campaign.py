@@ -36,17 +36,17 @@ _LONGEST: Final = 1e6
 _MOST_PHASES: Final = 25
 """Largest number of starts, about the number of control periods in a shedding cycle."""
 
-Scenarios = Annotated[list[Path], typer.Option(help="Scenarios of your own, a TOML file (repeatable).", metavar="FILE")]
-Only = Annotated[list[str], typer.Option(help="Only scenarios of such names, 'noise_*' (repeatable).", metavar="GLOB")]
+Scenarios = Annotated[list[Path], typer.Option(help="TOML file with your own scenarios (repeatable).", metavar="FILE")]
+Only = Annotated[list[str], typer.Option(help="Only these scenarios, e.g. 'noise_*' (repeatable).", metavar="GLOB")]
 ListThem = Annotated[bool, typer.Option("--list", help="Print the test plan, and run nothing.")]
-Phases = Annotated[int, typer.Option(help="Starts, equal parts of a shedding cycle apart.", min=1, max=_MOST_PHASES)]
+Phases = Annotated[int, typer.Option(help="Number of starts, spread over a shedding cycle.", min=1, max=_MOST_PHASES)]
 Controlled = Annotated[float, typer.Option(help="Time with control, t_c.", min=0.2, max=_LONGEST)]
-Settle = Annotated[float, typer.Option(help="Left out of the controlled averages, t_c.", min=0.0, max=_LONGEST)]
+Settle = Annotated[float, typer.Option(help="Time left out of the controlled averages, t_c.", min=0.0, max=_LONGEST)]
 
 
 def campaign(
     output: Annotated[
-        Path | None, typer.Argument(help="Folder to write; a campaign that was stopped there goes on.")
+        Path | None, typer.Argument(help="Folder to write; a campaign that was stopped there is continued.")
     ] = None,
     scenarios: Scenarios = [],  # noqa: B006  (typer reads it, nothing writes it)
     only: Only = [],  # noqa: B006
@@ -158,7 +158,7 @@ def _conducted(planned: "Campaign", folder: "CampaignFolder", spread: Mapping[st
         except KeyboardInterrupt:
             if not folder.finished:
                 raise
-            with go_on_with(f"{folder.path} keeps {folder.finished} finished runs, the same command continues it"):
+            with go_on_with(f"{folder.path} holds {folder.finished} finished runs; the same command continues"):
                 raise
 
 
@@ -175,7 +175,7 @@ def _print(result: "Result") -> None:
         )
     console.print(table)
     if result.kept:
-        console.print(f"{result.made} runs made, {result.kept} kept from before")
+        console.print(f"{result.made} runs computed, {result.kept} read from the folder")
     console.print(headline(result.rows))
     for row in result.rows:
         for text in row.broken:

@@ -21,10 +21,10 @@ _WIDTH: Final = 80
 
 def config(
     prefix: Annotated[
-        str, typer.Argument(help="Only what begins like this, e.g. ecu or train.finish; also explains each one.")
+        str, typer.Argument(help="Only settings whose names begin so, e.g. ecu or train.finish; also explains them.")
     ] = "",
-    changed: Annotated[bool, typer.Option("--changed", help="Only what differs from the paper's settings.")] = False,
-    toml: Annotated[bool, typer.Option("--toml", help="Print them as a TOML file for --set.")] = False,
+    changed: Annotated[bool, typer.Option("--changed", help="Only settings that differ from the paper's.")] = False,
+    toml: Annotated[bool, typer.Option("--toml", help="Print the settings as a TOML file for --set.")] = False,
     given: shared.Settings = [],  # noqa: B006
 ) -> None:
     """Show the settings: values, units, and where each value comes from.

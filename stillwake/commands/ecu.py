@@ -58,12 +58,12 @@ ecu = typer.Typer(cls=_RunsByDefault, help="Run the ECU on a real CAN bus; provi
 
 Board = Annotated[
     Path | None,
-    typer.Option("--mcu", help="Flash of an emulated microcontroller; made if it is not there.", metavar="FILE"),
+    typer.Option("--mcu", help="Flash of an emulated microcontroller; created if it is missing.", metavar="FILE"),
 ]
 Hardware = Annotated[str | None, typer.Option(help="Name of the hardware; default: the folder's, or mcu.")]
-LogLines = Annotated[Literal["plain", "json"], typer.Option("--log", help="Lines of the log, on stderr.")]
+LogLines = Annotated[Literal["plain", "json"], typer.Option("--log", help="Format of the log, on stderr.")]
 Metrics = Annotated[Path | None, typer.Option(help="Write counters for Prometheus here.", metavar="FILE")]
-KeyList = Annotated[Path, typer.Option("--keys", help="Who signs releases (`bundle keylist`).", metavar="LIST")]
+KeyList = Annotated[Path, typer.Option("--keys", help="Keys that sign releases (`bundle keylist`).", metavar="LIST")]
 Spin = Annotated[float, typer.Option(help="Microseconds to stay awake before a deadline.", min=0.0, max=5000.0)]
 
 
@@ -130,7 +130,7 @@ def run(
         _refuse("--slots runs the release in its folder", BUNDLE=bundle, trust=trust, library=library)
         _run_store(texts, slots, root, hardware, options, **_needed("--slots", access=access))
     else:
-        _refuse("goes with --slots or --mcu", access=access, root=root, hardware=hardware)
+        _refuse("needs --slots or --mcu", access=access, root=root, hardware=hardware)
         _run_release(texts, bundle, trust, library, options)
 
 
@@ -140,9 +140,9 @@ def provision(
     root: Annotated[Path, shared.ROOT],
     keys: KeyList,
     bundle: Annotated[
-        Path | None, typer.Option(help="Release bundle that runs from the start; default: none, flash the first one.")
+        Path | None, typer.Option(help="Release bundle that runs from the start; default: none, flash one later.")
     ] = None,
-    hardware: Annotated[str, typer.Option(help="Name of the hardware, which a bundle may demand.")] = "generic",
+    hardware: Annotated[str, typer.Option(help="Name of the hardware, which a bundle may require.")] = "generic",
     serial: Annotated[str | None, typer.Option(help="Number of this ECU; default: a random one.")] = None,
     given: shared.Settings = [],  # noqa: B006
 ) -> None:
@@ -170,7 +170,7 @@ def provision(
         serial=token_hex(4) if serial is None else serial,
         fits=VehicleFit(config, OnnxController.of).fits,
     )
-    runs = "no release yet: flash one" if bundle is None else f"release {bundle}"
+    runs = "no release yet: flash a bundle" if bundle is None else f"release {bundle}"
     console.print(f"wrote {folder}: ECU {made.serial} ({made.hardware}), {runs}")
 
 
@@ -232,7 +232,7 @@ def _run_store(
 
 def _check_freshness(config: Config, options: "ProcessOptions") -> None:
     if options.freshness is not None and not config.bus.key:
-        raise ConfigError("--freshness: goes with bus.key, which names no key")
+        raise ConfigError("--freshness: needs a key, and bus.key is empty")
 
 
 def _refuse(why: str, **given: Any) -> None:

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from export.release.gated import Gated
     from export.release.pipeline import CLibrary
 
-_LIBRARY: Final = "there is a C library already"
+_LIBRARY: Final = "holds a C library already"
 _NO_BUNDLE: Final = (
     "no BUNDLE to write: name MODEL and BUNDLE, or --c FOLDER alone, or --fmu or --image FILE, of the shipped bundle; "
     "or --for-testers FOLDER, also of a BUNDLE in place of MODEL"
@@ -274,7 +274,7 @@ def _print_remarks(done: "Gated", config: Config) -> None:
     point = config.operating_point
     console.print(
         f"for a body {point.width:g} m wide at {point.speed:g} m/s, a control period of {config.period_ns / 1e6:g} ms: "
-        f"--set operating_point.width and operating_point.speed make it another",
+        f"--set operating_point.width and operating_point.speed change it",
     )
     count = len(done.lowered.effective.sensors)
     if count != SENSORS:
@@ -337,10 +337,10 @@ def _description(bundle: Path) -> str:
     try:
         there = bundles.load(bundle)
     except StillwakeError:
-        return "something is there already"
+        return "holds other files already"
     if there.signer is None:
-        return f"there is the bundle {there.manifest.name} already, unsigned"
-    return f"there is the bundle {there.manifest.name} already, signed by key {there.signer.fingerprint}"
+        return f"holds the bundle {there.manifest.name} already, unsigned"
+    return f"holds the bundle {there.manifest.name} already, signed by key {there.signer.fingerprint}"
 
 
 def mcu(

@@ -54,9 +54,9 @@ class Subject:
     library: Path | None = None
 
 
-Both = Annotated[bool, typer.Option("--both", help="ONNX Runtime, then the C library; see above where there is none.")]
-Periods = Annotated[int, typer.Option(help="Control periods with a plan to time.", min=100, max=150_000)]
-Budget = Annotated[Path | None, typer.Option(help="Limits; exit status 3 if one is broken.", metavar="FILE")]
+Both = Annotated[bool, typer.Option("--both", help="Measure ONNX Runtime, then the C library; see above.")]
+Periods = Annotated[int, typer.Option(help="Number of control periods with a plan to measure.", min=100, max=150_000)]
+Budget = Annotated[Path | None, typer.Option(help="File of limits; exit status 3 if one is exceeded.", metavar="FILE")]
 
 
 def latency(

@@ -29,12 +29,12 @@ USES: Final = (
 )
 """The settings of `run`, except goals other than the weights that a release accepts."""
 
-Host = Annotated[str, typer.Option(help="Address to listen at; another needs the token in the link.")]
+Host = Annotated[str, typer.Option(help="Address to listen at; only localhost needs no token in the link.")]
 Port = Annotated[int, typer.Option(help="Port to listen at; 0: any that is free.", min=0, max=65535)]
 OpenPage = Annotated[bool, typer.Option("--open", help="Open the page in this machine's browser.")]
-EcuName = Annotated[Literal["python", "c", "mcu", "off"], typer.Option("--ecu", help="To begin with.")]
-PlantName = Annotated[Literal["wake", "recording"], typer.Option("--plant", help="To begin with.")]
-Fast = Annotated[bool, typer.Option("--fast", help="As fast as this machine computes, if that is faster.")]
+EcuName = Annotated[Literal["python", "c", "mcu", "off"], typer.Option("--ecu", help="Controller at the start.")]
+PlantName = Annotated[Literal["wake", "recording"], typer.Option("--plant", help="Plant at the start.")]
+Fast = Annotated[bool, typer.Option("--fast", help="Run faster than real time if this machine can.")]
 
 
 def live(

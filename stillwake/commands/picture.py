@@ -38,10 +38,10 @@ _FREQUENCY: Final = 0.2
 """Default frequency in 1/t_c, about that of the shedding."""
 
 Output = Annotated[Path, typer.Argument(help="Still (.png, .pdf, .svg), or moving (.gif, .webp).")]
-Field = Annotated[Literal["vorticity", "pressure", "mean"], typer.Option(help="What is drawn.")]
+Field = Annotated[Literal["vorticity", "pressure", "mean"], typer.Option(help="Quantity to draw.")]
 Duration = Annotated[float | None, typer.Option(help="How long to run, t_c; default: 25, or all of a run.", min=0.2)]
-Settle = Annotated[float, typer.Option(help="Run, but left out of the picture, t_c.", min=0.0)]
-Forcing = Annotated[str, typer.Option(metavar="TEXT|RUN", help="What the jets do, or a run folder to replay.")]
+Settle = Annotated[float, typer.Option(help="Time that runs before the picture begins, t_c.", min=0.0)]
+Forcing = Annotated[str, typer.Option(metavar="TEXT|RUN", help="Actions of the jets, or a run folder to replay.")]
 Every = Annotated[int, typer.Option(help="Control steps between frames.", min=1)]
 Width = Annotated[int, typer.Option(help="Pixels of a moving picture.", min=400, max=4000)]
 

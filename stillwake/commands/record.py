@@ -32,17 +32,17 @@ _KINDS: Final = (*_STEPS, "controlled", "calm")
 
 Lengths = Annotated[
     list[str] | None,
-    typer.Argument(metavar="KIND=STEPS", help="Control steps of a kind of episode.", show_default=False),
+    typer.Argument(metavar="KIND=STEPS", help="Number of control steps for a kind of episode.", show_default=False),
 ]
 Paper = Annotated[bool, typer.Option("--paper", help="The paper's data set instead; see above.")]
 Under = Annotated[Path | None, typer.Option(help="Bundle whose controller drives the jets instead.")]
-FromSteady = Annotated[Path | None, typer.Option(help="State file of the steady wake to begin at instead.")]
+FromSteady = Annotated[Path | None, typer.Option(help="State file of the steady wake, to begin there instead.")]
 Amplitudes = Annotated[
     tuple[float, float] | None, typer.Option(help="Least and greatest rms of random actions, U_inf W (0.0005 0.02).")
 ]
-Episodes = Annotated[int | None, typer.Option(help="How many: with --under (2), --from-steady (8).", min=1)]
+Episodes = Annotated[int | None, typer.Option(help="Number of episodes: --under (2), --from-steady (8).", min=1)]
 Exploration = Annotated[float | None, typer.Option(help="Rms of the noise on commands, in action limits (0.15).")]
-Role = Annotated[str | None, typer.Option(help="What the round is for: train, or to be held out.")]
+Role = Annotated[str | None, typer.Option(help="Role of the round: training, or held out.")]
 
 
 def record(
@@ -170,7 +170,7 @@ def _record_forced(
     with _continued(output), _progress(len(plans)) as shown:
         written = record_dataset(output, plans, config, **how, **shown)
     total = sum(plan.steps for plan in plans)
-    done = "wrote" if written else "already whole, nothing to record:"
+    done = "wrote" if written else "already complete, nothing to record:"
     console.print(f"{done} {output}: {total} control steps, {output.stat().st_size / 1e6:.1f} MB")
 
 
@@ -246,7 +246,7 @@ def _continued(output: Path) -> Iterator[None]:
         parts = PartsFolder.for_output(output)
         if not parts.has_samples:
             raise
-        with go_on_with(f"{parts.path.name} keeps what is recorded, the same command continues it"):
+        with go_on_with(f"{parts.path.name} holds the recorded part; the same command continues the recording"):
             raise
 
 

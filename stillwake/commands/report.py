@@ -20,7 +20,7 @@ Sources = Annotated[
     list[Path], typer.Argument(metavar="FOLDER|FILE", help="Folders written by `run`; or one log, or one data set.")
 ]
 Outputs = Annotated[
-    list[Path], typer.Option("--output", help="File to write, by its ending (repeatable).", metavar="FILE")
+    list[Path], typer.Option("--output", help="File; its ending sets the format (repeatable).", metavar="FILE")
 ]
 
 

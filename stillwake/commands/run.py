@@ -48,12 +48,12 @@ EcuName = Annotated[
     str, typer.Option("--ecu", help="python, c (on this machine), mcu (emulated), or mcu@MHZ.", metavar="ECU")
 ]
 Controlled = Annotated[float | None, typer.Option(help="Time with control, t_c (100, or the drive).", min=0.2)]
-Settle = Annotated[float, typer.Option(help="Left out of the controlled averages, t_c.", min=0.0)]
+Settle = Annotated[float, typer.Option(help="Time left out of the controlled averages, t_c.", min=0.0)]
 NoAverages = Annotated[bool, typer.Option("--no-averages", help="Series only: a run of any length, for a quick check.")]
 RequireReduction = Annotated[
-    float | None, typer.Option(help="Exit with status 4 unless drag falls by so many percent.")
+    float | None, typer.Option(help="Exit with status 4 unless drag falls by this percentage.")
 ]
-PlantName = Annotated[Literal["wake", "openfoam"], typer.Option("--plant", help="Own solver, or icoFoam; far slower.")]
+PlantName = Annotated[Literal["wake", "openfoam"], typer.Option("--plant", help="Solver; openfoam is far slower.")]
 Disturb = Annotated[list[str], typer.Option(metavar="TEXT", help="KIND:PARAMETER=VALUE@START..END (repeatable).")]
 
 
@@ -104,7 +104,7 @@ def run(
 
     _check_reduction(require_reduction, averages=not no_averages)
     if drive is not None and plant != shared.WAKE:
-        raise ConfigError(f"--drive {drive}: needs the own solver, --plant {shared.WAKE}")
+        raise ConfigError(f"--drive {drive}: needs stillwake's solver, --plant {shared.WAKE}")
     kind, clock_mhz = ecu_of(ecu)
     disturbances = [parse_disturbance(text) for text in disturb]
     folder = RunFolder(output)

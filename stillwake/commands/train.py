@@ -32,7 +32,7 @@ USES: Final = ("model", "train", "mpc", "flow", "operating_point", "ecu.compute_
 
 
 Device = Annotated[str, typer.Option(help="cpu or cuda.")]
-Quick = Annotated[bool, typer.Option("--quick", help="A third of the time, less accurate.")]
+Quick = Annotated[bool, typer.Option("--quick", help="Train in a third of the time, less accurately.")]
 
 
 def train(
@@ -68,7 +68,7 @@ def train(
         reached = unfinished.check(checkpoints, identity)
         if reached is not None:
             resumed = True
-            console.print(f"goes on where {checkpoints} ends: {reached}")
+            console.print(f"continues from {checkpoints}: {reached}")
 
     from train.pipeline import train_all
 

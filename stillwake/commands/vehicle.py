@@ -36,7 +36,7 @@ _RECORDING: Final = "recording"
 _USES: Final = ("body", "operating_point", "flow", *REAL_BUS, "bus.key", "ecu", "vehicle")
 
 Episode = Annotated[str | None, typer.Option(help="Episode of the recording; see above.")]
-PlantName = Annotated[Literal["recording", "wake"], typer.Option("--plant", help="The wake answers the jets.")]
+PlantName = Annotated[Literal["recording", "wake"], typer.Option("--plant", help="The wake responds to the jets.")]
 
 
 def vehicle(
@@ -100,7 +100,7 @@ def vehicle(
         return _live(stack, config, state, driven) if live else _replay(config, dataset, episode)
 
     figures, described, is_stopped = _run(release, config, course, pressures)
-    _print_figures(figures, "a live wake, which answers the jets" if live else "recorded (open loop)")
+    _print_figures(figures, "a live wake, which responds to the jets" if live else "recorded (open loop)")
     facts = {
         "bundle": release.digest,
         "pressures": described,
@@ -187,7 +187,7 @@ def _print_vehicle(config: Config, release: Bundle) -> None:
         console.print(
             f"warning: bundle {release.manifest.name} is for {built.width:g} m, {built.speed:g} m/s, "
             f"{built.density:g} kg/m3: an ECU with it has another control period and other scales; `stillwake bundle "
-            f"renew ... --set operating_point.speed={point.speed:g}` makes one for this vehicle",
+            f"renew ... --set operating_point.speed={point.speed:g}` makes a bundle for this vehicle",
             style="yellow",
         )
 
@@ -232,10 +232,10 @@ def _print_figures(figures: "VehicleFigures", pressures: str) -> None:
         ("periods", str(figures.periods)),
         ("of these left out: the vehicle itself was late", str(figures.left_out)),
         ("of these without pressures: the live wake was late", str(figures.unsampled)),
-        ("pressure frames that the bus did not take", str(figures.unsent)),
+        ("pressure frames that the bus refused", str(figures.unsent)),
         ("usable commands received", str(figures.commands)),
         ("misses: periods without one, after the first", str(figures.misses)),
-        ("commands that were for the period they came in", str(figures.at_once)),
+        ("commands for the period in which they arrived", str(figures.at_once)),
         ("age of the pressures at the command's arrival, p50 / p99 / max", quantiles(figures.ages)),
         ("lateness of the sampling, p50 / p99 / max", quantiles(figures.lateness)),
         ("action, rms / largest", f"{figures.rms_action:.4f} / {figures.largest:.4f} U_inf W"),

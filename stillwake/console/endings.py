@@ -34,7 +34,7 @@ EXTRAS: Final[Mapping[str, tuple[str, ...]]] = {
 """Packages of each extra of `pyproject.toml`, by their import names."""
 _FIRST: Final = {"train": "train", "export": "c", "mcu": "c"}
 """The extra to name for a command if several extras bring the missing package."""
-REPORT: Final = "stillwake is not prepared for this, which is a fault of its own: please report it with the lines above"
+REPORT: Final = "this is an error in stillwake: please report it with the lines above"
 
 errors = make_console(stderr=True)
 
@@ -94,7 +94,7 @@ def missing(module: str, command: str = "") -> str:
     if loaded is not None and "." in module:
         if top in ROOMS:
             return explain(top, Path(place or "?"))
-        return f"{place or top} has no module {module!r}: is it another version, or a file of that name?"
+        return f"{place or top} has no module {module!r}: it may be another version, or a file of that name"
     for extra in sorted(EXTRAS, key=lambda extra: extra != _FIRST.get(command)):
         if top in EXTRAS[extra]:
             return f"this command needs {top}: {install(extra)}"

@@ -10,13 +10,11 @@ from contract.errors import ConfigError
 Bundle = Annotated[Path | None, typer.Option("--bundle", help="Release bundle; default: the shipped one.")]
 Trust = Annotated[
     str | None,
-    typer.Option(
-        "--trust", help="Public key file (PEM) of whoever must have signed it; 'project': the shipped bundle's."
-    ),
+    typer.Option("--trust", help="Public key file (PEM) of the required signer; 'project': the shipped bundle's key."),
 ]
 Library = Annotated[
     Path | None,
-    typer.Option("--library", help="C library of the bundle's (`export --c`); it takes the place of ONNX Runtime."),
+    typer.Option("--library", help="C library of the bundle (`export --c`), to use instead of ONNX Runtime."),
 ]
 PrivateKey = Annotated[Path, typer.Option("--key", help="Private key file (PEM) to sign with, as `keygen` writes it.")]
 ROOT: Final = typer.Option("--root", help="Public root key (PEM) that signs key lists.", metavar="PUB")
@@ -29,29 +27,29 @@ State = Annotated[Path | None, typer.Option("--state", help="Flow state to begin
 DataSet = Annotated[Path | None, typer.Option("--dataset", help="Data set; default: the shipped recording.")]
 Sensors = Annotated[str, typer.Option("--sensors", help="Names of sensors, comma-separated.")]
 Drive = Annotated[
-    str | None, typer.Option("--drive", help="Speeds that vary, a shipped drive or a file.", metavar="NAME|FILE.csv")
+    str | None, typer.Option("--drive", help="Speed over time: a shipped drive, or a file.", metavar="NAME|FILE.csv")
 ]
 LeadIn = Annotated[float, typer.Option("--lead-in", help="Time without control, t_c.", min=0.2)]
-Seed = Annotated[int, typer.Option("--seed", help="Of everything that is drawn.", min=0)]
-Periods = Annotated[int | None, typer.Option("--periods", help="End after so many control periods.", min=1)]
+Seed = Annotated[int, typer.Option("--seed", help="Seed of all random numbers.", min=0)]
+Periods = Annotated[int | None, typer.Option("--periods", help="End after this number of control periods.", min=1)]
 StageTimes = Annotated[
-    Path | None, typer.Option("--stage-times", help="Write when each stage began (.npz).", metavar="FILE")
+    Path | None, typer.Option("--stage-times", help="Write the start time of each stage (.npz).", metavar="FILE")
 ]
 Freshness = Annotated[
-    Path | None, typer.Option("--freshness", help="With bus.key: what outlives a restart.", metavar="FILE")
+    Path | None, typer.Option("--freshness", help="With bus.key: file of the freshness values.", metavar="FILE")
 ]
 Frames = Annotated[
     Path | None,
     typer.Option("--frames", help="Also write frames, and signals with units (.mf4 or .mcap).", metavar="FILE"),
 ]
-Priority = Annotated[int, typer.Option("--priority", help="Of SCHED_FIFO; 0: an ordinary process.", min=0, max=99)]
+Priority = Annotated[int, typer.Option("--priority", help="SCHED_FIFO priority; 0: ordinary process.", min=0, max=99)]
 Workers = Annotated[
     str | None,
     typer.Option("--workers", help="Processes (one a core), or a dask scheduler's address.", metavar="N|ADDRESS"),
 ]
 Threads = Annotated[int, typer.Option("--threads", help="Threads of torch; more may be slower.", min=1, max=1024)]
 Restart = Annotated[bool, typer.Option("--restart", help="Delete the checkpoints, and start over.")]
-Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace what is there, once the new one is whole.")]
+Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace existing output when the new one is done.")]
 JsonFile = Annotated[Path | None, typer.Option("--json", help="Also write figures and settings here.", metavar="FILE")]
 Settings = Annotated[
     list[str],

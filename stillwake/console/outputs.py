@@ -37,9 +37,9 @@ def check_output(
     """
     claim(path, folder=folder)
     if mark and folder and path.is_dir() and any(path.iterdir()) and not (path / mark).exists():
-        raise OutputError(f"{path}: there is something else; name another folder")
+        raise OutputError(f"{path}: holds other files; name another folder")
     if not overwrite and path.exists() and not (folder and not any(path.iterdir())):
-        there = occupant or "there is one already"
+        there = occupant or "exists already"
         if overwrite is None:
             raise OutputError(f"{path}: {there}; give another name")
         raise OutputError(f"{path}: {there}; give --overwrite to replace it, or another name")

@@ -26,7 +26,7 @@ def read_settings(given: Sequence[str], *, base: Config | None = None) -> Loaded
     """Read the settings with the changes of `--set`, one of which may be a file; raises ConfigError as `load` does."""
     files = [text for text in given if "=" not in text and text.endswith(".toml")]
     if len(files) > 1:
-        raise ConfigError(f"--set {files[1]}: is the second file; give one file, and what differs as section.key=value")
+        raise ConfigError(f"--set {files[1]}: is the second file; give one file, and changes as section.key=value")
     overrides = [text for text in given if text not in files]
     return load(Path(files[0]) if files else None, overrides, base=base)
 
@@ -62,7 +62,7 @@ def with_bus(bus: str | None, given: Sequence[str]) -> list[str]:
         raise ConfigError(f"--bus {bus}: must be INTERFACE:CHANNEL, e.g. socketcan:can0 or udp_multicast:239.74.163.2")
     for name in _BUS:
         if any(text.partition("=")[0].strip() == name for text in given):
-            raise ConfigError(f"--bus {bus}: names {name} already; leave out --set {name}")
+            raise ConfigError(f"--bus {bus}: already sets {name}; leave out --set {name}")
     return [*given, *(f"{name}={value}" for name, value in zip(_BUS, (interface, channel), strict=True))]
 
 

@@ -48,7 +48,7 @@ def ecu_files(release: Bundle, rows: Array, *, config: Config, notice: Callable[
         sources[f"loader/{uds_settings.UDS_SETTINGS}"] = uds_settings.uds_settings()
         return sources | {PLAYED: played_pressures(rows, used)} | descriptions(release, used)
     except StillwakeError as error:
-        notice(f"no ECU in C, the library has the control step alone: {error}")
+        notice(f"no ECU in C; the library has only the control step: {error}")
         return {}
 
 

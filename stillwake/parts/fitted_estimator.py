@@ -30,5 +30,5 @@ def fitted_estimator(dataset: Path, sensors: Sequence[str], window: int, report:
     provenance = {"dataset_sha256": sha256(dataset.read_bytes()), "torch_threads": _THREADS}
     made = lowered_estimator(network, recording, sensors, provenance)
     explained = ", ".join(f"{name} {value:.3f}" for name, value in made.provenance["r2"].items())
-    console.print(f"R2 of each sensor by the others, on {' and '.join(made.provenance['judged_on'])}: {explained}")
+    console.print(f"R2 of each sensor from the others, on {' and '.join(made.provenance['judged_on'])}: {explained}")
     return made

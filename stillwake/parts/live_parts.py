@@ -22,10 +22,10 @@ if TYPE_CHECKING:
     from firmware_sim.live.settings import LiveSettings
     from wake.plant.protocol import LoopPlant
 
-MAKING: Final = "the C library of the shipped model is made, once, which takes a minute; the loop goes on"
+MAKING: Final = "the C library of the shipped model is being built, once, which takes a minute; the loop continues"
 COMPILING: Final = {
-    "c": "the ECU in C is compiled; the loop goes on",
-    "mcu": "the ECU in C is compiled for the emulated microcontroller; the loop goes on",
+    "c": "the ECU in C is being compiled; the loop continues",
+    "mcu": "the ECU in C is being compiled for the emulated microcontroller; the loop continues",
 }
 _MAKES_LIBRARY: Final = ("safetensors", "onnx")
 _EMULATES: Final = ("ziglang", "unicorn", "capstone", "elftools")
@@ -167,8 +167,8 @@ def plants() -> "list[Choice]":
     from contract import shipped
 
     return [
-        {"name": "wake", "label": "wake: answers the jets", "missing": _error_of(shipped.developed)},
-        {"name": "recording", "label": "recording: does not answer", "missing": _error_of(shipped.recording)},
+        {"name": "wake", "label": "wake: responds to the jets", "missing": _error_of(shipped.developed)},
+        {"name": "recording", "label": "recording: does not respond", "missing": _error_of(shipped.recording)},
     ]
 
 

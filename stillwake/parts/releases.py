@@ -45,7 +45,7 @@ def signature(release: Bundle) -> str:
         return f"signed by the project's key {release.signer.fingerprint}"
     if release.is_trusted:
         return f"signed by the trusted key {release.signer.fingerprint}"
-    return f"signed by key {release.signer.fingerprint}: unknown here; `bundle inspect --trust` would demand it"
+    return f"signed by key {release.signer.fingerprint}, unknown here; `bundle inspect --trust` can require a key"
 
 
 def locate(path: Path | None, trust: str | None) -> tuple[Path, PublicKey | None]:

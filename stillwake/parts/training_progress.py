@@ -32,7 +32,7 @@ def check_model_output(output: Path, *, overwrite: bool) -> Path:
     occupied and must not be replaced, or if nothing can be written."""
     claim(output, folder=True)
     check_free(output)
-    check_output(output, overwrite=overwrite, folder=True, occupant="there is a model already")
+    check_output(output, overwrite=overwrite, folder=True, occupant="holds a model already")
     checkpoints = unfinished.folder_of(output)
     check_writable(checkpoints, folder=True)
     return checkpoints
@@ -46,5 +46,5 @@ def continued(checkpoints: Path) -> Iterator[None]:
     except KeyboardInterrupt:
         reached = unfinished.reached(checkpoints)
         place = f"from {reached}" if reached else "from the beginning: there is no checkpoint yet"
-        with go_on_with(f"the same command goes on {place}"):
+        with go_on_with(f"the same command continues {place}"):
             raise

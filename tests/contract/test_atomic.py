@@ -137,7 +137,7 @@ def test_a_place_that_would_not_show_what_is_written_is_refused(tmp_path, capfd)
     (tmp_path / "fifo_link").symlink_to("fifo")
     there = sorted(tmp_path.iterdir())
     for name, reason in (
-        ("other", r"the file has 2 names \(hard links\), and the others would keep the old one"),
+        ("other", r"the file has 2 names \(hard links\), and the other names would keep the old content"),
         ("file_link", r"the file has 2 names"),
         ("round", "Too many levels of symbolic links"),
         ("gone", r".*gone is a link to disk/results, which is not there"),

@@ -43,7 +43,7 @@ def test_what_is_too_large_or_would_have_to_be_unpickled_is_refused_before_it_is
     for member, reason in (
         (npy(large, bytes(MOST_VALUES + 1)), f"holds {MOST_VALUES + 1} values: must be at most"),
         (npy(large), "which it does not hold"),
-        (pickled.getvalue(), "holds Python's objects, which are not read"),
+        (pickled.getvalue(), "holds Python objects, which are not read"),
         (npy("[" * 9000), "damaged or not an NPZ"),
         (b"", "damaged or not an NPZ"),
     ):
@@ -54,5 +54,5 @@ def test_what_is_too_large_or_would_have_to_be_unpickled_is_refused_before_it_is
         assert tracemalloc.get_traced_memory()[1] < 10_000_000
         tracemalloc.stop()
         assert "pickle" not in str(caught.value)
-    with pytest.raises(ValueError, match="it is no file"):
+    with pytest.raises(ValueError, match="it is not a file"):
         read_npz(tmp_path)

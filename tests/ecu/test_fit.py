@@ -48,7 +48,7 @@ SHORTER = layout_of(BodyConfig(length=5.0))
 def test_a_bundle_for_another_body_is_refused(bundle_of, recording_controller):
     truck = bundle_of()
     check_sensors(truck, TRUCK)
-    named = r"'small' was built for another body: its sensor \w+ lies at .*, on this plant at .*, in W"
+    named = r"'small' was built for another body: its sensor \w+ is at .*, on this plant at .*, in W"
     for refuse in (lambda: check_sensors(truck, SHORTER), lambda: BundlePolicy(truck, recording_controller(), SHORTER)):
         with pytest.raises(BundleError, match=named):
             refuse()
@@ -59,7 +59,7 @@ def test_positions_in_the_bundle_count_where_there_are_some(bundle_of):
     places = tuple((5.0, float(SHORTER.positions[SHORTER.names.index(name), 1])) for name in names)
     built_for_it = bundle_of(sensors=names, sensor_positions=places)
     check_sensors(built_for_it, SHORTER)
-    with pytest.raises(BundleError, match=r"sensor base_0 lies at \(5, 0\.\d+\), on this plant at \(7\.647, "):
+    with pytest.raises(BundleError, match=r"sensor base_0 is at \(5, 0\.\d+\), on this plant at \(7\.647, "):
         check_sensors(built_for_it, TRUCK)
 
 

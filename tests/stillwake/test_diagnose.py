@@ -59,7 +59,7 @@ def test_faults_are_shown_and_cleared_while_the_jets_are_shut(cli, memory, tmp_p
     texts = [" ".join("  ".join(row).split()) for row in rows if row[0].strip().startswith(("U", "P"))]
     moment = "65.5 s CONTROL 3 0 1.000 -0.500 0.000 0.250"
     assert texts == [
-        f"U1101-87 no pressures came stored, age 1 {moment}",
+        f"U1101-87 no pressures arrived stored, age 1 {moment}",
         f"P1109-04 its clock jumped present {moment}",
     ]
     figures = json.loads((tmp_path / "faults.json").read_text())["figures"]

@@ -68,12 +68,12 @@ def test_a_release_is_flashed_and_then_left_alone(flash: Flash, ecu: EcuToFlash)
     name = bundle.load(BUNDLE).manifest.name
     outcome = flash("--dry-run")
     assert outcome.code == 0
-    for words in ("nothing stands against it", "20 ms", "confirmed old"):
+    for words in ("no check failed", "20 ms", "confirmed old"):
         assert words in outcome.out
     assert ecu.memory.written == 0
     outcome = flash("--no-confirm")
     assert (outcome.code, f"{name} runs on trial, 2 boots left" in outcome.out) == (0, True)
-    for words in ("runs, and is confirmed", "runs already, and is confirmed: nothing was done"):
+    for words in ("runs, and is confirmed", "already runs and is confirmed: nothing was done"):
         outcome = flash()
         assert (outcome.code, outcome.err, f"{name} {words}" in outcome.out) == (0, "", True)
 
@@ -82,7 +82,7 @@ def test_a_release_that_the_ecu_would_refuse_is_not_sent(flash: Flash, ecu: EcuT
     shipped = bundle.load(BUNDLE)
     for name, key, changes, words in (
         ("unsigned", None, {}, "is not signed"),
-        ("old", RELEASE, {"security_version": 0}, "has security version 0, the ECU takes 1 or greater"),
+        ("old", RELEASE, {"security_version": 0}, "has security version 0, the ECU accepts 1 or greater"),
         ("other", RELEASE, {"hardware": "other"}, "is for hardware other, the ECU is bench"),
     ):
         bundle.write(tmp_path / name, replace(shipped.manifest, name=name, **changes), shipped.files, key)
@@ -95,7 +95,7 @@ def test_a_release_that_the_ecu_would_refuse_is_not_sent(flash: Flash, ecu: EcuT
 def test_silence(call: Flash, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(asking, "P2_S", 0.01)
     monkeypatch.setattr("can_bridge.tester.sequence.THERE_S", 0.05)
-    ends(call(), 3, "see that it has power, runs with --slots, and that interface, channel, bus.frames and")
+    ends(call(), 3, "check its power, that it runs with --slots, and that interface, channel, bus.frames and")
 
 
 def test_each_error_has_the_status_of_its_remedy() -> None:
@@ -108,7 +108,7 @@ def test_each_error_has_the_status_of_its_remedy() -> None:
 def test_what_the_ecu_objects_to(flash: Flash, ecu: EcuToFlash, tmp_path: Path) -> None:
     for did, value, words in (
         (Did.DBC_SHA256, bytes(32), "is for the stillwake.dbc"),
-        (Did.PERIOD_NS, (10_000_000).to_bytes(8, "big"), "has a control period of 20 ms, the ECU one of 10 ms"),
+        (Did.PERIOD_NS, (10_000_000).to_bytes(8, "big"), "has a control period of 20 ms, the ECU 10 ms"),
     ):
         ecu.values |= VALUES | {did: value}
         ends(flash(), 6, words)
@@ -121,7 +121,7 @@ def test_what_the_ecu_objects_to(flash: Flash, ecu: EcuToFlash, tmp_path: Path) 
     assert ecu.memory.written == 0
     ecu.is_wanted = False
     write_key(tmp_path / "wrong.key", bytes([7] * 16))
-    ends(flash("--access", tmp_path / "wrong.key"), 4, "it is not its own")
+    ends(flash("--access", tmp_path / "wrong.key"), 4, "it must be the ECU's")
     assert ecu.runs == "old"
 
 
@@ -135,7 +135,7 @@ def test_ctrl_c_leaves_what_was_sent(flash: Flash, ecu: EcuToFlash, monkeypatch:
         patch.setattr(Report, "__call__", stopped)
         outcome = flash()
     assert outcome.code == 130
-    assert outcome.err == "stopped; the ECU keeps what it has, and the same command goes on where it stood\n"
+    assert outcome.err == "stopped; the ECU keeps the received part; the same command continues there\n"
     assert ecu.runs == "old"
     assert flash().code == 0
     assert ecu.memory.written == len(SHIPPED)
@@ -152,8 +152,8 @@ def test_what_cannot_begin(
             "--bus can0": f"--bus can0: {must_be}",
             "--bus :can0": must_be,
             "--bus virtual:": must_be,
-            "--bus virtual:x --set bus.channel=y": "names bus.channel already; leave out --set bus.channel",
-            "--bus simulated:x": "bus.interface = simulated: it is in virtual time",
+            "--bus virtual:x --set bus.channel=y": "already sets bus.channel; leave out --set bus.channel",
+            "--bus simulated:x": "bus.interface = simulated: it runs in virtual time",
             "--bus can4711:x": "python-can does not know it",
             "--set ecu.hold_periods=2": "`flash` does not use it",
             "--access missing.key": "missing.key",
@@ -162,7 +162,8 @@ def test_what_cannot_begin(
     )
     all_refused(words, {"": "--access: must name the ECU's key file", "--dry-run --keys k": "--access: must name"})
     all_refused(
-        "flash", {"": "name the bundle or image", "--keys k --dry-run --access x": "--keys: is written at once"}
+        "flash",
+        {"": "name the bundle or image", "--keys k --dry-run --access x": "--keys: the key list is written at once"},
     )
 
     def fails(*_arguments: object, **_named: object) -> None:

@@ -88,13 +88,13 @@ BEFORE_THE_WORK = {
     "mcu library --json folder": "cannot write folder: it is a directory",
     "run r --json folder": "cannot write folder: it is a directory",
     # Nothing is replaced unless it was asked for.
-    "develop s.npz": "s.npz: there is one already; give --overwrite to replace it, or another name",
-    "develop s.npz --steady": "s.npz: there is one already; give --overwrite to replace it, or another name",
-    "train model": "model: there is a model already; give --overwrite",
+    "develop s.npz": "s.npz: exists already; give --overwrite to replace it, or another name",
+    "develop s.npz --steady": "s.npz: exists already; give --overwrite to replace it, or another name",
+    "train model": "model: holds a model already; give --overwrite",
     "train mine": "mine: exists and is not a model directory",
     "train mine --overwrite": "mine: exists and is not a model directory",
-    "export model unsigned": "unsigned: there is the bundle random already, unsigned",
-    "export model b --c c": "c: there is a C library already; give --overwrite",
+    "export model unsigned": "unsigned: holds the bundle random already, unsigned",
+    "export model b --c c": "c: holds a C library already; give --overwrite",
     # Settings without an effect, that do not exist, or out of bounds.
     "develop x.npz --set mpc.iterations=3": "--set mpc.iterations: ",
     "develop x.npz --steady --set forcing.base_frequency=0.3": "--set forcing.base_frequency: ",
@@ -107,7 +107,7 @@ BEFORE_THE_WORK = {
     "export nowhere b --set ecu": "section.key=value",
     "run r --set ecu.compute_time_ms=abc": "ecu.compute_time_ms = 'abc': must be a number",
     "export nowhere b --set ecu.hold_periods=-1": "ecu.hold_periods = -1: must be non-negative",
-    "record a.h5 --set binary.toml": "configuration binary.toml: is no text in UTF-8",
+    "record a.h5 --set binary.toml": "configuration binary.toml: is not UTF-8 text",
     "run r --set flat.toml": "no section",
     # Numbers, names and combinations that make no sense.
     "develop x.npz --duration nan": "--duration nan: must be a number of t_c",
@@ -134,13 +134,13 @@ BEFORE_THE_WORK = {
     "export --c d --estimator": "name MODEL and BUNDLE, or --c FOLDER alone",
     "export --c d --dataset other.h5": "name MODEL and BUNDLE, or --c FOLDER alone",
     "export model --c d": "name MODEL and BUNDLE, or --c FOLDER alone",
-    "export --c d --set ecu.loss_window=65": "ecu.loss_window = 65: the ECU in C takes at most 64",
+    "export --c d --set ecu.loss_window=65": "ecu.loss_window = 65: the ECU in C accepts at most 64",
     "export model b --fmu d.fmu --set ecu.deadline_window=33": "ecu.deadline_window = 33: the ECU in C",
     "export --fmu a.zip": "a.zip: must be a file ending in .fmu",
     "export --image a.bin": "a.bin: must be a file ending in .swi or .hex or .s19",
-    "export --fmu can:a.fmu": "can: no kind of FMU; there are bus, triggered, fmi2, windows",
+    "export --fmu can:a.fmu": "can: must be one of bus, triggered, fmi2, windows",
     "export --fmu bus,fmi2:a.fmu": "bus and fmi2: FMI 2.0 has no bus",
-    "plant-fmu bus:a.fmu": "bus: no kind of FMU; there are fmi2",
+    "plant-fmu bus:a.fmu": "bus: must be one of fmi2",
     "export --fmu file/a.fmu": "cannot write file/a.fmu",
     "plant-fmu a.zip": "a.zip: must be a file ending in .fmu",
     "plant-fmu file/a.fmu": "cannot write file/a.fmu",
@@ -241,7 +241,7 @@ def test_a_recording_that_does_not_fit_is_named(refused: Callable[..., str], pla
 
 def test_a_signed_bundle_is_named_as_such(refused: Callable[..., str], place: Path, sound: Path) -> None:
     line = refused("export", "model", shutil.copytree(sound, place / "signed"))
-    assert "signed: there is the bundle random already, signed by key " in line
+    assert "signed: holds the bundle random already, signed by key " in line
     assert "give --overwrite to replace it" in line
 
 

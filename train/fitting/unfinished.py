@@ -16,7 +16,7 @@ from contract.errors import ConfigError, DatasetError
 from train.fitting.progress import Phase
 
 _LABEL: Final = "training.json"
-_WAYS: Final = "finish it with those, or start over with --restart"
+_WAYS: Final = "finish it with these settings, or start over with --restart"
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -157,7 +157,7 @@ def _with_sensors(
 ) -> TrainedModel:
     recording = dataset.read(dataset_path)
     if hashlib.sha256(dataset_path.read_bytes()).hexdigest() != model.dataset_sha256:
-        raise DatasetError(f"{dataset_path} is not the recording that the model was fitted to: name that one")
+        raise DatasetError(f"{dataset_path} is not the recording that the model was fitted to: name its recording")
     layout = recording.layout
     rows = prepare(trainable(recording, settings), model.scaling, mirrored=layout.mirror is not None, layout=layout)
     slim, narrow = deployed(

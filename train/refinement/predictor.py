@@ -27,14 +27,14 @@ def check_pairs(layout: SensorLayout, sensors: Sequence[str]) -> None:
     not exist or is given twice; DatasetError if the two sensors of a pair are not mirror images of each other. The
     message states the sensors."""
     if layout.mirror is None:
-        raise DatasetError("the sensors have no mirror images: a prior reads differences between such")
+        raise DatasetError("the sensors have no mirror images: a prior reads the differences between mirror images")
     columns = layout.indices(sensors)
     if len(sensors) < 2 or len(sensors) % 2:
         raise DatasetError(f"{len(sensors)} sensors: they must be pairs of mirror images")
     for first, second in zip(columns[::2], columns[1::2], strict=True):
         if layout.mirror[first] != second or first == second:
             raise DatasetError(
-                f"sensors {layout.names[first]} and {layout.names[second]} are no pair: the mirror image of "
+                f"sensors {layout.names[first]} and {layout.names[second]} are not a pair: the mirror image of "
                 f"{layout.names[first]} is {layout.names[layout.mirror[first]]}"
             )
 

@@ -16,7 +16,7 @@ from contract.typed import typed
 def check_count(count: int, available: int) -> None:
     """Raise ConfigError unless the count is at least 1 and at most the number of available sensors."""
     if not 1 <= count <= available:
-        raise ConfigError(f"train.sensors = {count}: must be from 1 to {available}, the sensors that there are")
+        raise ConfigError(f"train.sensors = {count}: must be from 1 to {available}, the number of sensors")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -53,7 +53,7 @@ def require_truck(body: BodyConfig) -> None:
     for name in ("length", "leading_edge_radius", "sensors_per_side", "sensors_on_base"):
         value, truck = getattr(body, name), getattr(TRUCK_BODY, name)
         if value != truck:
-            raise PlantError(f"body.{name} = {value}: OpenFOAM's mesh is the truck's, with {truck}; leave body.* out")
+            raise PlantError(f"body.{name} = {value}: OpenFOAM's mesh is for the truck, with {truck}; leave body.* out")
 
 
 def settle(

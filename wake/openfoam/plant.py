@@ -224,7 +224,7 @@ class OpenFoamWake(NeverCopied):
     def _latest(self) -> Path:
         latest, at = foam_files.latest(self._case), (self._substep - self._first) * self.dt
         if latest is None or abs(float(latest.name) - at) > 0.5 * self.dt:
-            raise PlantError("fields of the openfoam plant are only there at the end of a control period")
+            raise PlantError("fields of the openfoam plant exist only at the end of a control period")
         return latest
 
     def _checked(self, action: float) -> float:

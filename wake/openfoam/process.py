@@ -43,7 +43,7 @@ class IcoFoam(NeverCopied):
     """A run of icoFoam on a case; its output goes to the case's `log.icoFoam`. Raises PlantError if icoFoam is not
     installed. `command` is the program that runs in the case: icoFoam, or another program in tests."""
 
-    INSTEAD: ClassVar = "it is a process; start another one"
+    INSTEAD: ClassVar = "it is a process; start another process"
 
     def __init__(self, folder: Path, command: tuple[str, ...] = (PROGRAM,)) -> None:
         require_installed(command[0])
@@ -125,7 +125,7 @@ class JetPipes(NeverCopied):
         patience_s: longest wait for one time step.
     """
 
-    INSTEAD: ClassVar = "it holds pipes to a process; make others"
+    INSTEAD: ClassVar = "it holds pipes to a process; open new pipes"
 
     def __init__(self, folder: Path, mesh: Mesh, child: IcoFoam, patience_s: float = PATIENCE_S) -> None:
         self._folder = folder
@@ -179,7 +179,7 @@ class JetPipes(NeverCopied):
                     raise PlantError(f"{path}: {error.strerror}") from error
             if not self._child.running:
                 self._child.check()
-                raise self._child.failure("came to its end")
+                raise self._child.failure("reached its end")
             if time.monotonic() > deadline:
                 raise self._child.failure(f"has not finished a time step in {self._patience_s:g} s")
             time.sleep(pause)

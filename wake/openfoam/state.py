@@ -55,7 +55,7 @@ def read_fields(folder: Path) -> dict[str, bytes]:
     try:
         return {name: (folder / name).read_bytes() for name in _FIELDS}
     except OSError as error:
-        raise PlantError(f"{folder}: no state of icoFoam ({error})") from error
+        raise PlantError(f"{folder}: not a state of icoFoam ({error})") from error
 
 
 def put(state: FoamState, case: Path) -> None:

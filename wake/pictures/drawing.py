@@ -66,7 +66,7 @@ class WakePicture:
         self._wake = wake
         self._kind: Kind = kind
         if kind == "pressure" and wake.pressure() is None:
-            raise ConfigError("the pressure in the flow can be drawn of the project's own solver only")
+            raise ConfigError("the pressure in the flow can be drawn only with stillwake's solver")
         layout = wake.layout
         self._chosen = layout.indices(layout.names if sensor_names is None else sensor_names)
         grid, level = wake.grid, _LEVEL[kind]

@@ -92,7 +92,7 @@ class EpisodeJob:
         the folder, a block cannot be written, this process has other versions or another start than the process that
         began the recording, or another call has taken over; PlantError if the flow diverges."""
         if not self.parts.is_owned_by(self.owner):
-            raise StillwakeError(f"{platform.node()} does not find {self.parts.path}: it must lie on a shared folder")
+            raise StillwakeError(f"{platform.node()} does not find {self.parts.path}: it must be in a shared folder")
         mine = setting_of(self.config, self.plan.packages, self.start)
         if mine != self.setting:
             raise StillwakeError(f"{platform.node()} would record with other {differing(mine, self.setting)}")

@@ -43,7 +43,7 @@ def run_parallel(
         lambda job: (job.run,),
         workers=workers,
         scheduler=scheduler,
-        names=lambda job: (f"episode {job.plan.name}", f"finished blocks are kept in {job.parts.path}"),
+        names=lambda job: (f"episode {job.plan.name}", f"finished blocks are stored in {job.parts.path}"),
         finished=lambda job, _: _check_arrived(job),
         looked=look,
     )

@@ -96,7 +96,7 @@ class PartsFolder:
         if begun != task:
             raise StillwakeError(
                 f"{self.path} holds an unfinished recording with other settings ({differing(begun, task)}): finish it "
-                f"with those, or delete it first"
+                f"with these settings, or delete it first"
             )
 
     @property

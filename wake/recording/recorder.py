@@ -40,7 +40,7 @@ def is_finished(output: Path, jobs: Sequence[EpisodeJob]) -> bool:
     try:
         there = read(output).episodes
     except DatasetError as error:
-        raise OutputError(f"{output}: there is a file that is not read ({error}); {_WAYS}") from error
+        raise OutputError(f"{output}: holds a file that cannot be read ({error}); {_WAYS}") from error
     difference = _difference(there, jobs)
     if difference:
         raise OutputError(f"{output}: holds another recording ({difference}); {_WAYS}")

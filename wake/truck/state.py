@@ -69,7 +69,7 @@ def check_reynolds(origin: Origin, reynolds: float) -> None:
     if origin.reynolds != reynolds:
         raise PlantError(
             f"flow state is of reynolds = {origin.reynolds:g}, this plant has {reynolds:g}: "
-            f"`{develops(reynolds)}` makes one for it, to be given with --state"
+            f"`{develops(reynolds)}` makes a state for it, to be given with --state"
         )
 
 
@@ -79,7 +79,7 @@ def check_body(origin: Origin, body: BodyConfig) -> None:
         raise PlantError(
             f"flow state is of a body of length {origin.body_length:g} and leading-edge radius "
             f"{origin.leading_edge_radius:g}, this plant has {body.length:g} and {body.leading_edge_radius:g}: "
-            "`stillwake develop` with the same --set body.* makes one for it, to be given with --state"
+            "`stillwake develop` with the same --set body.* makes a state for it, to be given with --state"
         )
 
 
@@ -97,7 +97,7 @@ def save_state(path: Path, state: State) -> None:
     """Write a state, completely or not at all. Raises PlantError if it has no origin."""
     origin = state.origin
     if origin is None:
-        raise PlantError(f"{path}: a state without its origin cannot be written: take it from `TruckWake.state`")
+        raise PlantError(f"{path}: a state without its origin cannot be written: use `TruckWake.state`")
     clock: dict[str, Any] = (
         {} if origin.substeps is None else {"control_period": origin.control_period, "substeps": origin.substeps}
     )

@@ -90,7 +90,7 @@ class Tape(CopiedWhole):
         all later samples. `weights` are the scalar's derivatives with respect to each value of the period's sample
         (`no_weights` has zeros); its time is not read."""
         if not self._periods:
-            raise PlantError("the way back is at the tape's start: no period is left")
+            raise PlantError("the backward pass is at the start of the tape: no period is left")
         period, plant = self._periods.pop(), self._plant
         end = Flow.of(self._end, plant.grid.shape)
         self._weigh(end, period.action_to, weights)
@@ -158,8 +158,8 @@ class Tape(CopiedWhole):
                 self.memory_mb -= substeps * flow_mb
         if self.memory_mb + needed_mb > self._most_mb:
             raise PlantError(
-                f"the tape holds {len(self._periods)} periods, and one more of {needed_mb:.3g} MB does not fit into "
-                f"{self._most_mb:g} MB: end the window here, or allow more memory"
+                f"the tape holds {len(self._periods)} periods, and another period of {needed_mb:.3g} MB does not fit "
+                f"into {self._most_mb:g} MB: end the window here, or allow more memory"
             )
 
 

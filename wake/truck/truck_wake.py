@@ -220,7 +220,7 @@ class TruckWake(CopiedWhole):
         clock = (origin.control_period, origin.substeps)
         if substep != 0 and clock not in ((None, None), (config.control_period, config.substeps)):
             raise PlantError(
-                f"flow state stands at step {substep} of a clock with {origin.substeps} substeps in "
+                f"flow state is at step {substep} of a clock with {origin.substeps} substeps in "
                 f"{origin.control_period} t_c, this plant has {config.substeps} in {config.control_period}"
             )
 

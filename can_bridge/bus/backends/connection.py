@@ -55,7 +55,7 @@ def _check_known(interface: str) -> None:
     known = (OWN_CONFIGURATION, *sorted(can.VALID_INTERFACES))
     if interface not in known:
         is_ours = interface == SIMULATED
-        reason = "it is in virtual time and connects nothing real" if is_ours else "python-can does not know it"
+        reason = "it runs in virtual time, without real devices" if is_ours else "python-can does not know it"
         allowed = known if is_ours else (SIMULATED, *known)
         raise BusError(f"bus.interface = {interface}: {reason}; must be one of {', '.join(allowed)}")
 
@@ -118,7 +118,7 @@ _UNREADABLE: Final = (ValueError, IndexError, struct.error)
 class OpenBus(NeverCopied):
     """Owner of an open python-can bus. Use it as a context manager, or call `close`."""
 
-    INSTEAD: ClassVar = "it is open on this process alone; open another one"
+    INSTEAD: ClassVar = "it belongs to this process; open another connection"
 
     def __init__(self, bus: can.BusABC) -> None:
         """Take over an open bus, which `close` closes."""

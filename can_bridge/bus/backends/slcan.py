@@ -121,7 +121,7 @@ class SlcanBus(slcanBus):
                 left = max(0.0, deadline - time.monotonic())
                 if not select.select([], [port.fd], [], left)[1]:
                     self._line_cut = self._line_cut or written > 0
-                    raise can.CanTimeoutError(f"the serial port took {written} of {len(line)} bytes in {limit:g} s")
+                    raise can.CanTimeoutError(f"the serial port accepted {written} of {len(line)} bytes in {limit:g} s")
         except can.CanTimeoutError:  # an OSError, too
             raise
         except OSError as error:

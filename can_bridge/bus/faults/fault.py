@@ -45,9 +45,9 @@ class WrappedBus:
 
 
 class FrameArrivals:
-    """Arrival times of frames. A frame arrives at its time stamp if that lies between the node's last two looks at the
-    bus, as it does if both use one clock; otherwise at the look that found it. No frame arrives before an earlier one.
-    """
+    """Arrival times of frames. A frame arrives at its time stamp if this lies between the node's last two readings of
+    the bus, as it does if both use one clock; otherwise at the reading that found the frame. No frame arrives before an
+    earlier one."""
 
     def __init__(self) -> None:
         self._looked_ns = 0

@@ -49,7 +49,7 @@ class BurstLoss(SidedFault, section="burst_loss"):
     def __post_init__(self) -> None:
         super().__post_init__()
         most = self.mean_burst / (self.mean_burst + 1.0)
-        wording = f"at most {most:g} with bursts of {self.mean_burst:g}: one frame at least passes between two"
+        wording = f"at most {most:g} with bursts of {self.mean_burst:g}: at least one frame passes between two bursts"
         require(self.loss <= most, self, "loss", wording)
 
     @property
@@ -135,9 +135,9 @@ class Delay(FrameFault, section="delay"):
 
 @dataclass(frozen=True, kw_only=True)
 class Reorder(FrameFault, section="reorder"):
-    """Groups of `window` frames are held back, then received in a random order. `acted` counts those out of place.
+    """Groups of `window` frames are held back, then received in a random order. `acted` counts the frames out of place.
 
-    No frame moves by `window` places or more. Frames held back when the span ends are received at the next look.
+    No frame moves by `window` places or more. Frames held back when the span ends are received at the next reading.
     """
 
     window: Annotated[int, at_least(1)] = 2
@@ -233,7 +233,7 @@ def _spec_of(frame: Frame) -> MessageSpec | None:
     if spec is None or not spec.names(frame) or len(frame.data) != spec.length:
         return None
     if spec.is_secured:
-        raise BusError(f"{spec.name} is authenticated: a fault ahead of its protection would need the key")
+        raise BusError(f"{spec.name} is authenticated: a fault before its protection would need the key")
     return spec
 
 

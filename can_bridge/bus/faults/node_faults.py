@@ -17,7 +17,8 @@ MOST_BABBLED: Final = 1000
 class Disconnect(BusFault, section="disconnect"):
     """The node sends and receives nothing. `acted` counts the frames lost in both directions.
 
-    Frames that would have arrived in the span are lost. Those that a `device_gone` node had received come after it.
+    Frames that would have arrived in the span are lost. Frames that a `device_gone` node had already received are
+    delivered after the span.
     """
 
     kind: Literal["open_wire", "device_gone"] = "open_wire"
@@ -88,8 +89,8 @@ class ClockDrift(BusFault, section="clock_drift"):
     """A clock that runs fast or slow, or has a constant offset. At the span's end it jumps back to the true time.
 
     As a fault of a bus, the clock stamps the frames that the node receives. A node whose own clock drifts also reads
-    its time through `local_ns`. With only one of the two, stamps and time disagree, as with an adapter that has a clock
-    of its own. `acted` counts the frames with a changed stamp.
+    its time through `local_ns`. With only one of the two, stamps and time disagree, as with an adapter that has a
+    separate clock. `acted` counts the frames with a changed stamp.
     """
 
     ppm: Annotated[float, Rule(wording="above -10^6", holds=lambda value: value > -1e6)] = 0.0
@@ -119,11 +120,11 @@ class ClockDrift(BusFault, section="clock_drift"):
 
 @dataclass(frozen=True, kw_only=True)
 class Babble(BusFault, section="babble"):
-    """The node sends additional frames with random content. `acted` counts those that the bus took.
+    """The node sends additional frames with random content. `acted` counts the frames that the bus accepted.
 
     The node's next call sends, before its own frame, the number of frames that the rate makes due since the previous
-    call, until the bus takes no more. Frames that do not fit into the transmit queue are not sent later. A node that
-    only babbles needs a port of its own, which has to be called often.
+    call, until the bus refuses a frame. Frames that do not fit into the transmit queue are not sent later. A node that
+    only babbles needs a separate port, which has to be called often.
     """
 
     frame_id: NonNegative[int] = 0

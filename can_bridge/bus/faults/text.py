@@ -104,7 +104,7 @@ def _span(text: str, described: str, kind: type[Span]) -> tuple[float, float]:
     except ValueError:
         pass
     wording = "a time" if instant else "START..END"
-    either = "" if instant else ", either of them may be left out"
+    either = "" if instant else ", start or end may be left out"
     raise ConfigError(f"{described}: {text!r} must be {wording} in seconds{either}")
 
 

@@ -191,7 +191,7 @@ def _disturbed(
         if is_arbitration_stuff_bit(frame, position):
             return _destroyed(senders, receivers, verdicts, AttemptVerdict.ARBITRATION_STUFF, used)
         if is_arbitration_bit(frame, position):
-            # The sender believes that it lost arbitration, and is a receiver when the error is detected.
+            # The sender has taken the wrong bit for a lost arbitration, and is a receiver when the error is detected.
             return _destroyed(senders, receivers, verdicts, AttemptVerdict.RECEIVE_ERROR, used)
     return _destroyed(senders, receivers, verdicts, AttemptVerdict.TRANSMIT_ERROR, used)
 

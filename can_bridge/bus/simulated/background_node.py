@@ -1,6 +1,6 @@
 """Other nodes' traffic on the simulated bus: periodic messages with random contents.
 
-Each message has a clock of its own, as if a node of its own sent it, so that its phase against the control loop changes
+Each message has a separate clock, as if sent by a separate node, so that its phase against the control loop changes
 during a run. With one clock for all messages, a run would repeat one set of phases, favourable or not.
 """
 
@@ -22,7 +22,7 @@ DRIFT_PPM: Final = 200
 class BackgroundNode:
     """Sender of each message at its offset and then once a period of its clock, late by at most its jitter.
 
-    A frame that the bus does not take is lost; `SimulatedPort.refused` counts it.
+    A frame that the bus refuses is lost; `SimulatedPort.refused` counts it.
 
     Args:
         bus: simulated bus, at the time from which the offsets count.

@@ -78,7 +78,7 @@ class SimulatedPort:
     """A node's connection to a simulated bus, created by `SimulatedBus.port`.
 
     Attributes:
-        refused: frames that the bus did not take because the queue was full or the node bus-off.
+        refused: frames that the bus refused because the queue was full or the node bus-off.
         discarded: frames in the queue when the node went bus-off.
         overruns: frames lost because they arrived while the receive queue was full.
     """
@@ -107,7 +107,7 @@ class SimulatedPort:
         if not self.queue.put(frame, self._clock()):
             self.refused += 1
             raise BusError(
-                f"{self.name} has {len(self.queue)} frames waiting for the bus, as many as its queue holds: frame "
+                f"{self.name} has {len(self.queue)} frames waiting for the bus, so its queue is full: frame "
                 f"{frame.frame_id:#x} was not sent"
             )
         if was_empty:

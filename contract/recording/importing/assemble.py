@@ -80,21 +80,21 @@ def assemble(
     """
     renamed, references = dict(renamed or {}), dict(references or {})
     if facts.control_period is None or facts.action_limit is None:
-        raise DatasetError("control period and action limit must be given: they cannot be read off the files")
+        raise DatasetError("control period and action limit must be given: the files do not state them")
     if "Cp" in references and references["Cp"].number < 0.0:
         raise DatasetError(f"{references['Cp'].option}: a dynamic pressure must be positive")
     for name, reference in references.items():
         if name not in FORCE_COLUMNS and all(source.made is not None for source in sources):
             raise DatasetError(f"{reference.option}: has no effect on a log, whose messages have their units")
     if not sources:
-        raise DatasetError("no data file is given: name at least one to train on and one to test on")
+        raise DatasetError("no data file is given: name at least one file for training and one for the test")
     _check_names(sources)
     known = (*_SERIES, "Cp", *layout.names, INITIAL_ACTION)
     options = {name: f"--map {name}={inside}" for name, inside in renamed.items()}
     for name, option in (*options.items(), *((name, one.option) for name, one in references.items())):
         if name not in known:
             raise DatasetError(
-                f"{option}: {name!r} is no series and no sensor; the series are {', '.join((*_SERIES, 'Cp'))}"
+                f"{option}: {name!r} is neither a series nor a sensor; the series are {', '.join((*_SERIES, 'Cp'))}"
             )
     episodes, used = [], set[str]()
     for source in sources:
@@ -125,7 +125,7 @@ def _check_names(sources: Sequence[EpisodeSource]) -> None:
     for source in sources:
         if paths.count(source.path) > 1:
             raise DatasetError(
-                f"{source.path}: given twice; an episode has one role, so cut the file in two if you have no other"
+                f"{source.path}: given twice; an episode has one role: if you have no other file, cut it in two"
             )
         if names.count(source.name) > 1:
             raise DatasetError(
@@ -204,8 +204,8 @@ def _check_action(path: Path, action: Array, limit: float) -> None:
     if abs(action[largest]) > limit * (1.0 + LIMIT_TOLERANCE):
         raise DatasetError(
             f"{path}: action is {action[largest]:g} at step {largest}, beyond flow.action_limit = {limit:g}; "
-            f"an action is the jets' flow rate in U_inf W, and no percentage of it; --reference action=NUMBER gives "
-            f"what U_inf W is in the file"
+            f"an action is the jets' flow rate in U_inf W, not a percentage; --reference action=NUMBER gives "
+            f"the number in the file that means 1 U_inf W"
         )
 
 
@@ -218,7 +218,7 @@ def _check_size(path: Path, arrays: Mapping[str, Array], layout: SensorLayout, *
             if name == "Cp" and is_divided:
                 hint = "; pressures must be p - p_inf, not absolute, and in the unit of the option"
             if name in ("Cd", "Cl"):
-                hint = f"; if it is in N, give what 1 is in the file as in --reference {name}=40N"
+                hint = f"; if it is in N, give the force in the file that means 1 as in --reference {name}=40N"
             if 2 * beyond.sum() < beyond.size:
                 k = tuple(np.argwhere(beyond)[0])
                 hint = f"; {array[k]:g}, first at step {k[0]}, may stand for a missing value{GAP}"

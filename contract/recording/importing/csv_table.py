@@ -96,7 +96,7 @@ def read_csv(path: Path) -> CsvTable:
     for name, count in Counter(header).items():
         if count > 1:
             hint = "; the first line must have the names of the columns" if _is_number(name) else ""
-            raise DatasetError(f"{path}: line {lines[0]}: column {name!r} is there twice{hint}")
+            raise DatasetError(f"{path}: line {lines[0]}: column {name!r} occurs twice{hint}")
     for row, line in zip(rows[1:], lines[1:], strict=True):
         if len(row) != len(header):
             raise DatasetError(f"{path}: line {line}: {len(row)} values, the header has {len(header)} columns")
@@ -165,12 +165,12 @@ def read_sensors(
     for column in ("name", "x", "y"):
         if column not in table.header:
             raise DatasetError(
-                f"{path}: no column {column!r}; the first line has {', '.join(table.header)}, it must have name, x, y "
-                f"and may have base"
+                f"{path}: no column {column!r}; the first line has {', '.join(table.header)}, it must have name, x and "
+                f"y, and may have base"
             )
     unused = tuple(name for name in table.header if name not in ("name", "x", "y", "base"))
     if unused:
-        told(path, f"not used: {', '.join(unused)}; a place is x and y alone")
+        told(path, f"not used: {', '.join(unused)}; a position has only x and y")
     names = table.texts("name")
     for line, name in zip(table.lines, names, strict=True):
         if name in _RESERVED:

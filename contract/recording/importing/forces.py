@@ -150,7 +150,7 @@ def _inside(path: Path, there: tuple[str, ...], renamed: Mapping[str, str]) -> d
         if len(candidates) != 1:
             raise DatasetError(
                 f"{path}: no column {wanted!r} for the forces' table; it has {', '.join(there[:12])}"
-                f"{', ..' if len(there) > 12 else ''}. Name another with --map {name}=NAME"
+                f"{', ..' if len(there) > 12 else ''}. Give the column's name with --map {name}=NAME"
             )
         found[name] = candidates[0]
     return found

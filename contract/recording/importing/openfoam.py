@@ -101,7 +101,7 @@ def _table(path: Path, case: Path, file: str, what: str) -> FoamTable:
         raise DatasetError(str(error)) from error
     named = [table for folder, table in tables.items() if Path(os.path.realpath(path)).is_relative_to(folder)]
     if len(named or tables) != 1:
-        found = f"several have {what}, name one: {', '.join(map(str, tables))}" if tables else f"no {what} in it"
+        found = f"several contain {what}, name one: {', '.join(map(str, tables))}" if tables else f"no {what} in it"
         raise DatasetError(f"{case / _POST}: {found}")
     return (named or list(tables.values()))[0]
 
@@ -134,7 +134,7 @@ def _probes_of(pressures: FoamTable, layout: SensorLayout) -> Index:
         lines = [found for word, _, found in numbers if word in (["x"], ["y"])]
         places = np.array(lines).T.tolist() if len({len(line) for line in lines}) == 1 else []
     if len(places) != count:
-        raise DatasetError(f"{path}: its header has the places of {len(places)} probes, its rows have {count}")
+        raise DatasetError(f"{path}: its header has the positions of {len(places)} probes, its rows have {count}")
     at, wanted = np.array(places, dtype=np.float64), layout.positions
     near = _AT * max(float(np.ptp(wanted, axis=0).max()), 1e-6)
     close = np.hypot(*(at[None] - wanted[:, None]).transpose(2, 0, 1)) <= near
@@ -145,8 +145,8 @@ def _probes_of(pressures: FoamTable, layout: SensorLayout) -> Index:
         if len(at) != len(layout) or not _alike(at, wanted, near):
             name = layout.names[int(np.argmax(close.sum(axis=1) != 1))]
             raise DatasetError(
-                f"{path}: no probe, or more than one of its {count}, is at the sensor {name}: put its place right, or "
-                f"list as many sensors as there are probes, in their order"
+                f"{path}: no probe, or more than one of its {count}, is at the sensor {name}: correct its position, or "
+                f"list one sensor for each probe, in the order of the probes"
             )
     lost = np.abs(pressures.rows[:, 1 + chosen]).max(axis=0) > _NOT_FOUND
     if lost.any():

@@ -73,7 +73,7 @@ def references_of(texts: Sequence[str]) -> dict[str, Reference]:
         if not name or parts is None or not 0.0 < abs(float(parts[1])) < float("inf"):
             raise ConfigError(f"{option}: write NAME=NUMBER and its unit, such as Cd=40N or t=5ms; not 0")
         if name in found:
-            raise ConfigError(f"{option}: {name} has one already, {found[name]}")
+            raise ConfigError(f"{option}: {name} has a reference already, {found[name]}")
         found[name] = Reference(number=float(parts[1]), unit=parts[2] or None, option=option)
     return found
 
@@ -94,16 +94,16 @@ def factor(path: Path, name: str, inside: str, unit: str | None, reference: Refe
     base, size = ("1", 1.0) if unit is None else _base(unit)
     if reference is None:
         if base != "1":
-            remedy = _REMEDIES.get(base, "give what 1 of ours is in it as in --reference {name}=NUMBER").format(
-                name=name
-            )
+            remedy = _REMEDIES.get(
+                base, "give the number in the file that means 1 as in --reference {name}=NUMBER"
+            ).format(name=name)
             raise DatasetError(f"{path}: {inside!r} is in {unit!r}, {name} must be without dimension: {remedy}")
         return size
     if unit is None or reference.unit is None:
         return 1.0 / reference.number
     other, other_size = _base(reference.unit)
     if base != other:
-        raise DatasetError(f"{path}: {inside!r} is in {unit!r} by the file's own word, which {reference.option} is not")
+        raise DatasetError(f"{path}: {inside!r} is in {unit!r} in the file, which {reference.option} is not")
     return size / (reference.number * other_size)
 
 
@@ -233,13 +233,13 @@ def _ordered(
         texts = one.texts
         if len(texts) == pressures.shape[1] and set(texts) >= set(layout.names):
             if len(set(texts)) < len(texts):
-                raise DatasetError(f"{path}: array {name!r} names a sensor twice")
+                raise DatasetError(f"{path}: array {name!r} contains a sensor twice")
             return pressures[:, [texts.index(sensor) for sensor in layout.names]], frozenset({name})
     for name, one in stored.items():
         lacking = [sensor for sensor in layout.names if sensor not in one.texts]
         if len(one.texts) == pressures.shape[1] and len(lacking) < len(layout):
             raise DatasetError(
-                f"{path}: array {name!r} names the columns {_listed(one.texts)}, and none is the sensor {lacking[0]}"
+                f"{path}: array {name!r} contains the columns {_listed(one.texts)}, and none is the sensor {lacking[0]}"
             )
     return pressures, frozenset()
 
@@ -256,7 +256,7 @@ def _with_pressures(
         missing = next(name for name, column in zip(layout.names, columns, strict=True) if column is None)
         raise DatasetError(
             f"{path}: no column {renamed.get(missing, missing)!r} for the sensor {missing}; it has {_listed(there)}. "
-            f"Name another with --map {missing}=NAME, or take the sensor out of the list of sensors"
+            f"Give its name with --map {missing}=NAME, or remove the sensor from the list of sensors"
         )
     lengths = {len(column) for column in found}
     if len(lengths) > 1:

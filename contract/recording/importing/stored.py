@@ -18,7 +18,7 @@ from contract.recording.hdf5 import opened
 GAP: Final = "; fill the gap, or cut the file in two there"
 DEFAULT_FILL: Final = 9.9692099683868690e36
 """Value that netCDF stores in place of floating-point numbers that were never written."""
-UNWRITTEN: Final = "is the default fill value of netCDF: nothing was written there"
+UNWRITTEN: Final = "is the default fill value of netCDF, so this value was never written"
 _DEFAULT_OF_INTEGERS: Final = {2: -(2**15) + 1, 4: -(2**31) + 1, 8: -(2**63) + 2}
 """Values of netCDF for signed integers that were never written, by size in bytes; single bytes have none."""
 
@@ -107,14 +107,14 @@ class Stored:
     def _number(self, path: Path, name: str, key: str, default: float) -> float:
         values = self._like(path, name, key, np.dtype(np.float64)) if key in self.attributes else np.array([default])
         if len(values) != 1 or not np.isfinite(values[0]) or (key == "scale_factor" and values[0] == 0.0):
-            raise DatasetError(f"{path}: array {name!r}: its attribute {key} is {self.attributes[key]!r}, no number")
+            raise DatasetError(f"{path}: array {name!r}: its attribute {key} {self.attributes[key]!r} must be a number")
         return float(values[0])
 
     def _like(self, path: Path, name: str, key: str, dtype: np.dtype[Any]) -> npt.NDArray[Any]:
         """Return an attribute's numbers, converted to the array's type if that type is floating-point or unsigned."""
         values = np.ravel(self.attributes.get(key, np.empty(0)))
         if values.dtype.kind not in "fiu":
-            raise DatasetError(f"{path}: array {name!r}: its attribute {key} is {self.attributes[key]!r}, no number")
+            raise DatasetError(f"{path}: array {name!r}: its attribute {key} {self.attributes[key]!r} must be a number")
         unsigned = dtype.kind == "u" and values.dtype.kind == "i" and values.dtype.itemsize == dtype.itemsize
         with np.errstate(over="ignore"):
             return values.astype(dtype) if dtype.kind == "f" or unsigned else values
@@ -233,7 +233,7 @@ def _flat(found: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, Any]
     """Return the arrays of nested structures; their names are joined by slashes like those of HDF5's groups."""
     for name, values in found.items():
         if name in _TABLES:
-            yield "a MATLAB table or object, of which only MATLAB can read the columns: save them as variables", None
+            yield "a MATLAB table or object, whose columns only MATLAB can read: save them as variables", None
         elif isinstance(values, Mapping):
             yield from _flat(values, f"{above}{name}/")
         elif not name.startswith("__"):

@@ -43,7 +43,7 @@ void sw_board_alive(void);
 /* Returns the time since power-on, in ns. */
 int64_t sw_board_now_ns(void);
 
-/* Sleeps until a frame comes or until until_ns; it may return early for another reason. */
+/* Sleeps until a frame arrives or until until_ns; it may return early for another reason. */
 void sw_board_sleep(int64_t until_ns);
 
 /* The second bank; its driver has no state. */

@@ -16,9 +16,9 @@ static sw_frame received[ROOM]; /* since the last step, oldest first */
 
 typedef struct {
     int64_t latest_ns;   /* time of the latest step */
-    int64_t deadline_ns; /* time of a step without pressures */
+    int64_t deadline_ns; /* time of the next step if no pressures arrive */
     int count;           /* number of frames received since the last step */
-    uint8_t came;        /* whether pressures are among them */
+    uint8_t came;        /* whether these frames include pressures */
 } sw_board_period;
 
 #if SW_BOARD_LOADER
@@ -153,7 +153,7 @@ static void drop_requests(sw_board_period *period, int first)
     period->count = kept;
 }
 
-/* Returns whether a step is due. Pressures that come twice in a period do not cause two steps. */
+/* Returns whether a step is due. Pressures that arrive twice in a period do not cause two steps. */
 static int is_due(const sw_board_period *period, int64_t now_ns)
 {
     return now_ns >= period->deadline_ns ||

@@ -6,7 +6,7 @@
  * again, as in a new ECU: the other node refuses every frame, which is safe. For a board without a battery, change this
  * file to use FRAM or a log in flash.
  *
- * There are two records, written in turn: an interrupted write leaves the other one intact.
+ * There are two records, written in turn: an interrupted write leaves the other record intact.
  */
 #include "sw_board.h"
 
@@ -17,7 +17,7 @@
 #define WORDS 7u
 #define NUMBER 0u /* number of the record; the greater one is newer */
 #define TRIP 1u
-#define HEARD_PRESSURE 2u /* this and the next word; the low word first */
+#define HEARD_PRESSURE 2u /* freshness in this and the next word; the low word first */
 #define HEARD_SPEED 4u
 #define CHECK 6u
 #define BASIS 0x811c9dc5u /* FNV-1a */

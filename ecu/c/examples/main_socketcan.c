@@ -54,7 +54,7 @@ static int64_t clock_ns(clockid_t clock)
     return ns_of(&now);
 }
 
-/* Sleeps until a time; returns early if a signal comes. */
+/* Sleeps until a time; returns early if a signal arrives. */
 static void sleep_until(int64_t due_ns)
 {
     struct timespec due;
@@ -92,7 +92,7 @@ static int open_bus(const char *interface)
     return -1;
 }
 
-/* Returns the kernel's time of arrival, converted from the settable clock to CLOCK_MONOTONIC; now, if there is none. */
+/* Returns the kernel's time of arrival, converted from the settable clock to CLOCK_MONOTONIC; now, without one. */
 static int64_t arrival_ns(struct msghdr *message)
 {
     const int64_t now_ns = clock_ns(CLOCK_MONOTONIC), date_ns = clock_ns(CLOCK_REALTIME);

@@ -42,7 +42,7 @@ typedef struct {
     int32_t received;
     uint8_t status; /* status that the bus simulation knows */
     uint8_t has_lost;
-    fmi3Clock rx_ticks; /* in this event */
+    fmi3Clock rx_ticks; /* whether Rx_Clock ticks in this event */
     fmi3Clock tx_ticks;
     uint32_t rx_bytes;
     uint32_t tx_bytes;
@@ -60,9 +60,9 @@ typedef struct {
 
 /* The wrapper's memory; the ECU has its own. */
 typedef struct {
-    double values[SW_FMU_VARIABLES]; /* by value reference; 0 is the time */
+    double values[SW_FMU_VARIABLES]; /* values of the variables by value reference; 0 is the time */
     double start;
-    int64_t next_ns; /* time of the ECU's next step, from the start on */
+    int64_t next_ns; /* time of the ECU's next step since the start */
     uint32_t mode;   /* mode in FMI's state machine */
     fmu_side side;
 } fmu_memory;
@@ -89,10 +89,10 @@ int fmu_received(fmu_memory *kept, sw_frame frames[FMU_MOST_FRAMES], sw_surround
 /* Takes the frames that the ECU sends in this step. */
 void fmu_sent(fmu_memory *kept, const sw_frame *frames, int count);
 
-/* Ends a communication step; returns whether there is something to be sent. */
+/* Ends a communication step; returns whether frames have to be sent. */
 int fmu_reached(fmu_instance *fmu, double until_ns);
 
-/* Returns whether a saved side is one that a run can leave. */
+/* Returns whether a run can reach a saved state of a side. */
 int fmu_is_possible(const fmu_side *side);
 
 #endif

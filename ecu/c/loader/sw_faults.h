@@ -14,7 +14,7 @@
 
 typedef struct {
     uint8_t status;
-    uint8_t age;          /* of a confirmed fault: operation cycles without the fault */
+    uint8_t age;          /* age of a confirmed fault: operation cycles without this fault */
     uint8_t has_snapshot; /* snapshot of the first failure in the latest cycle with a failure */
     uint8_t snapshot[SW_SNAPSHOT_BYTES];
 } sw_fault;
@@ -25,7 +25,7 @@ typedef struct {
     const sw_vehicle_request *request;
     sw_fault faults[SW_FAULT_COUNT]; /* in the order of SW_FAULT_CODES */
     uint8_t is_off;                  /* a tester has switched off the setting of faults */
-    uint8_t is_changed;              /* since the record was last compared */
+    uint8_t is_changed;              /* whether a fault has changed since the record was last compared */
     uint8_t has_latest;              /* whether a result waits for the end of `is_off` */
     uint8_t latest;                  /* reason of the failed test; SW_REASON_NONE: all tests passed */
     uint8_t latest_snapshot[SW_SNAPSHOT_BYTES];

@@ -84,7 +84,7 @@ static void first(sw_isotp *end, int64_t now_ns, const sw_frame *frame)
 }
 
 /* Takes the next piece. Only the last frame may be shorter than the first. A shorter frame in between is ignored, and
- * the following one then has the wrong number.
+ * the following frame then has the wrong number.
  */
 static uint32_t consecutive(sw_isotp *end, int64_t now_ns, const sw_frame *frame)
 {
@@ -214,7 +214,7 @@ static void begin(sw_isotp *end, int64_t now_ns, sw_frame *frame)
     wait_for_flow(end, now_ns);
 }
 
-/* Writes its next consecutive frame. */
+/* Writes the next consecutive frame of the message being sent. */
 static void go_on(sw_isotp *end, int64_t now_ns, sw_frame *frame)
 {
     const uint32_t left = (uint32_t)end->queue.under_way - end->sent;
@@ -356,8 +356,8 @@ int sw_isotp_poll(sw_isotp *end, int64_t now_ns, int room, sw_frame frames[SW_IS
     if (end->answer != NO_ANSWER && most > 0) {
         start_frame(&frames[0], now_ns);
         put(&frames[0], (uint32_t)FLOW << 4 | end->answer);
-        put(&frames[0], 0); /* all frames at once, */
-        put(&frames[0], 0); /* without a pause */
+        put(&frames[0], 0); /* block size 0: all frames at once, */
+        put(&frames[0], 0); /* separation time 0: without a pause */
         pad(&frames[0]);
         end->answer = NO_ANSWER;
         count = 1;

@@ -70,7 +70,7 @@ uint32_t sw_isotp_receive(sw_isotp *end, int64_t now_ns, const sw_frame *frame, 
 int sw_isotp_is_receiving(const sw_isotp *end);
 int sw_isotp_is_sending(const sw_isotp *end);
 
-/* Returns whether the messages not yet sent take more room than there is beside a message of greatest length. */
+/* Returns whether the waiting messages leave too little room for a message of greatest length. */
 int sw_isotp_is_occupied(const sw_isotp *end);
 
 /* Returns whether only SW_ISOTP_KEPT places for messages are left, reserved for the request in progress. */

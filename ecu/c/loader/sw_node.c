@@ -91,7 +91,7 @@ int sw_node_control(sw_node *node, int64_t now_ns, const sw_frame *frames_in, in
     const uint32_t missed = ecu->state.missed;
     int sent;
     sw_faults_before(&services->faults);
-    /* The release that is booted next cannot tell that the jets run now, so they are shut before the reset. */
+    /* The release booted next has no information that the jets run now, so they are shut before the reset. */
     ecu->surroundings.fault = services->uds.wants_reset ? SW_REASON_UPDATING : SW_REASON_NONE;
     ecu->surroundings.updating = services->programming.is_updating;
     if (has_release) {

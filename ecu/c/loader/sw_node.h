@@ -45,7 +45,7 @@ typedef struct {
 #endif
     uint32_t bundle_hash; /* short hash of the booted release; 0 without one */
     uint8_t is_sending;
-    uint8_t is_full;   /* whether more frames wait than there was room for */
+    uint8_t is_full;   /* whether frames wait because there was no room */
     uint8_t has_begun; /* whether sw_node_service has run since power-on, at begun_ns first */
     int64_t begun_ns;
     sw_ecu ecu; /* last; the caller writes `ecu.surroundings.health` as for sw_ecu_step */

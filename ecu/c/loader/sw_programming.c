@@ -116,7 +116,7 @@ static uint8_t ended(const sw_programming *programming, sw_store_result result, 
     } else if (programming->routine == SW_ROUTINE_CHECK) {
         sw_answer_byte(answer, store->verdict);
     } else if (store->verdict != SW_VERDICT_GOOD) {
-        return SW_NRC_CONDITIONS_NOT_CORRECT; /* the earlier release may not run any more */
+        return SW_NRC_CONDITIONS_NOT_CORRECT; /* the earlier release is no longer allowed to run */
     } else {
         /* A revert has no further data to report. */
     }

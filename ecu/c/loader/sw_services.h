@@ -19,7 +19,7 @@ typedef struct {
     const char *serial;        /* serial number of this ECU */
     const char *software;      /* version of the loader */
     sw_random random;
-    void *context; /* for `random` */
+    void *context; /* argument of `random` */
     uint8_t *image; /* memory for a copy of the running image, at a multiple of 64 bytes; NULL: it runs in the flash */
     uint32_t image_bytes; /* size of the copy: SW_IMAGE_HEADER + sizeof(sw_payload) */
 } sw_equipment;

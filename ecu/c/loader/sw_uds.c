@@ -92,7 +92,7 @@ static void came_to(sw_uds *uds, uint8_t number, uint8_t code, const sw_answer *
     } else if (!uds->is_quiet) {
         sw_isotp_send(uds->isotp, answer->length);
     } else {
-        /* The tester wants no answer. */
+        /* The tester has suppressed the answer. */
     }
     uds->heard_ns = uds->now_ns;
 }

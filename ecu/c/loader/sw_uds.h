@@ -34,7 +34,7 @@ typedef struct {
     uint8_t has_sub_function;
     uint8_t writes; /* needs the flash memory: waits while a sector is erased for later use */
     uint8_t (*handle)(sw_services *services, const uint8_t *body, uint32_t length, sw_answer *answer);
-    uint8_t (*go_on)(sw_services *services, sw_answer *answer); /* does a further piece; NULL if there is only one */
+    uint8_t (*go_on)(sw_services *services, sw_answer *answer); /* does a further piece; NULL: only one piece */
 } sw_service;
 
 typedef struct {
@@ -55,10 +55,10 @@ typedef struct {
     uint8_t wants_reset; /* the ECU must be reset */
     uint8_t is_silent; /* a tester has silenced the frames of control; they are sent nevertheless while a jet can run */
     uint8_t is_quiet;  /* the tester has suppressed the positive answer */
-    uint8_t is_functional; /* every ECU has the request: it is not refused if other ECUs may support it */
+    uint8_t is_functional; /* the request goes to every ECU: it is not refused if other ECUs may support it */
     uint16_t waiting;      /* bytes of a request that waits for the end of an erasure; 0: none waits */
     sw_access access;
-    int64_t now_ns;   /* does not follow a clock that goes back */
+    int64_t now_ns;   /* latest time; never decreases, even if the clock goes back */
     int64_t heard_ns; /* time at which the tester was last heard */
     int64_t pending_ns;
 } sw_uds;
@@ -72,7 +72,7 @@ int sw_uds_is_busy(const sw_uds *uds);
 void sw_uds_look(sw_uds *uds, int64_t now_ns);
 
 /* Takes a complete request of `length` bytes, 1 or more, physical or functional, and does its first piece. A request
- * that comes while a long answer is still being sent is not begun: the tester has to repeat it.
+ * that arrives while a long answer is still being sent is not begun: the tester has to repeat it.
  */
 void sw_uds_request(sw_uds *uds, int64_t now_ns, uint8_t *request, uint32_t length, int is_functional);
 

@@ -25,7 +25,7 @@ typedef struct {
 typedef struct {
     const uint8_t *access_key;
     sw_random random;
-    void *context;   /* for `random` */
+    void *context;   /* argument of `random` */
     int64_t last_ns; /* time of the latest command */
     uint8_t is_connected;
     uint8_t has_to_store;

@@ -22,7 +22,7 @@ void sw_sha256_of(const uint8_t *data, uint32_t length, uint8_t digest[SW_SHA256
 /* Returns whether a key is of small order: anyone can forge signatures of such a key. */
 int sw_key_is_weak(const uint8_t key[32]);
 
-/* Returns whether a signature of these bytes is this key's; never for a key of small order. */
+/* Returns whether this key signed these bytes; never for a key of small order. */
 int sw_signature_is_good(const uint8_t signature[64], const uint8_t key[32], const uint8_t *data, uint32_t length);
 
 #endif

@@ -31,11 +31,11 @@ typedef enum { SW_FLASH_DONE = 0, SW_FLASH_FAILED = 1, SW_FLASH_AT_WORK = 2 } sw
  */
 typedef struct {
     void *context;
-    const uint8_t *memory;                                                /* address at which it is mapped */
+    const uint8_t *memory;                                                /* address at which the flash is mapped */
     int (*erase)(void *context, uint32_t sector);                         /* begins an erasure */
     sw_flash_state (*erased)(void *context);                              /* state of the erasure */
     int (*program)(void *context, uint32_t address, const uint8_t *word); /* programs an erased word to its end */
-    int (*read)(void *context, uint32_t address, uint8_t *data, uint32_t length); /* 1: a word cannot be corrected */
+    int (*read)(void *context, uint32_t address, uint8_t *data, uint32_t length); /* 1: an uncorrectable word */
 } sw_flash;
 
 #endif

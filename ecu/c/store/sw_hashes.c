@@ -1,4 +1,4 @@
-/* SHA-256, written as in its standard; and the SHA-512 that Ed25519 needs. */
+/* SHA-256, as in its standard, and the SHA-512 that Ed25519 needs. */
 #include "sw_crypto.h"
 
 #include "sw_bytes.h"

@@ -125,7 +125,7 @@ static void scan(sw_records *records)
     }
 }
 
-/* Returns whether a sequence is the later one of two; it begins again at 0 after the largest. */
+/* Returns whether a sequence is later than another; sequences begin again at 0 after the largest. */
 static int is_later(uint32_t one, uint32_t other) { return one != other && one - other <= UINT32_MAX / 2u; }
 
 void sw_records_open(sw_records *records, const sw_flash *flash)
@@ -239,7 +239,7 @@ static int gathered(const sw_records *records, const record *of, uint32_t offset
                    && sw_records_read(records, of->kind, part->place + from - begin, &data[from - offset], to - from) != 0) {
             return 1;
         } else {
-            /* The requested bytes have nothing of this part. */
+            /* The requested bytes include no byte of this part. */
         }
         begin += part->length;
     }
@@ -308,7 +308,7 @@ static int moved(sw_records *records, const record *of)
         if (failed == 0) {
             next.words[i] = next.end;
         } else {
-            next.lengths[i] = 0; /* an unreadable record must not cost the others */
+            next.lengths[i] = 0; /* an unreadable record must not prevent copying the others */
         }
         next.end += count;
     }
@@ -354,7 +354,7 @@ void sw_records_care(sw_records *records)
     } else if (records->other == (uint8_t)SW_OTHER_BLANK && is_worth_a_move(records)) {
         if (moved(records, NULL) != 0) records->other = SW_OTHER_BAD;
     } else {
-        /* There is still room. */
+        /* The sector still has room. */
     }
 }
 

@@ -12,7 +12,7 @@
 /* Returns whether a list is signed by the root key and well-formed. */
 int sw_key_list_is_good(const uint8_t *data, uint32_t length, const uint8_t root[32]);
 
-/* Returns the version of a valid list; 0 for a list of zeros, which stands for no list and has no keys. */
+/* Returns the version of a valid list; 0 for a list of zeros, which means that there is no list. */
 uint32_t sw_key_list_version(const uint8_t *list);
 int sw_key_is_allowed(const uint8_t *list, const uint8_t key[32]);
 int sw_key_is_revoked(const uint8_t *list, const uint8_t key[32]);
@@ -51,7 +51,7 @@ typedef struct {
                                 action limit, number of sensors */
 } sw_rules;
 
-/* The facts that the store keeps of a valid image. */
+/* The facts that the store saves of a valid image. */
 typedef struct {
     uint32_t security_version;
     uint8_t digest[32]; /* digest of the release */

@@ -44,7 +44,7 @@ typedef enum {
     SW_PHASE_FILLING = 1,   /* announced; its first `received` bytes are stored */
     SW_PHASE_CHECKED = 2,   /* complete and valid */
     SW_PHASE_TRIAL = 3,     /* booted from the next reset on, boots_left times */
-    SW_PHASE_CONFIRMED = 4, /* running, or the last one before the running release */
+    SW_PHASE_CONFIRMED = 4, /* running, or the last confirmed release before the running release */
     SW_PHASE_BAD = 5        /* never booted */
 } sw_phase;
 
@@ -107,7 +107,7 @@ typedef struct {
     uint32_t wanted;     /* result of `announce`: offset of the next bytes to send */
     /* Work in pieces. */
     uint8_t work, slot;  /* sw_work, and its slot */
-    uint32_t at, until;  /* sectors to erase, bytes to read, or bytes to append: done so far, and in all */
+    uint32_t at, until;  /* sectors to erase, bytes to read, or bytes to append: finished, and total */
     const uint8_t *data; /* bytes to append */
     sw_scratch scratch;
 } sw_store;
@@ -152,7 +152,7 @@ sw_store_result sw_store_confirm(sw_store *store);  /* OUT_OF_ORDER, BAD_MEMORY 
 /* Reverts at the next reset; store->verdict is GOOD, or why the earlier release may not run any more. */
 sw_store_result sw_store_revert(sw_store *store); /* OUT_OF_ORDER, BAD_MEMORY */
 
-/* Replaces the key list by one that the root key signed. BAD_KEYS, BAD_MEMORY. */
+/* Replaces the key list by a list that the root key signed. BAD_KEYS, BAD_MEMORY. */
 sw_store_result sw_store_take_keys(sw_store *store, const uint8_t *data, uint32_t length);
 
 /* Stores a calibration for the running release; length 0: none. OUT_OF_ORDER, OUT_OF_RANGE, BAD_MEMORY. */

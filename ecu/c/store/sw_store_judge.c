@@ -66,14 +66,14 @@ static sw_verdict judged(sw_store *store, uint32_t slot)
 {
     sw_judge_begin(store, slot);
     while (sw_judge_go_on(store)) {
-        /* All pieces follow each other at once. */
+        /* All pieces follow without a pause. */
     }
     return sw_judge_end(store);
 }
 
 /* --- Boot --- */
 
-/* Boots the image on trial if it has boots left and is valid; otherwise gives it up. */
+/* Boots the image on trial if it has boots left and is valid; otherwise rejects it. */
 static int boot_trial(sw_store *store, uint32_t slot)
 {
     sw_store_state *next = sw_state_draft(store);
@@ -97,7 +97,7 @@ static int boot_trial(sw_store *store, uint32_t slot)
     return 0;
 }
 
-/* Boots the confirmed image, or the one before. A failing one stays confirmed, and is judged again at the next boot. */
+/* Boots the confirmed or the previous image. A failing image stays confirmed, and is judged again at the next boot. */
 static void boot_confirmed(sw_store *store, int is_reverted)
 {
     const uint32_t active = store->state.active;

@@ -66,7 +66,7 @@ static int is_sound_slot(const sw_slot_state *slot)
     const uint32_t most_boots = phase == SW_PHASE_TRIAL ? SW_TRIAL_BOOTS : 0u;
     const int is_filling = phase == SW_PHASE_FILLING;
     const int is_named = slot->facts.name_length > 0u;
-    sw_slot_state nameless; /* the same slot if its image is unknown */
+    sw_slot_state nameless; /* this slot without facts of its image */
     sw_state_empty_slot(&nameless);
     if (phase != SW_PHASE_EMPTY) {
         if (phase > SW_PHASE_BAD || slot->length == 0u || slot->length > SW_SLOT_BYTES) return 0;
@@ -90,7 +90,7 @@ static int is_sound(const sw_store_state *state)
     return state->active == SW_NO_SLOT || (state->active < 2u && state->slots[state->active].phase == SW_PHASE_CONFIRMED);
 }
 
-/* Reads a record. Returns 0 for one that no store writes: a state that is believed decides on what boots. */
+/* Reads a record. Returns 0 for an invalid record, because an accepted state decides which image boots. */
 static int decoded(const uint8_t *data, uint32_t length, sw_store_state *state)
 {
     uint32_t at = MAGIC;
@@ -235,7 +235,7 @@ static int is_before(const uint8_t one[DIGEST], const uint8_t other[DIGEST])
     return one[i] < other[i];
 }
 
-/* Finds a release's calibration: its place in the record, and its length; 0: none, or no store writes such a record. */
+/* Finds a release's calibration: its place in the record, and its length; 0: none, or an invalid record. */
 static uint32_t found(const sw_store *store, const uint8_t digest[DIGEST], uint32_t *place)
 {
     uint8_t data[ENTRY], before[DIGEST];

@@ -63,7 +63,7 @@ class Speed:
             coarser = f" (--set flow.refinement={COARSE[0]:g} --set flow.substeps={COARSE[1]})"
             raise PlantError(
                 f"the wake takes {self.typical_ms:.1f} ms for a control period of {period_ms:g} ms on this machine "
-                f"(flow.refinement = {refinement:g}, flow.substeps = {substeps}): it cannot keep up. Take a coarser "
+                f"(flow.refinement = {refinement:g}, flow.substeps = {substeps}): it cannot keep up. Use a coarser "
                 f"grid and longer steps{coarser if refinement > COARSE[0] else ''}, "
                 f"or a vehicle {lacking:.2g} times as slow (operating_point.speed)"
             )
@@ -108,7 +108,7 @@ class LiveWake(NeverCopied):
         speed: computing time, measured before the start.
     """
 
-    INSTEAD: ClassVar = "its solver is a process; make another one"
+    INSTEAD: ClassVar = "its solver is a process; start another wake"
 
     def __init__(
         self,

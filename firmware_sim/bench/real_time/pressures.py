@@ -40,8 +40,8 @@ class Replay:
         chosen = _episode(dataset, episode)
         self.layout, self._cp = dataset.layout, chosen.series["Cp"]
         self.description = (
-            f"open loop: recorded episode {chosen.name}, {len(chosen)} periods; the pressures do not answer the jets, "
-            "and an ECU in control may find them IMPLAUSIBLE or NOT_HELPING"
+            f"open loop: recorded episode {chosen.name}, {len(chosen)} periods; the pressures do not respond to the "
+            "jets, and an ECU in control may find them IMPLAUSIBLE or NOT_HELPING"
         )
         self._next = 0
         self.rounds = 0

@@ -107,7 +107,7 @@ def run_vehicle(
                 has_given_up = True
                 report(
                     f"{config.vehicle.loss_limit} of {config.vehicle.loss_window} periods had no usable command: jets "
-                    "shut, control given up and the request withdrawn until the request falls (vehicle.loss_limit)"
+                    "shut, and the request is withdrawn until the request falls (vehicle.loss_limit)"
                 )
             receiving.check()
             if begun % per_second == 0:
@@ -123,7 +123,7 @@ def run_vehicle(
     if times is not None and course.stage_times is not None:
         times.save(course.stage_times)
     if inbox.dropped:
-        report(f"{inbox.dropped} frames were received faster than they could be looked at, and lost")
+        report(f"{inbox.dropped} frames arrived faster than they could be processed, and were lost")
     return figures
 
 
@@ -137,5 +137,5 @@ def _node(
         store = FreshnessStore(course.freshness, every=1)
         authentication = store.begin(read_key(Path(config.bus.key)))
     elif course.freshness is not None:
-        raise ConfigError(f"--freshness {course.freshness}: nothing is authenticated without bus.key")
+        raise ConfigError(f"--freshness {course.freshness}: needs a key, and bus.key is empty")
     return store, VehicleNode(sensors, config, pressures.layout, authentication)

@@ -16,19 +16,19 @@ BOOT: Final = "BOOT"
 
 _DOES: Final[Mapping[str, str]] = {
     UNPOWERED: "no supply: the ECU is silent",
-    BOOT: "the ECU starts, and hears nothing meanwhile",
+    BOOT: "the ECU starts, and receives nothing meanwhile",
     "INIT": "on, waiting for pressures",
-    "STANDBY": "pressures come, the jets stay shut",
+    "STANDBY": "pressures arrive, the jets stay shut",
     "ARMED": "ready, control is not requested",
     "UPDATE": "the jets are shut",
     **DOES,
 }
 _GATE: Final[Mapping[Intervention, str]] = {
-    Intervention.NOT_FINITE: "the command was no number: the jets are shut",
+    Intervention.NOT_FINITE: "the command was not a number: the jets are shut",
     Intervention.CLOCK: "the clock stood still: the jets are shut",
-    Intervention.STALE: "the command would rest on old pressures: the jets are shut",
+    Intervention.STALE: "the pressures of the command are too old: the jets are shut",
     Intervention.RANGE: "the command is limited to the jets' range",
-    Intervention.RATE: "the command is limited to the largest step from the one before",
+    Intervention.RATE: "the command is limited to the largest step from the last command",
 }
 
 
@@ -61,14 +61,14 @@ def noticed(before: SeenState, now: SeenState) -> Iterator[tuple[str, str]]:
         yield "state", f"{now.state}: {BECAUSE[now.reason]}"
     for name in now.set_aside:
         if name not in before.set_aside:
-            yield "state", f"{name} is set aside: it contradicts the other sensors, whose estimate stands in for it"
+            yield "state", f"{name} is set aside: it contradicts the others, and is estimated from them"
     for name in before.set_aside:
         if name not in now.set_aside:
             yield "state", f"{name} is used again: the ECU has started again"
     if now.given_up != before.given_up:
         yield (
             "vehicle",
-            "the vehicle gives up control and shuts its jets: too many commands were missing"
+            "the vehicle ends control and shuts its jets: too many commands were missing"
             if now.given_up
             else "the vehicle may request control again",
         )
@@ -81,7 +81,7 @@ def noticed(before: SeenState, now: SeenState) -> Iterator[tuple[str, str]]:
 
 
 _NODE: Final[Mapping[BusState, str]] = {
-    BusState.ERROR_ACTIVE: "without trouble again (error-active)",
+    BusState.ERROR_ACTIVE: "free of errors again (error-active)",
     BusState.ERROR_PASSIVE: "error-passive: it counts many errors, and may no longer stop others' frames",
     BusState.BUS_OFF: "bus-off: it takes no part until it has recovered",
 }

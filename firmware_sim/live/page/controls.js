@@ -6,14 +6,14 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
   const {make, Switch, Choice, Slider} = stillwake;
 
   const WORDS = {
-    enable: {label: 'The vehicle requests control', help: 'Off: the ECU shuts the jets and the vortices come back.'},
+    enable: {label: 'The vehicle requests control', help: 'Off: the ECU shuts the jets and the vortices return.'},
     plant: {label: 'Plant', help: 'A change starts the plant again.'},
     noise: {label: 'Noise on all sensors', help: 'Watch the action get rougher, and the drag rise.'},
-    dead: {label: 'Dead sensor', help: 'It reads Cp 0. Watch the ECU set it aside and go on with the others.'},
+    dead: {label: 'Dead sensor', help: 'It reads Cp 0. Watch the ECU set it aside and continue with the others.'},
     biased: {label: 'Biased sensor', help: 'Watch the ECU set it aside if it contradicts the others.'},
     bias: {label: 'Bias', help: 'Of the biased sensor.'},
     loss: {label: 'Lost pressure frames', help: 'Watch HOLD and DECAY flash up; FAULT when too many are lost.'},
-    delay_ms: {label: 'Late jet commands', help: 'Watch the drag rise; what comes too late shuts the jets.'},
+    delay_ms: {label: 'Late jet commands', help: 'Watch the drag rise; commands that are too late shut the jets.'},
     babble: {
       label: 'Babbling node',
       help: 'It fills the bus at the highest priority. Watch the load, and the ECU’s FAULT.',

@@ -20,7 +20,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
     const because = reason ? `: ${reason}` : '';
     const less = drag(now.reduction_percent);
     if (!hello.answers_jets && now.state === 'CONTROL' && !now.set_aside.length) {
-      const text = `Recorded pressures: the ECU plans from ${count} sensors, and the wake does not answer.`;
+      const text = `Recorded pressures: the ECU plans from ${count} sensors, and the wake does not respond.`;
       return {kind: 'recording', text};
     }
     const withheld = now.given_up ? ' The vehicle has withdrawn its request: “Clear all” renews it.' : '';
@@ -28,7 +28,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       case 'CONTROL':
         if (now.set_aside.length) {
           const left = count - now.set_aside.length;
-          const aside = `The ECU does not believe ${now.set_aside.join(' and ')} and controls with ${left} sensors`;
+          const aside = `The ECU has set ${now.set_aside.join(' and ')} aside and controls with ${left} sensors`;
           return {kind: `aside ${now.set_aside}`, text: `${less ? `${less}. ` : ''}${aside}.`};
         }
         return less
@@ -40,7 +40,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       case 'FAULT':
         return {kind: `fault ${now.reason}`, text: `The ECU has shut the jets${because}.${withheld}`};
       case 'STANDBY':
-        return {kind: 'standby', text: 'The ECU has started and waits for a new request: “Clear all” makes one.'};
+        return {kind: 'standby', text: 'The ECU has started and waits for a new request: “Clear all” sends it.'};
       case 'WARMUP':
         return {kind: 'warmup', text: 'Control is requested; the ECU fills its window of past pressures.'};
       case 'UNPOWERED':

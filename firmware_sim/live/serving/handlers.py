@@ -43,9 +43,9 @@ class PageAccess:
         """Return the reason for refusing a request; None if it is allowed. `origin` is None if the request has none, as
         from a program that is not a browser."""
         if self.token is None and not is_loopback(_name(host)):
-            return "this server answers to localhost alone"
+            return "this server answers only to localhost"
         if origin is not None and origin.lower().partition("://")[2] != host.lower():
-            return "a page of another server may not use this one"
+            return "a page of another server may not use this server"
         if self.token is None or compare_digest((token or "").encode(), self.token.encode()):
             return None
         return "open the link that `stillwake live` printed: it has the token"
@@ -74,13 +74,13 @@ LONGEST_REQUEST: Final = 16 * 1024
 def check(text: str | bytes) -> LiveAnswer | None:
     """Return None for a well-formed request, otherwise the answer with its error."""
     if isinstance(text, bytes):
-        return {"error": "a request is text, and not bytes"}
+        return {"error": "a request must be text, not bytes"}
     try:
         value = json.loads(text, parse_constant=_refuse)
     except (ValueError, RecursionError) as error:
-        return {"error": f"a request is JSON: {error}"}
+        return {"error": f"a request must be JSON: {error}"}
     if not isinstance(value, dict):
-        return {"error": 'a request is an object, such as {"id": 1, "set": {"enable": true}}'}
+        return {"error": 'a request must be an object, such as {"id": 1, "set": {"enable": true}}'}
     return None if type(value.get("id", 0)) is int else {"error": "id: must be a whole number"}
 
 
@@ -93,7 +93,7 @@ def as_json(message: LiveMessage | LiveAnswer) -> str:
 
 
 def _refuse(constant: str) -> None:
-    raise ValueError(f"{constant} is no number")
+    raise ValueError(f"{constant} is not a number")
 
 
 MOST_VIEWERS: Final = 32
@@ -238,7 +238,7 @@ class StreamSocket(Socket):
 
     def open(self, *_arguments: str) -> None:
         if len(self.served.viewers) >= MOST_VIEWERS:
-            self.close(TRY_AGAIN_LATER, f"{MOST_VIEWERS} others are looking already")
+            self.close(TRY_AGAIN_LATER, f"{MOST_VIEWERS} other viewers are connected already")
             return
         super().open()
         self.served.viewers.add(self)

@@ -92,7 +92,7 @@ class Requests:
         if work is None:
             self._answer(number, self._session.handle(request))
         elif self._waiting is not None:
-            self._answer(number, {"error": "something is being made already: ask again when it is there"})
+            self._answer(number, {"error": "a part is being built already: ask again when it is ready"})
         else:
             self._waiting = number, request
             Thread(target=self._make, args=(work,), name="making", daemon=True).start()

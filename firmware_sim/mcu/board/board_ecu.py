@@ -107,7 +107,7 @@ class BoardEcu(CEcuState):
         """Run one control period, like `Ecu.step`; values in `around` are refused, because the firmware determines them
         itself. Raises McuError if the core stopped."""
         if any(around.values()):
-            raise McuError("a fault or an update from outside: the board's firmware finds them by itself")
+            raise McuError("a fault or an update from outside: the board's firmware detects them itself")
         self.board.blocks.start()
         self.board.counter.now_ns = max(c_time(now_ns), self.board.counter.now_ns)
         self.board.can.surround(health)

@@ -136,7 +136,7 @@ class FlashController:
                 if value & _START and value & _SER:
                     self._erase(value >> 8 & 7)
                 elif value & _START:
-                    raise McuError(f"flash controller: CR2 {value:#x} is not modelled: sectors alone are erased")
+                    raise McuError(f"flash controller: CR2 {value:#x} is not modelled: only sectors are erased")
         elif offset == 0x14:
             self._status &= ~(value & _ERRORS)
         else:
@@ -202,7 +202,7 @@ class FlashController:
     def _begins(self, takes_ns: int) -> bool:
         """Begin an operation; returns whether the supply fails in it."""
         if self.is_at_work:
-            raise McuError("flash controller: an operation begins before the one before it has ended")
+            raise McuError("flash controller: an operation begins before the last operation has ended")
         self._until_ns = self._counter.now_ns + takes_ns
         self.operations += 1
         return self.operations == self._cut_at

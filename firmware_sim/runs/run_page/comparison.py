@@ -59,7 +59,7 @@ def names_of(folders: Sequence[Path]) -> list[str]:
         raise StillwakeError(f"{len(places)} runs: between 2 and {_MOST} can be compared on a page")
     for place, folder in zip(places, folders, strict=True):
         if places.count(place) > 1:
-            raise StillwakeError(f"{folder}: given twice, and a run does not differ from itself")
+            raise StillwakeError(f"{folder}: given twice; name different runs")
     depth, names = 1, [place.name for place in places]
     while len(set(names)) < len(names):
         depth += 1

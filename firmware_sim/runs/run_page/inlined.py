@@ -57,7 +57,7 @@ def _text(package: str, folder: str, name: str) -> str:
     place: Traversable = files(package) / folder
     text = place.joinpath(*name.split("/")).read_text(encoding="utf-8")
     if marks := [mark for mark in _FORBIDDEN if mark in text.lower()]:
-        raise ValueError(f"{name}: {marks[0]!r} would end the element that it is put into")
+        raise ValueError(f"{name}: {marks[0]!r} would end its HTML element")
     return text
 
 

@@ -61,7 +61,7 @@ def _period(log: RunLog, seconds: str) -> int | None:
 MOST_EVENTS: Final = 400
 """Largest number of events on a page; a bus that loses frames may change the mode very often."""
 
-_DOES: Final = {**DOES, SKIPPED: "the ECU was still computing, and left the period out"}
+_DOES: Final = {**DOES, SKIPPED: "the ECU was still computing, and skipped the period"}
 
 
 class RunEvent(NamedTuple):
@@ -99,7 +99,7 @@ def _set(log: RunLog) -> Iterator[RunEvent]:
 def _states(log: RunLog) -> Iterator[RunEvent]:
     reasons = log.series["reason"].astype(int)
     for name, period in set_aside(log):
-        yield RunEvent(period, "state", f"{name} is set aside: it contradicts the others, which stand in for it")
+        yield RunEvent(period, "state", f"{name} is set aside: it contradicts the others, and is estimated from them")
     before = None
     for mode, first, _ in mode_spans(log):
         because = BECAUSE[Reason(int(reasons[first]))]

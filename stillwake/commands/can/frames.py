@@ -34,10 +34,10 @@ if TYPE_CHECKING:
     from contract.config.vehicle import BusConfig
 
 
-Values = Annotated[list[str] | None, typer.Argument(help="In its unit, or a name from its table (0).")]
-Count = Annotated[int, typer.Option(help="Send it so often.", min=1)]
-Period = Annotated[float, typer.Option(help="Seconds between two.")]
-Counter = Annotated[int, typer.Option(help="E2E counter of the first one.", min=0, max=255)]
+Values = Annotated[list[str] | None, typer.Argument(help="Value in its unit, or a name from its table (0).")]
+Count = Annotated[int, typer.Option(help="Number of frames to send.", min=1)]
+Period = Annotated[float, typer.Option(help="Seconds between two frames.")]
+Counter = Annotated[int, typer.Option(help="E2E counter of the first frame.", min=0, max=255)]
 Trip = Annotated[
     int | None,
     typer.Option(help="Power cycle to sign a secured message with.", min=1, max=0xFFFFFFFF, show_default=False),
@@ -130,9 +130,9 @@ def _frames(
 
 
 LogFile = Annotated[Path, typer.Argument(help="Log of any kind (docs/how-to/use-a-real-bus.md).", show_default=False)]
-SummaryAlone = Annotated[bool, typer.Option("--summary", help="The tables at the end alone.")]
+SummaryAlone = Annotated[bool, typer.Option("--summary", help="Print only the tables at the end.")]
 CsvFile = Annotated[
-    Path | None, typer.Option("--csv", help="Also write a row a signal into a new file.", metavar="FILE")
+    Path | None, typer.Option("--csv", help="Also write a new CSV file with a row for each signal.", metavar="FILE")
 ]
 
 
@@ -261,8 +261,8 @@ def _print_summary(found: "Summary", log: "CanLog") -> None:
     console.print(
         f"{found.frames} data frames, {found.remote} remote, {found.errors.total()} error frames"
         + (f" ({listed(found.errors)})" if found.errors else "")
-        + (f", {found.unsound} such as no wire carries" if found.unsound else "")
-        + f" in {found.span_s:.6f} s from {begin_ns / 1e9:.6f}; load of the bus by data frames {loads or '-'}"
+        + (f", {found.unsound} that no bus can carry" if found.unsound else "")
+        + f" in {found.span_s:.6f} s from {begin_ns / 1e9:.6f}; bus load by data frames {loads or '-'}"
     )
     if log.events:
-        console.print(f"lines that are no frames: {listed(log.events)}")
+        console.print(f"lines that are not frames: {listed(log.events)}")

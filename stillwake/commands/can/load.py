@@ -110,7 +110,7 @@ def _figures(one: "MessageLoad") -> dict[str, Any]:
 
 def _table(found: "BusLoad") -> Table:
     # A table without lines and edges, with one space between columns, fits into a terminal of 80 columns.
-    table = Table(title="worst cases, in ms; ours are bold", box=SIMPLE_HEAD, padding=0, show_edge=False)
+    table = Table(title="worst cases, in ms; stillwake's in bold", box=SIMPLE_HEAD, padding=0, show_edge=False)
     for head in _HEADS:
         table.add_column(head, justify="left" if head in ("message", "met") else "right", overflow="fold")
     for one in found.messages:

@@ -32,7 +32,7 @@ Filter = Annotated[str, typer.Option("--filter", help="Show rows with these word
 
 
 def monitor(
-    log: Annotated[Path | None, typer.Argument(help="Log to show the table of, at its end, in place of a bus.")] = None,
+    log: Annotated[Path | None, typer.Argument(help="Log to read instead of a bus; the table shows its end.")] = None,
     channel: Channel = None,
     seconds: Duration = None,
     match: Filter = "",
@@ -56,9 +56,9 @@ def monitor(
     if seconds is not None:
         positive("--for", seconds)
         if log is not None:
-            raise ConfigError("--for: goes with a bus; a log is read to its end")
+            raise ConfigError("--for: needs a bus; a log is read to its end")
     if channel is not None and log is None:
-        raise ConfigError("--channel: goes with a log; a bus is named with --bus")
+        raise ConfigError("--channel: needs a log; name a bus with --bus")
     title = str(log) if log is not None else f"{config.interface} {config.channel}"
 
     summary = Summary(config=config, key=key_of(config.key), most=MOST_MESSAGES)

@@ -43,7 +43,7 @@ def _heading(summary: Summary, matching: str, source: str) -> Text:
     if _others(summary):
         text.append(f", {_others(summary)} remote or error", style="bold")
     if summary.unlisted:
-        text.append(f", {summary.unlisted} of more identifiers than are listed", style="bold")
+        text.append(f", {summary.unlisted} with identifiers beyond the longest table", style="bold")
     if matching:
         text.append(f"   filter: {matching}", style="cyan")
     if summary.unchecked_macs:

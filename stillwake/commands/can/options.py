@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 BUS: Final = ("bus.interface", "bus.channel", "bus.nominal_bitrate", "bus.data_bitrate")
 """Settings for the connection to a bus."""
 
-Duration = Annotated[float | None, typer.Option("--for", help="End after so many seconds.", metavar="SECONDS")]
+Duration = Annotated[float | None, typer.Option("--for", help="End after this number of seconds.", metavar="SECONDS")]
 
 Channel = Annotated[
     str | None, typer.Option(help="Channel of the log, by its name there.", metavar="NAME", show_default=False)

@@ -109,7 +109,7 @@ def forces_of(logs: Sequence[Path], forces: Sequence[str]) -> dict[Path, Path]:
     if len(general) > 1:
         names = ", ".join(str(path) for path in logs)
         raise DatasetError(
-            f"--forces {general[1]}: is the second one; with more than one write LOG=FILE, where LOG is one of {names}"
+            f"--forces {general[1]}: is the second file; with several, write LOG=FILE, where LOG is one of {names}"
         )
     for log in logs:
         if log not in found and not general:
@@ -175,7 +175,7 @@ def read_drive(
 
     if len(layout) != SENSORS:
         raise DatasetError(
-            f"{path}: a Pressure message has {SENSORS} sensors, --layout names {len(layout)}: name those of the "
+            f"{path}: a Pressure message has {SENSORS} sensors, --layout has {len(layout)}: list the sensors of the "
             f"message, in its order"
         )
     log = CanLog(path, zone=options.zone, channels=options.channels)
@@ -255,8 +255,8 @@ def notes_on(drive: _MadeLog) -> list[str]:
     if any(report.lost) or report.stale or any(report.filled):
         stale = f", {report.stale} too old" if report.stale else ""
         lines.append(
-            f"{drive.path}: {report.lost[0]} pressures and {report.lost[1]} commands missing{stale}; filled on "
-            f"straight lines: pressures in {report.filled[0]} rows, the action in {report.filled[1]}"
+            f"{drive.path}: {report.lost[0]} pressures and {report.lost[1]} commands missing{stale}; filled by linear "
+            f"interpolation: pressures in {report.filled[0]} rows, the action in {report.filled[1]}"
         )
     if report.checked is False:
         lines.append(f"{drive.path}: its authentication codes were not checked: give the key with --set bus.key=FILE")
@@ -265,10 +265,10 @@ def notes_on(drive: _MadeLog) -> list[str]:
 
 def _speed_line(report: "LogReport") -> str:
     if report.speed is None:
-        return "no speed of the vehicle in it: operating_point makes Cp"
+        return "no vehicle speed in the log: Cp is computed with operating_point"
     slow, median, fast = report.speed
-    without = f"; {report.without_speed} rows without one" if report.without_speed else ""
-    between = "; rows read between those of the log, at equal ways travelled" if report.is_resampled else ""
+    without = f"; {report.without_speed} rows without a speed" if report.without_speed else ""
+    between = "; rows interpolated at equal distances travelled" if report.is_resampled else ""
     span = f" ({slow:g} to {fast:g})" if slow < fast else ""
     return f"Cp by the {median:g} m/s{span} of its VehicleSpeed frames{without}{between}"
 
@@ -291,7 +291,7 @@ def _forces(path: Path, series: "LogSeries", log: "CanLog", options: DriveOption
     clock = options.clock or table.clock
     if clock is None:
         raise DatasetError(
-            f"{path}: give with --forces-clock what its times are: log (s on the log's clock), start (s since the "
+            f"{path}: state with --forces-clock how its times count: log (s on the log's clock), start (s since the "
             f"log's first pressure) or t_c (W / U_inf since then)"
         )
     if clock == "t_c":
@@ -313,7 +313,7 @@ def _check_limit(path: Path, series: "LogSeries", scales: "Scales") -> None:
     if largest > scales.action_limit * (1.0 + LIMIT_TOLERANCE) >= largest * slowest / scales.point.speed:
         raise DatasetError(
             f"{path}: actions reach {largest:.4g} U_inf W, beyond the limit of {scales.action_limit:g}: at {slowest:g} "
-            f"m/s the same jets are more of U_inf W than at {scales.point.speed:g} m/s; give --set "
+            f"m/s the same jets are a larger action than at {scales.point.speed:g} m/s; give --set "
             f"flow.action_limit={np.ceil(largest * 1e4) / 1e4:g}"
         )
 
@@ -332,7 +332,7 @@ def _check_zone(log: Path, series: "LogSeries", force: "TimeSeries", fill: int) 
         shown = f"{texts[0]} to {texts[-1]}" if len(texts) > 3 else " and ".join(texts)
         raise DatasetError(
             f"{log}: begins in local time, and does not state its zone; the forces cover it in the zones {shown}: "
-            f"name the right one with --log-zone"
+            f"name the right zone with --log-zone"
         )
 
 

@@ -43,21 +43,22 @@ _FLOW: Final = ("flow.control_period", "flow.action_limit", "flow.reynolds")
 
 Files = Annotated[
     list[str] | None,
-    typer.Argument(metavar="ROLE=FILE", help="Files, and what each is for; see above.", show_default=False),
+    typer.Argument(metavar="ROLE=FILE", help="Files with the role of each; see above.", show_default=False),
 ]
 Layout = Annotated[Path, typer.Option(help="CSV file with the sensors: name,x,y and, if known, base (0 or 1).")]
-Asymmetric = Annotated[bool, typer.Option("--asymmetric", help="Body or jets are not their own mirror image in y = 0.")]
+Asymmetric = Annotated[bool, typer.Option("--asymmetric", help="Body or jets are not symmetric about y = 0.")]
 References = Annotated[
-    list[str], typer.Option(help="What 1 is in the files (repeatable); see above.", metavar="NAME=NUMBER[UNIT]")
+    list[str],
+    typer.Option(help="Value of 1 in the files (repeatable); see above.", metavar="NAME=NUMBER[UNIT]"),
 ]
 Renamed = Annotated[list[str], typer.Option("--map", help="NAME=COLUMN for another name, e.g. Cd=drag (repeatable).")]
 Forces = Annotated[list[str], typer.Option(help="Cd and Cl of logs: a table (repeatable).", metavar="[LOG=]FILE")]
-Clock = Annotated[ForcesClock | None, typer.Option(help="What the times of --forces are; see above.")]
+Clock = Annotated[ForcesClock | None, typer.Option(help="How the times of --forces count; see above.")]
 Shift = Annotated[float, typer.Option(help="Seconds to add to the times of --forces.")]
 Zone = Annotated[str, typer.Option(help="Zone of logs in local time: Europe/Berlin, +02:00.", show_default=False)]
 Channels = Annotated[list[str], typer.Option(help="Channel of a log to read (repeatable).")]
 Fill = Annotated[int, typer.Option(help="Longest gap that is filled, in control periods.", min=0)]
-Split = Annotated[bool, typer.Option("--split", help="Make episodes of both sides of a longer gap.")]
+Split = Annotated[bool, typer.Option("--split", help="Make separate episodes before and after a longer gap.")]
 
 
 def import_(
@@ -124,7 +125,7 @@ def import_(
     loaded = settings("dataset import", given, uses=(*USES, *_FLOW))
     if not logs and (options.is_given or loaded.in_overrides - set(_FLOW)):
         raise ConfigError(
-            "--forces, --split, --channel, --log-zone and settings but flow's are for CAN logs; none is given"
+            "--forces, --split, --channel, --log-zone and settings outside flow are for CAN logs; no log is given"
         )
     notes: list[str] = []
     read = _Import(roles=roles, facts=_facts(loaded), options=options, loaded=loaded, renamed=renamed, notes=notes)
@@ -141,9 +142,7 @@ def roles_of(texts: list[str]) -> "list[tuple[Path, Role]]":
     paths = [path for path, _ in found]
     for path in paths:
         if paths.count(path) > 1 and is_log(path):
-            raise DatasetError(
-                f"{path}: given twice; an episode has one role, so cut the log in two if you have no other"
-            )
+            raise DatasetError(f"{path}: given twice; an episode has one role: if you have no other log, cut it in two")
     return [(path, cast("Role", role)) for path, role in sorted(found, key=lambda one: _ROLES.index(one[1]))]
 
 
@@ -161,7 +160,7 @@ def _facts(loaded: Loaded) -> "PlantFacts":
     flow = loaded.config.flow
     for name, example in (("flow.control_period", "0.2"), ("flow.action_limit", "0.075")):
         if name not in loaded.given:
-            raise ConfigError(f"{name}: the files do not tell it; give it, as in --set {name}={example}")
+            raise ConfigError(f"{name}: the files do not state it; give it as in --set {name}={example}")
     reynolds = flow.reynolds if "flow.reynolds" in loaded.given else None
     return PlantFacts(control_period=flow.control_period, action_limit=flow.action_limit, reynolds=reynolds)
 
@@ -239,5 +238,5 @@ def _check_pressure(log: Path, own: float, given: "Reference | None") -> None:
     """Refuse a reference pressure that contradicts a log's."""
     if given is not None and given.unit == "Pa" and abs(given.number / own - 1.0) > _SAME:
         raise ConfigError(
-            f"{given.option}: {log} has {own:g} Pa, by which its pressures are divided: put one of the two right"
+            f"{given.option}: {log} has {own:g} Pa, by which its pressures are divided: correct one of the two"
         )

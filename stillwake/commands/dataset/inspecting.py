@@ -87,4 +87,4 @@ def _needs_settings(file: Path) -> str:
     if kept.exists():
         return f"{differ}: inspect and train with --set {kept}, if those are its settings"
     keep = f"`stillwake dataset inspect {file} --settings > {kept}`"
-    return f"{differ}: keep the settings that fit with {keep}, and train with --set {kept}"
+    return f"{differ}: write the settings that fit with {keep}, and train with --set {kept}"

@@ -19,9 +19,9 @@ from stillwake.parts.conversation import asking
 if TYPE_CHECKING:
     from can_bridge.tester.calibration import Calibrated
 
-Values = Annotated[list[str] | None, typer.Argument(metavar="NAME=VALUE", help="What to change.", show_default=False)]
-Store = Annotated[bool, typer.Option("--store", help="Let the values outlive a loss of power.")]
-Revert = Annotated[bool, typer.Option("--revert", help="Back to the release's own values, also stored.")]
+Values = Annotated[list[str] | None, typer.Argument(metavar="NAME=VALUE", help="Values to change.", show_default=False)]
+Store = Annotated[bool, typer.Option("--store", help="Store the values, so that they survive a loss of power.")]
+Revert = Annotated[bool, typer.Option("--revert", help="Return to the release's values; stored values are deleted.")]
 
 
 def calibrate(
@@ -47,9 +47,9 @@ def calibrate(
     check_json(json_file)
     changes = parsed(values or [])
     if revert and (store or changes):
-        raise ConfigError("--revert: drops what is in force and stored; leave values and --store out")
+        raise ConfigError("--revert: discards present and stored values; leave out new values and --store")
     if (changes or store or revert) and access is None:
-        raise ConfigError("--access: name the file of the ECU's access key; only reading does without")
+        raise ConfigError("--access: name the file of the ECU's access key; only reading needs no key")
     config = settings("calibrate", with_bus(bus, given), uses=TESTERS_BUS).config
     from can_bridge.tester import calibration
 

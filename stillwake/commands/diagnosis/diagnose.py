@@ -31,7 +31,7 @@ _FACTS: Final = {
 }
 """Facts of an ECU that are shown, by their names in JSON."""
 
-Clear = Annotated[bool, typer.Option("--clear", help="Then have the ECU forget its faults.")]
+Clear = Annotated[bool, typer.Option("--clear", help="Then clear the ECU's faults.")]
 
 
 def diagnose(
@@ -55,9 +55,9 @@ def diagnose(
     config = settings("diagnose", with_bus(bus, given), uses=TESTERS_BUS).config
     if slots is not None:
         if bus is not None or clear:
-            raise ConfigError("--slots: reads a folder and asks no ECU; leave --bus and --clear out")
+            raise ConfigError("--slots: reads a folder, not an ECU; leave out --bus and --clear")
         facts, store = _from_folder(slots)
-        _print_ecu(facts, store, runs="the folder does not hold it; --bus in place of --slots asks the ECU")
+        _print_ecu(facts, store, runs="not in the folder; --bus instead of --slots asks the ECU")
         found: list[StoredFault] = []
     else:
         facts, store, found = _asked(config, clear=clear)

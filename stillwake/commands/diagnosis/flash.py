@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 MOST_KEY_BYTES: Final = 4092
 """Largest size of a key list in bytes: the data of one UDS request after service and identifier."""
-Keys = Annotated[Path | None, typer.Option(help="Key list to bring first (`bundle keylist`).", metavar="LIST")]
+Keys = Annotated[Path | None, typer.Option(help="Key list to send first (`bundle keylist`).", metavar="LIST")]
 DryRun = Annotated[bool, typer.Option("--dry-run", help="Ask the ECU, check everything, and write nothing.")]
 NoConfirm = Annotated[bool, typer.Option("--no-confirm", help="Leave the release on trial.")]
 
@@ -59,13 +59,13 @@ def flash(
     stillwake flash --keys new.keys --bus socketcan:can0 --access access.key
     """
     if bundle is None and keys is None:
-        raise ConfigError("name the bundle or image to bring into the ECU, or a key list with --keys")
+        raise ConfigError("name the bundle or image to flash, or a key list with --keys")
     config = settings("flash", with_bus(bus, given), uses=TESTERS_BUS).config
     if access is None and (keys is not None or not dry_run):
-        raise ConfigError("--access: must name the ECU's key file; --dry-run alone does without")
+        raise ConfigError("--access: must name the ECU's key file; only --dry-run needs no key")
     if keys is not None:
         if dry_run:
-            raise ConfigError("--keys: is written at once; it does not go with --dry-run")
+            raise ConfigError("--keys: the key list is written at once; leave it out with --dry-run")
         _bring_keys(_read(keys), config.bus, access)
     if bundle is not None:
         _bring_release(bundle, trust, config.bus, access, dry_run=dry_run, confirm=not no_confirm)
@@ -122,7 +122,7 @@ def _bring_release(
     with (
         open_client(bus) as client,
         progress("bytes") as report,
-        go_on_with("the ECU keeps what it has, and the same command goes on where it stood"),
+        go_on_with("the ECU keeps the received part; the same command continues there"),
     ):
         shown = _Shown(report)
         flashed = flash_ecu(
@@ -141,8 +141,8 @@ def _ended(flashed: "Flashed", name: str) -> str:
     from can_bridge.tester.sequence import End
 
     return {
-        End.ALREADY: f"{name} runs already, and is confirmed: nothing was done",
-        End.WOULD_FLASH: "dry run: nothing stands against it, and nothing was written",
+        End.ALREADY: f"{name} already runs and is confirmed: nothing was done",
+        End.WOULD_FLASH: "dry run: no check failed, and nothing was written",
         End.ON_TRIAL: f"{name} runs on trial, {_boots_left(flashed)} boots left; the same command "
         "without --no-confirm confirms it",
         End.CONFIRMED: f"{name} runs, and is confirmed",

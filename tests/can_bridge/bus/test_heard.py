@@ -24,20 +24,20 @@ def line_for(messages: MessageSet, ids: dict[int, int], **rejected: int) -> str:
 @each(
     "messages, ids, rejected, expected",
     [
-        (FD, {}, {}, "nothing at all is heard; no ECU on this bus, or it is another bus.channel"),
+        (FD, {}, {}, "no frame is received; no ECU on this bus, or another bus.channel"),
         # Its own frames, which some interfaces hear again, are nothing.
-        (FD, {0x120: 16}, {"OWN": 50}, "nothing at all is heard"),
+        (FD, {0x120: 16}, {"OWN": 50}, "no frame is received"),
         (FD, {0x131: 8, 0x141: 8}, {}, "the other node uses the messages for classic CAN: --set bus.frames=classic"),
         (CLASSIC, {0x130: 8}, {}, "the other node uses the messages for CAN FD: --set bus.frames=fd"),
         (FD, {0x132: 24, 0x142: 48}, {}, "for CAN FD, authenticated: it has a key, --set bus.key=FILE"),
         (SECURED, {0x130: 8}, {}, "the other node uses the messages for CAN FD: --set bus.frames=fd"),
-        (FD, {0x130: 12}, {}, "it comes with 12 bytes and not 8, so the ECU has another DBC"),
-        (FD, {0x130: 8}, {}, "50 came, but their MAC, counter or CRC are not right: another DBC, or two nodes"),
-        (SECURED, {0x132: 24}, {}, "50 came, but their MAC, counter or CRC are not right: another bus.key or DBC"),
-        (CLASSIC, {}, {"WRONG_FORMAT": 100}, "not for bus.frames = classic: --set bus.frames=fd"),
-        (FD, {0x200: 8, 0x201: 8}, {}, "no ECU; heard are other nodes' 0x200, 0x201"),
+        (FD, {0x130: 12}, {}, "it has 12 bytes, must have 8, so the ECU has another DBC"),
+        (FD, {0x130: 8}, {}, "50 arrived, but their MAC, counter or CRC are wrong: another DBC, or two nodes"),
+        (SECURED, {0x132: 24}, {}, "50 arrived, but their MAC, counter or CRC are wrong: another bus.key or DBC"),
+        (CLASSIC, {}, {"WRONG_FORMAT": 100}, "do not use bus.frames = classic: --set bus.frames=fd"),
+        (FD, {0x200: 8, 0x201: 8}, {}, "no ECU; only other nodes are heard, 0x200, 0x201"),
         (FD, dict.fromkeys(range(0x300, 0x309), 8), {}, "0x300, 0x301, 0x302, 0x303 and 5 more"),
-        (FD, {}, {"GARBAGE": 7, "EXTENDED": 3}, "what is heard cannot be used: 7 unreadable, 3 29-bit identifier"),
+        (FD, {}, {"GARBAGE": 7, "EXTENDED": 3}, "frames cannot be used: 7 unreadable, 3 29-bit identifier"),
     ],
 )
 def test_the_line_names_the_cause_and_what_would_do(messages, ids, rejected, expected) -> None:
@@ -55,9 +55,9 @@ def test_a_silence_is_reported_once_with_what_is_new_in_it() -> None:
         silence.look(usable, Heard(), rejected)
     opening = "no usable Pressure (0x120) in 1 s: "
     assert lines == [
-        f"{opening}the other nodes' frames are not for bus.frames = fd: --set bus.frames=classic",
+        f"{opening}the other nodes do not use bus.frames = fd: --set bus.frames=classic",
         "usable Pressure frames come",
-        f"{opening}nothing at all is heard; no vehicle on this bus, or it is another bus.channel",
+        f"{opening}no frame is received; no vehicle on this bus, or another bus.channel",
         "usable Pressure frames come",
     ]
 

@@ -95,10 +95,10 @@ def test_what_is_not_allowed_is_refused_as_a_whole(segment):
             segment.write(OFFSETS["effort"], float_bytes(1.0) + float_bytes(value))
         assert segment.working == REFERENCE, value
     for offset, length in ((-1, 1), (44, 1), (41, 4), (0, 45), (0, -1)):
-        with pytest.raises(ConfigError, match=r"must lie in 0\.\.44"):
+        with pytest.raises(ConfigError, match=r"must be in 0\.\.44"):
             segment.read(Page.WORKING, offset, length)
         if length > 0:
-            with pytest.raises(ConfigError, match=r"must lie in 0\.\.44"):
+            with pytest.raises(ConfigError, match=r"must be in 0\.\.44"):
                 segment.write(offset, bytes(length))
     with pytest.raises(ConfigError, match=r"action_limit = 0\.08"):
         Segment(changed(action_limit=0.08), LIMITS)

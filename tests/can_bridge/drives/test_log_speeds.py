@@ -82,7 +82,7 @@ def test_rows_without_a_speed_are_gaps_and_jumps_are_not_believed() -> None:
     jumps[0] = jumps[40] = jumps[41] = 60.0
     series = read(with_speeds(one, jumps))
     same(series, one)
-    assert series.report.unused == {"of a speed repeated, or that no vehicle gets to so fast": 3}
+    assert series.report.unused == {"with a repeated speed, or a speed that no vehicle reaches so fast": 3}
     # 0.5 s is the oldest that is believed, on either side of a gap.
     silent: list[float | None] = [25.0] * 120
     silent[30:90] = [None] * 60
@@ -99,7 +99,7 @@ def test_rows_without_a_speed_are_gaps_and_jumps_are_not_believed() -> None:
     # Before it drives off it stands for most of the log; or it never does.
     waits: list[float | None] = [max(0.0, 25.0 - 0.29 * 5 * max(0, 80 - k)) for k in range(120)]
     assert read(with_speeds(one, waits)).report.speed == (0.0, 25.0, 25.0)
-    with refused(DatasetError, r"say 0 m/s: the vehicle stands"):
+    with refused(DatasetError, r"state 0 m/s: the vehicle stands"):
         read(with_speeds(one, [0.0] * 120))
     with refused(DatasetError, r"control period of 0\.2 W / U_inf, and flow.control_period is 2 "):
         series_of(LOG, with_speeds(one, [25.0] * 120), replace(SCALES, period=2.0), fill=2, split=False)

@@ -65,7 +65,7 @@ def test_nothing_that_would_not_boot_is_put_in_at_production():
     for changes, first, error, message in (
         ({"keys": keys()[:-1]}, ONE, KeyFileError, "key list"),
         ({"root": public_key(STRANGER)}, ONE, KeyFileError, "root key"),
-        ({}, image(key=STRANGER), ConfigError, "key that this ECU does not know"),
+        ({}, image(key=STRANGER), ConfigError, "key that is not in this ECU's list"),
         ({}, image(version=0), ConfigError, "security version"),
         ({"hardware": "x"}, image(hardware="y"), ConfigError, "hardware"),
     ):
@@ -90,9 +90,9 @@ def test_production_can_be_repeated_after_a_loss_of_power_in_any_call():
 def test_a_flashed_release_is_on_trial_until_it_is_confirmed():
     backing = provisioned()
     store, _ = booted(backing)
-    with pytest.raises(OutOfOrderError, match="no release to go back to"):
+    with pytest.raises(OutOfOrderError, match="no release to revert to"):
         at_once(store.revert())
-    with pytest.raises(OutOfOrderError, match="must be transferred and checked"):
+    with pytest.raises(OutOfOrderError, match="transfer and check an image"):
         store.activate()
     transfer(store, TWO)
     with pytest.raises(OutOfOrderError):

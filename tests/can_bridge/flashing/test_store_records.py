@@ -88,7 +88,7 @@ def test_what_arrives_must_be_what_was_announced():
         with pytest.raises(ConfigError, match="must have"):
             at_once(store.announce(length, sha256))
     for act in (lambda: store.append(b"x"), lambda: at_once(store.finish())):
-        with pytest.raises(OutOfOrderError, match="announce it first"):
+        with pytest.raises(OutOfOrderError, match="announce an image first"):
             act()
     assert backing.calls == calls
     at_once(store.announce(len(TWO), SHA256))
@@ -132,7 +132,7 @@ def test_only_a_newer_list_by_the_root_key_is_taken():
     store, _ = booted(backing)
     store.take_keys(keys(3, RELEASE, revoked=(SECOND,)))
     for version in (1, 2, 3):
-        with pytest.raises(KeyFileError, match=f"version {version}: must be greater than 3"):
+        with pytest.raises(KeyFileError, match=f"version {version}: must be greater than this ECU's version, 3"):
             store.take_keys(keys(version, RELEASE, SECOND))
     assert flash(booted(backing)[0], image(key=SECOND)) == Verdict.REVOKED_KEY
     other = store_on(backing, root=public_key(STRANGER))
@@ -164,7 +164,7 @@ def test_a_trial_whose_key_is_revoked_is_not_confirmed_and_ends():
     """It would not boot again, and the release before would be too old."""
     backing, store = trying_a_second_key(version=2)
     store.take_keys(keys(3, RELEASE, revoked=(SECOND,)))
-    with pytest.raises(OutOfOrderError, match="taken off the list"):
+    with pytest.raises(OutOfOrderError, match="is not in the list"):
         store.confirm()
     _, boot = booted(backing)
     assert (name_of(boot), boot.verdicts[Slot.B]) == ("one", Verdict.REVOKED_KEY)
@@ -172,7 +172,7 @@ def test_a_trial_whose_key_is_revoked_is_not_confirmed_and_ends():
 
 def test_a_calibration_belongs_to_one_release_and_goes_with_it():
     backing = provisioned()
-    with pytest.raises(OutOfOrderError, match="one must run"):
+    with pytest.raises(OutOfOrderError, match="a release must run"):
         store_on(backing).keep_calibration(b"x")
     store, boot = booted(backing)
     with pytest.raises(ConfigError, match="1025 bytes"):

@@ -82,7 +82,7 @@ def test_a_damaged_file_is_refused_and_kept(tmp_path, key):
 def test_power_cycles_end_and_a_place_that_cannot_be_written_is_one_line(tmp_path, key):
     path = tmp_path / "node"
     path.write_text(json.dumps({"schema": freshness_store.FRESHNESS_SCHEMA, "trip": LARGEST_HALF, "heard": {}}))
-    with pytest.raises(BusError, match="begin again with another key"):
+    with pytest.raises(BusError, match="start with another key"):
         FreshnessStore(path).begin(key)
     with pytest.raises(StillwakeError, match="node"):
         FreshnessStore(path / "node").begin(key)

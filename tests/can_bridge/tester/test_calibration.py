@@ -36,7 +36,7 @@ def asking(ecu) -> Asking:
 def test_a_value_is_refused_before_anything_is_sent(asking):
     read = calibration.read(asking)
     for name, value, message in (
-        ("drag", 1.0, "'drag' is none of drag_mean"),
+        ("drag", 1.0, "'drag' must be one of drag_mean"),
         ("delay_steps", 1.5, "whole number"),
         ("delay_steps", float("nan"), "whole number"),
         ("delay_steps", 1e12, "delay_steps"),

@@ -124,7 +124,7 @@ def test_a_dry_run_and_a_judge_that_objects_write_nothing(line: Line, ecu: EcuTo
 
 
 def test_wrong_keys_write_nothing_and_their_delay_is_waited_for(line: Line, ecu: EcuToFlash) -> None:
-    for words in (2 * ["it is not its own"]) + ["takes none for 10 s"]:
+    for words in (2 * ["it must be the ECU's"]) + ["accepts no key for 10 s"]:
         with pytest.raises(AccessError, match=words):
             flashed(line, key=WRONG_KEY)
     assert set(ecu.routines) == {Routine.PRECONDITIONS}

@@ -36,7 +36,7 @@ def test_what_no_node_could_send_is_refused():
         with refused(ValueError, culprit):
             message(**changes)
     for load, taken, remedy in [
-        (1e-5, TAKEN, r"load = 1e-05: less than one message a second"),
+        (1e-5, TAKEN, r"load = 1e-05: must be at least one message per second"),
         # Made-up messages have identifiers from 0x010 to 0x6ff.
         (0.9, range(0x20, 0x800), r"load = 0\.9: needs more than the 16 free identifiers"),
     ]:
@@ -152,7 +152,7 @@ def test_what_cannot_go_on_this_bus_is_refused(dbc):
     for used in [0x120, 0x121, DIAGNOSIS_IDS[0]]:
         with refused(BusError, f"Wheels has identifier {used:#x}, which another node sends"):
             read_traffic(renumbered("Wheels", 256, used), BusConfig(), DIAGNOSIS_IDS, seed=0)
-    with refused(BusError, "have one identifier, 0x100"):
+    with refused(BusError, "have the same identifier, 0x100"):
         read_traffic(renumbered("Long", 64, 256), BusConfig(), DIAGNOSIS_IDS, seed=0)
     with refused(BusError, r"Long is CAN FD, which a bus with bus\.frames = classic cannot carry"):
         read_traffic(dbc(), BusConfig(frames="classic"), DIAGNOSIS_IDS, seed=0)
@@ -162,7 +162,7 @@ def test_what_cannot_go_on_this_bus_is_refused(dbc):
 
 def test_what_describes_no_bus_is_refused_in_one_line(tmp_path, monkeypatch):
     """A device without an end would fill the memory, and a pipe without a writer would wait for ever."""
-    unreadable = "no description of a CAN bus that cantools can read: "
+    unreadable = "not a description of a CAN bus that cantools can read: "
     # cantools would be busy with its bits for half a minute.
     (tmp_path / "long.dbc").write_text("BO_ 416 Drag: 99999999 A\n")
     with refused(BusError, unreadable + "BO_ 416 Drag: 99999999 is the length of a message: must be at most 65536"):

@@ -92,7 +92,7 @@ def test_names_of_values_and_other_bases():
 
 def test_refused_in_one_line():
     for name, assignment, words in [
-        ("Pressures", "", r"Pressures: is none of Pressure, .*VehicleSpeed, .*`python -m can.player`"),
+        ("Pressures", "", r"Pressures: must be one of Pressure, .*VehicleSpeed, .*`python -m can.player`"),
         ("Pressure", "Pressure4=1", r"Pressure4=1: must be SIGNAL=VALUE with one of Valid0"),
         ("Pressure", "Pressure0", r"Pressure0: must be SIGNAL=VALUE"),
         ("Pressure", "E2E_CRC=1", "is filled in by the sender"),

@@ -79,7 +79,7 @@ def test_a_bad_file_is_refused_with_its_name(tmp_path):
     path = tmp_path / "bad.toml"
     for text, line in (
         (b"[mpc\n", "Expected"),
-        (b"\xff\xfe", "is no text in UTF-8"),
+        (b"\xff\xfe", "is not UTF-8 text"),
         (b"x = " + b"[" * 5000, "recursion"),
         (b"#" * 2**20 + b"\n", "larger than 1048576 bytes"),
         (b'base = "thesis"\n', "base = 'thesis': must be 'paper' or 'release'"),

@@ -57,7 +57,7 @@ def test_a_rule_holds_up_to_its_bound_and_no_further():
     bounds: list[tuple[type[Any], str, object, object, str]] = [
         (OperatingPoint, "speed", 1000.0, 1001.0, r"in 0\.01\.\.1000"),
         (FlowConfig, "action_limit", 1e-12, 0.0, "positive"),
-        (FlowConfig, "substeps", 10_000, 10**12, r"in 1\.\.10000: more take hours"),
+        (FlowConfig, "substeps", 10_000, 10**12, r"in 1\.\.10000: with more, a period takes hours"),
         (EcuConfig, "rearm_frames", 1, 0, "at least 1"),
         (EcuConfig, "loss_limit", 50, 51, r"in 1\.\.loss_window"),
         (ModelConfig, "dropout", math.nextafter(1.0, 0.0), 1.0, r"in \[0, 1\)"),

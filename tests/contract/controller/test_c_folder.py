@@ -62,7 +62,7 @@ def test_a_folder_is_read_as_it_was_written_and_replaces_no_other(tmp_path):
     assert set(library_sources(sources)) == {PROGRAM_SETTINGS, "a.c"}
     np.testing.assert_array_equal(read_recorded(tmp_path / "c"), [[1, 2], [3, 4]])
     (tmp_path / "thesis.txt").write_text("years of work")
-    with pytest.raises(LibraryError, match="holds something else"):
+    with pytest.raises(LibraryError, match="holds other files"):
         write_folder(tmp_path, {PROGRAM_SETTINGS: b""})
     assert (tmp_path / "thesis.txt").read_text() == "years of work"
 

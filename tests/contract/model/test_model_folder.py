@@ -93,7 +93,7 @@ def test_only_a_model_is_replaced(tmp_path, folder):
     model_folder.write(folder, description(dataset_sha256="e" * 64), TENSORS)
     assert model_folder.read(folder).description.dataset_sha256 == "e" * 64
     (tmp_path / "chapter_1.txt").write_text("years of work")
-    with pytest.raises(StillwakeError, match="is not a model directory; choose another place"):
+    with pytest.raises(StillwakeError, match="is not a model directory; name another directory"):
         model_folder.write(tmp_path, description(), TENSORS)
     assert (tmp_path / "chapter_1.txt").read_text() == "years of work"
 

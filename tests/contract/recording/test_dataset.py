@@ -196,7 +196,7 @@ SPOILT: list[tuple[Callable[[h5py.File], object], str]] = [
     (lambda file: file.create_dataset("x", (8,), "u1", external=[("/etc/passwd", 0, 8)]), "x is virtual or in another"),
     (lambda file: file.create_dataset("x", (10**9,), "f8"), "holds 1000.* values or more: must be at most 134217728"),
     (lambda file: file.create_dataset("x", (1,), "u1", maxshape=(None,), chunks=(2**28,)), "values or more"),
-    (lambda file: file.create_group(b"\xff\xfe"), "is no text that can be printed"),
+    (lambda file: file.create_group(b"\xff\xfe"), "is not printable text"),
 ]
 
 
@@ -290,8 +290,8 @@ def test_a_data_set_is_made_or_added_to(written, tmp_path):
 
 def test_another_flow_or_other_sensors_are_refused_by_what_differs(written):
     for facts, named in (
-        ({**FACTS, "flow": {"reynolds": 400.0, "substeps": 30}}, r"flow\.reynolds = 500\.0, .* has 400\.0"),
-        ({**FACTS, "grid": [310, 114]}, r"grid = \[443, 164\], .* has \[310, 114\]"),
+        ({**FACTS, "flow": {"reynolds": 400.0, "substeps": 30}}, r"flow\.reynolds = 500\.0, .* have 400\.0"),
+        ({**FACTS, "grid": [310, 114]}, r"grid = \[443, 164\], .* have \[310, 114\]"),
     ):
         before = written.read_bytes()
         with pytest.raises(DatasetError, match=rf"data\.h5: episode b was recorded with {named}"):

@@ -123,7 +123,7 @@ def test_what_is_missing_for_training_is_named(sound):
     # 120 - 11 and 80 - 11 windows, without mirror images.
     assert texts(sound, shap)[0].startswith("training episodes hold 178 windows, too few for 5000 samples")
     many = replace(CONFIG, train=replace(CONFIG.train, sensors=8))
-    assert texts(sound, many) == ["train.sensors = 8: must be from 1 to 7, the sensors that there are"]
+    assert texts(sound, many) == ["train.sensors = 8: must be from 1 to 7, the number of sensors"]
     assert not [item for item in findings(sound, many, choosing=False) if item.stops]
     # All of it is reported at once.
     bad = with_first(sound, t=2 * T, action=np.linspace(0, 2.0, 120))

@@ -76,8 +76,8 @@ WRONG: list[tuple[Callable[[Series], Series], tuple[str, ...], str]] = [
     (sensor(0, lambda p: np.minimum(p, -0.1)), ALL, r"p1 is at its largest value, -0\.1, in 64 of 300 .*saturated"),
     (sensor(0, lambda p: np.maximum(p, -0.7)), ("sweep",), r"p1 is at its smallest value, -0\.7, in 64 of 300"),
     (lambda d: {"Cp": d["Cp"][:, [0, 0, 2, 3]]}, ALL, r"p1 and p2 are equal in every row"),
-    (repeated(2), ALL, r"every row is there 2 times, 150 of 300 .*keep one of 2"),
-    (repeated(3), ("calm",), r"^episode calm: every row is there 3 times, 200 of 300"),
+    (repeated(2), ALL, r"every row occurs 2 times, 150 of 300 .*keep one of 2"),
+    (repeated(3), ("calm",), r"^episode calm: every row occurs 3 times, 200 of 300"),
 ]  # fmt: skip
 
 
@@ -134,7 +134,7 @@ def test_rows_of_another_file_are_found_and_a_wake_that_repeats_itself_is_none()
     rounded = {name: np.round(values, 3) for name, values in sweep.series.items()}
     mixed = {name: np.concatenate([sweep.series[name][260:], test.series[name][40:]]) for name in sweep.series}
     cases: list[tuple[dict[str, Any], str]] = [
-        (part(slice(None)), "episode held_out (test) is a copy of sweep (train): a model is judged on rows that"),
+        (part(slice(None)), "episode held_out (test) is a copy of sweep (train): a model is tested on rows that"),
         (rounded, "is a copy of sweep"),
         ({name: values[7:] for name, values in rounded.items()}, "has 293 rows or more of sweep"),
         (part(slice(270, 300)), "episode held_out (test) has 30 rows or more of sweep (train)"),

@@ -56,7 +56,7 @@ def test_places_and_names_that_lead_elsewhere_are_refused(tmp_path):
     with pytest.raises(BundleError, match=r"nowhere: no such directory"):
         bundle.load(tmp_path / "nowhere")
     (tmp_path / "precious").write_text("thesis")
-    with pytest.raises(BundleError, match="holds something else"):
+    with pytest.raises(BundleError, match="holds other files"):
         bundle.write(tmp_path, manifest(), CONTENTS)
     assert (tmp_path / "precious").read_text() == "thesis"
     with pytest.raises(BundleError, match=r"b\.zip: is written as a directory"):

@@ -95,11 +95,11 @@ def in_an_attribute() -> onnx.NodeProto:
 def test_what_reads_files_or_is_not_onnxs_own_is_refused_wherever_it_stands():
     body = graph_of([in_an_attribute()]).graph
     for content, named in (
-        (graph_of((), [outside()]), "kept in another file"),
-        (graph_of([in_an_attribute()]), "kept in another file"),
+        (graph_of((), [outside()]), "a constant is in another file"),
+        (graph_of([in_an_attribute()]), "a constant is in another file"),
         (graph_of([helper.make_node("If", ["plan"], ["x"], then_branch=body, else_branch=body)]), "another file"),
-        (graph_of([helper.make_node("Gelu", ["plan"], ["x"], domain="com.microsoft")]), "own domain"),
-        (graph_of([helper.make_node("Scaler", ["plan"], ["x"], domain="ai.onnx.ml")]), "another domain"),
+        (graph_of([helper.make_node("Gelu", ["plan"], ["x"], domain="com.microsoft")]), "Runtime's domain"),
+        (graph_of([helper.make_node("Scaler", ["plan"], ["x"], domain="ai.onnx.ml")]), "default domain"),
         (graph_of((), [constant("c", np.zeros(MAX_GRAPH_BYTES // 4))]), f"at most {MAX_GRAPH_BYTES}"),
     ):
         with pytest.raises(ValueError, match=named):

@@ -52,7 +52,7 @@ def test_a_list_is_as_it_is_described_and_the_root_key_signs_it():
     message = refusal(key_list.encode(LISTED, STRANGER))
     assert signing.public_key(STRANGER).fingerprint in message
     assert f"must be by the root key {TRUSTED.fingerprint}" in message
-    assert "the signature is not its root key's" in refusal(laid_out(key=STRANGER))
+    assert "the signature is not that of its root key" in refusal(laid_out(key=STRANGER))
     # No change of a list goes unseen.
     for bit in range(8 * len(RAW)):
         damaged = bytearray(RAW)
@@ -66,7 +66,7 @@ def test_a_list_is_as_it_is_described_and_the_root_key_signs_it():
 def test_what_is_no_list_is_refused_even_if_the_root_key_signed_it():
     one, two, many = b"\1" * 32, b"\2" * 32, b"".join(key.raw for key in KEYS)
     for raw, message in (
-        (b'{"keys":[]}', "of an older version; make it again with `stillwake bundle keylist`"),
+        (b'{"keys":[]}', "has an old format; make it again with `stillwake bundle keylist`"),
         (laid_out(0), "version 0: must be in 1..4294967295"),
         (laid_out(keys=b""), "0 keys"),
         (laid_out(keys=many[: 17 * 32], revoked=b""), "17 keys"),

@@ -112,7 +112,7 @@ def test_every_field_refuses_values_that_are_none_of_its_kind():
 
 NONSENSE = [
     ("mpc", {}, "mpc.drag_reference is missing"),
-    ("sensors", [], "sensor_positions has 4 places: must have 0"),
+    ("sensors", [], "sensor_positions has 4 positions: must have 0"),
     ("sensors", ["a", "b", "c", "c"], "'c': named twice"),
     ("sensors", ["a", "b", "c", "d\x1b[2J"], r"sensor 'd\x1b[2J': must be"),
     ("precision", "fp16", "precision = 'fp16': must be 'float32' or 'int8'"),
@@ -124,8 +124,8 @@ NONSENSE = [
     ("created", "2026-02-30", "created = '2026-02-30': must be a date"),
     ("name", "a\x1b]0;title\x07", r"name 'a\x1b]0;title\x07': must be"),
     ("name", "\ud800", "half of a surrogate pair"),
-    ("provenance", {"loss": float("nan")}, "NaN is no number"),
-    ("provenance", {"kind": "linear"}, "a linear controller, which version 1.0.0 alone takes"),
+    ("provenance", {"loss": float("nan")}, "NaN is not a number"),
+    ("provenance", {"kind": "linear"}, "a linear controller, which only version 1.0.0 accepts"),
     ("files", {"\x1b[2J": "0" * 64}, r"'\x1b[2J' must be a plain file name"),
     ("files", {str(i): "0" * 64 for i in range(65)}, "files has 65 entries: at most 64"),
     ("surprise\x1b[2J", 1, r"\x1b[2J"),
@@ -143,12 +143,12 @@ def test_what_makes_no_sense_is_named():
 
 def test_json_that_has_two_readings_or_no_end_is_refused():
     for raw, named in (
-        (b'{"schema": 1, "schema": 2}', "'schema' is there twice"),
+        (b'{"schema": 1, "schema": 2}', "'schema' occurs twice"),
         (b'{"schema": 1e999}', "1e999 is too large a number"),
         (b"\xff\xfe{\x00}\x00", "decode"),
         (b"[" * 100_000, "nested"),
         (b"", "is damaged"),
-        (b"{" + b",".join(b'"%d":0' % i for i in range(100_000)) + b',"7":0}', "'7' is there twice"),
+        (b"{" + b",".join(b'"%d":0' % i for i in range(100_000)) + b',"7":0}', "'7' occurs twice"),
     ):
         assert named in refusal(raw), raw[:30]
     # At some depths the parser passes and what works on its result does not: all are tried around the limit.

@@ -142,7 +142,7 @@ def test_a_key_needs_a_place_for_what_outlives_a_restart(tmp_path):
 @pytest.mark.parametrize(
     ("change", "error", "words"),
     [
-        ({"bus": BusConfig()}, BusError, "in virtual time and connects nothing real"),
+        ({"bus": BusConfig()}, BusError, "in virtual time, without real devices"),
         ({"bus": BusConfig(interface="socketcan", channel="no-such0")}, BusError, "socketcan 'no-such0'"),
         ({"flow": replace(Config().flow, control_period=0.1)}, BundleError, "another control period: 0.2"),
         ({"ecu": EcuConfig(step_offset_ms=25.0)}, ConfigError, "ecu.step_offset_ms = 25"),

@@ -80,7 +80,7 @@ def test_otherwise_the_control_goes_on(tmp_path: Path, monkeypatch: pytest.Monke
 
     lines = serve(tmp_path, is_stopped)
     assert len(periods) == 21
-    assert any("the control goes on" in line for line in lines)
+    assert any("control continues" in line for line in lines)
 
 
 def test_it_is_asked_under_identifiers_of_29_bits_and_by_a_functional_one(tmp_path: Path) -> None:

@@ -35,7 +35,7 @@ def test_what_is_made_can_be_read_and_is_not_overwritten(tmp_path: Path) -> None
     (tmp_path / "ecu").mkdir()
     folder = made(tmp_path)
     before = {path: path.read_bytes() for path in (tmp_path / "ecu").iterdir()}
-    with pytest.raises(OutputError, match="is there already"):
+    with pytest.raises(OutputError, match="exists already"):
         made(tmp_path, image=None)
     assert {path: path.read_bytes() for path in (tmp_path / "ecu").iterdir()} == before
     assert folder == read_folder(tmp_path / "ecu")
@@ -48,8 +48,8 @@ def test_what_is_made_can_be_read_and_is_not_overwritten(tmp_path: Path) -> None
 def test_a_failure_leaves_nothing(tmp_path: Path) -> None:
     for changes, error, words in (
         ({"keys": keys()[:-1]}, KeyFileError, "key list"),
-        ({"image": image("foreign", key=STRANGER)}, ConfigError, "does not know"),
-        ({"image": image("first")[:-1]}, ConfigError, "no bundle in order"),
+        ({"image": image("foreign", key=STRANGER)}, ConfigError, "is not in this ECU"),
+        ({"image": image("first")[:-1]}, ConfigError, "not a valid bundle"),
         ({"fits": lambda bundle: Verdict.WRONG_VEHICLE}, ConfigError, "another vehicle"),
         ({"hardware": ""}, ConfigError, "hardware"),
         ({"serial": "a\nb"}, ConfigError, "serial"),

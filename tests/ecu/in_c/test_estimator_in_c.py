@@ -156,11 +156,11 @@ def test_where_all_hidden_activations_are_0_the_estimate_is_the_biases(in_c):
     for other, message in (
         (
             replace(NETWORK, layers=[first, narrower, (last[0][:, :40], last[1])]),
-            "takes two hidden ones of equal width",
+            "must have two hidden layers of equal width",
         ),
-        (replace(NETWORK, layers=[first, last]), "takes two hidden ones of equal width"),
-        (random_network(width=63), f"{ESTIMATOR}: its hidden layers are 63 long: the C library takes"),
-        (random_network(width=520), "520 inputs of a layer: the C library takes"),
+        (replace(NETWORK, layers=[first, last]), "must have two hidden layers of equal width"),
+        (random_network(width=63), f"{ESTIMATOR}: its hidden layers are 63 long: the C library accepts"),
+        (random_network(width=520), "520 inputs of a layer: the C library accepts at most"),
     ):
         with pytest.raises(ExportError, match=message):
             estimator_files(graph(other))

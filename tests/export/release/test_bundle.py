@@ -76,7 +76,7 @@ def test_the_speeds_that_a_prior_was_trained_at_are_the_releases(tmp_path, progr
     assert manifest.speeds == SpeedRange(slowest=0.6, fastest=1.4)
     # 5 steps of the design speed last as long as 9 periods at the slowest.
     assert manifest.past == 10
-    with pytest.raises(BundleManifestError, match=r"speeds = 1\.1\.\.1\.4: must hold 1"):
+    with pytest.raises(BundleManifestError, match=r"speeds = 1\.1\.\.1\.4: must include 1"):
         replace(manifest, speeds=SpeedRange(slowest=1.1, fastest=1.4))
 
 

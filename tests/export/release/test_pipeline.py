@@ -127,7 +127,7 @@ def test_a_bundle_of_another_plant_runs_on_that_plant_and_on_no_other(export, tm
         commands.append(command)
     assert commands[: MODEL.window - 1] == [0.0] * (MODEL.window - 1)
     assert all(0 < abs(command) <= LIMIT for command in commands[MODEL.window :])
-    with pytest.raises(BundleError, match=r"'other-plant' is of another plant: unknown sensor 'x\.y'"):
+    with pytest.raises(BundleError, match=r"'other-plant' is for another plant: unknown sensor 'x\.y'"):
         BundlePolicy(read, OnnxController.of(read))
 
 
@@ -220,7 +220,7 @@ def test_neither_is_written_where_one_place_holds_something_else(export, tmp_pat
     for occupied in ("bundle", "c"):
         (tmp_path / occupied).mkdir()
         (tmp_path / occupied / "thesis.txt").write_text("years of work")
-        with pytest.raises(StillwakeError, match="holds something else; name another"):
+        with pytest.raises(StillwakeError, match="holds other files; name another"):
             export(library=True)
         assert [item.name for item in tmp_path.rglob("*")] == [occupied, "thesis.txt"]
         (tmp_path / occupied / "thesis.txt").unlink()

@@ -78,11 +78,11 @@ def test_what_makes_no_sense_or_could_not_act_is_refused_with_the_reason():
         ("noise", "noise needs level"),
         ("noise:level=-1", r"noise\.level = -1\.0: must be non-negative"),
         ("drift:sensor=base_7,level=1,over_s=0", r"drift\.over_s = 0\.0: must be positive"),
-        ("swap:sensors=base_7+base_7", r"swap\.sensors = \('base_7', 'base_7'\): must be two different ones"),
+        ("swap:sensors=base_7+base_7", r"swap\.sensors = \('base_7', 'base_7'\): must be two different sensors"),
         ("wire_errors:bit_error_rate=2", r"bit_error_rate = 2\.0: must be in \[0, 1\]"),
         ("wire_errors:bit_error_rate=1,node=both", "node = 'both' must be all or vehicle or ecu"),
         ("reset@1..2", r"'1\.\.2' must be a time in seconds"),
-        ("body:length=1@2..", r"body\.start_s = 2\.0: must be left out, and its end: a body stays"),
+        ("body:length=1@2..", r"body\.start_s = 2\.0: must be left out, and its end, too: a body stays"),
         ("body:length=20", r"body\.length = 20\.0: must be in 0\.5\.\.15"),
         ("body:length=1,leading_edge_radius=0.6", r"body\.leading_edge_radius = 0\.6: must be in 0\.\.0\.5"),
         ("gust:amplitude=0.5,period=20", r"gust\.amplitude = 0\.5: must be above 0 and below 0\.5"),
@@ -90,15 +90,15 @@ def test_what_makes_no_sense_or_could_not_act_is_refused_with_the_reason():
         ("action_limit=1.5", r"action_limit = 1\.5: must be above 0 and at most 1"),
         ("ecu:drip", "no fault 'drip'"),
         ("ecu:disconnect:kind=device_gone", "would end the run with an error"),
-        ("noise:level=1@1..", r"'noise:level=1@1\.\.': begins when the run has ended, after 1 s"),
-        ("ecu:drop:probability=1@1..", "begins when the run has ended"),
+        ("noise:level=1@1..", r"'noise:level=1@1\.\.': begins after the end of the run, at 1 s"),
+        ("ecu:drop:probability=1@1..", "begins after the end of the run"),
         ("dead:sensor=base_1", "base_1 is not in use; the sensors are lower_36, base_7, upper_39, base_0"),
         ("gust:amplitude=0.1,period=5@0..0.4", r"lasts 0\.4 s, must be at least its period, 0\.5 s"),
     ):
         with pytest.raises(ConfigError, match=message):
             Disturbances.parse([text]).check(Config(), SENSORS, duration_s=1.0)
     for text in ("", "drop:probability=0.1", "background:drop:probability=1", "ECU:babble"):
-        with pytest.raises(ConfigError, match="must begin with the node whose port it is in"):
+        with pytest.raises(ConfigError, match="must begin with the node whose port has the fault"):
             parse_node_fault(text)
 
 

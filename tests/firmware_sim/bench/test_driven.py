@@ -138,5 +138,5 @@ def test_a_drive_at_the_design_speed_is_the_run_without_one_to_the_bit(random_re
 
 
 def test_a_drive_needs_a_flow_that_can_have_it():
-    with pytest.raises(ConfigError, match=r"drive up: this plant has one speed; a drive needs the own solver"):
+    with pytest.raises(ConfigError, match="drive up: this plant has a constant speed; a drive needs stillwake's"):
         Simulation(make_bundle(), CONFIG, spans=SPANS, controller=Waves(), drive=UP).run(LiveOscillator(CONFIG))

@@ -162,7 +162,7 @@ def test_a_command_on_pressures_that_were_never_sent_is_caught(monkeypatch):
     wrong_ecu(monkeypatch, lambda sent, step: sent._replace(pressure_counter=200))
     broken, _ = violations()
     assert {one.invariant for one in broken} == {"bus_age"}
-    assert "no pressures that were sent (counter 200)" in broken[0].detail
+    assert "pressures that were not sent (counter 200)" in broken[0].detail
 
 
 def test_control_without_an_edge_is_caught(monkeypatch):

@@ -108,7 +108,7 @@ def test_behind_another_body_the_loop_closes_and_a_plant_that_is_not_that_body_i
     assert course_of(under).Cd[: LEAD_IN + 1] == course_of(free).Cd[: LEAD_IN + 1]
     assert service_of(under).violations == 0
     refused = run_task(replace(task, disturb=("body:length=2",)), release, coarse.start)
-    assert refused.failure == "disturbance 'body:length=2': the plant is another body than this"
+    assert refused.failure == "disturbance 'body:length=2': the plant already has another body"
     assert "was built for another body" in run_task(replace(square, disturb=()), release, start).failure
 
 

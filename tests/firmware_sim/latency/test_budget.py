@@ -35,7 +35,7 @@ def test_each_limit_with_what_was_measured(tmp_path):
 
 def test_a_wrong_file_is_one_line_with_its_name_and_place(tmp_path):
     cases = [
-        ("", "limits nothing"),
+        ("", "has no limit"),
         ("misses_ours", "after a key"),
         ("misses_ours = -1", "misses_ours = -1: must be at least 0"),
         *((f"misses_ours = {value}", "must be a whole number") for value in ("true", "0.5")),

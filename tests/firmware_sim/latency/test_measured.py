@@ -50,7 +50,7 @@ def with_two_misses(idle_late_ms: float) -> Tables:
 def test_a_miss_is_the_machines_where_the_idle_loop_was_late_by_the_slack():
     run = judged(Tables(200))
     assert run.counts == {"misses": 0, "misses_ours": 0}
-    assert run.verdict == "All 199 commands came by the boundary they were due at."
+    assert run.verdict == "All 199 commands arrived by their boundary."
     assert run.slack_ns == round(SLACK_MS * MS)
     for late_ms, idle_misses in ((SLACK_MS - 0.01, 0), (SLACK_MS, 1)):
         run = judged(with_two_misses(late_ms))
@@ -73,7 +73,7 @@ def test_an_ecu_that_leaves_control_does_not_pass_for_one_that_is_fast():
             run.ecu[i, [EcuStage.PLAN_BEGAN, EcuStage.PLAN_ENDED]] = 0
         of_run = judged(run)
         assert (of_run.misses, of_run.without_plan, of_run.left_control) == (0, len(lost), left)
-        assert f"{len(lost)} of them rest on no plan" in of_run.verdict
+        assert f"{len(lost)} of them have no plan" in of_run.verdict
         assert ("left control: FAULT, IMPLAUSIBLE." in of_run.verdict) == left
 
 

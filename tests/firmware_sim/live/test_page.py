@@ -154,7 +154,7 @@ def test_each_control_acts_on_the_loop_by_keyboard_alone(live):
 
 def test_a_fault_shows_what_the_ecu_does_and_one_button_ends_it(live):
     live.page.locator("[data-setting=loss]").press("End")
-    wait_for(live, "#headline >> text=The ECU has shut the jets: no pressures came")
+    wait_for(live, "#headline >> text=The ECU has shut the jets: no pressures arrived")
     wait_for(live, ".event-list >> text=to FAULT")
     wait_for(live, ".states-drawing .present[data-state=FAULT]")
     live.page.locator("#clear").click()

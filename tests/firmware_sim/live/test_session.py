@@ -238,11 +238,11 @@ def test_events_report_what_the_ecu_does_about_a_fault_and_count_what_comes_agai
     begin = live.events.index("100 % of the pressure frames do not reach the ECU")
     assert live.events[begin : begin + 7] == [
         "100 % of the pressure frames do not reach the ECU",
-        "CONTROL to HOLD: no pressures came; the last command stays",
-        "HOLD to DECAY: no pressures came; the command is halved each period",
-        "DECAY to FAULT: no pressures came; the jets are shut until the request falls and rises again",
+        "CONTROL to HOLD: no pressures arrived; the last command is held",
+        "HOLD to DECAY: no pressures arrived; the command is halved each period",
+        "DECAY to FAULT: no pressures arrived; the jets are shut until the request falls and rises again",
         "all pressure frames reach the ECU",
-        "cleared; the request is taken back for a moment, since only a new one leads on",
+        "cleared; the request is withdrawn for a moment, since only a new request starts control",
         "FAULT to CONTROL: the jets follow the controller",
     ]
     assert live.state == "CONTROL"

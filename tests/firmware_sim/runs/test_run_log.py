@@ -46,7 +46,7 @@ def test_another_run_is_replaced_only_when_asked_and_a_file_is_no_folder(tmp_pat
         RunFolder(folder).check_free(overwrite=True)
         with pytest.raises(StillwakeError, match=rf"cannot write .*{name}: it is a file"):
             RunFolder(folder / name).check_free(overwrite=True)
-        with pytest.raises(StillwakeError, match="there is something that is no run; name another folder"):
+        with pytest.raises(StillwakeError, match="holds files that are not a run's; name another folder"):
             RunFolder(tmp_path).check_free(overwrite=True)
 
 
@@ -83,10 +83,10 @@ def test_what_no_run_holds_is_refused(log_of, tmp_path):
         (lambda header: header["bus"].pop("lost"), "lost"),
         (lambda header: header["metadata"]["weights"].update(lift=-1.0), "lift"),
         # What JSON takes and no page could show.
-        (lambda header: header["traffic"]["nodes"]["ECU"].update(bus_off=math.inf), "Infinity is no number"),
+        (lambda header: header["traffic"]["nodes"]["ECU"].update(bus_off=math.inf), "Infinity is not a number"),
         (lambda header: header.update(enabled_at="x"), "'x': must be a whole number"),
         (lambda header: header.update(enabled_at=7), "from 0 to 6"),
-        (lambda header: header["metadata"].update(plant="\ud800"), "no text"),
+        (lambda header: header["metadata"].update(plant="\ud800"), "not text"),
         (lambda header: header["traffic"]["nodes"].update(ECU=[]), "must be a table"),
         ({"Cl": np.zeros(5)}, r"'Cl' is float64 of shape \(5,\): must be numbers of shape \(6\)"),
         ({"step_ms": np.full(6, math.inf)}, "'step_ms' is"),

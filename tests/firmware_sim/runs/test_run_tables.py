@@ -26,7 +26,7 @@ def test_tables_show_the_figures(shedding, run_metadata):
         "of these rejected end to end": "2",
         "CRC errors": "3",
         "longest wait for the bus": "Pressure 0.500 ms, JetCommand 1.250 ms",
-        "frames that the bus did not take": "3",
+        "frames that the bus refused": "3",
         "sample to jets in virtual time, max": "8.30 ms",
         "virtual compute time": "8 ms of a period of 20 ms: fits",
     }.items():
@@ -64,7 +64,7 @@ def test_a_sensor_set_aside_and_too_few_cycles_are_in_the_headline(shedding):
     name = log.metadata.sensors[1]
     assert f"The ECU set aside {name} from t = 14.0 t_c on." in headline(log)
     assert summary(log)["set_aside"] == [{"sensor": name, "t": pytest.approx(14.0)}]
-    assert (70, "state", f"{name} is set aside: it contradicts the others, which stand in for it") in events(log)
+    assert (70, "state", f"{name} is set aside: it contradicts the others, and is estimated from them") in events(log)
     # A settling time that leaves one cycle of 5 t_c.
     assert "Too short to judge by: cycles averaged 1, at least 2 are needed." in headline(shedding(settle=12.0))
 
@@ -97,6 +97,6 @@ def test_the_summary_holds_fault_counters_modes_settings_and_origin(shedding):
     assert figures["reduction_percent"] == pytest.approx(20.0, abs=1e-3)
     assert [figures[name] for name in ("cycles_uncontrolled", "cycles_controlled", "mpc_ms_p90")] == [2, 3, 2.0]
     log = shedding(averages=False)
-    assert headline(log) == "No averages were asked for."
-    assert drag_rows(log) == [("No averages were asked for.", "", "")]
+    assert headline(log) == "No averages were requested."
+    assert drag_rows(log) == [("No averages were requested.", "", "")]
     assert summary(log)["Cd_controlled"] is summary(log)["reduction_percent"] is None

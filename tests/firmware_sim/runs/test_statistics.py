@@ -70,7 +70,7 @@ def test_a_wake_that_does_not_shed_or_settles_to_its_end_has_no_averages(sheddin
         assert isinstance(unsettled, NoAverages)
         assert "under control, " in unsettled.why
         assert "a whole cycle of 5.00 t_c" in unsettled.why
-    assert averages(shedding(averages=False)) == NoAverages("No averages were asked for.")
+    assert averages(shedding(averages=False)) == NoAverages("No averages were requested.")
 
 
 def test_latency_is_that_of_the_planned_steps(log_of):

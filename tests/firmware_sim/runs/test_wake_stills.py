@@ -67,12 +67,12 @@ def with_a_png(wake: WakeStills) -> WakeStills:
 
 WRONG = {
     "not the series'": lambda wake: replace(wake, t=wake.t + 0.2),
-    "of rising periods from 0 to 5": lambda wake: replace(wake, k=wake.k + 1),
-    "rising periods": lambda wake: replace(wake, k=wake.k[::-1]),
+    "must rise within 0 to 5": lambda wake: replace(wake, k=wake.k + 1),
+    "stills must rise": lambda wake: replace(wake, k=wake.k[::-1]),
     r"6 stills at 5 periods": lambda wake: replace(wake, k=wake.k[:-1]),
     r"must have \(95, 36\)": lambda wake: replace(wake, scene=replace(wake.scene, size=(95, 36))),
-    "no WebP": with_a_png,
-    "NaN is no number": lambda wake: replace(wake, scene=replace(wake.scene, view=(0.0, 1.0, 0.0, float("nan")))),
+    "not a WebP": with_a_png,
+    "NaN is not a number": lambda wake: replace(wake, scene=replace(wake.scene, view=(0.0, 1.0, 0.0, float("nan")))),
 }
 
 

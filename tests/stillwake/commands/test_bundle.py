@@ -34,7 +34,7 @@ def test_keys_are_made_once_and_readable_by_their_owner_alone(cli, tmp_path, mon
     assert stat.S_IMODE(secret.stat().st_mode) == 0o600
     before = secret.read_bytes(), public.read_bytes()
     again = cli("keygen", tmp_path / "keys")
-    assert (again.code, again.err) == (1, f"error: {secret}: is there already; keys are never overwritten\n")
+    assert (again.code, again.err) == (1, f"error: {secret}: exists already; keys are never overwritten\n")
     assert (secret.read_bytes(), public.read_bytes()) == before
     # A private key without its public half is not left behind either.
     secret.unlink()
@@ -155,5 +155,5 @@ def test_a_key_list_is_made_that_the_root_key_signed_and_shown(cli, all_refused,
     other = cli("bundle", "inspect", "list", "--trust", "new/release.pub")
     assert (other.code, other.out, "must be by the root key" in other.err) == (1, "", True)
     before = (tmp_path / "list").read_bytes()
-    assert "list: there is one already" in cli(*make).err
+    assert "list: exists already" in cli(*make).err
     assert (tmp_path / "list").read_bytes() == before

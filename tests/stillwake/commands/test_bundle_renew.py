@@ -83,7 +83,7 @@ def test_a_sensor_estimator_can_be_fitted_to_a_recording_that_does(cli, refused,
     dataset.write(recording, Dataset(episodes=(episode("a", "train", 100),)))
     done = cli(*words)
     assert done.code == 0, done.err
-    assert "R2 of each sensor by the others, on train: upper_39" in done.out
+    assert "R2 of each sensor from the others, on train: upper_39" in done.out
     fitted = bundle.load(tmp_path / "new")
     assert fitted.files[ESTIMATOR] != (old / ESTIMATOR).read_bytes()
     assert fitted.files[CONTROLLER] == (old / CONTROLLER).read_bytes()

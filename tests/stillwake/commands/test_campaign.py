@@ -64,7 +64,7 @@ def test_a_campaign_writes_page_table_figures_and_results(cli, executor, plan, t
     executor.ran.clear()
     again = cli(*call)
     assert executor.ran == []
-    assert "0 runs made, 6 kept from before" in again.out
+    assert "0 runs computed, 6 read from the folder" in again.out
 
 
 @pytest.mark.slow  # draws pages
@@ -81,7 +81,7 @@ def test_a_stopped_campaign_says_how_to_go_on_and_no_other_continues_it(cli, ref
     call = ("campaign", tmp_path / "out", "--only", "gust", "--phases", 1, "--controlled", 40)
     outcome = cli(*call)
     assert outcome.code == 130
-    assert outcome.err == f"stopped; {tmp_path / 'out'} keeps 2 finished runs, the same command continues it\n"
+    assert outcome.err == f"stopped; {tmp_path / 'out'} holds 2 finished runs; the same command continues\n"
     assert "other seed; give --overwrite" in refused(*call, "--seed", 1)
     executor.ran.clear()
     executor.stop_after = 0

@@ -161,10 +161,10 @@ def test_what_is_missing_or_contradicts_itself_is_refused(all_refused: Callable[
         (*call, "train=drive.log", "--layout", "sensors.csv"),
         {
             "": "a log has no drag and lift, and training needs them: give them with --forces",
-            "--forces a.csv --forces b.csv": "--forces b.csv: is the second one; with more than one write LOG=",
+            "--forces a.csv --forces b.csv": "--forces b.csv: is the second file; with several, write LOG=",
             "--forces missing.csv": "missing.csv: no such file",
             "--forces drive.log": "drive.log: a table of forces must end in",
-            "--forces bare.csv": "give with --forces-clock what its times are",
+            "--forces bare.csv": "state with --forces-clock how its times count",
             "--forces forces.csv --forces-clock log": "it must cover them",
             "--forces forces.csv --forces-shift 0.1": "it must cover them; see --forces-clock and --forces-shift",
             "--forces forces.csv --map Cd=drag": "no column 'drag' for the forces' table; it has t [t_c], Cd, C",
@@ -178,11 +178,11 @@ def test_what_is_missing_or_contradicts_itself_is_refused(all_refused: Callable[
             "--forces forces.csv --set bus.frames=classic": "holds no pressure, PressureClassic (0x121)",
         },
     )
-    forced = "no pressures for 5 control periods at 2.000 s; --fill allows 2; with --split"
+    forced = "no pressures for 5 control periods at 2.000 s; --fill allows 2; --split makes"
     all_refused((*call, "--layout", "sensors.csv", "--forces", "forces.csv"), {"train=gap.log": forced})
-    three = "a Pressure message has 4 sensors, --layout names 3"
+    three = "a Pressure message has 4 sensors, --layout has 3"
     all_refused((*call, "--layout", "three.csv", "--forces", "forces.csv"), {"train=drive.log": three})
-    without = "are for CAN logs; none is given"
+    without = "are for CAN logs; no log is given"
     all_refused(
         (*call, "train=table.csv", "--layout", "sensors.csv"),
         {"--split": without, "--forces forces.csv": without, "--set operating_point.speed=20": without},

@@ -29,7 +29,7 @@ UDP = ("--set", "bus.interface=udp_multicast", "--set", f"bus.channel={GROUP}")
 
 @pytest.mark.slow  # many calls
 def test_what_cannot_run_is_one_line(all_refused: Callable[..., None]) -> None:
-    all_refused("ecu", {"": "bus.interface = simulated: it is in virtual time and connects nothing real"})
+    all_refused("ecu", {"": "bus.interface = simulated: it runs in virtual time, without real devices"})
     all_refused(
         ("ecu", *UDP),
         {
@@ -39,7 +39,7 @@ def test_what_cannot_run_is_one_line(all_refused: Callable[..., None]) -> None:
             "--set operating_point.speed=20": "was built for another operating point",
             "--set ecu.step_offset_ms=20": "ecu.step_offset_ms = 20: must be shorter than the control period",
             "--set ecu.compute_time_ms=5": "--set ecu.compute_time_ms: `ecu` does not use it",
-            "--freshness x": "--freshness: goes with bus.key",
+            "--freshness x": "--freshness: needs a key",
             "--set bus.key=none": "none",
             "--metrics /proc/x": "cannot write /proc/x",
             "--frames x.blf": "x.blf: a measurement must end in .mf4 or .mcap",

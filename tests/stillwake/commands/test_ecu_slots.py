@@ -32,9 +32,9 @@ def good(cli, short_release, tmp_path, monkeypatch):
 
 
 def test_it_is_provisioned_once_and_shown(good, refused):
-    assert "a key that this ECU does not know" in refused(*PROVISION.split(), "--bundle", BUNDLE)
+    assert "a key that is not in this ECU's list" in refused(*PROVISION.split(), "--bundle", BUNDLE)
     assert "ECU 42 (bench)" in good(f"{PROVISION} --bundle first")
-    assert "is there already" in refused(*PROVISION.split())
+    assert "exists already" in refused(*PROVISION.split())
     info = good("diagnose --slots ecu --json ecu.json")
     # What runs, the folder cannot know: it must not claim that nothing does.
     assert "confirmed, first" in info and "asks the ECU" in info
@@ -51,9 +51,9 @@ def test_what_cannot_run_is_one_line(good, all_refused):
         "ecu --set bus.interface=udp_multicast --set bus.channel=239.77.0.1",
         {
             "--slots ecu": "--slots: needs --access; `stillwake keygen --secret` makes a key",
-            "--access access.key": "--access: goes with --slots or --mcu",
-            "--hardware x": "--hardware: goes with --slots or --mcu",
-            "--slots none --access access.key": "none: no folder of an ECU",
+            "--access access.key": "--access: needs --slots or --mcu",
+            "--hardware x": "--hardware: needs --slots or --mcu",
+            "--slots none --access access.key": "none: not a folder of an ECU",
             "--slots ecu --access none.key": "none.key",
             f"first {slots}": "BUNDLE: --slots runs the release in its folder",
             f"{slots} --trust x": "--trust: --slots runs",

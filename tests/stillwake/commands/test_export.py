@@ -107,7 +107,7 @@ def test_a_bundle_of_another_model_or_program_has_no_library(tmp_path, monkeypat
 
     with pytest.raises(ExportError, match=rf"{release.manifest.name} is of the model 000000000000"):
         library_of(weights_sha256="0" * 64)
-    with pytest.raises(ExportError, match=r"has the program 000000000000, its model gives .*: export it again"):
+    with pytest.raises(ExportError, match=r"has the program 000000000000, its model gives .*: export the model again"):
         library_of(program_sha256="0" * 64)
     assert not (tmp_path / "c").exists()
 

@@ -74,7 +74,7 @@ def test_errors_are_one_line_and_leave_nothing(all_refused):
                 "--set bus.key=k": "k: cannot read the key",
                 "--set mpc.horizon=9": "does not use it",
                 "--bundle nowhere": "nowhere",
-                f"--host {'x' * 300}": "no name of a machine",
+                f"--host {'x' * 300}": "not the name of a machine",
                 f"--port {taken.getsockname()[1]}": "it is in use, perhaps by another `stillwake live`; name",
             },
         )

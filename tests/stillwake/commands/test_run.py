@@ -35,7 +35,7 @@ BEFORE = {
     "--require-reduction nan": "--require-reduction nan: must be a number of percent",
     "--require-reduction 0.2": "--require-reduction 0.2: is a number of percent; for 20 % write 20",
     "--drive steady-55": "drive 'steady-55': must be a file ending in .csv, or one of steady-60, ",
-    "--drive ramps --plant openfoam": "--drive ramps: needs the own solver, --plant wake",
+    "--drive ramps --plant openfoam": "--drive ramps: needs stillwake's solver, --plant wake",
     "--drive steady-80 --controlled 40": "--controlled = 40 less --settle = 40 leaves 0 t_c: must be at least 10",
     # An ECU in C.
     "--ecu rust": "--ecu rust: must be one of python, c, mcu, or a clock in MHz as in mcu@300",
@@ -56,11 +56,11 @@ QUICK_ONES = {
     "--set bus.nominal_bitrate=100": "raise bus.nominal_bitrate or bus.data_bitrate",
     # A start of another Reynolds number, with a command that works.
     "--set flow.reynolds=400": "the shipped start is of 500; `stillwake develop start_re400.npz --set flow.reynolds="
-    "400` makes one, to be given with `--state start_re400.npz --set flow.reynolds=400`",
+    "400` makes a state, to be given with `--state start_re400.npz --set flow.reynolds=400`",
     "--state nowhere.npz": "nowhere.npz: not a flow state",
     # Faults on the bus.
     "--disturb ecu:disconnect:kind=device_gone": "an open wire is `ecu:disconnect`",
-    "--disturb ecu:disconnect@5..10": "begins when the run has ended, after 0.22 s",
+    "--disturb ecu:disconnect@5..10": "begins after the end of the run, at 0.22 s",
 }
 
 
@@ -112,7 +112,7 @@ def test_weights_in_force_are_kept_with_the_run_which_is_reported_again(cli, tmp
     signer = signing.public_key(SIGNING_KEY).fingerprint
     assert ran.out.count("warning: ") == 1
     assert f"warning: signed by key {signer}: unknown here" in ran.out
-    assert "No averages were asked for" in ran.out
+    assert "No averages were requested" in ran.out
     summary = json.loads((folder / "summary.json").read_text())
     assert (summary["signer"], summary["weights_changed"], summary["weights"]["lift"]) == (signer, ["lift"], 9.0)
     assert summary["mpc"]["weights"]["lift"] == CostWeights().lift

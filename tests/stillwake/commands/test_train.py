@@ -50,7 +50,7 @@ def test_a_training_that_is_stopped_early_reports_that_nothing_is_kept(
     cli: Callable[..., Any], called: list[dict[str, Any]], tmp_path: Path
 ) -> None:
     outcome = cli("train", tmp_path / "model")
-    line = "stopped; the same command goes on from the beginning: there is no checkpoint yet\n"
+    line = "stopped; the same command continues from the beginning: there is no checkpoint yet\n"
     assert (outcome.code, outcome.err) == (130, line)
     assert list(tmp_path.iterdir()) == []
 
@@ -61,9 +61,9 @@ def test_the_same_command_goes_on_and_another_is_refused_or_starts_over(
 ) -> None:
     outcome = cli("train", stopped)
     assert "model.checkpoints ends: joint fit, iteration 300 of 4000" in flat(outcome.out)
-    assert outcome.err == "stopped; the same command goes on from joint fit, iteration 300 of 4000\n"
+    assert outcome.err == "stopped; the same command continues from joint fit, iteration 300 of 4000\n"
     other = ("train", stopped, "--set", "train.seed=5")
-    line = "holds an unfinished training with train.seed = 0, not 5: finish it with those, or start over"
+    line = "holds an unfinished training with train.seed = 0, not 5: finish it with these settings, or start over"
     assert line in refused(*other)
     assert [options["resume"] for options in called] == [True]
     assert cli(*other, "--restart").code == 130
@@ -85,7 +85,7 @@ def test_a_recording_that_is_whole_says_so(
     monkeypatch.setattr(recorder, "record", record)
     outcome = cli("record", tmp_path / "a.h5", "training=20", "--state", "s.npz")
     assert (outcome.code, outcome.err) == (0, "")
-    assert f"already whole, nothing to record: {tmp_path / 'a.h5'}: 2020 control steps" in flat(outcome.out)
+    assert f"already complete, nothing to record: {tmp_path / 'a.h5'}: 2020 control steps" in flat(outcome.out)
     assert (seen["start"], seen["overwrite"]) == (Path("s.npz"), False)
 
 

@@ -17,7 +17,7 @@ def test_what_cannot_be_is_one_line(all_refused) -> None:
     all_refused(
         ("vehicle", "--periods", "3", *VIRTUAL),
         {
-            "--set bus.interface=simulated": "bus.interface = simulated: it is in virtual time and connects nothing",
+            "--set bus.interface=simulated": "bus.interface = simulated: it runs in virtual time, without real",
             "--plant wake --episode x": "--episode x: does not go with --plant wake",
             "--state x.npz": "--state x.npz: needs --plant wake: a recording has its own",
             "--drive ramps": "--drive ramps: needs --plant wake: a recording has its own",
@@ -25,7 +25,7 @@ def test_what_cannot_be_is_one_line(all_refused) -> None:
             "--episode sine": "episode 'sine': the data set has ",
             "--dataset none.h5": "none.h5: no such dataset",
             "--bundle none": "none",
-            "--freshness x.json": "--freshness x.json: nothing is authenticated without bus.key",
+            "--freshness x.json": "--freshness x.json: needs a key, and bus.key is empty",
             "--set mpc.horizon=3": "`vehicle` does not use it",
             "--stage-times /proc/nowhere/x.npz": "/proc/nowhere",
             "--set bus.interface=socketcan": "CAN bus socketcan 'test-stillwake-vehicle': ",
@@ -41,7 +41,7 @@ def test_without_an_ecu_the_status_says_so_and_the_figures_are_written(cli, tmp_
     said = " ".join(outcome.out.split())
     assert "recorded (open loop)" in said
     assert "vehicle at 25 m/s, control period 20 ms, on virtual test-stillwake-vehicle" in said
-    assert "the pressures do not answer the jets" in said
+    assert "the pressures do not respond to the jets" in said
     assert "done: the request for control is withdrawn" in said
     found = json.loads((tmp_path / "f.json").read_text(encoding="utf-8"))
     assert (found["figures"]["periods"], found["figures"]["commands"]) == (5, 0)

@@ -79,7 +79,7 @@ def test_a_missing_module_names_the_extra_that_brings_it(monkeypatch, tmp_path):
     (tmp_path / "shapely_of_mine.py").write_text("")
     monkeypatch.syspath_prepend(tmp_path)
     importlib.import_module("shapely_of_mine")
-    line = f"{tmp_path}/shapely_of_mine.py has no module 'shapely_of_mine.deeper': is it another version, or a file of"
+    line = f"{tmp_path}/shapely_of_mine.py has no module 'shapely_of_mine.deeper': it may be another version"
     assert missing("shapely_of_mine.deeper").startswith(line)
 
 

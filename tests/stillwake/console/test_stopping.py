@@ -32,7 +32,7 @@ def test_a_stopped_command_clears_away_and_prints_how_to_go_on(capsys):
         cleared: list[bool] = []
 
         def wait(number: int = number, cleared: list[bool] = cleared) -> None:
-            with stopping.go_on_with("the same command goes on"):
+            with stopping.go_on_with("the same command continues"):
                 try:
                     signal.raise_signal(number)
                 finally:
@@ -40,7 +40,7 @@ def test_a_stopped_command_clears_away_and_prints_how_to_go_on(capsys):
 
         assert status_of(wait) == status
         assert cleared
-        assert capsys.readouterr().err == "stopped; the same command goes on\n"
+        assert capsys.readouterr().err == "stopped; the same command continues\n"
         # The advice is given once, and a second SIGTERM would kill.
         assert stopping.outcome() == (130, "stopped")
     assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL

@@ -189,14 +189,14 @@ def test_the_predictor_finds_a_linear_system_and_needs_stretches_longer_than_its
     # What it reads are differences of mirror images.
     check_pairs(TRUCK, ("upper_39", "lower_39", "base_0", "base_9"))
     for layout, sensors, error, named in (
-        (TRUCK, ("upper_39", "base_0"), DatasetError, "upper_39 and base_0 are no pair: .* upper_39 is lower_39"),
+        (TRUCK, ("upper_39", "base_0"), DatasetError, "upper_39 and base_0 are not a pair: .* upper_39 is lower_39"),
         (TRUCK, ("upper_39", "lower_39", "base_0"), DatasetError, "3 sensors: they must be pairs"),
         (TRUCK, ("upper_39", "under"), ConfigError, "unknown sensor 'under'"),
         (replace(TRUCK, mirror=None), ("upper_39", "lower_39"), DatasetError, "have no mirror images"),
     ):
         with pytest.raises(error, match=named):
             check_pairs(layout, sensors)
-    with pytest.raises(ConfigError, match=r"refine\.shortest = 60: must be more than memory"):
+    with pytest.raises(ConfigError, match=r"refine\.shortest = 60: must be more than refine.memory"):
         RefineConfig(shortest=60)
 
 

@@ -89,7 +89,7 @@ def test_steps_reach_the_program_upper_jet_first(case, coarse_mesh):
     [
         ("raise SystemExit(3)", "stopped with status 3"),
         ("import os, signal; os.kill(os.getpid(), signal.SIGFPE)", "ended by SIGFPE"),
-        ("raise SystemExit(0)", "came to its end"),
+        ("raise SystemExit(0)", "reached its end"),
         ("time.sleep(600)", r"has not finished a time step in 0\.5 s"),
     ],
 )

@@ -101,7 +101,7 @@ def test_a_tape_ends_before_its_memory_does_and_starts_again(plant):
     tape = Tape(plant, 25 * start.flat.nbytes / 1e6)
     for _ in range(4):
         tape.advance(0.0)
-    with pytest.raises(PlantError, match=r"holds 4 periods, and one more .* does not fit into"):
+    with pytest.raises(PlantError, match=r"holds 4 periods, and another period .* does not fit into"):
         tape.advance(0.0)
     tape.restart()
     with pytest.raises(PlantError, match="no period is left"):

@@ -30,7 +30,7 @@ enum { BIT_ERROR = 1, ACK_ERROR = 5, BROKEN_ERROR_FRAME = 6 };
 enum { PRIMARY = 1, SECONDARY = 2 };
 
 #define HEADER 8u
-#define SAME_NS 100 /* times this close are equal; less than a bit at 8 Mbit/s */
+#define SAME_NS 100 /* times that differ by less count as equal; less than a bit at 8 Mbit/s */
 
 /* --- Operations to be sent --- */
 
@@ -97,7 +97,7 @@ static void put_answers(fmu_side *side)
 
 /* --- The controller's errors --- */
 
-/* Tells the bus simulation a changed state. A controller that went off forgets its frames until it has recovered,
+/* Tells the bus simulation a changed state. A controller that went bus-off drops its frames until it has recovered,
  * which takes 128 times eleven bits of a free bus.
  */
 static void update_status(fmu_side *side)
@@ -142,7 +142,7 @@ static void count_error(fmu_side *side, const uint8_t *arguments)
     const int is_passive = side->status == ERROR_PASSIVE;
     if (health->is_bus_off) return;
     if (arguments[6] != 0) {
-        /* An error-passive controller that nobody acknowledges stays where it is. */
+        /* The counter of an error-passive controller without an acknowledgement does not change. */
         if (!(is_passive && arguments[4] == ACK_ERROR)) health->tx_errors += 8;
     } else {
         health->rx_errors += arguments[5] == PRIMARY ? 9 : 1;
@@ -162,7 +162,7 @@ static int is_length(uint32_t length, int is_fd)
     return length <= 8 || (is_fd && is_coded);
 }
 
-/* Takes a transmitted frame; returns 0 for an impossible one. `bytes` is the length of the arguments. */
+/* Takes a transmitted frame; returns 0 for an impossible frame. `bytes` is the length of the arguments. */
 static int take_frame(fmu_side *side, const uint8_t *arguments, uint32_t bytes, int is_fd)
 {
     const uint32_t before = is_fd ? 9 : 8;
@@ -176,7 +176,7 @@ static int take_frame(fmu_side *side, const uint8_t *arguments, uint32_t bytes, 
     uint32_t *errors = &side->health.rx_errors;
     if (*errors > 0) *errors = *errors > 127 ? 127 : *errors - 1;
     update_status(side);
-    if (side->received >= FMU_MOST_FRAMES) return 1; /* the newest is lost */
+    if (side->received >= FMU_MOST_FRAMES) return 1; /* the newest frame is lost */
     sw_frame *frame = &side->frames[side->received++];
     (void)memset(frame, 0, sizeof *frame);
     frame->timestamp_ns = side->reached_ns;
@@ -219,7 +219,7 @@ static int take_operation(fmu_memory *kept, uint32_t code, const uint8_t *argume
     }
 }
 
-/* Behind a wrong length nothing is readable. */
+/* A wrong length makes the next operations unreadable. */
 void fmu_take_operations(fmu_memory *kept)
 {
     fmu_side *side = &kept->side;
@@ -270,7 +270,7 @@ int fmu_received(fmu_memory *kept, sw_frame frames[FMU_MOST_FRAMES], sw_surround
 void fmu_sent(fmu_memory *kept, const sw_frame *frames, int count)
 {
     fmu_side *side = &kept->side;
-    put_answers(side); /* of the step before, if one communication step has both */
+    put_answers(side); /* answers of the previous step, if one communication step contains both */
     if (side->health.is_bus_off) return;
     (void)memcpy(side->answers, frames, (size_t)count * sizeof *frames);
     side->waiting = count;

@@ -1,4 +1,4 @@
-/* What the events of the bus terminal (sw_fmu_events.c) need of its operations (sw_fmu_bus.c). */
+/* The operations of the bus terminal (sw_fmu_bus.c) that its events (sw_fmu_events.c) use. */
 #ifndef SW_FMU_BUS_H
 #define SW_FMU_BUS_H
 

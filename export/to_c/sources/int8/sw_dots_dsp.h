@@ -43,7 +43,7 @@
 
 /* clang-format on */
 
-/* sw_dots for columns in sixteens. It stands once, in sw_decoder.c, since the loop takes 0.4 KiB. */
+/* sw_dots for columns in sixteens. Its code is only in sw_decoder.c, since the loop takes 0.4 KiB. */
 void sw_dots_sixteens(int32_t *restrict y, const int8_t *restrict w, const int16_t *restrict x, int rows, int columns);
 
 static inline void sw_dots(int32_t *restrict y, const int8_t *restrict w, const int16_t *restrict x, int rows,
@@ -101,7 +101,7 @@ static inline void sw_dots(int32_t *restrict y, const int8_t *restrict w, const 
 static inline void sw_dots_two(int32_t *restrict y, const int8_t *restrict w, const int16_t *restrict x, int rows,
                                int columns)
 {
-#if SW_APART > 510 /* beyond the offset of an instruction */
+#if SW_APART > 510 /* the distance exceeds the offset of an instruction */
     sw_dots(y, w, x, rows, columns);
     sw_dots(y + SW_APART, w, x + SW_APART, rows, columns);
 #else

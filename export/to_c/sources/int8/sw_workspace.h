@@ -64,7 +64,7 @@ typedef struct {
 typedef struct {
     int16_t vector[2][SW_APART];
     int32_t sums[2][SW_APART];
-    int32_t x[2][SW_DECODER_P]; /* the sum of residuals, or dJ/d of it */
+    int32_t x[2][SW_DECODER_P]; /* the sum of residuals, or dJ/d(that sum) */
     int16_t hidden[SW_DECODER_P];
 } sw_decoder_scratch;
 

@@ -29,7 +29,7 @@ extern "C" {
  *     SW_SMOOTHNESS        mean (a[k+1] - a[k])^2
  *     SW_EFFORT            mean a^2
  *     SW_RATE              (a[0] - previous action)^2
- *     SW_PRIOR             mean (a[k] - where the optimiser started)^2
+ *     SW_PRIOR             mean (a[k] - initial plan of the optimiser)^2
  */
 
 /* The input of a control step. Actions are jet flow rates in U_inf W, pressures are Cp. */

@@ -51,8 +51,8 @@ static void adam_step(sw_workspace *work, const float free_actions[SW_HORIZON], 
     }
 }
 
-/* Computes the weights for the iterations, and returns whether any is not 0. For a goal that the prior knows, its plan
- * is the best already (contract/controller/goal.py): only the weights of other terms remain.
+/* Computes the weights for the iterations, and returns whether any is not 0. For the prior's trained goal, its plan
+ * is already the best (contract/controller/goal.py): only the weights of other terms remain.
  */
 static int asked_of_iterations(float asked[SW_TERMS], const float weights[SW_TERMS])
 {

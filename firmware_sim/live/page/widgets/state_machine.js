@@ -12,14 +12,14 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
   const STATES = {
     UNPOWERED: [8, 20, 'The ECU has no supply. The jets are shut.'],
     BOOT: [8, 82, 'The ECU starts. The jets are shut.'],
-    INIT: [8, 144, 'Since power-on no usable pressures have come.'],
-    STANDBY: [8, 206, 'Pressures come. The vehicle’s request stands from before: it must fall before it counts.'],
+    INIT: [8, 144, 'Since power-on no usable pressures have arrived.'],
+    STANDBY: [8, 206, 'Pressures arrive. The vehicle’s request has been high since before: it must fall and rise again.'],
     ARMED: [8, 268, 'Ready. Control starts when the vehicle requests it.'],
     WARMUP: [238, 20, 'Control is requested; the controller fills its window of past pressures.'],
     CONTROL: [444, 20, 'The jets follow the controller.'],
-    HOLD: [444, 98, 'Pressures are missing: the last command stays.'],
+    HOLD: [444, 98, 'Pressures are missing: the last command is held.'],
     DECAY: [444, 176, 'Pressures are missing for longer: the command is halved each period.'],
-    FAULT: [238, 268, 'The jets are shut, and stay so until good frames have come and the request rises again.'],
+    FAULT: [238, 268, 'The jets are shut, and stay so until valid frames have arrived and the request rises again.'],
     UPDATE: [444, 268, 'A new release is being written. The jets are shut.'],
   };
   /** States that EcuStatus reports as OFF; the others have one word on the page, in runs and on the bus. */
@@ -29,7 +29,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
     ['M64 54 V82'], ['M64 116 V144'], ['M64 178 V206'], ['M64 240 V268'],
     ['M120 280 H170 V37 H238', 'request rises', 164, 258, 'end'], ['M350 37 H444', 'window full', 396, 31, 'middle'],
     ['M464 54 V98', 'pressures missing', 470, 80], ['M464 132 V176', 'for longer', 470, 158],
-    ['M556 193 H590 V37 H556', 'pressures', 597, 112], ['M556 115 H590', 'come again', 597, 128, 'start', 'joins'],
+    ['M556 193 H590 V37 H556', 'pressures', 597, 112], ['M556 115 H590', 'arrive again', 597, 128, 'start', 'joins'],
     ['M444 200 H320 V268', 'too many missing', 326, 193], ['M268 268 V54', 'request rises again', 274, 130],
     ['M238 292 H120', 'request ends', 179, 307, 'middle'],
   ];

@@ -148,7 +148,7 @@ def test_line_that_went_out_whole_is_no_failure_however_late(line, bus, monkeypa
 
 def test_port_that_takes_no_more_is_reported_in_time_and_cuts_one_line_only(line, bus):
     sent = 0
-    with pytest.raises(BusError, match=r"0x120 was not sent: the serial port took \d+ of 30 bytes in 0\.005 s"):
+    with pytest.raises(BusError, match=r"0x120 was not sent: the serial port accepted \d+ of 30 bytes in 0\.005 s"):
         while True:
             bus.send(FRAME)
             sent += 1

@@ -90,7 +90,7 @@ def test_a_file_that_does_not_fit_is_refused_by_name_and_place(tmp_path, layout)
         ("a.csv", f"{HEADER}\n{ROW.replace('1,0', '1,')}", r"line 2, column 'Cl': '' is not a number; fill the gap"),
         ("a.csv", f"{HEADER}\n{ROW}\n{ROW[:-2]}", r"a\.csv: line 3: 9 values, the header has 10 columns"),
         ("a.csv", f"{HEADER}\n{ROW.replace('1,0', '1,nan')}", r"a\.csv: line 2, column 'Cl': nan is not finite"),
-        ("a.csv", f"{HEADER.replace('Cl', 'Cd')}\n{ROW}", r"a\.csv: line 1: column 'Cd' is there twice"),
+        ("a.csv", f"{HEADER.replace('Cl', 'Cd')}\n{ROW}", r"a\.csv: line 1: column 'Cd' occurs twice"),
         ("a.csv", f"{HEADER.replace('Cl', 'lift')}\n{ROW}", r"a\.csv: no column 'Cl'; .* use --map Cl=NAME"),
         ("a.npz", {"action": np.array(["a"] * 20)}, r"a\.npz: array 'action' holds .*, must hold numbers"),
         ("a.npz", {"initial_action": np.zeros(5)}, r"'initial_action' has shape \(5,\), must be one number"),
@@ -203,8 +203,8 @@ def test_packed_numbers_gaps_and_units_are_those_of_cf(tmp_path, layout):
         (drag.astype(np.float32), {"_FillValue": np.float64(drag[3])}, "missing by its _FillValue, first at step 3"),
         (stored, packing | {"valid_max": np.int16(stored.max() - 1)}, "is outside its valid_max"),
         (stored, packing | {"valid_range": [0.0, 1.0]}, "is outside its valid_range, first at step 0"),
-        (drag, {"scale_factor": "two"}, "its attribute scale_factor is .*, no number"),
-        (drag, {"scale_factor": 0.0}, "its attribute scale_factor is .*, no number"),
+        (drag, {"scale_factor": "two"}, "its attribute scale_factor .* must be a number"),
+        (drag, {"scale_factor": 0.0}, "its attribute scale_factor .* must be a number"),
         (drag, {"units": "N"}, "'Cd' is in 'N', Cd must be without dimension: .* --reference Cd=40N"),
         (drag, {"units": "degC"}, "'Cd' is in 'degC', Cd must be without dimension"),
     ):
@@ -260,11 +260,11 @@ def test_numbers_in_a_unit_are_divided_by_what_1_is_in_it(tmp_path, layout):
     assert episode.provenance["references"] == known
     for path, texts, message in (
         (tmp_path / "a.csv", [], r"'t \[ms\]' is in 'ms', t must be without dimension: give W / U_inf as in --ref"),
-        (tmp_path / "a.csv", ["t=5ms", "Cd=4Pa"], r"'Cd \(N\)' is in 'N' by the file's own word, which --ref"),
+        (tmp_path / "a.csv", ["t=5ms", "Cd=4Pa"], r"'Cd \(N\)' is in 'N' in the file, which --ref"),
         (kilo, ["t=5ms", "Cd=40N"], "'Cp' is in 'kPa', .* --reference Cp=240Pa"),
-        (packed(tmp_path / "d.h5", values, {"units": "1"}), ["Cd=40N"], "'Cd' is in '1' by the file's own word"),
+        (packed(tmp_path / "d.h5", values, {"units": "1"}), ["Cd=40N"], "'Cd' is in '1' in the file"),
         (kilo, ["t=5ms", "Cd=40N", "Cp=-1kPa"], "--reference Cp=-1kPa: a dynamic pressure must be positive"),
-        (kilo, ["drag=1"], "--reference drag=1: 'drag' is no series and no sensor"),
+        (kilo, ["drag=1"], "--reference drag=1: 'drag' is neither a series nor a sensor"),
     ):
         with pytest.raises(DatasetError, match=message):
             imported(path, layout, references=references_of(texts))
@@ -298,7 +298,7 @@ def test_matlab_files_old_and_new_are_tables(tmp_path, layout):
             np.testing.assert_array_equal(found.episodes[0].series[one], values[one])
     assert told == ["not used: info/rig, info/q"]
     savemat(tmp_path / "a.mat", matrix | {"taps": np.array(["elsewhere", *turned[1:]], dtype=object)})
-    with pytest.raises(DatasetError, match=f"'taps' names the columns elsewhere, .*none is the sensor {turned[0]}"):
+    with pytest.raises(DatasetError, match=f"'taps' contains the columns elsewhere, .*none is the sensor {turned[0]}"):
         imported(tmp_path / "a.mat", layout)
 
 
@@ -320,7 +320,7 @@ def test_empty_columns_and_objects_are_told_and_not_in_the_way(tmp_path, layout)
     np.testing.assert_array_equal(imported(path, layout).episodes[0].series["Cd"], values["Cd"])
     (tmp_path / "s.csv").write_text("name,x,y,z\nup,1.0,0.5,0.1\ndown,1.0,-0.5,0.2\n")
     read_sensors(tmp_path / "s.csv", symmetric=True, told=lambda path, note: told.append(note))
-    assert told[-1] == "not used: z; a place is x and y alone"
+    assert told[-1] == "not used: z; a position has only x and y"
 
 
 def test_wrong_arguments_and_sensors_are_refused(tmp_path, layout):
@@ -330,7 +330,7 @@ def test_wrong_arguments_and_sensors_are_refused(tmp_path, layout):
     for sources, renamed, message in (
         ([], nothing, "no data file is given"),
         ([one, two], nothing, "two files would make an episode called 'a'"),
-        ([one], {"drag": "Cd"}, "--map drag=Cd: 'drag' is no series and no sensor"),
+        ([one], {"drag": "Cd"}, "--map drag=Cd: 'drag' is neither a series nor a sensor"),
     ):
         with pytest.raises(DatasetError, match=message):
             assemble(sources, layout, FACTS, renamed=renamed)
@@ -338,7 +338,7 @@ def test_wrong_arguments_and_sensors_are_refused(tmp_path, layout):
         assemble([one], layout, PlantFacts(control_period=PERIOD))
     # Sensors that do not fit are refused.
     for text, message in (
-        ("a,1,1\nb,1,-1\n", "'1' is there twice; the first line must have the names"),
+        ("a,1,1\nb,1,-1\n", "'1' occurs twice; the first line must have the names"),
         ("name,x,y\na,1,0\na,2,0\n", "sensor 'a': named twice"),
         ("name,x,y\na,1,left\n", "line 2, column 'y': 'left' is not a number"),
         ("name,x,y\na,1,0\nCd,1,0\n", "line 3: a sensor cannot be called 'Cd'"),

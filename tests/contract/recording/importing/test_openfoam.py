@@ -134,10 +134,10 @@ def test_a_case_that_does_not_fit_is_refused_by_file_and_reason(tmp_path):
     second = case(tmp_path / "k") / "postProcessing"
     (second / "probes").rename(second / "wall")
     case(tmp_path / "k")
-    with pytest.raises(DatasetError, match=r"several have probes of p, name one: .*probes, .*wall"):
+    with pytest.raises(DatasetError, match=r"several contain probes of p, name one: .*probes, .*wall"):
         read(tmp_path / "k")
     same(read(tmp_path / "k/postProcessing/wall/0/p"))
     (second / "wall/6").mkdir()
     (second / "wall/6/p").write_text(probes([1, 0, 2, 3]) + "6.3 1 1 1 1\n")
-    with pytest.raises(DatasetError, match="another header than that of"):
+    with pytest.raises(DatasetError, match="its header differs from that of"):
         read(tmp_path / "k/postProcessing/wall")

@@ -12,10 +12,10 @@ CONTROL = FIRST_SEEN._replace(state="CONTROL")
 def test_each_change_is_reported_once():
     for now, expected in [
         (CONTROL, []),
-        (CONTROL._replace(state="HOLD", reason=Reason.STREAM_LOST), ["CONTROL to HOLD: no pressures came"]),
+        (CONTROL._replace(state="HOLD", reason=Reason.STREAM_LOST), ["CONTROL to HOLD: no pressures arrived"]),
         (CONTROL._replace(state="FAULT", reason=Reason.IMPLAUSIBLE), ["the pressures contradict each other; the jets"]),
         (CONTROL._replace(set_aside=("base_0",)), ["base_0 is set aside"]),
-        (CONTROL._replace(given_up=True), ["the vehicle gives up control"]),
+        (CONTROL._replace(given_up=True), ["the vehicle ends control"]),
         (CONTROL._replace(gate=Intervention.RATE | Intervention.RANGE), ["limited to the jets' range", "largest step"]),
         (CONTROL._replace(nodes={"ECU": BusState.BUS_OFF}), ["ECU: CAN controller bus"]),
         (CONTROL._replace(state=UNPOWERED), ["CONTROL to UNPOWERED: no supply"]),

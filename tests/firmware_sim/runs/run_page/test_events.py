@@ -19,7 +19,7 @@ def test_request_states_and_disturbances_are_listed_in_order(shedding):
         (60, "set", "control is requested"),
         (60, "state", "OFF to CONTROL: the jets follow the controller"),
         (63, "set", "disturbed by ecu:drop:probability=1"),
-        (63, "state", "CONTROL to HOLD: no pressures came; the last command stays"),
+        (63, "state", "CONTROL to HOLD: no pressures arrived; the last command is held"),
         (64, "state", "HOLD to CONTROL: the jets follow the controller"),
         (65, "set", "no longer disturbed by ecu:drop:probability=1"),
     ]

@@ -64,7 +64,7 @@ def test_decode_prints_a_line_a_frame_and_a_summary_and_writes_a_row_a_signal(
     assert lines[1].endswith("Flow=0 m2/s, PressureCounter=0  [E2E OK]")
     assert lines[3] == "(1700000000.012000) 18FEF100 unknown: 00 00 00 00 00 00 00 00"
     assert "130 JetCommand 3 50.00 0.008000 0.048000 0 OK 3" in flat(decoded.out)
-    assert "12 data frames, 0 remote, 0 error frames in 0.052000 s from 1700000000.000000; load of" in decoded.out
+    assert "12 data frames, 0 remote, 0 error frames in 0.052000 s from 1700000000.000000; bus load by" in decoded.out
     assert cli("can", "decode", tmp_path / "a.blf", "--summary").out.splitlines()[0].strip() == ""
     flows = rows_of(tmp_path / "a.csv", "Flow")
     assert [(row["time_s"], row["id"], row["e2e"], float(row["value"]), row["unit"]) for row in flows[:2]] == [
@@ -108,7 +108,7 @@ def test_the_summary_counts_what_is_no_frame_by_its_name_and_reads_each_bus_by_i
         shown = cli("can", "decode", tmp_path / f"{name}.asc", "--summary", "--json", tmp_path / f"{name}.json").out
         assert flat(shown).split("data frames, ")[0] == flat(plain).split("data frames, ")[0], name
         assert "16 data frames, 0 remote, 0 error frames in 0.075000 s" in shown, name
-        assert f"lines that are no frames: {words}" in shown or words in shown.rpartition("no frames:")[2], name
+        assert f"lines that are not frames: {words}" in shown or words in shown.rpartition("not frames:")[2], name
         figures = json.loads((tmp_path / f"{name}.json").read_text())["figures"]
         assert figures["frames"] + sum(figures["events"].values()) == len(lines), name
     errors = ["(0.2) can0 20000004#0004000000000000", "(0.3) can0 20000088#00"]
@@ -121,4 +121,4 @@ def test_the_summary_counts_what_is_no_frame_by_its_name_and_reads_each_bus_by_i
     assert "16 data frames, 0 remote, 0 error frames" in one
     assert "it has can0, can1" in cli("can", "decode", tmp_path / "two.log", "--channel", "can2").err
     assert "can1 Pressure" in flat(cli("can", "monitor", tmp_path / "two.log").out)
-    assert "--channel: goes with a log" in cli("can", "monitor", "--channel", "can1").err
+    assert "--channel: needs a log" in cli("can", "monitor", "--channel", "can1").err

@@ -18,12 +18,12 @@ DECODE = {
 LOAD = {
     "--set bus.background.dbc=none.dbc": "none.dbc: No such file or directory",
     "--set bus.interface=virtual": "--set bus.interface: `can load` does not use it",
-    "--set bus.background.load=0.00001": "less than one message a second",
+    "--set bus.background.load=0.00001": "must be at least one message per second",
 }
 MONITOR = {
     "empty.log": "empty.log: holds no CAN frame",
-    "": "that bus exists within a run only",
-    "empty.log --for 2": "--for: goes with a bus",
+    "": "that bus exists only within a run",
+    "empty.log --for 2": "--for: needs a bus",
     "--for inf": "--for inf: must be a number above 0",
     "--set bus.interface=nonsense": "nonsense",
 }
@@ -37,7 +37,7 @@ SEND = {
     "Pressure --set bus.key=key.bin": "is sent without authentication",
     "PressureClassic --counter 16": "--counter 16: must be in 0..15 for PressureClassic",
     "Pressure --period nan": "--period nan: must be a number above 0",
-    "Pressure --set bus.interface=simulated": "that bus exists within a run only",
+    "Pressure --set bus.interface=simulated": "that bus exists only within a run",
     "Pressure --set ecu.delay_steps=1": "`can send` does not use it",
 }
 
