@@ -25,8 +25,10 @@ from tests.proofs.ecu_in_c.library import Layout, sources
 from tests.proofs.ecu_in_c.mutator import Mutant, all_mutated
 from tests.proofs.ecu_in_c.variants import VARIANTS
 
+SECOC: Final = "sw_secoc.c"
+"""Called only in vehicles with a key."""
 MUTATED: Final = (
-    "sw_gate.c", "sw_e2e.c", "sw_fail_safe.c", "sw_receiver.c", "sw_timing.c", "sw_speed.c", "sw_past.c",
+    "sw_gate.c", "sw_e2e.c", "sw_fail_safe.c", "sw_receiver.c", "sw_timing.c", "sw_speed.c", "sw_past.c", SECOC,
 )  # fmt: skip
 TRAPPED: Final = (
     "-O1", "-ffp-contract=off", "-shared", "-fPIC", "-w",
@@ -113,12 +115,10 @@ def unexplained(texts: Iterable[str]) -> list[str]:
     return [text for text, places in fits.items() if not places] + idle
 
 
-def build(
-    name: str, folder: Path, chosen: Iterable[str] = MUTATED, contents: Mapping[str, bytes] | None = None
-) -> Mutation:
+def build(name: str, folder: Path, chosen: Iterable[str] = MUTATED) -> Mutation:
     """Compile a variant with all mutants of some files in it."""
-    contents = sources(VARIANTS[name]) if contents is None else contents
-    changed, mutants = all_mutated({file: plain(contents, file) for file in chosen})
+    contents, has_key = sources(VARIANTS[name]), bool(VARIANTS[name].bus.key)
+    changed, mutants = all_mutated({file: plain(contents, file) for file in chosen if has_key or file != SECOC})
     library = folder / f"mutants_{list(VARIANTS).index(name)}.so"
     compile_c({**contents, **changed}, library, compiler=host_compiler(), flags=TRAPPED)
     layout = Layout(contents)
