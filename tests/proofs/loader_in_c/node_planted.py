@@ -50,7 +50,7 @@ PLANTED: Final = (
     ("sw_calibrating.c", "    calibrating->page = SW_PAGE_WORKING;\n", ""),
     ("sw_daq.c", "measured->mode = mode;", "measured->mode = ecu->state.fail_safe.mode;"),
     ("sw_daq.c", "beside(daq) + bytes > MOST_IN_ODT", "bytes > MOST_IN_ODT"),
-    ("sw_xcp_access.c", "(uint8_t)(access->unsent - piece)", "(uint8_t)(access->unsent - PIECE)"),
+    ("sw_xcp_access.c", "    access->has_seed = 1;\n", ""),
     ("sw_xcp_access.c", "if (!sw_bytes_equal(right, access->key, SW_ANSWER_BYTES)) return", "if (0) return"),
     ("sw_xcp_memory.c", "if (memory->page != SW_PAGE_WORKING) return SW_XCP_ERROR_WRITE_PROTECTED;", ""),
     ("sw_xcp_memory.c", "if ((mode & SW_XCP_XCP_MODE) != 0u) memory->page", "memory->page"),

@@ -102,8 +102,9 @@ class XcpTool:
         rng = self._rng
         yield bytes([0xEB, rng.choice((1, 2, 3, 0x83)), 0, rng.randrange(2)])
         yield bytes([0xEA, rng.choice((1, 2)), 0])
-        if rng.random() < 0.3:
-            yield b"\xe4\0\x01\0\0"
+        copies = rng.random()
+        if copies < 0.3:
+            yield bytes([0xE4, 0, copies < 0.2, 0, copies < 0.1])
 
     def _reading(self) -> Iterator[bytes]:
         rng = self._rng
