@@ -98,7 +98,7 @@ class Path:
 
 def _damaged(item: Delivered, fate: str, rng: Random) -> Delivered:
     frame = item.frame
-    if fate == "flipped":
+    if fate == "flipped" and frame.data:
         # Up to three bits, which profile 5 finds in frames of this length: all of them were tried.
         data = int.from_bytes(frame.data, "big")
         for bit in rng.sample(range(8 * len(frame.data)), rng.randrange(1, 4)):

@@ -25,8 +25,10 @@ from tests.proofs.ecu_in_c.library import Layout, sources
 from tests.proofs.ecu_in_c.mutator import Mutant, all_mutated
 from tests.proofs.ecu_in_c.variants import VARIANTS
 
+SECOC: Final = "sw_secoc.c"
+"""Called only in vehicles with a key."""
 MUTATED: Final = (
-    "sw_gate.c", "sw_e2e.c", "sw_fail_safe.c", "sw_receiver.c", "sw_timing.c", "sw_speed.c", "sw_past.c",
+    "sw_gate.c", "sw_e2e.c", "sw_fail_safe.c", "sw_receiver.c", "sw_timing.c", "sw_speed.c", "sw_past.c", SECOC,
 )  # fmt: skip
 TRAPPED: Final = (
     "-O1", "-ffp-contract=off", "-shared", "-fPIC", "-w",
@@ -54,12 +56,14 @@ class Mutation:
         layout: of its periods.
         mutants: by number.
         calls: of the gate by itself.
+        has_key: whether it authenticates frames.
     """
 
     library: Path
     layout: Layout
     mutants: Sequence[Mutant]
     calls: list[gate_cases.Case]
+    has_key: bool
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -113,19 +117,17 @@ def unexplained(texts: Iterable[str]) -> list[str]:
     return [text for text, places in fits.items() if not places] + idle
 
 
-def build(
-    name: str, folder: Path, chosen: Iterable[str] = MUTATED, contents: Mapping[str, bytes] | None = None
-) -> Mutation:
+def build(name: str, folder: Path, chosen: Iterable[str] = MUTATED) -> Mutation:
     """Compile a variant with all mutants of some files in it."""
-    contents = sources(VARIANTS[name]) if contents is None else contents
-    changed, mutants = all_mutated({file: plain(contents, file) for file in chosen})
+    contents, has_key = sources(VARIANTS[name]), bool(VARIANTS[name].bus.key)
+    changed, mutants = all_mutated({file: plain(contents, file) for file in chosen if has_key or file != SECOC})
     library = folder / f"mutants_{list(VARIANTS).index(name)}.so"
     compile_c({**contents, **changed}, library, compiler=host_compiler(), flags=TRAPPED)
     layout = Layout(contents)
     layout.ffi.cdef(gate_cases.DECLARATION)
     layout.ffi.cdef("extern int sw_mutant; extern long sw_fuel_left; void sw_mutate(void);")
     calls = gate_cases.cases(VARIANTS[name], CALLS)
-    return Mutation(library=library, layout=layout, mutants=mutants, calls=calls)
+    return Mutation(library=library, layout=layout, mutants=mutants, calls=calls, has_key=has_key)
 
 
 def plain(contents: Mapping[str, bytes], file: str) -> str:
@@ -173,9 +175,9 @@ def _goes_unnoticed(c: Any, mutation: Mutation, arrays: Sequence[tuple[Any, int]
     ffi = layout.ffi
     room, found = ffi.new("int64_t[]", c.sw_ecu_bytes() // 8 + 1), ffi.new("twin_response *")
     ecu = ffi.cast("sw_ecu *", room)
-    c.sw_mutant = number
+    c.sw_mutant, c.sw_fuel_left = number, FUEL
     c.sw_mutate()
-    if not gate_cases.is_passed(mutation.layout.ffi, c, mutation.calls):
+    if not gate_cases.is_passed(ffi, c, mutation.calls) or (mutation.has_key and not judges_keys(ffi, c)):
         return False
     for array, count in arrays:
         for start in range(0, count, SLICE):
@@ -183,4 +185,24 @@ def _goes_unnoticed(c: Any, mutation: Mutation, arrays: Sequence[tuple[Any, int]
             c.sw_fuel_left = FUEL * part
             if c.twin_run(ecu, array + start, part, layout.compared, found) != part or c.sw_fuel_left < 0:
                 return False
+    return True
+
+
+def judges_keys(ffi: Any, c: Any) -> bool:
+    """Whether a key of zeros is none, by which no frame is authentic, and a key with a single bit is one, by which a
+    frame is authentic that it secured, with its freshness."""
+    secoc, data = ffi.new("sw_secoc *"), ffi.new("uint8_t[64]")
+    fresh = ffi.new("sw_freshness *", (0x01020304, 0x05060708))
+    for place in (None, 0, 15):
+        key, freshness = bytearray(16 + 1), ffi.new("uint64_t *")
+        key[16] = 0xFF  # behind the key
+        if place is not None:
+            key[place] = 1
+        begun = c.sw_secoc_begin(secoc, bytes(key))
+        c.sw_secoc_secure(secoc, data, 32, 7, fresh)
+        is_authentic = c.sw_secoc_is_authentic(secoc, data, 32, 32, 7, freshness)
+        if (begun, is_authentic) != ((1, 0) if place is None else (0, 1)):
+            return False
+        if place is not None and freshness[0] != 0x0102030405060708:
+            return False
     return True

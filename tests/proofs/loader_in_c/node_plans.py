@@ -92,16 +92,31 @@ def story(rng: Random, of: World, steps: int) -> Plan:
         yield b"\x11\x01"
 
 
-def confirmations(of: World) -> Plan:
-    """A first release on trial, with what must come before its confirmation, and what takes that away."""
-    image = of.pool.images["newest"]
-    confirm, test = routine(Routine.CONFIRM), routine(Routine.SELF_TEST)
+def flashed(of: World, name: str) -> Plan:
+    """An image, up to its activation."""
+    image = of.pool.images[name]
     yield from unlocking(Level.PROGRAMMING)
     yield routine(Routine.ERASE, len(image).to_bytes(4, "big") + hashlib.sha256(image).digest())
     yield b"\x34\x00\x44" + bytes(4) + len(image).to_bytes(4, "big")
     for number, at in enumerate(range(0, len(image), 400), start=1):
         yield bytes([0x36, number]) + image[at : at + 400]
-    yield from each(b"\x37", routine(Routine.CHECK), routine(Routine.ACTIVATE), test, confirm, b"\x11\x01")
+    yield from each(b"\x37", routine(Routine.CHECK), routine(Routine.ACTIVATE))
+
+
+def overtaken(of: World) -> Plan:
+    """A release that may run no more once a newer one is confirmed: nothing leads back to it."""
+    for name in ("one", "newest"):
+        yield from flashed(of, name)
+        yield b"\x11\x01"
+        yield from unlocking(Level.PROGRAMMING)
+        yield from each(routine(Routine.SELF_TEST), routine(Routine.CONFIRM), routine(Routine.REVERT))
+
+
+def confirmations(of: World) -> Plan:
+    """A first release on trial, with what must come before its confirmation, and what takes that away."""
+    confirm, test = routine(Routine.CONFIRM), routine(Routine.SELF_TEST)
+    yield from flashed(of, "newest")
+    yield from each(test, confirm, b"\x11\x01")
     yield from unlocking(Level.PROGRAMMING)
     yield from each(confirm, test, lambda program: program.twins.fail(4), test, lambda program: program.twins.fail(0))
     yield from each(confirm, test, routine(Routine.ERASE, b"\0\0\x10\0" + bytes(32)), confirm, test, confirm, confirm)

@@ -5,7 +5,8 @@ from pathlib import Path
 from typing import Final
 
 from tests.proofs.loader_in_c.node_library import QUICK, Library, build, sources
-from tests.proofs.loader_in_c.node_program import play, play_confirmations
+from tests.proofs.loader_in_c.node_plans import confirmations
+from tests.proofs.loader_in_c.node_program import play, play_plan
 from tests.proofs.loader_in_c.node_twin import CONFIGS, world
 
 MOST_SEEDS: Final = 150
@@ -49,6 +50,12 @@ PLANTED: Final = (
     ("sw_calibrating.c", "    calibrating->page = SW_PAGE_WORKING;\n", ""),
     ("sw_daq.c", "measured->mode = mode;", "measured->mode = ecu->state.fail_safe.mode;"),
     ("sw_daq.c", "beside(daq) + bytes > MOST_IN_ODT", "bytes > MOST_IN_ODT"),
+    ("sw_xcp_access.c", "    access->has_seed = 1;\n", ""),
+    ("sw_xcp_access.c", "if (!sw_bytes_equal(right, access->key, SW_ANSWER_BYTES)) return", "if (0) return"),
+    ("sw_xcp_memory.c", "if (memory->page != SW_PAGE_WORKING) return SW_XCP_ERROR_WRITE_PROTECTED;", ""),
+    ("sw_xcp_memory.c", "if ((mode & SW_XCP_XCP_MODE) != 0u) memory->page", "memory->page"),
+    ("sw_xcp_memory.c", "if (data[4] == SW_PAGE_REFERENCE) return SW_XCP_ERROR_WRITE_PROTECTED;", ""),
+    ("sw_xcp_memory.c", "memory->address += count;", ""),
 )  # fmt: skip
 """File, text that stands there once, and what stands there instead."""
 
@@ -65,7 +72,7 @@ def noticed(fault: tuple[str, str, str], folder: Path) -> bool:
         # A library that is loaded stays: each needs a name of its own.
         name = next(name for name in map("{}.so".format, count()) if not (folder / kind / name).exists())
         of = world(kind, Library(contents, build(contents, folder / kind, name, (*QUICK, "-Wno-error"))))
-        if play_confirmations(of).differences:
+        if play_plan(of, confirmations(of)).differences:
             return True
         for seed in range(MOST_SEEDS):
             if play(of, seed, 60, trouble=(0.001, 0.02, 0.1)[seed % 3]).differences:

@@ -10,7 +10,7 @@ from can_bridge.isotp.endpoint import Endpoint
 from can_bridge.wire.frame import CLASSIC_LENGTHS, FD_LENGTHS, Frame
 from contract.config.diagnosis import CanId
 from ecu.flashable.links import isotp_settings
-from tests.proofs.loader_in_c.node_plans import Plan, any_of, confirmations
+from tests.proofs.loader_in_c.node_plans import Plan, any_of
 from tests.proofs.loader_in_c.node_requests import any_noise
 from tests.proofs.loader_in_c.node_twin import MS, Twins, World, as_in_c
 from tests.proofs.loader_in_c.xcp_tool import XcpTool
@@ -186,11 +186,11 @@ def play(of: World, seed: int | str, requests: int, *, trouble: float = 0.02) ->
         return Program(of, seed, trouble=trouble).run(requests)
 
 
-def play_confirmations(of: World) -> Twins:
-    """Both ECUs after that plan, from none on."""
+def play_plan(of: World, plan: Plan) -> Twins:
+    """Both ECUs after a plan, from no release on."""
     with as_in_c(of):
         testing = Program(of, 0, trouble=0.0, calm=True)
-        testing.follow(confirmations(of), 1000)
+        testing.follow(plan, 1000)
         return testing.twins
 
 

@@ -24,12 +24,14 @@ from can_bridge.wire.frame import Frame
 from tests.proofs.ecu_in_c.branch_coverage import branches, is_possible
 from tests.proofs.loader_in_c.node_fuzz import REACHED, SANITISED, VIOLATIONS, corpus, fuzz
 from tests.proofs.loader_in_c.node_library import QUICK, SESSION, Library, build, sources
+from tests.proofs.loader_in_c.node_plans import confirmations, overtaken
 from tests.proofs.loader_in_c.node_planted import PLANTED, noticed
-from tests.proofs.loader_in_c.node_program import play, play_confirmations
+from tests.proofs.loader_in_c.node_program import play, play_plan
 from tests.proofs.loader_in_c.node_sizes import sizes
 from tests.proofs.loader_in_c.node_slow import beside_jets, erased_beside, with_few_places
 from tests.proofs.loader_in_c.node_states import visited
 from tests.proofs.loader_in_c.node_twin import CONFIGS, MS, Twins, World, as_in_c, world
+from tests.proofs.loader_in_c.xcp_tool import ask_what_is_rare
 
 pytestmark = pytest.mark.compiler
 
@@ -156,7 +158,7 @@ def test_no_answer_is_dropped_in_silence(of: World) -> None:
 
 
 def test_a_release_is_confirmed_after_its_self_test_alone(of: World) -> None:
-    played = play_confirmations(of)
+    played = play_plan(of, confirmations(of))
     assert played.differences == []
     assert [slot.phase for slot in played.python.store.state.slots] == [SlotPhase.CONFIRMED, SlotPhase.FILLING]
     # For the boot before, without a test, after one that failed, behind another announcement; then twice.
@@ -201,13 +203,17 @@ def test_it_fits(tmp_path: Path) -> None:
     assert found["xcp_flash_kib"] <= 5 and found["xcp_ram_kib"] <= 0.5, found
 
 
-MEASURED = [f"sw_{name}.c" for name in ("access", "calibrating", "isotp", "node", "programming", "services", "uds")]
+NAMES = "access calibrating daq isotp node programming services uds xcp xcp_access xcp_memory"
+MEASURED = [f"sw_{name}.c" for name in NAMES.split()]
 UNREACHED = {
     ("sw_access.c", "level, 0) != SW_STORE_DONE"): "the memory would have to fail between two records of one call",
+    ("sw_daq.c", "switch (data[0]) { #13"): "the table of commands has no other",
     ("sw_isotp.c", "frame->length > SW_FRAME_BYTES"): "no CAN controller gives such a frame; the fuzzer does",
     ("sw_isotp.c", "if (end->queue.count == SW_ISOTP_QUEUE || length > room)"): "no request is begun without a place",
     ("sw_node.c", "sw_image_open(image, &numbers) == SW_IMAGE_OK"): "the boot judged the build before",
     ("sw_node.c", "sw_store_read_image(store"): "the memory would have to fail behind the judgement of the boot",
+    ("sw_node.c", "if (sw_xcp_is_command(frame)) return 1;"): "the board's main asks this, no twin does",
+    ("sw_node.c", "return node->ecu.unfit != SW_REASON_NONE"): "the networks' stand-in computes every known answer",
     ("sw_node.c", "if (now_ns < 0) return 0;"): "no clock here begins before 0; the fuzzer's does",
 }
 """Branches that nothing leads to, by the text of their line, and why they stand there all the same."""
@@ -223,6 +229,9 @@ def missed(folder: Path, seeds: Sequence[int], requests: int = 60) -> list[str]:
         of = world(kind, library)
         for seed in seeds:
             assert play(of, seed, requests, trouble=(0.001, 0.02, 0.1)[seed % 3]).differences == []
+        assert play_plan(of, overtaken(of)).differences == []
+        with as_in_c(of):
+            ask_what_is_rare(Twins(of), of.config.bus)
         erased_beside(of)
         with_few_places(of)
         beside_jets(of)

@@ -7,12 +7,20 @@ from typing import Final
 from can_bridge.calibration.measured import MEASURED_ADDRESS, MEASURED_BYTES
 from can_bridge.calibration.segment import ADDRESS
 from can_bridge.calibration.xcp import Command
+from can_bridge.calibration.xcp_slave import IDLE_NS
 from can_bridge.flashing.access_level import Level
 from can_bridge.wire.frame import CLASSIC_LENGTHS, FD_LENGTHS, Frame
 from contract.config.diagnosis import DiagnosisConfig
+from contract.config.vehicle import BusConfig
 from contract.controller.calibration import PACKED_BYTES
 from tests.can_bridge.flashing.store_ecu import KEY
+from tests.proofs.loader_in_c.node_twin import MS, Twins
 
+_RARE_HEX: Final = """
+e400000000 e400000001 d6 d500000100 d5000100 d400000000 d400010001 d400000001 d30000000001 e20000000000 e1ff000000010020
+e1ff010000000000 e1ff010000010020 e000010000000100 e000000001000100 e000000000000200 e000000000000100 de010000
+"""
+"""Pages are copied; a list of DAQ is allocated, filled and started, with all that can be wrong in it first."""
 _VALUES: Final = (bytes(4), b"\0\0\x80\x3f", b"\x17\xb7\x51\x3c", b"\1\0\0\0", b"\0\0\xc0\x7f", b"\0\0\x80\xbf")
 _SMALL: Final = (0, 0, 0, 1, 1, 2, 3, 4, 7, 8, 16, 17, 0x80, 0x83, 0xFF)
 
@@ -94,8 +102,9 @@ class XcpTool:
         rng = self._rng
         yield bytes([0xEB, rng.choice((1, 2, 3, 0x83)), 0, rng.randrange(2)])
         yield bytes([0xEA, rng.choice((1, 2)), 0])
-        if rng.random() < 0.3:
-            yield b"\xe4\0\x01\0\0"
+        copies = rng.random()
+        if copies < 0.3:
+            yield bytes([0xE4, 0, copies < 0.2, 0, copies < 0.1])
 
     def _reading(self) -> Iterator[bytes]:
         rng = self._rng
@@ -145,3 +154,31 @@ class XcpTool:
             data = data.ljust(min(n for n in lengths if n >= max(8, len(data))), b"\xcc")
         number, is_extended = self._ids.xcp_command
         return Frame(frame_id=number, data=data, timestamp_ns=now_ns, is_fd=self._is_fd, is_extended=is_extended)
+
+
+def ask_what_is_rare(twins: Twins, bus: BusConfig) -> None:
+    """What a tool at random hardly ever comes to: it unlocks both ECUs, measures, and is silent for too long, twice."""
+    number, is_extended = bus.diagnosis.xcp_command
+
+    def ask(data: bytes, *, is_foreign: bool = False) -> bytes:
+        kind = {"is_fd": bus.frames == "fd", "is_extended": is_extended is not is_foreign}
+        sent = twins.service([Frame(frame_id=number, data=data, timestamp_ns=twins.now_ns, **kind)])
+        twins.now_ns += MS
+        assert twins.differences == []
+        return next((frame.data for frame in sent if frame.identifier == bus.diagnosis.xcp_response), b"")
+
+    ask(b"\xff\x00", is_foreign=True)
+    ask(b"\xff\x00")
+    seed = ask(b"\xf8\x00\x01")[2:] + ask(b"\xf8\x01\x01")[2:]
+    key = KEY.answer(Level.CALIBRATION, seed)
+    for at in (0, 6, 12):
+        answer = ask(bytes([0xF7, 16 - at]) + key[at : at + 6])
+    assert answer == b"\xff\x00"
+    for text in _RARE_HEX.split():
+        answer = ask(bytes.fromhex(text))
+    assert answer == b"\xff\x00"
+    for last in (b"\xde\x00\x00\x00", b"\xfd"):
+        twins.now_ns += IDLE_NS
+        twins.service([])
+        ask(last)
+    assert twins.differences == []
