@@ -119,7 +119,9 @@ def summary(results: Path) -> str:
         for row in drives["figures"]
         if row["speed_percent"] and not row["disturbed"]
     }
-    served = ", ".join(f"{round(found)} at {speed}" for speed, found in speeds.items() if speed % 20 == 0 or speed == 130)
+    served = ", ".join(
+        f"{round(found)} at {speed}" for speed, found in speeds.items() if speed % 20 == 0 or speed == 130
+    )
     heads = ("", "wall Cd", "base Cp", "mean abs Cl", "Cd with slots and jets", "rms action", "jet power", "less drag")
     latency = f"{loop['mpc_ms_p50']:.1f} ms (p99 {loop['mpc_ms_p99']:.1f}, max {loop['mpc_ms_max']:.1f})"
     return f"""{table(heads, rows)}
