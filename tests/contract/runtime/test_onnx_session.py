@@ -82,9 +82,7 @@ def test_an_input_of_another_name_or_a_speed_of_another_shape_is_refused(release
 
 def test_a_graph_without_end_is_stopped():
     controller = OnnxController(graphs.endless(), graphs.SIZES)
-    with pytest.raises(
-        BundleControllerError, match=r"0 of 3 steps on zeros were done after 0\.\d s: all must be done in 0\.3 s"
-    ):
+    with pytest.raises(BundleControllerError, match=r"0 of 3 steps on zeros were done after 0\.\d s: all .* in 0\.3 s"):
         controller.warm_up(3, limit_s=0.3)
     OnnxController(graphs.graph_of().SerializeToString(), graphs.SIZES).warm_up(3, limit_s=5.0)
 
