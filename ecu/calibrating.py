@@ -1,7 +1,7 @@
 """The values of a release that may be calibrated on a vehicle, their limits, and the settings that result.
 
 The bounds on the jets can be narrowed, never widened: the vehicle's settings are their upper limits. The weights may
-have any meaningful value, the delay any value that leaves the controller an action to choose.
+have any meaningful value. The delay may have any value with which the controller still has an action to choose.
 """
 
 from dataclasses import replace
