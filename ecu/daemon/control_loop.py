@@ -28,7 +28,7 @@ from ecu.real_time.stage_times import NOTHING, EcuStage, PlanTimes, StageTimes
 from ecu.stepped import SteppedEcu
 
 GRACE: Final = 4
-"""Divisor of the period: a step may begin late by up to a period / GRACE; otherwise it is left out."""
+"""Divisor of the period: a step may begin up to a period / GRACE late; a step that would begin later is left out."""
 SHUT_FRAMES: Final = 3
 """Number of final periods that send shut jets, since single frames may be lost."""
 _PASSING: Final = (Mode.HOLD, Mode.DECAY)
@@ -85,7 +85,7 @@ class ControlLoop:
         self.counters = Counters(state=ecu.state)
 
     def run(self, is_stopped: Callable[[], bool], periods: int | None = None) -> None:
-        """Step until asked to stop, or for a number of periods."""
+        """Do control steps until `is_stopped`, or for a number of periods."""
         while not is_stopped() and (periods is None or self.counters.steps < periods):
             self.period()
 

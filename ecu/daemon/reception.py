@@ -1,8 +1,8 @@
 """Frames received between two control steps, with times in the ECU's clock.
 
-Backends stamp a reception with the date, which NTP sets. A step of the date must neither make fresh pressures old nor
-old pressures fresh. So the stamp only gives the age of a frame when it is read, within bounds; the time is
-CLOCK_MONOTONIC.
+The backends of a bus stamp a received frame with the date, which NTP sets. A step of the date must neither make fresh
+pressures old nor old pressures fresh. So the stamp only gives the age of a frame when it is read, within bounds. The
+time of a frame is CLOCK_MONOTONIC minus its age.
 """
 
 import time
@@ -18,17 +18,17 @@ LONGEST_AGE_NS: Final = 1_000_000_000
 """Largest age in ns of a frame when it is read from the bus. An older frame is useless, or the clock was set."""
 STAMPED_WITH_THE_DATE: Final = frozenset({"socketcan", "udp_multicast", "slcan"})
 """Interfaces that stamp the reception with the computer's date. A `virtual` bus passes on the sender's stamp, and
-vendors' drivers have their own clocks: there a frame counts as received when it is read."""
+vendors' drivers have their own clocks: with these, a frame counts as received when it is read."""
 ROOM: Final = 256
-"""Largest number of frames stored for a step. A period has one pressure frame; a flood may have its identifier.
-Checking this number of frames takes 2 ms."""
+"""Largest number of frames stored for a step. A period has one pressure frame, but a flood may have its identifier,
+too. Checking this number of frames takes 2 ms."""
 
 
 class Taken(NamedTuple):
     """The frames received since the last step.
 
     Attributes:
-        pressures: oldest first, stamped in the ECU's clock.
+        pressures: Pressure frames, oldest first, stamped in the ECU's clock.
         others: VehicleSpeed frames, and frames with identifiers of the ECU itself, which only another ECU can send.
     """
 

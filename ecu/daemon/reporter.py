@@ -1,6 +1,6 @@
 """The thread for reports: log lines for people or as JSON, the file of counters, the freshness file.
 
-The control loop never waits for it: writing may block on a slow disk or a full pipe, or fail on a full disk.
+The control loop never waits for this thread: writing may block on a slow disk or a full pipe, or fail on a full disk.
 """
 
 import json
@@ -121,7 +121,7 @@ class Reporter:
         counters = self.counters
         if counters is None:
             return
-        # A line a second is written at most.
+        # At most one line is written per second.
         if (more := counters.left_out - self._left_out) > 0:
             self._left_out = counters.left_out
             self.tell("left_out", f"{more} periods left out, {counters.left_out} in all", more=more)

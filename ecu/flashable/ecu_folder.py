@@ -51,7 +51,8 @@ class EcuFolder:
 
 
 def read_folder(folder: Path, *, root: Path | None = None, hardware: str | None = None) -> EcuFolder:
-    """Read an ECU's folder. Raises ConfigError if the folder is no ECU's; KeyFileError if its root key cannot be read.
+    """Read an ECU's folder. Raises ConfigError if the folder is not an ECU's; KeyFileError if the root key cannot be
+    read.
 
     Args:
         root: file of a root key to use instead of the folder's own copy.
@@ -109,7 +110,7 @@ def provision(
 
 @contextmanager
 def held(folder: Path) -> Iterator[None]:
-    """Lock the folder for the block against other processes; raise ConfigError if the lock cannot be taken."""
+    """Lock the folder against other processes during the block; raise ConfigError if the lock cannot be taken."""
     try:
         handle = open_regular(folder / _LOCK, os.O_WRONLY | os.O_CREAT)
     except OSError as error:

@@ -1,6 +1,6 @@
 """The check that a release is for this vehicle and runs on this computer: before a boot, and before a confirmation.
 
-All other checks come before; the self-test shows that controller and estimator run here.
+All other checks of the release are done before it. The self-test shows that controller and estimator run here.
 """
 
 from collections.abc import Callable, Iterator
@@ -87,7 +87,7 @@ def self_test(bundle: Bundle, controller: Controller) -> Long[None]:
 
 
 def _windows(sizes: Sizes, control_period: float) -> Iterator[Array]:
-    """Yield the windows, (L, S + 1) each."""
+    """Yield the windows of L rows and S sensors, (L, S + 1) each."""
     yield np.zeros((sizes.window, sizes.sensors + 1))
     phase = 2 * np.pi * control_period / SHEDDING_CYCLE_TC * np.arange(sizes.window)
     shifts = np.pi * np.arange(sizes.sensors)

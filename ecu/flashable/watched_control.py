@@ -14,7 +14,7 @@ from ecu.ecu_state import EcuState
 from ecu.fail_safe import OperatingMode
 
 REMEMBERED_NS: Final = 1_000_000_000
-"""The time for which a request stays valid after its frame, in case of a lost bus or a wrong sensor."""
+"""Time in ns for which a request for control stays valid after its frame, in case the bus is lost or a sensor fails."""
 
 
 @dataclass(frozen=True, kw_only=True)

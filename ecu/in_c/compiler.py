@@ -17,11 +17,13 @@ OPTIMISED: Final = ("-O3", "-march=native", "-ffp-contract=fast")
 """Flags for speed. Contraction to fused multiply-adds changes only roundings; the sources reject -ffast-math."""
 
 EXACT: Final = ("-O3", "-march=native", "-ffp-contract=off")
-"""Flags for decisions equal to those in Python bit for bit; GCC ignores the pragma against contraction."""
+"""Flags with which decisions equal those in Python bit for bit. GCC needs the flag against contraction, because it
+ignores the pragma."""
 
 
 def host_compiler() -> list[str]:
-    """Return the compiler's command: $CC, cc, gcc, clang, or that of `ziglang`. Raises LibraryError without any."""
+    """Return the command of the first compiler that exists: $CC, cc, gcc, clang, or the compiler of `ziglang`. Raises
+    LibraryError if there is none."""
     named = os.environ.get("CC", "").split()
     if named:
         return named

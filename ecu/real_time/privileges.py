@@ -1,6 +1,6 @@
 """Privileges of the operating system for a process with deadlines: used if granted, reported if not.
 
-Without a privilege everything works, but is late more often.
+A process without a privilege works, but is late more often.
 """
 
 import ctypes
@@ -25,7 +25,7 @@ _PR_SET_TIMERSLACK, _PR_GET_TIMERSLACK = 29, 30
 
 
 class Privilege(NamedTuple):
-    """One privilege. `why` states why the process does not have it; empty if it has."""
+    """One privilege. `why` is the reason why the process does not have the privilege; empty if it has."""
 
     what: str
     granted: bool
@@ -38,7 +38,7 @@ class Wanted:
 
     Attributes:
         priority: SCHED_FIFO priority, 1 to 99; 0 to stay an ordinary process.
-        without_collector: no garbage collection.
+        without_collector: whether to switch off garbage collection.
     """
 
     priority: int = PRIORITY
@@ -78,10 +78,10 @@ def stay_ordinary() -> None:
 
 
 def step_back() -> None:
-    """Give this thread a lower priority than the thread that started it, if that has a real-time priority.
+    """Give this thread a lower priority than the thread that started it, if the latter has a real-time priority.
 
-    It gets the lowest real-time priority: while an ordinary thread holds the interpreter's lock, any process could take
-    its processor and so delay the control loop.
+    This thread gets the lowest real-time priority, not an ordinary one: while an ordinary thread holds the
+    interpreter's lock, any process could take its processor and so delay the control loop.
     """
     if hasattr(os, "sched_getscheduler") and os.sched_getscheduler(0) == os.SCHED_FIFO:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(LOWEST_PRIORITY))
@@ -124,7 +124,8 @@ def _timer_slack(undo: ExitStack) -> None:
 def _lock_memory(undo: ExitStack) -> None:
     _call("mlockall", _MCL_CURRENT)
     undo.callback(_call, "munlockall")
-    # Under a limit, memory that is allocated later may not fit, and the allocation would fail.
+    # Under a limit on locked memory, memory that is allocated later may exceed the limit, and the allocation would
+    # fail.
     if os.geteuid() == 0 or resource.getrlimit(resource.RLIMIT_MEMLOCK)[0] == resource.RLIM_INFINITY:
         _call("mlockall", _MCL_CURRENT | _MCL_FUTURE)
 
