@@ -1,4 +1,4 @@
-"""The store's data besides the images that survive a loss of power: state, key list, calibrations and faults."""
+"""The data of a store, other than images, that survive a loss of power: state, key list, calibrations and faults."""
 
 import hashlib
 import struct
@@ -66,7 +66,7 @@ class Remembered:
         return self._check(bytes(image), rules)
 
     def take_keys(self, raw: bytes, needed: Collection[Slot]) -> None:
-        """See `Store.take_keys`. The keys of the slots `needed` must stay."""
+        """See `Store.take_keys`. A new list must not remove the keys that signed the releases in the slots `needed`."""
         listed = key_list.decode(raw, self._root)
         if self.keys is not None:
             if listed.version <= self.keys.version:
@@ -88,7 +88,8 @@ class Remembered:
         return self._calibrations.get(digest)
 
     def keep_calibration(self, digest: str, blob: bytes | None) -> None:
-        """See `Store.keep_calibration`, for the release with this digest. Those of releases in no slot are removed."""
+        """See `Store.keep_calibration`, for the release with this digest. Calibrations of releases that are in no slot
+        are removed."""
         here = {slot.digest for slot in self.state.slots} - {digest}
         kept = {digest: kept for digest, kept in self._calibrations.items() if digest in here}
         if blob is not None:

@@ -55,13 +55,13 @@ class SlotState:
     """One slot.
 
     Attributes:
-        length: bytes of the announced image.
+        length: length of the announced image in bytes.
         sha256: SHA-256 of the announced image, 32 bytes.
         received: number of bytes that are stored for certain.
         digest: digest of the bundle, in hex; empty until the image was checked.
         name: name of the release; empty until the image was checked.
         security_version: security version of the release; 0 until the image was checked.
-        signer: 32 bytes of the key that signed it; empty until the image was checked.
+        signer: public key that signed the image, 32 bytes; empty until the image was checked.
         boots_left: number of boots left in the trial.
     """
 
@@ -87,12 +87,12 @@ _TRANSFERRED: Final = _KNOWN | {SlotPhase.FILLING}
 
 @dataclass(frozen=True, kw_only=True)
 class StoreState:
-    """Both slots and the state common to them.
+    """The states of both slots, and the state common to them.
 
     Attributes:
-        slots: reports or states in the order of `Slot`.
+        slots: states in the order of `Slot`.
         active: the slot whose confirmed image boots if no image is on trial; None if none was confirmed yet.
-        least_security_version: least security version of a release; only a confirmation raises it.
+        least_security_version: smallest security version that a release may have; only a confirmation raises it.
         failed_attempts: numbers of consecutive wrong keys, by level.
     """
 
@@ -118,7 +118,7 @@ class StoreState:
         return trial if trial is not None and self.slots[trial].boots_left > 0 else self.active
 
     def with_slot(self, slot: Slot, state: SlotState, **others: Any) -> "StoreState":
-        """Return the state with another state of one slot and other values of the given fields."""
+        """Return the state with a new state of one slot and with new values of the fields in `others`."""
         a, b = self.slots
         return replace(self, slots=(state, b) if slot == Slot.A else (a, state), **others)
 

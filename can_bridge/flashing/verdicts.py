@@ -23,7 +23,7 @@ class Verdict(IntEnum):
     WRONG_HASH = 2, "the image is not the announced image: its SHA-256 differs"
     """The image is not the announced image: it was damaged in the transfer or in the memory."""
     DAMAGED = 3, "the image is not a valid bundle"
-    """The image is no image of a bundle, or its manifest, a file or a graph is invalid."""
+    """The image does not hold a bundle, or the manifest, a file or a graph of the bundle is invalid."""
     UNSIGNED = 4, "the bundle is not signed"
     BAD_SIGNATURE = 5, "the bundle's signature is invalid"
     UNKNOWN_KEY = 6, "the bundle is signed by a key that is not in this ECU's list"

@@ -1,4 +1,4 @@
-"""Generates `sw_uds_settings.h`, the constants of the UDS server in C, from those of the Python server, so that no
+"""The generator of `sw_uds_settings.h`, the constants of the UDS server in C, from those of the Python server, so that no
 number is written twice."""
 
 from collections.abc import Mapping
