@@ -1,11 +1,11 @@
-"""The store's state, with its slots: the record `RecordKind.STATE`, as values and as bytes.
+"""The store's state, with its slots: the record `RecordKind.STATE`, as values and as bytes; lengths are in bytes.
 
     "SWS1" (4)
     for each slot: phase (1), boots left (1), length of the image (4), bytes received (4), security version (4), SHA-256
         of the image (32), digest (32), signer (32), length of the name (2), name (UTF-8)
     active slot, 0xFF for none (1); least security version (4)
     failed attempts for programming (1), for calibration (1)
-    CRC-32 of all before it (4)
+    CRC-32 of all bytes before it (4)
 
 Numbers are big-endian. The record is stored after every block of a transfer, so it is short.
 """

@@ -100,8 +100,8 @@ class EcuServices:
             return
         if value == self._taken_keys:
             return
-        # Verifying a signature takes a large part of a control period, here and before a revert, so the jets must be
-        # shut.
+        # Verifying a signature takes a large part of a control period. So it is done only while the ECU may be
+        # programmed, here and before a revert.
         self._check_preconditions()
         with _as_refusals():
             self._store.take_keys(value)

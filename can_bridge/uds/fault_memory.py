@@ -2,8 +2,8 @@
 
 The ECU's state machine debounces faults: a fault's test fails in the period in which the fault begins, and all tests
 pass in the period in which control begins. An operation cycle lasts from power-on to the next reset. A confirmed fault
-is forgotten after `AGED_CYCLES` cycles in which its test passed and did not fail. The record survives resets; its format
-is, with lengths in bytes:
+is forgotten after `AGED_CYCLES` cycles in which its test passed and did not fail. The record survives resets. Its
+format, with lengths in bytes:
 
     "SWF1" (4); for each code, in the order of `CODES`: status (1), age (1), 1 with a snapshot (1), snapshot; CRC-32 (4)
 
@@ -55,8 +55,8 @@ class KeptFault:
 
     Attributes:
         status: status bits of the code.
-        age: number of operation cycles since the last failure of a confirmed fault in which the test passed and did not
-            fail.
+        age: for a confirmed fault, number of operation cycles since its last failure in which its test passed and did
+            not fail.
         snapshot: snapshot of the first failure in the latest cycle with a failure; empty without a snapshot.
     """
 

@@ -1,7 +1,8 @@
 """The folder that is the memory of an ECU on a computer: its store, root key and identity.
 
-    root.pub        public root key ecu.json        schema, hardware, serial *.record, *.image   the store's
-    (`can_bridge.flashing.folder_backing`)
+    root.pub            public root key
+    ecu.json            schema, hardware, serial
+    *.record, *.image   files of the store (`can_bridge.flashing.folder_backing`)
 
 Write access to the folder allows replacing all of it: only root or the service should have this access.
 """
