@@ -111,7 +111,7 @@ class FreshnessStore:
 
 
 def _record_of(tree: Any) -> FreshnessRecord:
-    """Convert the content of `_keep`; raise ValueError, KeyError, TypeError or AttributeError for any other."""
+    """Convert content that `_keep` wrote; raise ValueError, KeyError, TypeError or AttributeError for other content."""
     if tree["schema"] != FRESHNESS_SCHEMA:
         raise ValueError(f"schema {tree['schema']!r}, must be {FRESHNESS_SCHEMA!r}")
     heard = {int(frame_id): _whole(value, LARGEST_FRESHNESS) for frame_id, value in tree["heard"].items()}

@@ -1,4 +1,4 @@
-"""Requests to an ECU by udsoncan's client; a request without an answer is repeated."""
+"""Requests to an ECU through udsoncan's client; a request without an answer is repeated."""
 
 from __future__ import annotations
 
@@ -28,13 +28,14 @@ LONGEST_PENDING_S: Final = 60.0
 TIMES: Final = 5
 """Largest number of attempts at a request that gets no answer."""
 READ_TIMES: Final = 25
-"""Largest number of attempts to read an identifier: no frame of the store's report, 150 classic frames, may be lost. A
-request to an ECU that has never answered has `TIMES` attempts only, because the ECU is probably absent."""
+"""Largest number of attempts to read an identifier. The store's report has 150 classic frames, and an attempt fails if
+one of them is lost. A request to an ECU that has never answered has `TIMES` attempts only, because the ECU is probably
+absent."""
 BUSY: Final = 0x21
 """busyRepeatRequest (ISO 14229-1, table A.1)."""
 BUSY_WAIT_S: Final = 0.1
 PRESENT_S: Final = 2.0
-"""Time in s between two messages that keep a session: one of two may be lost within `S3_MS`."""
+"""Time in s between two messages that keep a session: of two messages within `S3_MS`, one may be lost."""
 DELAY_S: Final = 15.0
 """Longest wait in s while the ECU accepts no key after wrong keys: more than its delay of 10 s."""
 
@@ -95,12 +96,14 @@ class Asking:
         while True:
             unanswered = self.unanswered
             try:
-                # If the answer to the key is lost, another seed is requested, which is zero if the first key was right.
+                # If the answer to the key is lost, another seed is requested. That seed is zero if the first key was
+                # valid.
                 self._ask(step, lambda: self._client.unlock_security_access(int(level)))
                 return
             except RefusedError as refused:
                 if refused.code == Nrc.INVALID_KEY and self.unanswered > unanswered and not refused_keys:
-                    # The seed may belong to an earlier request, whose answer was late.
+                    # The key may have been computed from the seed of an earlier request, whose answer was late, so the
+                    # level is tried again.
                     refused_keys += 1
                     continue
                 if refused.code == Nrc.INVALID_KEY:
@@ -130,7 +133,7 @@ class Asking:
         return int(found.service_data.max_length)
 
     def transfer(self, counter: int, data: bytes) -> None:
-        """Send a block of the image, repeated if no answer comes: the ECU writes a block once."""
+        """Send a block of the image, and repeat it if no answer comes; the ECU writes a repeated block only once."""
         self._ask("take a block of the image", lambda: self._client.transfer_data(counter, data))
 
     def exit(self) -> None:
@@ -146,7 +149,7 @@ class Asking:
         self._ask("clear its faults", self._client.clear_dtc)
 
     def quieten(self) -> None:
-        """Stop the detection of faults and the control's frames before programming; an ECU may support neither."""
+        """Stop the detection of faults and the control's frames before programming, as far as the ECU supports this."""
         for call in (lambda: self._client.control_dtc_setting(2), lambda: self._client.communication_control(1, 1)):
             with suppress(RefusedError, NoAnswerError):
                 self._ask("stop sending", call, times=2)
@@ -192,8 +195,8 @@ class Asking:
             ) from refused
 
     def _ask(self, step: str, call: Callable[[], T | None], *, times: int = TIMES) -> Any:
-        """Return the ECU's answer. Raises RefusedError for a negative response; NoAnswerError without one to `times`
-        attempts."""
+        """Return the ECU's answer. Raises RefusedError for a negative response; NoAnswerError if none of `times`
+        attempts is answered."""
         from udsoncan import exceptions
 
         sent = 0
@@ -250,7 +253,7 @@ def _settings(key: KeyOf | None, pending: Callable[[], None]) -> Any:
         "data_identifiers": {"default": AsItIs()} | {int(did): form for did, form in SNAPSHOT_FORMATS.items()},
         "security_algo": algorithm,
         "nrc78_callback": pending,
-        # The client would measure a whole request's time with the real clock.
+        # With a timeout, the client would measure the time of a whole request with the real clock.
         "request_timeout": None,
         "p2_timeout": P2_S,
         "p2_star_timeout": P2_EXTENDED_S,
