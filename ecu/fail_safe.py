@@ -283,7 +283,7 @@ class FailSafe:
     enable_request: bool = True
 
     def next(self, inputs: PeriodInputs, config: EcuConfig) -> "FailSafe":
-        """Return the state in the next period; `config` gives the lengths of hold, decay and re-arming, and the limits
+        """Return the state in the next period; `config` gives the lengths of HOLD, DECAY and re-arming, and the limits
         on losses."""
         request = self.enable_request if inputs.enable_request is None else inputs.enable_request
         rises = request and not self.enable_request

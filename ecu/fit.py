@@ -1,4 +1,5 @@
-"""Checks that a release was made for this flow and this vehicle; an error states both values."""
+"""Checks that a release was made for this flow and this vehicle; an error states the release's value and the present
+value."""
 
 from dataclasses import fields
 

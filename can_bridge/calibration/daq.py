@@ -70,7 +70,7 @@ class DaqLists:
         self._pointer: tuple[int, int] | None = None
         self._left: list[int] = []
 
-    # The methods that take and send the values of a control period.
+    # These methods take and send the values of a control period.
 
     def sample(self, measured: bytes) -> None:
         """Store the values of a control period for `look`, unless frames of an earlier period are still unsent."""
@@ -99,7 +99,7 @@ class DaqLists:
         at = address - MEASURED_ADDRESS
         return self._measured[at : at + length] if 0 <= at <= at + length <= MEASURED_BYTES else None
 
-    # The commands that build and start the list.
+    # These commands build and start the list.
 
     def release(self, data: bytes) -> bytes:
         """Delete the list and allow a new allocation (FREE_DAQ)."""
@@ -215,7 +215,7 @@ class DaqLists:
         self._is_selected = False
         return _OK
 
-    # The commands that describe the measurement.
+    # These commands describe the measurement.
 
     def processor_info(self, data: bytes) -> bytes:
         """Return the properties of the processor (GET_DAQ_PROCESSOR_INFO)."""

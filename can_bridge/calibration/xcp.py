@@ -150,7 +150,7 @@ _PIECE: Final = MAX_CTO - 2
 
 
 class AnswersSeeds(Protocol):
-    """The owner of the secret: `can_bridge.uds.security.AccessKey`."""
+    """An object that has the access secret: `can_bridge.uds.security.AccessKey`."""
 
     def answer(self, level: Level, seed: bytes) -> bytes:
         """Return the valid key for a seed."""

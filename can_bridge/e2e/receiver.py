@@ -83,8 +83,8 @@ class ReceiverState:
 
     Attributes:
         last_counter: counter of the latest frame with a valid CRC; None before the first.
-        window: the latest periods' checks, oldest first, from the check that ended NODATA on.
-        counts: numbers of the results, by the check's value; read them with `count`.
+        window: checks of the latest periods, oldest first, from the check that ended NODATA on.
+        counts: number of checks with each result, at the index of the result's value; read the numbers with `count`.
     """
 
     stream: StreamState = StreamState.NODATA

@@ -285,7 +285,7 @@ class Endpoint:
         return True
 
     def poll(self, now_ns: int) -> list[Frame]:
-        """Return the frames to be sent now: the answer to the other end first, then our own messages."""
+        """Return the frames to be sent now: first the answer to the other end, then the messages of this end."""
         self._tick(now_ns)
         frames = list[Frame]()
         if self._answer is FlowStatus.CONTINUE and not self._reception.is_running:

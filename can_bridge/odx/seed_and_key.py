@@ -1,4 +1,4 @@
-"""The rule from seed to key as JSON, for those who write a tester or its seed-and-key library."""
+"""The rule from seed to key as JSON, for authors of a tester or of a seed-and-key library."""
 
 import json
 from typing import Any, Final

@@ -42,7 +42,7 @@ def is_due(kept: int, freshness: int, every: int) -> bool:
 
 
 class FreshnessStore:
-    """The file, for one process at a time.
+    """The file with a node's freshness values, which only one process may use at a time.
 
     Args:
         path: path of the file; the first `begin` creates it.

@@ -18,7 +18,7 @@ class Authentication:
     """The data that one node needs in one power cycle.
 
     Attributes:
-        trip: number of the node's power cycles, including this one. In virtual time there is only one.
+        trip: number of the node's power cycles, including this one. In virtual time there is only one power cycle.
         heard: freshness values accepted in earlier power cycles, by frame identifier.
     """
 

@@ -141,7 +141,8 @@ class Asking:
         self._ask("end the transfer", self._client.request_transfer_exit)
 
     def faults(self, report: str, *args: int, **others: int) -> Any:
-        """Return the codes in a report of the fault memory, by the name of the client's method."""
+        """Return the codes in a report of the fault memory; `report` is the name of the client's method for this
+        report."""
         return self._ask("report its faults", lambda: getattr(self._client, report)(*args, **others)).service_data.dtcs
 
     def clear_faults(self) -> None:
@@ -159,7 +160,7 @@ class Asking:
         self._in_good_state("reset", lambda: self._client.ecu_reset(1), times=times)
 
     def wait(self, seconds: float, *, keep_session: bool = True) -> None:
-        """Wait, and keep the session meanwhile."""
+        """Wait for `seconds`, and keep the session alive meanwhile if `keep_session`."""
         left = seconds
         while left > 0:
             if keep_session:

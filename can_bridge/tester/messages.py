@@ -20,7 +20,7 @@ _NOT_PASSED: Final = 8
 
 
 class NoAnswerError(FlashError):
-    """The ECU does not answer, or no longer does."""
+    """The ECU does not answer, or no longer answers."""
 
     status: ClassVar[int] = NO_ANSWER
 
@@ -44,7 +44,7 @@ class LostError(NoAnswerError):
 
 
 class AccessError(FlashError):
-    """The key is not the ECU's."""
+    """The key is not the key of this ECU."""
 
     status: ClassVar[int] = NO_ACCESS
 

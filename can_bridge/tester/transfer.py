@@ -209,8 +209,9 @@ def in_programming(asking: Asking, routine: Routine) -> None:
 
 
 def bring(asking: Asking, raw: bytes) -> tuple[int, int]:
-    """Replace the key list; return the versions of the old list (0 without one) and the new list. Raises WrongKeysError
-    if the ECU rejects the new list; FlashError if the list may not be written now or the ECU does not answer."""
+    """Replace the key list; return the versions of the old list (0 if there was none) and the new list. Raises
+    WrongKeysError if the ECU rejects the new list; FlashError if the list may not be written now or the ECU does not
+    answer."""
     before = _version(asking)
     enter_programming(asking)
     try:

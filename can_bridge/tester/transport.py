@@ -87,7 +87,7 @@ def open_client(config: BusConfig) -> Iterator[Client]:
 
 
 class BusConnection(BaseConnection):
-    """An ISO-TP connection over an open bus; whoever opened the bus closes it."""
+    """An ISO-TP connection over an open bus; the caller that opened the bus closes it."""
 
     def __init__(self, bus: PythonCanBus, config: BusConfig, *, clock: Callable[[], float] = time.monotonic) -> None:
         super().__init__()

@@ -16,7 +16,7 @@ class Diagnostics(Protocol):
         requested."""
 
     def leave(self) -> None:
-        """Drop a transfer that is under way, because the session ended; the transfer can be resumed."""
+        """Interrupt a transfer in progress, because the session ended; the transfer can be resumed."""
 
     def read(self, did: Did) -> bytes:
         """Return the value of an identifier; raises OUT_OF_RANGE if the identifier has no value."""

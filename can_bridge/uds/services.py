@@ -125,9 +125,9 @@ class Did(IntEnum):
     DBC_SHA256 = 0xFD00
     """SHA-256 of the DBC (32)."""
     STORE = 0xFD01
-    """State of the slots: `can_bridge.flashing.report`."""
+    """State of the slots, in the format of `can_bridge.flashing.report`."""
     KEY_LIST = 0xFD02
-    """Signed key list for writing; its version (4) for reading."""
+    """Writing replaces the signed key list; reading returns the version of the list (4)."""
     CAPACITY = 0xFD03
     """Size in bytes of the largest image (4)."""
     PERIOD_NS = 0xFD04

@@ -48,9 +48,9 @@ def loader_sources() -> dict[str, bytes]:
 
 
 def fmu_sources(*parts: str) -> dict[str, bytes]:
-    """Return the sources of the FMU around the ECU, with those in the folders `parts` of `fmu/`: `signals` or `bus`,
-    and `fmi2`. The header `sw_fmu_settings.h`, generated for a release (`firmware_sim.fmu.ecu_variables`), is not
-    included."""
+    """Return the sources of the FMU around the ECU, including the folders `parts` of `fmu/`: `signals` or `bus`, and
+    `fmi2`. The header `sw_fmu_settings.h`, generated for a release (`firmware_sim.fmu.ecu_variables`), is not included.
+    """
     found = sources_in("fmu")
     for part in parts:
         found |= sources_in(f"fmu/{part}")

@@ -21,7 +21,7 @@ from ecu.real_time.privileges import step_back
 
 FIRST_PAUSE_S: Final = 0.1
 LONGEST_PAUSE_S: Final = 5.0
-"""Longest pause in s between two attempts to open a bus again; each pause is twice the previous one."""
+"""Longest pause in s between two attempts to open a bus again; each pause is twice as long as the previous pause."""
 SEND_TIMEOUT_S: Final = 0.003
 """Longest time in s to send a frame. A period sends two frames, so two thirds of the period remain even if both sends
 time out."""

@@ -46,7 +46,7 @@ class RealTime:
 
 
 class ControlLoop:
-    """One ECU on one bus. Raises ConfigError if the step's offset is not shorter than the period.
+    """The control loop of one ECU on one bus. Raises ConfigError if the step's offset is not shorter than the period.
 
     Args:
         tell: called with an event's name, its text, and its fields.

@@ -22,7 +22,7 @@ from ecu.real_time.privileges import step_back
 
 @dataclass(frozen=True, kw_only=True)
 class DatedEvent:
-    """An event with its date; `date_ns` counts from the epoch."""
+    """An event with its date; `date_ns` is the time in ns since the Unix epoch."""
 
     date_ns: int
     name: str
@@ -84,7 +84,7 @@ class Reporter:
         self.counters: Counters | None = None
 
     def tell(self, name: str, line: str, **fields: str | int | float) -> None:
-        """Report an event that happens now; returns at once."""
+        """Report an event that happens now; the call does not wait."""
         self._events.put(DatedEvent(date_ns=time.time_ns(), name=name, text=line, fields=fields))
 
     def __enter__(self) -> Self:

@@ -57,7 +57,7 @@ def read_folder(folder: Path, *, root: Path | None = None, hardware: str | None 
 
     Args:
         root: file of a root key to use instead of the folder's own copy.
-        hardware: name to use instead of the provisioned one.
+        hardware: name of the hardware to use instead of the provisioned name.
     """
     try:
         raw = (folder / IDENTITY).read_bytes()

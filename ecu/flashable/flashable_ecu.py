@@ -141,7 +141,7 @@ class FlashableEcu:
         return self.control(now_ns, for_control, health) + self.service(now_ns, for_service)
 
     def control(self, now_ns: int, frames: Sequence[Frame], health: BusHealth = HEALTHY) -> list[Frame]:
-        """Run one control period without diagnosis; the arguments are those of `step`."""
+        """Run one control period without diagnosis; the arguments are as in `step`."""
         if self._is_silent(now_ns):
             return []
         self._take_over()

@@ -49,7 +49,8 @@ class VehicleFit:
         return Verdict.GOOD
 
     def controller(self, bundle: Bundle) -> Controller:
-        """Return the controller from the bundle's check, or a new one; raise BundleError if it does not run."""
+        """Return the controller from the bundle's check, or a new controller; raise BundleError if the controller does
+        not run."""
         if self._made is None or self._made[0] != bundle.digest:
             self._made = None
             self._made = bundle.digest, self._controller_of(bundle)

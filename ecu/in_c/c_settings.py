@@ -49,7 +49,7 @@ _MOST: Final = {"ecu.loss_window": 64, "ecu.deadline_window": 32, "bus.e2e.windo
 """Largest settings, in periods, that the state of the ECU in C can hold. The sums of settings in the C code fit an
 int."""
 _GREATEST_WEIGHTS: Final = CostWeights(**dict.fromkeys(TERMS, LARGEST_WEIGHT))
-"""The largest cost weights of a calibration; C allows a larger weight if it is the release's own."""
+"""The largest cost weights of a calibration; the code in C allows a larger weight if it is the release's own weight."""
 _LONGEST_PERIOD_NS: Final = 2**53
 """Longest control period, in ns. A double is exact up to this number, so the command gate is equal in both
 languages."""

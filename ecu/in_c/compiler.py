@@ -38,7 +38,8 @@ def host_compiler() -> list[str]:
 
 
 def zig_compiler() -> list[str] | None:
-    """Return the command of the `ziglang` package, which also compiles for other processors; None without it."""
+    """Return the command of the `ziglang` package, which also compiles for other processors; None if it is not
+    installed."""
     if importlib.util.find_spec("ziglang") is None:
         return None
     return [sys.executable, "-m", "ziglang", "cc"]

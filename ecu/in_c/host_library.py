@@ -93,7 +93,7 @@ class CController(NeverCopied):
         return int(self._workspace.size)
 
     def warm_up(self, steps: int) -> None:
-        """Run steps on zeros, so that code and weights are in memory at the first real step."""
+        """Run control steps on zeros, so that code and weights are in memory at the first real step."""
         window, plan, free = (np.zeros(array.shape) for array in (self._window, self._plan, self._free))
         for _ in range(steps):
             self.control_step(window, plan, free)

@@ -72,7 +72,8 @@ def in_words(privileges: list[Privilege]) -> str:
 
 
 def stay_ordinary() -> None:
-    """Make this thread an ordinary one, for long work, even if the thread that started it is not."""
+    """Give this thread an ordinary priority for long work, even if the thread that started it has a real-time
+    priority."""
     if hasattr(os, "sched_setscheduler"):
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
 

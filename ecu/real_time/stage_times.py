@@ -96,7 +96,8 @@ class StageTimes:
         return np.roll(self._table, -(self._begun % len(self._table)), axis=0)
 
     def save(self, path: Path) -> None:
-        """Write a complete .npz file or none: `columns`, the names, and `rows`. Raises StillwakeError on failure."""
+        """Write an .npz file, completely or not at all: `columns`, the names of the stages, and `rows`. Raises
+        StillwakeError on failure."""
         with replacing(path) as temporary, temporary.open("wb") as file:
             np.savez(file, columns=np.array([stage.name.lower() for stage in self._stages]), rows=self.rows())
 
@@ -116,7 +117,8 @@ def load(path: Path, stages: type[IntEnum]) -> NDArray[np.int64]:
 
 
 class PlanTimes:
-    """Start and end of the latest control step, of controllers that replace each other. Both are 0 after `forget`."""
+    """Start and end of the latest control step, shared by controllers that replace each other. Both times are 0 after
+    `forget`."""
 
     def __init__(self) -> None:
         self.forget()
@@ -135,7 +137,7 @@ class TimedController:
         self.times = PlanTimes() if times is None else times
 
     def control_step(self, *given: Any, **named: Any) -> ControlStep:
-        """Do the other controller's step and store its times."""
+        """Do the wrapped controller's step and store the times of the step."""
         self.times.began_ns = self._now_ns()
         try:
             return self._controller.control_step(*given, **named)
