@@ -51,7 +51,7 @@ class BundlePolicy:
         return float(answer.plan[0]), _packed(after)
 
     def _unpacked(self, memory: Array, action: float) -> ControllerMemory:
-        """Return the packed memory as a `ControllerMemory`, with the action in force."""
+        """Return the state of the controller in a packed memory, with the action in force."""
         return ControllerMemory(
             window=memory[1 : -self._horizon].reshape(self._shape),
             rows=int(memory[0]),

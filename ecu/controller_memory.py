@@ -46,7 +46,7 @@ class DelayLine:
         return self.values[1:]
 
     def pushed(self, value: float) -> Self:
-        """Return the line one period later, with `value` sent now."""
+        """Return the line after one more period, with `value` sent now."""
         return type(self)((*self.values[1:], value))
 
 
@@ -168,7 +168,7 @@ class ControllerMemory(ArrayValue):
         return self._extended(self.window[-1, :-1], self.speed, gap=gap) if self.rows else replace(self, gap=gap)
 
     def emptied(self) -> "ControllerMemory":
-        """Remove the rows; the plan and the sent actions stay."""
+        """Return the memory without its rows; the plan and the sent actions stay."""
         if not self.rows:
             return self
         past = None if self.past is None else Past.empty(len(self.past.rows), self.window.shape[1] - 1)
@@ -186,7 +186,7 @@ class ControllerMemory(ArrayValue):
         return replace(self, window=window)
 
     def commanded(self, action: float) -> "ControllerMemory":
-        """Add an action sent in this period, in U_inf W."""
+        """Return the memory with an action sent in this period, in U_inf W."""
         return replace(self, under_way=self.under_way.pushed(action))
 
     def with_delay(self, delay: int) -> "ControllerMemory":
@@ -217,7 +217,7 @@ class ControllerMemory(ArrayValue):
         )
 
     def without_plan(self) -> "ControllerMemory":
-        """Replace the plan by zeros, so that the next optimisation starts from zeros."""
+        """Return the memory with a plan of zeros, so that the next optimisation starts from zeros."""
         return replace(self, plan=np.zeros_like(self.plan)) if self.plan.any() else self
 
     def planned(

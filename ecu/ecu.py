@@ -239,7 +239,7 @@ class Ecu:
         other_ecu = state.other_ecu.next(heard, timing.step_ns or 0)
         memory = self._after_silence(state.memory, timing)
         if speed_state.is_off:
-            # Pressures at this speed say nothing about control at other speeds, so the window is emptied.
+            # Pressures at this speed are no evidence of control at other speeds, so the window is emptied.
             received, memory = received._replace(cp=None), memory.emptied()
         elif received.cp is None:
             memory = memory.bridged(self._longest_gap)

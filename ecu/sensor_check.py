@@ -254,7 +254,7 @@ class SensorCheck:
         }
 
     def _others_move(self, resting: int, window: Array) -> bool:
-        """Return whether the other pressures of a window show a flow while this pressure was constant."""
+        """Return whether the other sensors of a window show a flow while this sensor's reading was constant."""
         moved = np.ptp(window[-self.config.flat_periods :, :-1], axis=0)
         return bool(np.median(np.delete(moved, resting)) >= MOVING * self._sound)
 

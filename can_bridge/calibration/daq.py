@@ -73,7 +73,7 @@ class DaqLists:
     # These methods take and send the values of a control period.
 
     def sample(self, measured: bytes) -> None:
-        """Store the values of a control period for `look`, unless frames of an earlier period are still unsent."""
+        """Store the values of a control period for `look`, unless frames of an earlier period are not sent yet."""
         if not self._left and not (self.is_running and self._fresh is not None):
             self._fresh = measured
 
@@ -95,7 +95,7 @@ class DaqLists:
         return found
 
     def read(self, address: int, length: int) -> bytes | None:
-        """Return bytes of the latest period, or None for a range outside its memory."""
+        """Return bytes of the latest period's memory area, or None for a range outside it."""
         at = address - MEASURED_ADDRESS
         return self._measured[at : at + length] if 0 <= at <= at + length <= MEASURED_BYTES else None
 

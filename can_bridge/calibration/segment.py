@@ -13,7 +13,7 @@ from contract.errors import ConfigError
 ADDRESS: Final = 0x2000_0000
 """The address of the segment for a tool: the beginning of a Cortex-M's RAM."""
 VALUE_BYTES: Final = 4
-"""Bytes of each value."""
+"""Number of bytes of each value."""
 
 
 class Page(IntEnum):

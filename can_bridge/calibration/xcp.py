@@ -1,4 +1,4 @@
-"""The numbers of XCP (ASAM MCD-1 XCP 1.x, part 2) that the slave uses."""
+"""The numbers of XCP (ASAM MCD-1 XCP 1.x, part 2) that the ECU's slave uses."""
 
 from collections.abc import Callable
 from enum import IntEnum
@@ -104,7 +104,7 @@ SHORTEST_COMMAND: Final = {
     Command.ALLOC_ODT: 5,
     Command.ALLOC_ODT_ENTRY: 6,
 }
-"""Least number of bytes of a command; padding may follow. A command that is not listed has one byte."""
+"""Smallest number of bytes of a command; padding may follow. A command that is not listed has one byte."""
 
 PROTECTED: Final = frozenset(
     {Command.SET_REQUEST, Command.DOWNLOAD, Command.SET_CAL_PAGE, Command.GET_CAL_PAGE, Command.COPY_CAL_PAGE}

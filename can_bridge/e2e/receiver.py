@@ -93,7 +93,7 @@ class ReceiverState:
     counts: tuple[int, ...] = (0,) * len(FrameCheck)
 
     def count(self, check: FrameCheck) -> int:
-        """Return how often the checks had this result."""
+        """Return the number of checks with this result."""
         return self.counts[check.value]
 
     @property
@@ -163,7 +163,7 @@ def _of_period(found: tuple[FrameCheck, ...]) -> FrameCheck:
 def _checked(
     data: bytes, last_counter: int | None, *, spec: MessageSpec, max_delta: int
 ) -> tuple[FrameCheck, int | None]:
-    """Return the check of one frame, and the counter to compare the next frame with."""
+    """Return the check of one frame, and the counter with which the next frame is compared."""
     profile = profile_of(spec)
     if len(data) != spec.length or not profile.check(data[: spec.protected], data_id=spec.data_id):
         return FrameCheck.ERROR, last_counter

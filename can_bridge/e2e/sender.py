@@ -1,4 +1,4 @@
-"""The sender of a protected message: it builds frames from data and counts them."""
+"""The sender of a protected message: it builds frames from data and numbers them."""
 
 from dataclasses import dataclass
 

@@ -23,7 +23,7 @@ T = TypeVar("T")
 
 Long = Generator[None, None, T]
 """Long work in pieces: each `next` does one piece, of at most a few tens of milliseconds on a controller; the return
-value is the result. The caller can answer the bus in between, and drops the work when the session ends."""
+value is the result. The caller can answer frames between two pieces, and drops the work when the session ends."""
 
 
 def at_once(work: Long[T]) -> T:
@@ -72,8 +72,8 @@ class Backing(Protocol):
         ...
 
     def keep(self, kind: RecordKind, record: bytes) -> None:
-        """Replace the record of this kind; `record` has at most `MAX_RECORD` bytes. Raises MediumError on defective
-        memory."""
+        """Replace the record of this kind; `record` has at most `MAX_RECORD` bytes. Raises MediumError if the memory is
+        defective."""
         ...
 
     def clear(self, slot: Slot, behind: int = 0) -> Long[None]:

@@ -30,7 +30,7 @@ class Release(Protocol):
 
 
 Fits = Callable[[Any], Verdict]
-"""Returns whether a checked release was made for this vehicle: GOOD, WRONG_PERIOD or WRONG_VEHICLE."""
+"""A function that returns whether a checked release was made for this vehicle: GOOD, WRONG_PERIOD or WRONG_VEHICLE."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,7 +74,7 @@ def check(image: bytes, rules: Rules) -> tuple[Verdict, Bundle | None]:
 
 
 ImageCheck = Callable[[bytes, Rules], tuple[Verdict, Release | None]]
-"""A check like `check`, for any kind of image."""
+"""A function like `check`, for any kind of image."""
 
 
 def judge_image(

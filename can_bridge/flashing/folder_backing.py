@@ -28,7 +28,7 @@ class FolderFiles:
             raise _failed(folder, error) from error
 
     def read(self, name: str, offset: int = 0, length: int | None = None) -> bytes | None:
-        """Return bytes of a file, fewer at its end; None if there is no such file."""
+        """Return bytes of a file, fewer if the file ends before; None if there is no such file."""
         try:
             with os.fdopen(open_regular(self._folder / name, os.O_RDONLY), "rb") as file:
                 file.seek(offset)

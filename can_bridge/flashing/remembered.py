@@ -37,7 +37,7 @@ class Remembered:
         self.faults = records.get(RecordKind.FAULTS, b"")
 
     def keep(self, changed: StoreState) -> None:
-        """Store a changed state. Raises MediumError if that fails; then nothing has changed."""
+        """Store a changed state. Raises MediumError if storing fails; then nothing has changed."""
         self.backing.keep(RecordKind.STATE, state.encode(changed))
         self.state = changed
 
@@ -102,12 +102,12 @@ class Remembered:
         self._calibrations = kept
 
     def keep_faults(self, record: bytes) -> None:
-        """Store the fault memory's record; raises MediumError if that fails."""
+        """Store the fault memory's record; raises MediumError if storing fails."""
         self.backing.keep(RecordKind.FAULTS, record)
         self.faults = record
 
     def keep_failed_attempts(self, level: Level, count: int) -> None:
-        """Store the number of consecutive wrong keys, up to 255; raises MediumError if that fails."""
+        """Store the number of consecutive wrong keys, up to 255; raises MediumError if storing fails."""
         attempts = {**self.state.failed_attempts, level: min(count, MOST_ATTEMPTS)}
         if attempts != self.state.failed_attempts:
             self.keep(replace(self.state, failed_attempts=attempts))

@@ -45,7 +45,7 @@ class SlotPhase(IntEnum):
     TRIAL = 3
     """The image is activated: it boots from the next reset on, `boots_left` times."""
     CONFIRMED = 4
-    """The release runs now, or was the release before the running release."""
+    """The image was confirmed: its release runs now, or ran before the running release."""
     BAD = 5
     """The image is never booted: it failed a check, or was not confirmed during its trial."""
 
@@ -76,7 +76,7 @@ class SlotState:
     boots_left: int = 0
 
     def holds(self, length: int, sha256: bytes) -> bool:
-        """Return whether this image is in the slot, complete or in part."""
+        """Return whether the slot has this image, completely or in part."""
         return self.phase in _TRANSFERRED and (self.length, self.sha256) == (length, sha256)
 
 
@@ -203,7 +203,7 @@ def _slot(body: bytes, at: int) -> tuple[SlotState, int]:
 
 
 def _problem(slot: SlotState) -> str:
-    """Return the values that no store writes in this phase, in words; "" if there are none."""
+    """Return a description of the values that no store writes in this phase; "" if there are none."""
     if slot.phase == SlotPhase.EMPTY:
         return "" if slot == SlotState() else "an image"
     is_filling, is_known = slot.phase == SlotPhase.FILLING, slot.phase in _KNOWN

@@ -209,8 +209,8 @@ class Store:
         self._announced = None
 
     def activate(self) -> None:
-        """Boot the checked image on trial from the next reset on; does nothing if it is already activated. Raises
-        OutOfOrderError if no image is checked; MediumError if the choice cannot be stored."""
+        """Activate the checked image: it boots on trial from the next reset on. Does nothing if the image is already
+        activated. Raises OutOfOrderError if no image is checked; MediumError if the choice cannot be stored."""
         state, slot, trial = self.state, self.state.checked, self.state.on_trial
         if slot is None:
             if trial is not None and trial != self._running:
@@ -299,7 +299,8 @@ class Store:
         return running.other
 
     def _without(self, slot: Slot) -> StoreState:
-        """Return the state with an empty slot; a confirmed release in the other slot is then active."""
+        """Return the state with this slot empty. If the other slot has a confirmed release, that slot is then
+        active."""
         is_confirmed = self.state.slots[slot.other].phase == SlotPhase.CONFIRMED
         return self.state.with_slot(slot, SlotState(), active=slot.other if is_confirmed else None)
 

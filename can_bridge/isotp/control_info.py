@@ -134,5 +134,5 @@ def flow(status: FlowStatus, *, block_size: int = 0, separation_code: int = 0) -
 
 
 def padded(data: bytes) -> bytes:
-    """Fill at most 64 bytes with `PADDING` up to the next length that a frame can have, and to 8 bytes at least."""
+    """Fill up to 64 bytes with `PADDING` to the next length that a frame can have, which is at least 8 bytes."""
     return data.ljust(FRAME_LENGTHS[bisect_left(FRAME_LENGTHS, len(data))], bytes([PADDING]))

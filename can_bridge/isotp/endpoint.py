@@ -200,7 +200,8 @@ class _Transmission:
 
 
 KEPT_PLACES: Final = 2
-"""Places in the transmit queue reserved for the request being processed: for a response-pending and the answer."""
+"""Number of places in the transmit queue reserved for the request being processed: for a response-pending and the
+answer."""
 
 
 class Endpoint:
@@ -224,7 +225,7 @@ class Endpoint:
 
     @property
     def aborted_receptions(self) -> int:
-        """The number of messages that the other end began and did not complete or replaced by a new message."""
+        """The number of messages that the other end began, and then did not complete or replaced by a new message."""
         return self._reception.aborted
 
     @property

@@ -65,7 +65,7 @@ def repeated(name: str) -> str:
 
 
 def message(tag: str, name: str, parts: Iterable[str]) -> str:
-    """Return a structure, a request or an answer with these parameters."""
+    """Return an element with parameters: a structure, a request or an answer."""
     return named(tag, name, f"<PARAMS>{''.join(parts)}</PARAMS>", prefix=f"{tag}." if tag != "STRUCTURE" else "")
 
 

@@ -42,7 +42,7 @@ class Freshness:
 
     @property
     def value(self) -> int:
-        """The number that is sent: 64 bits, with the trip in the upper half."""
+        """The freshness value that is sent: 64 bits, with the trip in the upper half."""
         return self.trip << 32 | self.count
 
     def next(self) -> Self:
@@ -99,7 +99,7 @@ class VerifierState:
 
     @property
     def refused(self) -> int:
-        """The number of frames refused for either cause."""
+        """The number of frames refused for either of the two causes."""
         return self.not_authentic + self.not_fresh
 
 

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 KeyOf = Callable[[Level, bytes], bytes]
-"""Returns the key for a seed of a security level."""
+"""A function that returns the key for a seed of a security level."""
 
 P2_S: Final = 1.0
 """Longest wait for a first answer in s: the ECU's 50 ms, and the delay of adapters and a busy bus."""
@@ -26,18 +26,18 @@ P2_EXTENDED_S: Final = 6.0
 LONGEST_PENDING_S: Final = 60.0
 """Longest time in s of consecutive response-pending or busy answers, after which the ECU counts as gone."""
 TIMES: Final = 5
-"""Largest number of attempts at a request that gets no answer."""
+"""Largest number of attempts at a request that is not answered."""
 READ_TIMES: Final = 25
 """Largest number of attempts to read an identifier. The store's report has 150 classic frames, and an attempt fails if
 one of them is lost. A request to an ECU that has never answered has `TIMES` attempts only, because the ECU is probably
 absent."""
 BUSY: Final = 0x21
-"""busyRepeatRequest (ISO 14229-1, table A.1)."""
+"""Negative response code busyRepeatRequest (ISO 14229-1, table A.1)."""
 BUSY_WAIT_S: Final = 0.1
 PRESENT_S: Final = 2.0
 """Time in s between two messages that keep a session: of two messages within `S3_MS`, one may be lost."""
 DELAY_S: Final = 15.0
-"""Longest wait in s while the ECU accepts no key after wrong keys: more than its delay of 10 s."""
+"""Longest wait in s while the ECU accepts no key after wrong keys: more than the ECU's delay of 10 s."""
 
 
 class Asking:
@@ -89,7 +89,7 @@ class Asking:
 
     def unlock(self, level: Level) -> None:
         """Unlock a security level; waits up to `DELAY_S` while the ECU accepts no key. Raises AccessError if the key is
-        wrong, or was wrong too often."""
+        wrong, or if wrong keys were sent too often."""
         step = f"unlock {level.name.lower()}"
         until = self._clock() + DELAY_S
         refused_keys = 0
@@ -156,7 +156,7 @@ class Asking:
                 self._ask("stop sending", call, times=2)
 
     def reset(self, *, times: int = TIMES) -> None:
-        """Request a hard reset; raises NotNowError if it would interrupt active control."""
+        """Request a hard reset; raises NotNowError if the reset would interrupt active control."""
         self._in_good_state("reset", lambda: self._client.ecu_reset(1), times=times)
 
     def wait(self, seconds: float, *, keep_session: bool = True) -> None:
@@ -169,7 +169,7 @@ class Asking:
             left -= PRESENT_S
 
     def present(self) -> None:
-        """Send a tester-present message that asks for no answer."""
+        """Send a tester-present message, which the ECU does not answer."""
         with self._client.suppress_positive_response:
             self._client.tester_present()
 

@@ -51,7 +51,7 @@ def read_facts(asking: Asking) -> EcuFacts:
 
 
 def read_store(asking: Asking) -> StoreReport:
-    """Read the report on the ECU's slots; raises BusError if it is damaged."""
+    """Read the report on the ECU's slots; raises BusError if the report is damaged."""
     return report.decode(asking.read(Did.STORE))
 
 

@@ -33,7 +33,7 @@ class NoAnswerError(FlashError):
 
 
 class LostError(NoAnswerError):
-    """The connection was lost during a transfer, which can be continued."""
+    """The connection was lost during a transfer; the transfer can be continued."""
 
     def __init__(self, received: int, length: int) -> None:
         FlashError.__init__(
@@ -56,13 +56,13 @@ class NotNowError(FlashError):
 
 
 class WrongReleaseError(FlashError):
-    """The release is not for this ECU, or the ECU may not take it."""
+    """The release is not for this ECU, or the ECU may not accept it."""
 
     status: ClassVar[int] = WRONG_RELEASE
 
 
 class WrongKeysError(FlashError):
-    """The ECU does not take the key list."""
+    """The ECU does not accept the key list."""
 
     status: ClassVar[int] = WRONG_RELEASE
 

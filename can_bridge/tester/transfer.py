@@ -18,7 +18,7 @@ from can_bridge.uds.services import MAX_BLOCK, Did, Nrc, Routine, Session
 from contract.errors import FlashError
 
 BLOCK_STEP: Final = 32
-"""Blocks begin at multiples of this number of bytes, a word of flash memory."""
+"""Number of bytes, a word of flash memory, of which the offset of every block is a multiple."""
 _HEADER: Final = 2
 _IN_A_ROW: Final = 16
 """Number of consecutive blocks that must arrive at the first attempt before a longer block is sent."""
@@ -53,13 +53,13 @@ class BlockLength:
 
 
 OnProgress = Callable[[int, int], None]
-"""Called with the number of bytes that the ECU has, and the length of the image."""
+"""A function that is called with the number of bytes that the ECU has, and the length of the image."""
 
 STALLS: Final = 5
 """Largest number of consecutive attempts without progress."""
 TRIES: Final = 3
 """Largest number of attempts at a step. A step is repeated if its session ended because the ECU did not answer for a
-long time or lost its supply."""
+long time or lost its power supply."""
 SESSION_ENDED: Final = frozenset(
     {Nrc.SERVICE_NOT_IN_SESSION, Nrc.SUB_FUNCTION_NOT_IN_SESSION, Nrc.SECURITY_ACCESS_DENIED}
 )

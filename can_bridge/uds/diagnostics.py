@@ -31,7 +31,7 @@ class Diagnostics(Protocol):
         ...
 
     def download(self, offset: int, length: int) -> None:
-        """Expect `length` bytes of the announced image from `offset` on."""
+        """Expect `length` bytes of the announced image, beginning at byte `offset`."""
 
     def transfer(self, data: bytes) -> Long[None]:
         """Take the next bytes of the image."""

@@ -21,7 +21,7 @@ from can_bridge.uds.services import Did, Nrc, Refused, Routine, Session
 from contract.errors import ConfigError, KeyFileError, StillwakeError
 
 WRITTEN: Final = 512
-"""Number of bytes of an image that one piece of work writes."""
+"""Number of bytes of an image that are written in one piece of work."""
 _DONE: Final = {
     Routine.ERASE: ("update", "a release is being written: jets shut until a reset"),
     Routine.ACTIVATE: (

@@ -33,7 +33,7 @@ CODES: Final[Mapping[Reason, int]] = {
         (Reason.NO_SPEED, _U, 0x87),
     )
 }
-"""Trouble codes of three bytes. Reasons without a code are states of an ECU without a fault."""
+"""Trouble codes of three bytes. A reason without a code is a state of an ECU without a fault."""
 REASON_BY_CODE: Final[Mapping[int, Reason]] = {code: reason for reason, code in CODES.items()}
 CODE_BYTES: Final = 3
 J2012_FORMAT: Final = 0x00

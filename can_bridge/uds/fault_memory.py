@@ -119,15 +119,15 @@ class FaultMemory:
         self.is_on = True
 
     def note(self, reason: Reason | None, snapshot: bytes = b"") -> None:
-        """Note that the test of this reason failed now, or for None that all tests passed."""
+        """Note that the test for this reason failed now; None means that all tests passed."""
         self._noted.append((reason, snapshot))
 
     def settle(self) -> None:
         """Record the noted results, and store the record if this is allowed now. Raises MediumError if storing fails;
         the next call does not repeat the attempt."""
         while self._noted and (self.is_on or len(self._noted) > 1):
-            # While recording is off, only the latest result stays queued: it is the tests' state when recording
-            # resumes.
+            # While recording is off, only the latest result stays queued, because it is the state of the tests when
+            # recording resumes.
             reason, snapshot = self._noted.popleft()
             if not self.is_on:
                 continue

@@ -77,7 +77,7 @@ class SecurityAccess:
         self.unlocked = self._asked = None
 
     def seed(self, now_ns: int, level: Level) -> bytes:
-        """Return a new seed; zeros if the level is already unlocked. Raises Refused during the delay."""
+        """Return a new seed, which is zero if the level is already unlocked. Raises Refused during the delay."""
         if self.unlocked is level:
             return bytes(SEED_LENGTH)
         self._asked = None
@@ -90,7 +90,8 @@ class SecurityAccess:
         return seed
 
     def unlock(self, now_ns: int, level: Level, answer: bytes) -> None:
-        """Unlock the level whose seed was sent last. Raises Refused for a wrong answer or a level without a seed."""
+        """Unlock the level for which the last seed was sent. Raises Refused for a wrong answer or a level without a
+        seed."""
         if self._asked is None or self._asked[0] is not level:
             raise Refused(Nrc.SEQUENCE_ERROR)
         (_, seed), self._asked = self._asked, None

@@ -61,7 +61,7 @@ _SUB_FUNCTIONS: Final[Mapping[int, frozenset[int]]] = {
     Service.TESTER_PRESENT: frozenset({0}),
     Service.FAULT_SETTING: frozenset({_FAULTS_ON, _FAULTS_OFF}),
 }
-"""Sub-functions of the services that have one in their first byte, without the bit that suppresses the answer."""
+"""Sub-functions of the services whose first byte is a sub-function, without the bit that suppresses the answer."""
 _DIDS: Final[frozenset[int]] = frozenset(Did)
 
 
@@ -325,7 +325,7 @@ class UdsServer:
             raise Refused(Nrc.SEQUENCE_ERROR)
         if self._transfer.is_new(counter, data):
             transfer, self._transfer = self._transfer, None
-            # If writing fails the transfer ends, since only a new announcement shows the memory's content.
+            # If writing fails, the transfer ends, because only a new announcement finds out what the memory contains.
             yield from self._diagnostics.transfer(data)
             transfer.taken(counter, data)
             self._transfer = transfer

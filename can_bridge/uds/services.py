@@ -97,18 +97,19 @@ class Routine(IntEnum):
     are in `can_bridge.uds.ecu_services`."""
 
     PRECONDITIONS = 0x0203
-    """Check whether the ECU may be programmed now; CONDITIONS_NOT_CORRECT if not."""
+    """Check whether the ECU may be programmed now; the answer is CONDITIONS_NOT_CORRECT if it may not."""
     SELF_TEST = 0x0204
     """Run the running release's controller on input that must give a finite plan."""
     ACTIVATE = 0x0205
-    """Boot the checked image from the next reset on, on trial."""
+    """Activate the checked image: it boots from the next reset on, on trial."""
     CONFIRM = 0x0206
     """Confirm the release on trial."""
     REVERT = 0x0207
     """Return to the previous release from the next reset on."""
     ERASE = 0xFF00
-    """Announce an image and prepare a slot for it. Option record: length (4), SHA-256 (32). The answer has the offset
-    (4) of the first byte to send, more than zero if an earlier transfer of this image was interrupted."""
+    """Announce an image and prepare a slot for it. The option record has its length (4) and SHA-256 (32). The answer
+    has the offset (4) of the first byte to send, which is above zero if an earlier transfer of this image was
+    interrupted."""
     CHECK = 0xFF01
     """Check the transferred image; the answer has a `Verdict` (1)."""
 
@@ -143,7 +144,7 @@ class Did(IntEnum):
 
 
 class Refused(Exception):  # noqa: N818  (a negative response is an answer, no error)
-    """The request is refused with this negative response code."""
+    """The refusal of a request, with a negative response code."""
 
     def __init__(self, code: Nrc, why: str = "") -> None:
         super().__init__(why or code.name)

@@ -44,8 +44,8 @@ def negative(service: int, code: Nrc) -> bytes:
 
 
 class Job:
-    """A request being processed. The return value of its work is the answer after the first byte. `is_quiet`: no
-    positive answer is sent. `passed_over`: negative response codes that are not sent either."""
+    """A request being processed. The return value of its work is the answer after the first byte. `is_quiet`: whether
+    to send no positive answer. `passed_over`: negative response codes that are not sent, either."""
 
     def __init__(
         self, now_ns: int, service: int, work: Long[bytes], *, is_quiet: bool, passed_over: Collection[Nrc] = ()
@@ -119,6 +119,6 @@ class Download:
         self._last = counter, data
 
     def check_complete(self) -> None:
-        """Raise Refused if bytes are missing."""
+        """Raise Refused if bytes of the download are missing."""
         if self._missing:
             raise Refused(Nrc.SEQUENCE_ERROR)

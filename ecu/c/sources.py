@@ -6,7 +6,7 @@ from typing import Final
 from contract.controller.c_folder import c_files
 
 MONOCYPHER: Final = "4.0.3"
-"""Version of Monocypher in `store/vendor`, which Monocypher's release writes in place of `__git__`."""
+"""Version of Monocypher in `store/vendor`. Monocypher's release has this version in the place of `__git__`."""
 
 
 def sources_in(folder: str = "") -> dict[str, bytes]:

@@ -29,14 +29,14 @@ time out."""
 
 @dataclass(frozen=True, kw_only=True)
 class Lost:
-    """The bus was lost."""
+    """A report that the bus was lost."""
 
     why: str
 
 
 @dataclass(frozen=True, kw_only=True)
 class Back:
-    """The bus is connected again."""
+    """A report that the bus is connected again."""
 
     after_s: float
 
@@ -89,7 +89,8 @@ class Connection:
         self._bus = None
 
     def look(self) -> Lost | Back | None:
-        """Return a change of the connection, if any; call this once a period. Never waits."""
+        """Return the change of the connection since the last call, if any. Call this method once a period; it never
+        waits."""
         if self._bus is None:
             if not self._opened:
                 return None

@@ -32,7 +32,7 @@ GRACE: Final = 4
 SHUT_FRAMES: Final = 3
 """Number of final periods that send shut jets, since single frames may be lost."""
 _PASSING: Final = (Mode.HOLD, Mode.DECAY)
-"""Modes that are too short for a line in the log."""
+"""Modes that last too briefly for a line in the log."""
 
 Tell = Callable[..., None]
 
@@ -217,6 +217,6 @@ def check_offset(config: Config) -> int:
 
 def _usage() -> tuple[int, int, int, int]:
     """Return the process's garbage collections, and this thread's minor and major faults and involuntary switches."""
-    # Linux counts them for a thread, other systems only for the process.
+    # Linux counts faults and switches for each thread, other systems only for the process.
     used = resource.getrusage(getattr(resource, "RUSAGE_THREAD", resource.RUSAGE_SELF))
     return sum(item["collections"] for item in gc.get_stats()), used.ru_minflt, used.ru_majflt, used.ru_nivcsw

@@ -35,7 +35,7 @@ class Counters:
 
 
 def text(counters: Counters, *, bundle: str) -> str:
-    """Return the file's content; `bundle` names the release."""
+    """Return the content of the file; `bundle` is the name of the release."""
     return "".join(_lines(counters, bundle))
 
 

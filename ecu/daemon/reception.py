@@ -15,7 +15,8 @@ from can_bridge.wire.message_sets import MessageSet
 from ecu.real_time.inbox import Inbox
 
 LONGEST_AGE_NS: Final = 1_000_000_000
-"""Largest age in ns of a frame when it is read from the bus. An older frame is useless, or the clock was set."""
+"""Largest age in ns of a frame when it is read from the bus. If the age is larger, the frame is useless, or the clock
+was set."""
 STAMPED_WITH_THE_DATE: Final = frozenset({"socketcan", "udp_multicast", "slcan"})
 """Interfaces that stamp the reception with the computer's date. A `virtual` bus passes on the sender's stamp, and
 vendors' drivers have their own clocks: with these, a frame counts as received when it is read."""
@@ -37,7 +38,8 @@ class Taken(NamedTuple):
 
 
 def received_ns(stamp_ns: int, *, monotonic_ns: int, date_ns: int) -> int:
-    """Return when a frame was received, in the monotonic clock. `stamp_ns` is the date of its reception in ns."""
+    """Return the time in the monotonic clock at which a frame was received. `stamp_ns` is the date of its reception in
+    ns."""
     age_ns = min(max(0, date_ns - stamp_ns), LONGEST_AGE_NS)
     return max(0, monotonic_ns - age_ns)
 

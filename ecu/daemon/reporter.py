@@ -47,7 +47,7 @@ def _moment(event: DatedEvent) -> datetime:
 
 
 INTERVAL_S: Final = 1.0
-"""Time in s between two versions of the file of counters."""
+"""Time in s between two updates of the file of counters."""
 
 
 class Reporter:
@@ -132,7 +132,7 @@ class Reporter:
         self._attempt("freshness", lambda: self._keep(counters))
 
     def _attempt(self, name: str, work: Callable[[], None]) -> None:
-        """Do the work; report once when it fails, and once when it succeeds again."""
+        """Do the work. Report when it fails for the first time, and when it succeeds again."""
         try:
             work()
         except StillwakeError as error:

@@ -91,7 +91,8 @@ class DiagnosisThread:
 
 
 SWITCH_INTERVAL_S: Final = 0.0005
-"""Time in s after which a thread must hand the interpreter to the control when it wakes; Python's default is 5 ms."""
+"""Time in s after which a thread must hand the interpreter to the control when the control wakes; Python's default is 5
+ms."""
 NO_RELEASE: Final = "none"
 
 _Fields = str | int | float
@@ -106,7 +107,7 @@ class _EarlyLog:
         self.release = NO_RELEASE
 
     def tell(self, event: str, line: str, **fields: _Fields) -> None:
-        """Log as `Equipment.log` does."""
+        """Store or report an event, like `Equipment.log`."""
         if event == "no_release":
             self.release = NO_RELEASE
         elif "digest" in fields:
@@ -118,7 +119,7 @@ class _EarlyLog:
             self._reporter.tell(event, line, **fields)
 
     def begin(self, reporter: Reporter) -> None:
-        """Report the stored events, and later events at once."""
+        """Report the stored events now, and every later event when it occurs."""
         self._reporter = reporter
         for event, line, fields in self._early:
             reporter.tell(event, line, **fields)

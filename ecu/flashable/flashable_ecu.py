@@ -62,7 +62,7 @@ class FlashableEcu:
         self._service_ns = 0
         self._wants_reset = False
         self.resets = 0
-        # The service uses a new power cycle as soon as it is booted, the control from its next period on.
+        # The service uses a new power cycle as soon as it is booted; the control uses it from the next period on.
         self._serviced = self._controlled = self._power_on()
 
     @property
@@ -108,7 +108,7 @@ class FlashableEcu:
 
     @property
     def is_measuring(self) -> bool:
-        """Whether `service` has frames to send for each control period."""
+        """Whether `service` has measured values to send for each control period."""
         return self._serviced.calibration is not None and self._serviced.calibration.is_measuring
 
     @property

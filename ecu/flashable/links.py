@@ -69,7 +69,7 @@ class DiagnosticLink:
 
     @property
     def is_busy(self) -> bool:
-        """Whether there is work to do at once, without another frame. A reception can still end later by a timeout."""
+        """Whether there is work that needs no other frame. A reception can still end later by a timeout."""
         return self._server.is_busy or self._sent > 0
 
     def service(self, now_ns: int, frames: Sequence[Frame]) -> list[Frame]:
@@ -77,7 +77,7 @@ class DiagnosticLink:
         self._server.look(now_ns, in_transit=self._endpoint.is_receiving or self._endpoint.is_sending)
         was_busy, requests = self._server.is_busy, 0
         for request, is_functional in self._requests(now_ns, frames):
-            # In a flood, requests without a free place for their answer are lost.
+            # In a flood, a request is lost if there is no free place for its answer.
             if requests < self._settings.queue and not self._endpoint.is_full:
                 is_occupied = self._endpoint.occupied > BESIDE
                 answers = self._server.request(now_ns, request, is_functional=is_functional, is_occupied=is_occupied)

@@ -61,7 +61,7 @@ AMPLITUDE_CP: Final = 0.3
 """Amplitude of the synthetic pressures, in Cp: a typical value of a shedding wake at the rear edges."""
 SHEDDING_CYCLE_TC: Final = 5.0
 LIMIT_SLACK: Final = 1e-5
-"""Amount by which a plan in float32 may exceed the action limit."""
+"""Amount in U_inf W by which a plan in float32 may exceed the action limit."""
 
 
 def self_test(bundle: Bundle, controller: Controller) -> Long[None]:

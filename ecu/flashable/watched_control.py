@@ -46,7 +46,7 @@ _MOST_MS: Final = 0xFFFF_FFFF
 
 
 class FaultWatch:
-    """The search for faults in every control period from power-on."""
+    """The search for faults in all control periods since power-on."""
 
     def __init__(self, memory: FaultMemory) -> None:
         self._memory = memory

@@ -51,8 +51,8 @@ def compiler_version(compiler: Sequence[str]) -> str:
 
 
 def compile_c(contents: Mapping[str, bytes], output: Path, *, compiler: Sequence[str], flags: Sequence[str]) -> None:
-    """Compile and link all C files given; warnings are errors. Raises LibraryError with the compiler's first error
-    message if the compiler rejects the files."""
+    """Compile and link C files; warnings are errors. Raises LibraryError with the compiler's first error message if the
+    compiler rejects the files."""
     with tempfile.TemporaryDirectory() as folder:
         for name, content in contents.items():
             Path(folder, name).write_bytes(content)

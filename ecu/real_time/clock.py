@@ -45,7 +45,7 @@ def _sleep_by_duration(until_ns: int) -> None:
 
 
 def _absolute_sleep() -> Callable[[int], None]:
-    """Return this system's function that sleeps until an instant."""
+    """Return the function with which this system sleeps until an instant."""
     if sys.platform != "linux":
         return _sleep_by_duration
     try:

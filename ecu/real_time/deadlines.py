@@ -79,7 +79,7 @@ class Arrivals:
         return replace(self, latest_ns=(*self.latest_ns, arrival_ns)[-REMEMBERED:])
 
     def forgotten(self) -> Self:
-        """Forget all arrivals, because the next frames come from another or a restarted sender."""
+        """Forget all arrivals, because the next frames come from another sender or from a sender that was restarted."""
         return replace(self, latest_ns=())
 
     @property

@@ -15,7 +15,7 @@ from typing import Any, Final, NamedTuple
 
 PRIORITY: Final = 50
 """Priority under SCHED_FIFO, 1 to 99: above every ordinary process, and equal to most of the kernel's interrupt threads
-(50), so that those of the CAN driver still run."""
+(50), so that the threads of the CAN driver still run."""
 LOWEST_PRIORITY: Final = 1
 TIMER_SLACK_NS: Final = 1
 """Timer slack in ns. By default Linux wakes ordinary processes up to 50 us late, to wake several at once."""
@@ -132,7 +132,8 @@ def _lock_memory(undo: ExitStack) -> None:
 
 
 def _call(name: str, *arguments: int) -> int:
-    """Call a function of the C library; raises OSError if it returns -1, AttributeError if there is none."""
+    """Call a function of the C library; raises OSError if the result is -1, AttributeError if the function does not
+    exist."""
     if sys.platform != "linux":
         raise AttributeError(name)
     function: Any = getattr(ctypes.CDLL(None, use_errno=True), name)

@@ -31,7 +31,7 @@ class EcuStage(IntEnum):
     SCHEDULED = 1
     WOKE = 2
     PRESSURE_COUNTER = 3
-    """E2E counter of the newest Pressure frame passed to the step; NOTHING without one."""
+    """E2E counter of the newest Pressure frame passed to the step; NOTHING if there was no frame."""
     FRAME_ARRIVED = 4
     """Time of arrival of the newest Pressure frame passed to the step."""
     STEP_BEGAN = 5
@@ -80,7 +80,7 @@ class StageTimes:
         self._row = self._table[0]
 
     def begin(self) -> None:
-        """Begin the next period."""
+        """Begin the row of the next period."""
         self._row = self._table[self._begun % len(self._table)]
         self._row[:] = self._blank
         self._begun += 1
@@ -129,7 +129,7 @@ class PlanTimes:
 
 
 class TimedController:
-    """A wrapper that times another controller."""
+    """A wrapper that records the start and the end of another controller's steps."""
 
     def __init__(self, controller: Controller, now_ns: Callable[[], int], times: PlanTimes | None = None) -> None:
         self._controller = controller
