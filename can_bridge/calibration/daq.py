@@ -95,7 +95,7 @@ class DaqLists:
         return found
 
     def read(self, address: int, length: int) -> bytes | None:
-        """Return bytes of the latest period's memory area, or None for a range outside it."""
+        """Return bytes of the latest period's memory area, or None for a range outside this area."""
         at = address - MEASURED_ADDRESS
         return self._measured[at : at + length] if 0 <= at <= at + length <= MEASURED_BYTES else None
 
