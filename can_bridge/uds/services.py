@@ -107,8 +107,8 @@ class Routine(IntEnum):
     REVERT = 0x0207
     """Return to the previous release from the next reset on."""
     ERASE = 0xFF00
-    """Announce an image and prepare a slot. The option record has the image's length (4) and SHA-256 (32). The answer has
-    the offset (4) of the first byte to send, above zero if an earlier transfer of this image was interrupted."""
+    """Announce an image and prepare a slot. The option record has the image's length (4) and SHA-256 (32). The answer
+    has the offset (4) of the first byte to send, above zero if an earlier transfer of this image was interrupted."""
     CHECK = 0xFF01
     """Check the transferred image; the answer has a `Verdict` (1)."""
 
