@@ -1,1 +1,2 @@
-"""The software that a vehicle installs: the ECU, its fail-safe, its window, the release runtime. Imports no wake."""
+"""The software that a vehicle installs: the ECU, its fail-safe, its window and the release runtime. It imports no
+wake."""

@@ -1,17 +1,19 @@
-"""The check whether control helps: pressures under control are compared with pressures while the jets were shut.
+"""The check whether control helps: it compares the pressures under control with the pressures while the jets were shut.
 
-A controller made for another speed, another body or another delay can raise drag although every frame and every
-pressure is valid. Two means show it, both over two shedding cycles. Where control helps, the suction on the base falls.
-Where it only deflects the wake, the pressures of mirrored sensors differ more than without control. The values without
-control are measured on the vehicle itself, whenever the jets have been shut for long enough. The speed may have changed
-since, and the wake with it, so both means are divided by the values of the release's own wake at the speed of each
-period. After power-on it is unknown how long the jets had been shut, and a reset under control leaves a calmed wake.
-Until the vehicle has measured for long enough, the larger of the measured wake and the release's wake counts.
+A controller made for another speed, another body or another delay can raise the drag although every frame and every
+pressure is valid. Two quantities show this, each averaged over two shedding cycles: the suction on the base, which
+falls where control helps, and the pressure difference between mirrored sensors, which grows where control only deflects
+the wake. The values without control are measured on the vehicle itself, whenever the jets have been shut for long
+enough. The speed, and with it the wake, may have changed since, so the pressures of each period are divided by the
+values of the release's own wake at the speed of that period. After power-on it is unknown how long the jets had been
+shut, and a reset under control leaves a calmed wake. Until the vehicle has measured for long enough, the check compares
+with the larger of the measured wake and the release's wake.
 
 If control does not help for a shedding cycle, this is only a suspicion, because the comparison is with an earlier time,
-and the speed may be wrong. So the ECU shuts the jets and measures the wake without them at this speed. If that wake is
-worse, control continues; it also continues if the speed changes, because the test holds only for its own speed.
-Otherwise the fault latches in the end. A new request for control starts again.
+and the speed may be wrong. So the ECU begins a test: it shuts the jets and measures the wake without control at this
+speed. If the wake without control is worse, control continues. Control also continues if the speed changes, because the
+test is valid for its own speed only. Otherwise the fault latches when the tests have taken `BenefitCheck.patience`
+periods. A new request for control ends the fault.
 """
 
 from dataclasses import dataclass, replace
@@ -30,26 +32,32 @@ from ecu.fit import positions_of
 _ON_BASE: Final = "base_"
 """Prefix of the names of sensors on a body's base."""
 MOVED: Final = 0.1
-"""Change of the speed that ends a test, in design speeds, because the wake is then a different wake."""
+"""Change of the speed, in design speeds, that ends a test, because the wake at the new speed is a different wake."""
 PATIENCE: Final = 6
-"""Longest test, in `wake_periods`: 18 s with shut jets, in which the vehicle may leave a harmful speed."""
+"""Longest duration of tests, as a multiple of `wake_periods`: 18 s with shut jets, in which the vehicle may leave a
+speed at which control does harm."""
 UNSTATED: Final = ((1.0, -1e-3, 1e-3),)
-"""Values for a release that does not state its wake, in Cp: smaller than any wake, so the measured wake counts."""
+"""Values in the form of `BenefitCheck.resting`, in Cp, for a release that does not state its wake. They are smaller
+than in any wake, so that the measured wake is always the larger one."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class BenefitCheckState:
-    """The state after a control period. Periods without pressures change no mean.
+    """The state after a control period. A period without pressures changes no mean. The swing is the mean magnitude of
+    the pressure differences between mirrored sensors.
 
     Attributes:
-        waking: remaining periods with the jets shut until the wake is as without control; 0 at power-on.
+        waking: number of periods that the jets must still be shut until the wake is as without control; 0 at power-on.
         rested: number of periods in the means without control, up to `BenefitCheck.proven`.
-        resting_suction, resting_swing: means without control, divided by the values of the release's own wake.
+        resting_suction, resting_swing: mean suction on the base and mean swing without control, divided by the values
+            of the release's own wake.
         driven: number of periods in the means under control, up to `ecu.benefit_check.first_period`.
-        suction, swing: means under control, divided by the values of the release's own wake.
-        doubt: number of periods in which control did not help minus those in which it did, at least 0.
-        tested_at: speed at which a test began, in design speeds; 0 without a test.
-        spent: number of periods of tests minus those in which control helped, 0 to `BenefitCheck.patience`.
+        suction, swing: mean suction on the base and mean swing under control, divided by the values of the release's
+            own wake.
+        doubt: number of periods in which control did not help minus the number in which it helped, at least 0.
+        tested_at: speed at which the present test began, in design speeds; 0 if there is no test.
+        spent: number of periods in tests minus the number of periods in which control helped, 0 to
+            `BenefitCheck.patience`.
     """
 
     waking: int = 0
@@ -65,7 +73,7 @@ class BenefitCheckState:
 
     @property
     def tests(self) -> bool:
-        """Whether the jets must be shut for a test."""
+        """Whether a test is in progress, for which the jets must be shut."""
         return self.tested_at > 0.0
 
 
@@ -74,10 +82,11 @@ class BenefitCheck:
     """The benefit check of one release.
 
     Attributes:
-        base: (B,) indices of the release's sensors that are on the base.
-        pairs: (P, 2) indices of mirrored sensors.
-        resting: (K, 3) rising speeds in design speeds, and at each the mean base pressure, below zero, and the mean
-            magnitude of the differences of mirrored sensors, both in Cp.
+        base: (B,) indices of the release's B sensors on the base.
+        pairs: (P, 2) indices of the P pairs of mirrored sensors.
+        resting: (K, 3) the release's wake without jets at K rising speeds, one row each: the speed in design speeds,
+            the mean base pressure (below zero) and the mean magnitude of the differences of mirrored sensors, both in
+            Cp.
     """
 
     base: tuple[int, ...]
@@ -102,7 +111,7 @@ class BenefitCheck:
 
     @property
     def patience(self) -> int:
-        """The number of periods of tests after which the fault latches."""
+        """The total number of periods in tests after which the fault latches."""
         return PATIENCE * self.config.wake_periods
 
     def next(
@@ -111,8 +120,8 @@ class BenefitCheck:
         """Return the state after a period, and the reason why the ECU must switch itself off, or None.
 
         Args:
-            cp: (S,) this period's pressures; None if there are none.
-            drives: whether the jets could run until now.
+            cp: (S,) pressures of this period at the S sensors, as Cp; None if there are none.
+            drives: whether the jets could run up to this period.
             speed: speed of the vehicle, in design speeds.
         """
         if state.tests:
@@ -150,9 +159,9 @@ class BenefitCheck:
     def _tested(
         self, state: BenefitCheckState, cp: Array | None, speed: float
     ) -> tuple[BenefitCheckState, Reason | None]:
-        """Do `next` during a test. The means under control are compared with the wake since the jets were shut. That
-        wake is averaged over more cycles than control, because a wrong verdict by chance would resume harmful control.
-        """
+        """Do `next` during a test. The means under control are compared with the wake since the jets were shut. The
+        mean of that wake covers more cycles than the means under control, because a wrong verdict by chance would
+        resume harmful control."""
         if cp is None:
             return state, None
         config = self.config
@@ -180,7 +189,7 @@ class BenefitCheck:
         return gained >= config.least_gain * abs(suction) and state.swing <= config.most_swing * swing
 
     def _rested(self, state: BenefitCheckState, cp: Array, speed: float, over: int) -> BenefitCheckState:
-        """Add this period to the means without control, which are over `over` periods."""
+        """Add this period to the means without control, which then cover `over` periods."""
         suction, swing = self._measured(cp, speed)
         return replace(
             state,
@@ -189,8 +198,8 @@ class BenefitCheck:
         )
 
     def _measured(self, cp: Array, speed: float) -> tuple[float, float]:
-        """Return the suction on the base and the mean magnitude of the differences, divided by the values of the
-        release's wake at this speed. The sums are in a fixed order, as in C."""
+        """Return the suction on the base and the mean magnitude of the differences between mirrored sensors, divided by
+        the values of the release's wake at this speed. The sums are computed in a fixed order, as in C."""
         base = swing = 0.0
         for place in self.base:
             base += float(cp[place])
@@ -200,7 +209,8 @@ class BenefitCheck:
         return base / len(self.base) / resting_base, swing / len(self.pairs) / resting_swing
 
     def _stated(self, speed: float) -> tuple[float, float]:
-        """Return base pressure and swing of the release's wake without jets at a speed, in Cp, by interpolation."""
+        """Return the base pressure and the swing of the release's wake without jets, in Cp, interpolated at this
+        speed."""
         before = self.resting[0]
         for after in self.resting:
             if speed < after[0]:
@@ -211,13 +221,13 @@ class BenefitCheck:
 
 
 def resting_of(manifest: Manifest) -> tuple[tuple[float, float, float], ...]:
-    """Return a release's wake without jets, by speed, in the form of `BenefitCheck.resting`."""
+    """Return the values of a release's wake without jets by speed, in the form of `BenefitCheck.resting`."""
     stated = manifest.resting
     return UNSTATED if stated is None else tuple(zip(stated.speeds, stated.base, stated.swing, strict=True))
 
 
 def mirrored_pairs(manifest: Manifest) -> tuple[tuple[int, int], ...]:
-    """Return the indices of mirrored sensors of a release; empty if the sensors' positions are unknown."""
+    """Return the index pairs of a release's mirrored sensors; empty if the positions of the sensors are unknown."""
     positions = positions_of(manifest)
     if positions is None:
         return ()

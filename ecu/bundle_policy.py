@@ -1,4 +1,5 @@
-"""A release's controller as a policy: with the ECU's window and warm start, without bus, latency or fail-safe."""
+"""A policy that runs a release's controller with the ECU's window and warm start, but without bus, latency and
+fail-safe."""
 
 import numpy as np
 
@@ -13,16 +14,17 @@ from ecu.fit import check_sensors
 
 
 class BundlePolicy:
-    """A `wake.recording.episode_job.Policy`: zero until the window is full, then the first action of each plan.
+    """A `wake.recording.episode_job.Policy`: its action is zero until the window is full, then the first action of each
+    plan.
 
     The memory holds the number of rows in the window, the rows (Cp_k, a_{k-1}), and the last plan as computed. The
-    graph shifts the plan, so that its first action, which exploration changed, is not used again. Nothing else is
+    graph shifts the plan, so that its first action, which exploration changed, is not used again. No other data are
     needed, because every sample has its pressures, and the plant reports the action in force. Raises BundleError if the
-    model does not load, or reads a sensor that the plant does not have, or has elsewhere.
+    model does not load, or if it reads a sensor that the plant does not have or has at another position.
 
     Args:
         controller: runs the bundle's `controller.onnx`; default: ONNX Runtime on one thread.
-        layout: layout of the plant's sensors, the columns of Cp in each step.
+        layout: layout of the plant's sensors, whose pressures are the columns of Cp in each step.
     """
 
     def __init__(self, bundle: Bundle, controller: Controller | None = None, layout: SensorLayout = TRUCK) -> None:
@@ -40,7 +42,8 @@ class BundlePolicy:
         return _packed(ControllerMemory.empty(length=length, sensors=columns - 1, horizon=self._horizon, delay=0))
 
     def step(self, memory: Array, Cp: Array, action: float) -> tuple[float, Array]:
-        """Return command and new memory. Raises ControllerError if the controller fails or its answer is not finite."""
+        """Return the command and the new memory. Raises ControllerError if the controller fails or its answer is not
+        finite."""
         after = self._unpacked(memory, action).observed(Cp[self._columns])
         if not after.is_full:
             return 0.0, _packed(after)
@@ -48,7 +51,7 @@ class BundlePolicy:
         return float(answer.plan[0]), _packed(after)
 
     def _unpacked(self, memory: Array, action: float) -> ControllerMemory:
-        """Return the packed memory as a `ControllerMemory`, with the action in force."""
+        """Return the state of the controller in a packed memory, with the action in force."""
         return ControllerMemory(
             window=memory[1 : -self._horizon].reshape(self._shape),
             rows=int(memory[0]),
@@ -59,5 +62,6 @@ class BundlePolicy:
 
 
 def _packed(memory: ControllerMemory) -> Array:
-    """Return the memory as an array (1 + L (S + 1) + H,): rows, window, plan."""
+    """Return the memory as an array: the number of rows, the window (L, S + 1), the plan (H,); (1 + L (S + 1) + H,) in
+    all."""
     return np.concatenate([[memory.rows], memory.window.ravel(), memory.plan])

@@ -1,7 +1,7 @@
 """The values of a release that may be calibrated on a vehicle, their limits, and the settings that result.
 
 The bounds on the jets can be narrowed, never widened: the vehicle's settings are their upper limits. The weights may
-have any meaningful value, the delay any value that leaves the controller an action to choose.
+have any meaningful value. The delay may have any value with which the controller still has an action to choose.
 """
 
 from dataclasses import replace
@@ -31,7 +31,7 @@ def release_calibration(bundle: Bundle, config: Config) -> Calibration:
 
 
 def limits_of(bundle: Bundle, config: Config) -> CalibrationLimits:
-    """Return the least and greatest values for a release in a vehicle."""
+    """Return the smallest and largest allowed values for a release in a vehicle."""
     own = release_calibration(bundle, config)
     least = Calibration(
         weights=CostWeights(**dict.fromkeys(TERMS, 0.0)),

@@ -4,9 +4,9 @@ Row k of the window is (Cp_k, a_{k-1}): the pressures of period k, and the actio
 optimisation of period k starts from the plan of period k - 1, which the graph shifts by one step. The ECU and the
 policy that records under feedback (`bundle_policy`) share this state.
 
-If a release serves a range of speeds, the rows of past periods are also stored (`Past`), and the window is interpolated
+For a release with a range of speeds, the rows of past periods are also stored (`Past`), and the window is interpolated
 from them at steps of the present speed. Pressures, actions and plan are then in units of the present speed; sent
-actions stay in units of the design speed, as do the jets' limits.
+actions and the jets' limits stay in units of the design speed.
 """
 
 from dataclasses import dataclass, replace
@@ -21,7 +21,7 @@ from contract.controller.resampling import followed, places
 
 @dataclass(frozen=True)
 class DelayLine:
-    """The latest `delay + 1` values, oldest first. `values` is (delay + 1,)."""
+    """The latest `delay + 1` values, oldest first, with `delay` in control periods. `values` has shape (delay + 1,)."""
 
     values: tuple[float, ...]
 
@@ -46,18 +46,19 @@ class DelayLine:
         return self.values[1:]
 
     def pushed(self, value: float) -> Self:
-        """Return the line one period later, with `value` sent now."""
+        """Return the line after one more period, with `value` sent now."""
         return type(self)((*self.values[1:], value))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Past(ArrayValue):
-    """The rows of the latest control periods with their speeds; a value with read-only arrays.
+    """The rows of the latest N control periods with their speeds; a value with read-only arrays.
 
     Attributes:
-        rows: (N, S + 1) as in the window, each in units of its own speed; zero before the first row.
-        speeds: (N,) in design speeds.
-        count: number of rows so far.
+        rows: (N, S + 1) rows as in the window, with S sensors, each in units of the speed of its period; zero before
+            the first row.
+        speeds: (N,) speed of each period, in design speeds.
+        count: number of rows with data, up to N.
     """
 
     rows: Array
@@ -66,11 +67,11 @@ class Past(ArrayValue):
 
     @staticmethod
     def empty(periods: int, sensors: int) -> "Past":
-        """Return an empty past for this number of periods."""
+        """Return a past without data for this number of periods."""
         return Past(rows=np.zeros((periods, sensors + 1)), speeds=np.zeros(periods), count=0)
 
     def with_row(self, row: Array, speed: float) -> "Past":
-        """Add this period's row, (S + 1,)."""
+        """Add the row of this period, (S + 1,)."""
         return Past(
             rows=np.vstack([self.rows[1:], row]),
             speeds=np.append(self.speeds[1:], speed),
@@ -78,13 +79,14 @@ class Past(ArrayValue):
         )
 
     def with_column(self, sensor: int, values: Array) -> "Past":
-        """Replace the pressures of one sensor by `values`, (N,), in the existing rows."""
+        """Replace the pressures of one sensor by `values`, (N,), in the rows with data."""
         rows, first = self.rows.copy(), len(self.rows) - self.count
         rows[first:, sensor] = values[first:]
         return replace(self, rows=rows)
 
     def read(self, length: int) -> tuple[Array, int]:
-        """Return the window (L, S + 1) at steps of the present speed, and the number of its existing rows."""
+        """Return the window (L, S + 1), interpolated at L steps of the present speed, and the number of its rows with
+        data."""
         window, first = np.zeros((length, self.rows.shape[1])), len(self.rows) - self.count
         if not self.count:
             return window, 0
@@ -95,16 +97,16 @@ class Past(ArrayValue):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ControllerMemory(ArrayValue):
-    """The memory is an immutable value: every method returns a new memory. The arrays are read-only.
+    """The controller's state, an immutable value: every method returns a new memory. The arrays are read-only.
 
     Attributes:
-        window: (L, S + 1), a row (Cp at the sensors, action in force) a period, oldest first; zero before the first
-            row.
-        rows: number of existing rows, the last ones of the window, 0 to L.
+        window: (L, S + 1) one row for each of L periods, oldest first: Cp at the S sensors and the action in force;
+            zero before the first row.
+        rows: number of rows with data, the last ones of the window, 0 to L.
         gap: number of consecutive periods without pressures.
-        plan: (H,), as computed by the controller; zeros without a plan.
+        plan: (H,) plan for H steps, as computed by the controller; zeros without a plan.
         under_way: sent actions; the first takes effect now, the others during the actuator's delay.
-        past: source of the window for a release that serves a range of speeds.
+        past: rows from which the window of a release with a range of speeds is interpolated; None for other releases.
     """
 
     window: Array
@@ -119,11 +121,11 @@ class ControllerMemory(ArrayValue):
         """Return a memory without rows, with a plan of zeros and no jet action.
 
         Args:
-            length: L.
-            sensors: S.
-            horizon: H.
+            length: number L of rows of the window.
+            sensors: number S of sensors.
+            horizon: number H of steps of the plan.
             delay: delay of the actuator, in control periods.
-            past: number of stored periods for a release that serves a range of speeds; 0 for another.
+            past: number of stored periods for a release with a range of speeds; 0 for other releases.
         """
         return ControllerMemory(
             window=np.zeros((length, sensors + 1)),
@@ -136,12 +138,13 @@ class ControllerMemory(ArrayValue):
 
     @property
     def is_full(self) -> bool:
-        """Whether the window is full, so that the controller can plan."""
+        """Whether every row of the window has data, so that the controller can plan."""
         return self.rows == len(self.window)
 
     @property
     def sizes(self) -> tuple[int, int, int, int]:
-        """L, S, H and the actuator's delay, which are equal in all memories of one controller."""
+        """Rows L of the window, sensors S, steps H of the plan, and the actuator's delay; equal in all memories of a
+        controller."""
         return len(self.window), self.window.shape[1] - 1, len(self.plan), len(self.under_way.pending)
 
     @property
@@ -150,13 +153,14 @@ class ControllerMemory(ArrayValue):
         return 1.0 if self.past is None or not self.past.count else float(self.past.speeds[-1])
 
     def observed(self, cp: Array, speed: float = 1.0) -> "ControllerMemory":
-        """Add a row for this period; cp is (S,), at this speed."""
+        """Add a row for this period: pressures `cp`, (S,), at `speed` in design speeds."""
         return self._extended(cp, speed, gap=0)
 
     def bridged(self, longest_gap: int) -> "ControllerMemory":
         """Repeat the last pressures for a period without pressures; does nothing before the first row.
 
-        A gap of more than `longest_gap` periods empties the window, so that no plan is made from old pressures.
+        A gap of more than `longest_gap` periods empties the window, so that the controller does not plan with old
+        pressures.
         """
         gap = min(self.gap, longest_gap) + 1
         if gap > longest_gap:
@@ -164,14 +168,15 @@ class ControllerMemory(ArrayValue):
         return self._extended(self.window[-1, :-1], self.speed, gap=gap) if self.rows else replace(self, gap=gap)
 
     def emptied(self) -> "ControllerMemory":
-        """Remove the rows; the plan and the sent actions stay."""
+        """Return the memory without its rows; the plan and the sent actions stay."""
         if not self.rows:
             return self
         past = None if self.past is None else Past.empty(len(self.past.rows), self.window.shape[1] - 1)
         return replace(self, window=np.zeros_like(self.window), rows=0, past=past)
 
     def with_column(self, sensor: int, values: Array) -> "ControllerMemory":
-        """Replace the pressures of one sensor in the existing rows by `values`: (L,), or (N,) with a past."""
+        """Replace the pressures of one sensor in the rows with data by `values`: (L,), or (N,) if there is a past of N
+        periods."""
         if self.past is not None:
             past = self.past.with_column(sensor, values)
             return replace(self, past=past, window=past.read(len(self.window))[0])
@@ -181,21 +186,21 @@ class ControllerMemory(ArrayValue):
         return replace(self, window=window)
 
     def commanded(self, action: float) -> "ControllerMemory":
-        """Add an action sent in this period, in U_inf W."""
+        """Return the memory with an action sent in this period, in U_inf W."""
         return replace(self, under_way=self.under_way.pushed(action))
 
     def with_delay(self, delay: int) -> "ControllerMemory":
         """Change to another delay of the actuator, between two control periods; `delay` is less than the horizon.
 
         The sent actions stay, but take effect at other times: the latest `delay` actions are under way, and each row of
-        the window gets the action that was in force by the new delay. The oldest row's action, zero before the first
-        row, also replaces older actions. The plan is shifted, and its action for the next period stays. A past is
-        emptied.
+        the window gets the action that was in force with the new delay. Actions older than the window are unknown, so
+        the action of its oldest row, which is zero before the first row, replaces them. The plan is shifted by the
+        change of the delay, so that its action for the next period stays. A past is emptied.
         """
         later = delay - len(self.under_way.pending)
         if not later:
             return self
-        # The actions of the rows and on the line are all sent actions, without a gap.
+        # Together, the actions in the window's rows and in the delay line are all sent actions, without a gap.
         sent = np.concatenate([self.window[:, -1], self.under_way.values])
         length, first = len(self.window), len(self.window) - self.rows
         in_force = sent[np.maximum(np.arange(length) - later, 0)]
@@ -212,7 +217,7 @@ class ControllerMemory(ArrayValue):
         )
 
     def without_plan(self) -> "ControllerMemory":
-        """Replace the plan by zeros, so that the next optimisation starts from zeros."""
+        """Return the memory with a plan of zeros, so that the next optimisation starts from zeros."""
         return replace(self, plan=np.zeros_like(self.plan)) if self.plan.any() else self
 
     def planned(
@@ -228,8 +233,8 @@ class ControllerMemory(ArrayValue):
         """
         pending = self.under_way.pending
         plan, free = self.plan.copy(), np.ones(len(self.plan))
-        # The graph shifts the plan by a step. Its next actions are then those under way to a late actuator, as they
-        # were sent, even if the gate, a hold or rounding changed the plan.
+        # The graph shifts the plan by one step. The first actions of the shifted plan must be the actions on their way
+        # to the actuator, as they were sent, even if the gate, the mode HOLD or rounding changed them after planning.
         plan[1 : 1 + len(pending)] = np.array(pending) / self.speed
         free[: len(pending)] = 0.0
         try:

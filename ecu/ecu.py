@@ -1,10 +1,10 @@
 """The ECU: a function of state, time and received frames, without clock, socket or thread.
 
 Once a control period it checks the pressure stream end to end, updates the fail-safe, extends the window, plans, passes
-the first free action through the command gate and sends it. Row k of the window is (Cp_k, a_{k-1}), with the action as
-sent and, if the actuator is known to be late, as it takes effect.
+the first free action through the command gate and sends it. Row k of the window is (Cp_k, a_{k-1}). The action a_{k-1}
+is stored as it was sent and, if the actuator has a known delay, in the row of the period in which it takes effect.
 
-No input raises an exception: neither frames, nor the time, nor the controller's answer.
+Neither frames, nor the time, nor the controller's answer can make the ECU raise an exception.
 """
 
 from collections.abc import Sequence
@@ -40,7 +40,7 @@ from ecu.timing import StepTiming
 
 
 class StepOutcome(NamedTuple):
-    """The outcome of a control period. `frames` are to be sent: a JetCommand and an EcuStatus."""
+    """The outcome of a control period. `frames` has the frames to send: a JetCommand and an EcuStatus."""
 
     state: EcuState
     frames: list[Frame]
@@ -71,10 +71,10 @@ class Ecu:
     Args:
         controller: runs the bundle's `controller.onnx`.
         config: bus, E2E and fail-safe settings; operating point and control period must be the bundle's.
-        authentication: data of the ECU for `bus.key`.
+        authentication: the ECU's data for authenticated frames, needed with `bus.key`.
 
     Attributes:
-        calibration: the values in force; at power-on those of release and vehicle.
+        calibration: the values in force; at power-on the values of release and vehicle.
     """
 
     def __init__(
@@ -116,7 +116,8 @@ class Ecu:
         ).authenticated(authentication, self._messages)
         self._state = start
         self.restore(start)
-        # A renewed bundle states new weights in its manifest, but its graph has the weights of its export.
+        # A renewed bundle states new weights in its manifest, but its graph has the weights of its export, so the
+        # manifest's weights are put in force here.
         self.calibrate(release_calibration(bundle, config))
 
     @property
@@ -126,7 +127,8 @@ class Ecu:
 
     def restore(self, state: EcuState) -> None:
         """Continue from a state of this ECU, or of another ECU with equal bundle, settings and calibration. Raises
-        ValueError if the state belongs to a controller with another window, sensors, horizon or delay."""
+        ValueError if the state belongs to a controller with another window, other sensors, another horizon or another
+        delay."""
         if (own := self._state.memory.sizes) != state.memory.sizes:
             raise ValueError(
                 f"state of a controller with (window, sensors, horizon, delay) = {state.memory.sizes}: this ECU has "
@@ -141,7 +143,7 @@ class Ecu:
         )
 
     def calibrate(self, calibration: Calibration) -> None:
-        """Put other values in force, all of them from the next step on.
+        """Put other values in force; all of them take effect from the next step on.
 
         The command gate limits the very next command to a narrower range, even if the previous command was larger.
         Raises ConfigError if a value is outside the limits of this release and vehicle; then no value changes.
@@ -150,7 +152,7 @@ class Ecu:
         self.calibration = calibration
         self._weights = np.array(calibration.weights.as_tuple())
         self._config = with_calibration(self._own_config, calibration)
-        # Even if the limits above were wrong, nothing is ever wider than the vehicle's settings.
+        # Even if the check of the limits were wrong, no bound is ever wider than in the vehicle's settings.
         self._limits = GateLimits.from_config(self._config).narrowed(self._own_limits)
         memory = self._state.memory.with_delay(self._config.ecu.frozen_actions)
         self._state = replace(self._state, memory=memory)
@@ -162,9 +164,9 @@ class Ecu:
 
         Args:
             now_ns: time of the step, in the clock of the frames' timestamps.
-            frames: everything received since the last step, oldest first.
+            frames: all frames received since the last step, oldest first.
             health: health of the CAN controller, for the status.
-            around: see `Surroundings`.
+            around: external conditions; see `Surroundings`.
         """
         outcome = self.next(self._state, now_ns, frames, health, **around)
         self._state, self.trace = outcome.state, outcome.trace
@@ -178,7 +180,8 @@ class Ecu:
         health: BusHealth = HEALTHY,
         **around: Unpack[Surroundings],
     ) -> StepOutcome:
-        """Compute a control period from any state, without storing it: a pure function if the controller is one."""
+        """Compute a control period from any state, without storing the result. This is a pure function if the
+        controller is a pure function."""
         received, inputs = self._receive(state, now_ns, frames, health, around)
         decided = replace(received, fail_safe=received.fail_safe.next(inputs, self._config.ecu))
         acted, passed, forces = self._act(decided, state.timing, now_ns)
@@ -194,7 +197,8 @@ class Ecu:
             flow_m2_per_s=passed.flow_m2_per_s,
             mode=mode.on_wire,
             enable=passed.enable,
-            # The counter is that of the frame on which the command, or the held command, is based.
+            # The command states the counter of the pressure frame on which it is based, also if the command is only
+            # held.
             pressure_counter=after.pressure_counter if inputs.usable or mode.drives_jets else None,
             next_period=self._config.ecu.plan_ahead,
         )
@@ -235,7 +239,7 @@ class Ecu:
         other_ecu = state.other_ecu.next(heard, timing.step_ns or 0)
         memory = self._after_silence(state.memory, timing)
         if speed_state.is_off:
-            # Pressures at this speed say nothing about control at other speeds, so the window is emptied.
+            # Pressures at this speed are no evidence of control at other speeds, so the window is emptied.
             received, memory = received._replace(cp=None), memory.emptied()
         elif received.cp is None:
             memory = memory.bridged(self._longest_gap)
@@ -271,7 +275,7 @@ class Ecu:
         )
 
     def _act(self, state: EcuState, before: StepTiming, now_ns: int) -> tuple[EcuState, GatedCommand, Array | None]:
-        """Return the state with this period's action, the gate's result, and the predicted forces."""
+        """Return the state with this period's action, the result of the command gate, and the predicted forces."""
         latest = state.memory.under_way.newest
         decision = self._decide(state.fail_safe.mode, state.memory)
         fail_safe = state.fail_safe if decision.fault is None else state.fail_safe.latch(decision.fault)
@@ -295,7 +299,8 @@ class Ecu:
         """
         if timing.fault is Reason.CLOCK:
             return memory.emptied()
-        # More silent periods change nothing: then the window is empty and the jets follow the last command.
+        # After this number of periods the window is empty and the jets follow the last command, so more periods change
+        # nothing.
         for _ in range(min(timing.skipped, max(self._longest_gap, len(memory.under_way.pending)) + 1)):
             memory = memory.bridged(self._longest_gap).commanded(memory.under_way.newest)
         return memory
@@ -303,7 +308,8 @@ class Ecu:
     def _checked(
         self, state: SensorCheckState, memory: ControllerMemory, received: Received, skipped: int
     ) -> tuple[SensorCheckState, ControllerMemory, Reason | None]:
-        """Return the sensor check's state, the memory with the estimate of a faulty sensor, and a reason to shut."""
+        """Return the state of the sensor check, the memory with the estimate of a faulty sensor, and a reason to shut
+        the jets."""
         if self._sensor_check is None:
             return state, memory, None
         after, fault = self._sensor_check.next(
@@ -316,7 +322,8 @@ class Ecu:
     def _judged(
         self, state: EcuState, memory: ControllerMemory, speed: float, *, usable: bool
     ) -> tuple[BenefitCheckState, Reason | None]:
-        """Return the state of the benefit check and a reason to shut; a sensor set aside has its estimate."""
+        """Return the state of the benefit check and a reason to shut the jets. A sensor that is set aside is replaced
+        by its estimate."""
         if self._benefit_check is None:
             return state.benefit, None
         cp = memory.window[-1, :-1] if usable else None
@@ -346,14 +353,15 @@ class Ecu:
 
 
 def _bus_fault(before: BusHealth, now: BusHealth) -> Reason | None:
-    """Return BUS_OFF while the CAN controller is bus-off and in the first step after it: no node received the
-    frames."""
+    """Return BUS_OFF while the CAN controller is bus-off, and in the first step after bus-off, because no node received
+    the frames."""
     off = now.state is BusState.BUS_OFF or now.bus_off > before.bus_off
     return Reason.BUS_OFF if off else None
 
 
 def _told_by_the_gate(fail_safe: FailSafe, passed: GatedCommand) -> FailSafe:
-    """Return the fail-safe after the gate: if the gate shut the jets, the bus gets a reason."""
+    """Return the fail-safe after the command gate. If the gate shut the jets, the fail-safe has the reason for the
+    bus."""
     if Intervention.NOT_FINITE in passed.interventions:
         return fail_safe.latch(Reason.INTERNAL)
     if Intervention.STALE in passed.interventions:

@@ -31,8 +31,8 @@ class Surroundings(TypedDict, total=False):
     """External conditions of an ECU in a control period.
 
     Attributes:
-        fault: reason for which it must switch itself off.
-        updating: a new release is being written: the ECU is off until a reset, as soon as no jet may run.
+        fault: reason for which the ECU must switch itself off.
+        updating: whether a new release is being written. The ECU is then off until a reset, as soon as no jet may run.
     """
 
     fault: Reason | None
@@ -45,19 +45,20 @@ class EcuState:
 
     Attributes:
         memory: window, plan and sent actions not yet in force.
-        fail_safe: the mode, and why the ECU is not in control.
-        pressures: the receiver of the Pressure message.
-        commands, statuses: the senders of JetCommand and EcuStatus.
-        pressure_ns: sampling time of the latest usable pressures; None before the first.
-        pressure_counter: counter of the frame that brought the pressures; None before the first.
-        overruns: number of whole periods left out.
+        fail_safe: the mode, and the reason why the ECU is not in control.
+        pressures: state of the receiver of the Pressure message.
+        commands, statuses: states of the senders of JetCommand and EcuStatus.
+        pressure_ns: sampling time of the latest usable pressures; None before the first usable pressures.
+        pressure_counter: counter of the frame that brought these pressures; None before the first usable pressures.
+        overruns: number of whole control periods left out.
         missed: number of steps without usable pressures.
         health: health of the CAN controller in the latest step.
         verifier: state of the Pressure message's authentication.
         freshness: freshness values for the next JetCommand and the next EcuStatus.
         other_ecu: whether another ECU is on the bus.
         sensors: state of the sensor check.
-        speed: speed of the vehicle; as at power-on with a release that does not need it.
+        speed: state of the reception of the vehicle's speed; a release that does not need the speed leaves it as at
+            power-on.
     """
 
     memory: ControllerMemory
@@ -130,14 +131,15 @@ def answers(
     key: Key | None,
     bundle_hash: int,
 ) -> list[Frame]:
-    """Return the period's two frames, with the counters and freshness before it, and the status after it."""
+    """Return the two frames of a period. Their counters and freshness values come from the state before the period, the
+    status from the state after it."""
     contents = (
         (before.commands, messages.command.spec, messages.command.emit(command)),
         (before.statuses, messages.status.spec, messages.status.emit(after.status(bundle_hash))),
     )
     return [
         secured(
-            # A frame's time cannot be negative; with such a clock the jets are shut.
+            # A frame's time cannot be negative. If the clock gives a negative time, the jets are shut anyway.
             protected_frame(sender, data, spec=spec, now_ns=max(0, now_ns)),
             spec=spec,
             key=key,
@@ -149,11 +151,12 @@ def answers(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Trace:
-    """Results of the latest step for observers; nothing in the ECU reads them.
+    """Results of the latest step for observers; no part of the ECU reads them.
 
     Attributes:
-        action: sent, in U_inf W.
-        forces: predicted (Cd, Cl) over the horizon, (H, 2), in units of the design speed; None without a plan.
+        action: action that was sent, in U_inf W.
+        forces: predicted (Cd, Cl) over the H steps of the horizon, (H, 2), in units of the design speed; None without a
+            plan.
     """
 
     mode: Mode

@@ -1,11 +1,11 @@
 """The ECU's mode in each control period: one table of states and transitions.
 
-`TRANSITIONS` is read from its first row on. The first row that starts at the present state and whose condition holds is
-taken, in the control step that sees the condition. `docs/reference/states.md` and its picture are made from the table.
+`TRANSITIONS` is examined from its first row on. A control step takes the first row that starts at the present state and
+whose condition is true in this step. `docs/reference/states.md` and its picture are made from the table.
 
-The ECU tolerates no more losses than (m, k)-firm control allows: with default settings, control ends when `loss_limit`
-= 25 of the last `loss_window` = 50 periods have no usable pressures, or when more than `hold_periods` + `decay_periods`
-= 3 consecutive periods have none.
+The limit on losses is that of (m, k)-firm control, in which at least m of any k consecutive periods must have usable
+pressures. With default settings, control ends when `loss_limit` = 25 of the last `loss_window` = 50 periods have none,
+or when more than `hold_periods` + `decay_periods` = 3 consecutive periods have none.
 """
 
 from collections.abc import Callable
@@ -18,26 +18,26 @@ from contract.config.vehicle import EcuConfig
 
 
 class OperatingMode(Enum):
-    """The ECU's mode in a control period. The bus has other values: see `on_wire`."""
+    """The ECU's mode in a control period. Messages on the bus use another enumeration: see `on_wire`."""
 
     INIT = auto()
     """There have been no usable pressures since power-on."""
     STANDBY = auto()
-    """Pressures arrive. The vehicle's request for control is high as at power-on; it may date from before a fault, so
-    it must fall first."""
+    """Pressures arrive. The vehicle's request for control has been high since power-on. The request may be older than a
+    fault, so it must become low before control can start."""
     ARMED = auto()
-    """The request is low: control starts when it rises."""
+    """The request for control is low; control starts when the request rises."""
     WARMUP = auto()
-    """Control is requested, but the controller's window is not full, the release does not serve the speed, or the wake
-    is measured without jets, to find whether control helps."""
+    """Control is requested but not yet active: the controller's window is not full, the speed is outside the range of
+    the release, or the wake is being measured without jets to find out whether control helps."""
     CONTROL = auto()
     """The jets follow the controller."""
     HOLD = auto()
-    """Pressures are missing: the last command is held."""
+    """Pressures are missing; the last command is repeated."""
     DECAY = auto()
-    """Pressures are missing for longer: the command is halved each period."""
+    """Pressures are missing for longer; the command is halved in each period."""
     FAULT = auto()
-    """The jets are shut and stay shut until good frames have arrived and the request rises again."""
+    """The jets are shut. They stay shut until frames with usable pressures have arrived and the request rises again."""
     UPDATE = auto()
     """A new release is being written (`updating` of `Ecu.step`); only a reset ends this mode."""
 
@@ -68,14 +68,14 @@ class PeriodInputs:
     """The inputs of one control period.
 
     Attributes:
-        usable: a valid frame with four valid pressures arrived.
-        enable_request: enable request of the vehicle, in that frame; None if none arrived.
-        unusable_because: why pressures are not usable; ignored if they are.
-        window_full: the controller can plan.
-        off_speed: the vehicle is slower or faster than the release is made for.
-        tests: the jets must be shut to measure the wake without them.
+        usable: whether a valid frame with four valid pressures arrived.
+        enable_request: enable request of the vehicle in that frame; None if no such frame arrived.
+        unusable_because: reason why the pressures are not usable; ignored if they are usable.
+        window_full: whether the controller can plan.
+        off_speed: whether the vehicle is slower or faster than the range of speeds of the release.
+        tests: whether the jets must be shut to measure the wake without control.
         fault: reason for which the ECU must switch itself off in this period, even if good frames arrived.
-        updating: a new release is being written.
+        updating: whether a new release is being written.
     """
 
     usable: bool
@@ -89,15 +89,16 @@ class PeriodInputs:
 
 
 class Period(NamedTuple):
-    """The data for conditions: one period's inputs, and the counts up to it.
+    """The data that conditions are evaluated with: one period's inputs, and the counts up to and including this period.
 
     Attributes:
         request: the vehicle's request for control, as last received.
-        rises: the request was low before this period and is high now.
+        rises: whether the request was low before this period and is high now.
         misses: number of consecutive periods without usable pressures.
         good: number of consecutive periods with usable pressures.
-        lost: number of periods without usable pressures among the latest `loss_window` in which control was requested.
-        kept: reason of the state before.
+        lost: number of periods without usable pressures among the latest `loss_window` periods in which control was
+            requested.
+        kept: reason of the state before this period.
     """
 
     inputs: PeriodInputs
@@ -111,14 +112,14 @@ class Period(NamedTuple):
 
 
 class Condition(NamedTuple):
-    """A condition with its text."""
+    """A condition of a transition, and its text for people."""
 
     text: str
     holds: Callable[[Period], bool]
 
 
 class Because(NamedTuple):
-    """The choice of the Reason to report for a state, with its text."""
+    """The rule that chooses the Reason to report for a state, and its text for people."""
 
     text: str
     of: Callable[[Period], Reason]
@@ -135,7 +136,8 @@ def _waiting(period: Period) -> Reason:
 
 
 def _unless_refused(reason: Reason) -> Callable[[Period], Reason]:
-    """Return a rule with this reason, or NOT_AUTHENTIC if no frame is authentic, since no request is received then."""
+    """Return a rule that gives this reason, or NOT_AUTHENTIC if no frame is authentic, because no request is received
+    then."""
     return lambda period: Reason.NOT_AUTHENTIC if _missing(period) is Reason.NOT_AUTHENTIC else reason
 
 
@@ -192,8 +194,8 @@ class Transition:
     """One row of the table.
 
     Attributes:
-        within: number of periods from the first period with the cause to the period that reacts, both included: a
-            number, or a formula of the ECU's settings.
+        within: number of periods from the first period with the cause to the period in which the ECU reacts, both
+            included: a number, or a formula of the ECU's settings.
     """
 
     start: frozenset[OperatingMode]
@@ -217,13 +219,14 @@ TRANSITIONS: Final = (
     _row("INIT STANDBY ARMED WARMUP FAULT", UPDATING, _S.UPDATE, _WRITING),
     _row(f"INIT STANDBY ARMED {_WANTED}", OWN_FAULT, _S.FAULT, _OWN),
     _row("FAULT", OWN_FAULT, _S.FAULT, _FIRST),
-    # The ECU was just switched on, and there is no request.
+    # In these rows the request for control is low, or it is high and the ECU has not accepted it.
     _row("INIT", NEVER_YET, _S.INIT, _QUIET),
     _row("INIT", LOW_AND_USABLE, _S.ARMED, _QUIET),
     _row("INIT", STANDING, _S.STANDBY, _STANDS),
     _row(f"STANDBY ARMED {_WANTED}", LOW, _S.ARMED, _QUIET),
     _row("STANDBY", ALWAYS, _S.STANDBY, _STANDS),
-    # The request rises, or it is high and control is requested.
+    # In INIT and ARMED, these rows are reached only if the request rises. In the other states, the request is high and
+    # the ECU has already accepted it.
     _row(f"INIT ARMED {_WANTED}", INVALID, _S.FAULT, _MISSING),
     _row(f"INIT ARMED {_WANTED}", TOO_LONG, _S.FAULT, _MISSING, "hold_periods + decay_periods + 1"),
     _row(f"INIT ARMED {_WANTED}", TOO_MANY, _S.FAULT, _MISSING, "loss_limit"),
@@ -232,7 +235,7 @@ TRANSITIONS: Final = (
     _row(f"ARMED {_WANTED}", USABLE, _S.CONTROL, _NO_REASON),
     _row("ARMED WARMUP CONTROL HOLD", SHORT, _S.HOLD, _MISSING),
     _row(f"ARMED {_WANTED}", ALWAYS, _S.DECAY, _MISSING, "hold_periods + 1"),
-    # A fault is latched.
+    # These rows end a latched fault, or keep it.
     _row(
         "FAULT",
         Condition(f"{REARMED.text}; {FILLING.text}", lambda p: REARMED.holds(p) and FILLING.holds(p)),
@@ -259,15 +262,17 @@ _COUNTS_NO_LOSS: Final = frozenset({_S.FAULT, _S.UPDATE})
 
 @dataclass(frozen=True, kw_only=True)
 class FailSafe:
-    """The state, changed only by `next`, once a period, and by `latch`, if the period then ends in a fault.
+    """The state of the fail-safe. It changes only by `next`, once a period, and by `latch`, if the period then ends in
+    a fault.
 
     Attributes:
         misses: number of consecutive periods without usable pressures.
         good: number of consecutive periods with usable pressures.
         lost: one bit for each of the latest `loss_window` periods since control was requested or re-armed, the newest
-            lowest: 1 without usable pressures.
-        reason: why the loop is not in control; constant during a fault.
-        enable_request: latest enable request of the vehicle; taken as high before the first, and when a fault begins.
+            lowest: 1 for a period without usable pressures.
+        reason: reason why the ECU is not in control; constant during a fault.
+        enable_request: latest enable request of the vehicle; counts as high before the first request, and when a fault
+            begins.
     """
 
     mode: OperatingMode = OperatingMode.INIT
@@ -278,12 +283,13 @@ class FailSafe:
     enable_request: bool = True
 
     def next(self, inputs: PeriodInputs, config: EcuConfig) -> "FailSafe":
-        """Return the state in the next period; `config` has the lengths of hold, decay and re-arming and the limits."""
+        """Return the state in the next period; `config` gives the lengths of HOLD, DECAY and re-arming, and the limits
+        on losses."""
         request = self.enable_request if inputs.enable_request is None else inputs.enable_request
         rises = request and not self.enable_request
         usable = inputs.usable
         misses = 0 if usable else self.misses + 1
-        # The good frames for re-arming are counted from the last period with a fault of the ECU's own.
+        # Good frames for re-arming are counted from the last period in which the ECU itself had a fault.
         good = (self.good + 1 if inputs.fault is None else 1) if usable else 0
         lost = 0
         if (
@@ -296,14 +302,16 @@ class FailSafe:
         period = Period(inputs, request, rises, misses, good, lost.bit_count(), config, self.reason)
         row = taken(self.mode, period)
         if row.to is OperatingMode.FAULT is not self.mode:
-            # The request must be seen low from now on, as at power-on; otherwise a missed rise would end the fault.
+            # From now on the ECU must first receive a low request, as at power-on. Otherwise a rise that it missed
+            # would end the fault.
             request = inputs.enable_request is not False
         return FailSafe(
             mode=row.to, misses=misses, good=good, lost=lost, reason=row.reason.of(period), enable_request=request
         )
 
     def latch(self, reason: Reason) -> "FailSafe":
-        """Latch a fault of the ECU's own that is detected during the period; good frames count from here."""
+        """Latch a fault of the ECU itself that is detected during the period; good frames are counted again from
+        here."""
         inputs = PeriodInputs(
             usable=False, enable_request=None, unusable_because=reason, window_full=False, fault=reason
         )
@@ -316,11 +324,12 @@ class FailSafe:
 
 
 _NO_LIMITS: Final = EcuConfig()
-"""Settings for rows of a fault of the ECU's own, which do not depend on settings."""
+"""Settings to evaluate the rows of the ECU's own faults, which do not depend on the settings."""
 
 
 def taken(mode: OperatingMode, period: Period) -> Transition:
-    """Return the row that a period takes from a state. It exists, since each state's last row has no condition."""
+    """Return the row of the table that applies in this mode and period. There always is one, because each mode's last
+    row has no condition."""
     rows, otherwise = _FROM[mode]
     for row in rows:
         if row.when.holds(period):

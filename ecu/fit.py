@@ -1,4 +1,5 @@
-"""Checks that a release was made for this flow and this vehicle; an error states both values."""
+"""Checks that a release was made for this flow and this vehicle; an error states the release's value and the present
+value."""
 
 from dataclasses import fields
 
@@ -17,7 +18,8 @@ from contract.sensors import TRUCK
 
 
 def check_flow(bundle: Bundle, flow: FlowConfig, *, owner: str = "flow") -> None:
-    """Raise BundleError if the controller was built for another control period or action limit than `flow` has."""
+    """Raise BundleError if the control period or the action limit for which the controller was built differs from that
+    of `flow`."""
     for name in ("control_period", "action_limit"):
         right = getattr(bundle.manifest, name)
         remedy = f": set flow.{name}={right}"
@@ -44,9 +46,10 @@ def check_vehicle(bundle: Bundle, config: Config) -> None:
 
 
 def check_sensors(bundle: Bundle, layout: SensorLayout) -> None:
-    """Raise BundleError if a sensor of the controller is not on the plant, or elsewhere on it.
+    """Raise BundleError if a sensor of the controller is missing on the plant or has another position there.
 
-    A bundle without positions was made when there was no body but the truck: its names are the truck's.
+    A bundle without positions is from a version whose only body was the truck, so its names are those of the truck's
+    sensors.
     """
     manifest = bundle.manifest
     try:
@@ -65,7 +68,8 @@ def check_sensors(bundle: Bundle, layout: SensorLayout) -> None:
 
 
 def positions_of(manifest: Manifest) -> Array | None:
-    """Return a release's sensor positions (S, 2); None if it states none and its sensors are not the truck's."""
+    """Return a release's sensor positions (S, 2); None if the release states no positions and its sensors are not the
+    truck's."""
     if manifest.sensor_positions is not None:
         return np.array(manifest.sensor_positions)
     return TRUCK.positions[TRUCK.indices(manifest.sensors)] if set(manifest.sensors) <= set(TRUCK.names) else None

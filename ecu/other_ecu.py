@@ -1,7 +1,8 @@
 """Detection of another ECU by its frames: a node does not receive its own frames.
 
-Two ECUs on one bus would take turns in driving the jets, so each keeps them shut until it has not heard the other for
-`SILENCE_NS`. With a key the frame must be authentic: a forged frame does not shut the jets, a repeated frame does.
+Two ECUs on one bus would take turns in driving the jets. So each ECU keeps the jets shut until it has received no frame
+of the other ECU for `SILENCE_NS`. With a key only authentic frames count: a forged frame does not shut the jets, but a
+repeated authentic frame does.
 """
 
 from collections.abc import Sequence
@@ -16,12 +17,13 @@ from can_bridge.wire.message_sets import MessageSet
 from can_bridge.wire.messages import Reason
 
 SILENCE_NS: Final = 1_000_000_000
-"""Time in ns without its frames after which another ECU counts as gone."""
+"""Time in ns without a frame of another ECU after which that ECU counts as gone."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class OtherEcu:
-    """The state after a control period. Another ECU counts as present until `until_ns`; None if there is none."""
+    """The state after a control period. `until_ns` is the time until which another ECU counts as present; None if there
+    is none."""
 
     frames: int = 0
     until_ns: int | None = None
@@ -40,12 +42,12 @@ class OtherEcu:
 
 
 def heard_of_another_ecu(frames: Sequence[Frame], messages: MessageSet, key: Key | None) -> int:
-    """Return how many of the received frames another ECU sent."""
+    """Return the number of received frames that another ECU sent."""
     return sum(is_of_another_ecu(frame, messages, key) for frame in frames)
 
 
 def is_of_another_ecu(frame: Frame, messages: MessageSet, key: Key | None) -> bool:
-    """Return whether a received frame is a valid command or status of the set in use."""
+    """Return whether a received frame is a valid JetCommand or EcuStatus of the message set in use."""
     for spec in (messages.command.spec, messages.status.spec):
         if spec.names(frame):
             authentic = key is None or verify(frame.data, spec, key) is not None

@@ -1,6 +1,6 @@
-"""Conversion of a control period's frames to pressures that may be planned on, or the reason why there are none.
+"""Conversion of a control period's frames to pressures that the controller may use, or the reason why there are none.
 
-The checks in their order: authentication, end-to-end check, content, age, the sensors' own diagnosis.
+The checks are, in this order: authentication, end-to-end check, content, age, the sensors' own diagnosis.
 """
 
 from collections.abc import Sequence
@@ -24,11 +24,12 @@ class Received(NamedTuple):
     """The result of one period's frames.
 
     Attributes:
-        verifier, receiver: their states after these frames.
-        cp: usable pressures, (S,); None without.
-        reading: the pressures in units of the design speed, in which a stuck sensor is constant at any vehicle speed.
+        verifier, receiver: states of the authentication and of the E2E receiver after these frames.
+        cp: (S,) usable pressures at the S sensors, as Cp; None if there are none.
+        reading: (S,) pressures in units of the design speed's dynamic pressure, in which a stuck sensor is constant at
+            any vehicle speed.
         enable_request: enable request of the vehicle; None if no trusted frame arrived.
-        unusable_because: why there are no usable pressures, if there are none.
+        unusable_because: reason why there are no usable pressures, if there are none.
         sampled_ns: sampling time of the usable pressures.
     """
 
@@ -47,9 +48,9 @@ class PressureReception:
     """The reception of pressure frames.
 
     Attributes:
-        key: None without authentication.
-        dynamic_pressure: Pa at Cp = 1 and the design speed.
-        fresh_age_ns: largest age of pressures that may be planned on.
+        key: key of the bus; None without authentication.
+        dynamic_pressure: pressure in Pa that is Cp = 1 at the design speed.
+        fresh_age_ns: largest age in ns of pressures that the controller may use.
     """
 
     message: Message[Pressure]
@@ -70,8 +71,8 @@ class PressureReception:
         """Return the newest trusted pressures of a period, or the reason why there are none.
 
         Args:
-            verifier, receiver: their states before the period.
-            dynamic_pressure: Pa at Cp = 1 at the present speed; None if that is unknown.
+            verifier, receiver: states of the authentication and of the E2E receiver before the period.
+            dynamic_pressure: pressure in Pa that is Cp = 1 at the present speed; None if the speed is unknown.
         """
         spec = self.message.spec
         verifier, frames, none_authentic = verified(verifier, frames, spec=spec, key=self.key)

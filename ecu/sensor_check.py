@@ -1,23 +1,27 @@
-"""The check of the sensors: each pressure is compared with the prediction from the others.
+"""The check of the sensors: each pressure is compared with its prediction from the other pressures.
 
 Transducers fail without a sign: they get stuck, read zero, drift, or are exchanged when plugged in, while all frames
-are valid. A network of the bundle estimates each pressure from the window of the others
+are valid. A network of the bundle estimates each pressure from the window of the other pressures
 (`contract.controller.estimator`), and the residuals decide between three hypotheses:
 
-* one sensor reads wrongly: it is far from its estimate by the others, which agree with each other without it. It is set
-  aside until the ECU is restarted, and replaced by its estimate, which never depends on its own reading;
-* two sensors are exchanged: with their readings swapped, all agree far better. The jets go to zero, the fault latches;
-* the pressures disagree, at once or in the mean of two shedding cycles, and neither hypothesis explains it. The jets go
-  to zero, and the fault latches.
+* one sensor reads wrongly: its reading is far from the estimate by the other sensors, which agree with each other
+  without it. The sensor is set aside until the ECU is restarted, and its reading is replaced by the estimate, which
+  never depends on that reading;
+* two sensors are exchanged: with their readings swapped, all sensors agree far better. The jets go to zero, and the
+  fault latches;
+* the pressures disagree, at once or in the mean of two shedding cycles, and neither of the other hypotheses explains
+  it. The jets go to zero, and the fault latches.
 
-Residuals are averaged over a few periods, which keeps slow changes and reduces noise, squared, and averaged again over
-a shedding cycle. Noise changes from one period to the next, unlike a sensor fault: the remaining noise is measured by
-the residuals' differences, and allowed for. So noise on all sensors, which the controller tolerates, is no fault.
+Residuals are averaged over a few periods, which keeps slow changes and reduces noise. These averages are squared, and
+the squares are averaged over a shedding cycle. Noise, unlike a sensor fault, changes from one period to the next. So
+the differences between consecutive residuals show how much noise remains in the averages, and the check allows for this
+amount. Noise on all sensors, which the controller tolerates, is therefore no fault.
 
-Sensors with equal readings over a whole window, in which the readings vary, are copies of one, as with a broken
-multiplexer: the jets go to zero. Mirrored sensors that hardly vary are no copies, because a calm wake is symmetric. A
-reading that never changes is stuck, because no transducer in a flow is constant. The other sensors show whether there
-is a flow: on a vehicle that stands or creeps, all pressures are nearly constant, and no sensor is stuck.
+If two sensors have equal readings over a whole window, and the readings vary in it, one sensor is a copy of the other,
+for example because of a broken multiplexer: the jets go to zero. Mirrored sensors whose readings hardly vary do not
+count as copies, because a calm wake is symmetric. A reading that never changes is stuck, because no transducer in a
+flow is constant. The other sensors show whether there is a flow: on a vehicle at rest or at very low speed all
+pressures are nearly constant, and no sensor counts as stuck.
 """
 
 from dataclasses import dataclass, field, replace
@@ -36,57 +40,61 @@ from contract.release.manifest import FAST_PERIODS, SLOW_PERIODS, SensorEstimato
 from contract.runtime.onnx_estimator import OnnxEstimator
 
 SCORE_PERIODS: Final = 32
-"""Number of periods over which squares are averaged: a shedding cycle. During part of a cycle, a wrong reading may
-agree with the others by chance."""
+"""Number of periods over which squares of averaged residuals are averaged: a shedding cycle. During a part of a cycle a
+wrong reading may agree with the other readings by chance."""
 NOISE_ALLOWED: Final = 0.3
-"""Share of the noise's variance: twice the part that the fast average leaves, 1 / (2 FAST_PERIODS - 1), because the
-estimate is noisy, too."""
+"""Share of the noise's variance that the check allows for: twice the share that the fast average leaves, 1 / (2
+FAST_PERIODS - 1), because the estimate is noisy, too."""
 
 MOVING: Final = 0.4
-"""Least range of the other sensors' readings, in standard deviations of healthy sensors' residuals, for a constant
-reading to be stuck. In the shipped recording it is 0.015 in Cp; the others' median range is 0.022 or more in ten
-periods."""
+"""Smallest median range of the other sensors' readings at which a constant reading counts as stuck, in standard
+deviations of healthy sensors' residuals. With the shipped recording it is 0.015 in Cp; the median range of the others
+there is 0.022 or more in ten periods."""
 
 ALIKE: Final = 0.1
-"""Largest rms difference of copies over a window, in standard deviations of healthy sensors' residuals: 0.004 in Cp;
-healthy sensors exceed 0.011."""
+"""Largest rms difference of two readings over a window at which they can be copies, in standard deviations of healthy
+sensors' residuals: 0.004 in Cp; the difference between healthy sensors exceeds 0.011."""
 
 COPIED: Final = 2.0
-"""Least range of a reading over the window for another to be its copy, in standard deviations of healthy sensors'
-residuals: 0.08 in Cp. Under control of the shipped release all ranges exceed 0.11; in a calm wake, where mirrored
-sensors agree, they are below 0.07."""
+"""Smallest range of a reading over the window at which another reading can be its copy, in standard deviations of
+healthy sensors' residuals: 0.08 in Cp. Under control of the shipped release all ranges exceed 0.11; in a calm wake,
+where mirrored sensors agree, they are below 0.07."""
 
 DRIFT_ALLOWED: Final = 4.0
-"""Factor by which slow means of residuals may exceed fast means in the check: up to 64. Healthy sensors reach 7, or 40
-with one sensor left out."""
+"""Factor by which the limit for slow means of residuals exceeds the limit for fast means, so that it is 64. Healthy
+sensors reach 7, or 40 with one sensor left out."""
 
 ASIDE_ALLOWED: Final = 2.0
-"""Factor by which the remaining sensors may disagree more when one is set aside, because two others estimate each less
-well than three. Healthy sensors then reach 28, in a gust that the speed on the bus does not show."""
+"""Factor by which the remaining sensors may disagree more when one sensor is set aside, because an estimate from two
+other sensors is less accurate than an estimate from three. Healthy sensors then reach 28, in a gust that the speed on
+the bus does not show."""
 
 
 class EstimatorModel(Protocol):
-    """A model that computes `sensors.onnx`."""
+    """A model that evaluates the estimator network of `sensors.onnx`."""
 
     def estimates(self, window: Array) -> Array:
-        """Return estimates (V, S) in Cp for a window (L, S+1); raises ControllerError if there are none."""
+        """Return the estimates in Cp from each of V views, (V, S), for a window (L, S + 1) of L rows and S sensors.
+        Raises ControllerError if there are none."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SensorCheckState(ArrayValue):
-    """The state after a control period. The arrays are read-only, with a row for each of the S + P `Hypotheses`.
+    """The state after a control period. The arrays are read-only. S is the number of sensors; an array whose shape is
+    not given has a row for each of the S + P `Hypotheses`, with P pairs of sensors.
 
     Attributes:
         residual: residual of the latest judged period, in Cp; NaN before the first.
-        fast, slow: running means of the residual.
-        noise: running variance of the change from one period to the next, in Cp^2.
+        fast, slow: running means of the residual over few and over many periods.
+        noise: running variance of the residual's change from one period to the next, in Cp^2.
         score: running mean of the fast mean's square, divided by the variance of healthy sensors and noise.
-        readings: (S,) the latest; NaN before the first.
+        readings: (S,) latest readings; NaN before the first.
         flat: (S,) number of consecutive periods with unchanged readings.
-        estimates: (n, S) of each sensor by all others, one row for each period of the controller's window or past.
-        set_aside: the faulty sensor; None without one.
-        doubt: number of periods in doubt minus those without, at least 0.
-        implausible: control must not use the pressures.
+        estimates: (n, S) estimate of each sensor by all others, one row for each of the n periods of the controller's
+            window or past.
+        set_aside: index of the faulty sensor; None if there is none.
+        doubt: number of periods in doubt minus the number of periods without doubt, at least 0.
+        implausible: whether control must not use the pressures.
     """
 
     residual: Array
@@ -119,19 +127,20 @@ class SensorCheckState(ArrayValue):
 
     @property
     def mask(self) -> int:
-        """The sensors set aside as bits, as in EcuStatus."""
+        """The sensor that is set aside, as a mask with one bit for each sensor, as in EcuStatus."""
         return 0 if self.set_aside is None else 1 << self.set_aside
 
 
 class ResidualLevels(NamedTuple):
-    """Residuals of one period, as ratios to those of healthy sensors.
+    """The levels of evidence for each hypothesis: mean squares of residuals, relative to those of healthy sensors.
 
     Attributes:
-        liar: (S,) for the hypothesis that this sensor reads wrongly, and the others do not.
-        bias: (S,) for this hypothesis, by the slow means.
-        swap: (P,) for the hypothesis that these two sensors are exchanged.
+        liar: (S,) level for the hypothesis that this sensor reads wrongly, and the others do not.
+        bias: (S,) level for the hypothesis of `liar`, computed from the slow means.
+        swap: (P,) level for the hypothesis that the two sensors of this pair are exchanged.
         doubt: disagreement of the sensors in use, divided by `ASIDE_ALLOWED` if one is set aside.
-        drift: disagreement of the slow means without any one sensor, divided by `DRIFT_ALLOWED`.
+        drift: disagreement of the slow means, divided by `DRIFT_ALLOWED`. The sensor that is set aside is left out; if
+            there is none, the sensor without which the others agree best.
     """
 
     liar: Array
@@ -143,8 +152,8 @@ class ResidualLevels(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SensorCheck:
-    """The check of one bundle's pressures. `fast`, `slow`: (S + P, S) deviations of healthy sensors' residuals in
-    Cp."""
+    """The check of one bundle's pressures. `fast`, `slow`: (S + P, S) rms of the averaged residuals of healthy sensors,
+    in Cp."""
 
     estimator: EstimatorModel
     fast: Array
@@ -160,7 +169,7 @@ class SensorCheck:
 
     @classmethod
     def of(cls, figures: SensorEstimator, estimator: EstimatorModel, config: SensorCheckConfig) -> "SensorCheck":
-        """Return the check with a manifest's figures."""
+        """Return the check that uses the figures of a manifest."""
         fast, slow = (_with_swaps(np.array(table)) for table in (figures.fast, figures.slow))
         return cls(estimator=estimator, fast=fast, slow=slow, config=config)
 
@@ -177,10 +186,10 @@ class SensorCheck:
         """Return the state after a period, and the reason why the ECU must switch itself off, or None.
 
         Args:
-            window: (L, S + 1), the controller's, with this period's row.
-            rows: number of its existing rows.
-            cp: this period's pressures, (S,); None if there are none, and then nothing is judged.
-            reading: the pressures as received, not scaled by the present speed; `cp` by default.
+            window: (L, S + 1) the controller's window, with this period's row.
+            rows: number of rows of the window that have data.
+            cp: (S,) pressures of this period; None if there are none, and then no sensor is judged.
+            reading: (S,) pressures as received, not scaled by the present speed; `cp` by default.
             skipped: number of skipped periods before the present period; the window has a row for each of them.
         """
         length, kept_rows = len(window), len(state.estimates)
@@ -196,7 +205,7 @@ class SensorCheck:
         try:
             by_view = self.estimator.estimates(seen)
         except ControllerError:
-            # The window grew by these rows, so the estimates must, too.
+            # The window grew by these rows, so the estimates must grow by the same number.
             held = _appended(state.estimates, state.estimates[-1], 1 + min(skipped, kept_rows))
             return replace(state, estimates=held), Reason.INTERNAL
         estimates = _appended(state.estimates, state.estimates[-1], min(skipped, kept_rows))
@@ -207,7 +216,7 @@ class SensorCheck:
         means = self._averaged(state, self.hypotheses.residuals(cp, by_view)) if rows == length else {}
         state = replace(state, readings=reading.copy(), flat=flat, estimates=estimates, **means)
         verdict = self._verdict(state, seen, full=rows == length)
-        # The verdict rarely changes, and a new state is expensive.
+        # A new state is expensive to create, and the verdict rarely changes.
         if any(getattr(state, name) != value for name, value in verdict.items()):
             state = replace(state, **verdict)
         return state, Reason.IMPLAUSIBLE if state.implausible else None
@@ -245,7 +254,7 @@ class SensorCheck:
         }
 
     def _others_move(self, resting: int, window: Array) -> bool:
-        """Return whether the other pressures of a window show a flow while this pressure was constant."""
+        """Return whether the other sensors of a window show a flow while this sensor's reading was constant."""
         moved = np.ptp(window[-self.config.flat_periods :, :-1], axis=0)
         return bool(np.median(np.delete(moved, resting)) >= MOVING * self._sound)
 
@@ -291,7 +300,8 @@ def sensor_check_of(bundle: Bundle, config: Config) -> SensorCheck | None:
 
 
 class _Split(NamedTuple):
-    """Parts of an array (S + P, S): each sensor by all others, (S,), and the mean of the others without it, (S,)."""
+    """Parts of an array (S + P, S). `own`: (S,) each sensor's value by all others. `others`: (S,) mean value of the
+    other sensors without this sensor."""
 
     own: Array
     others: Array
@@ -303,7 +313,8 @@ def _split(values: Array, sensors: int) -> _Split:
 
 
 def _with_swaps(table: Array) -> Array:
-    """Return the table (S + P, S); of exchanged sensors each is estimated by all others, as in the diagonal."""
+    """Return the table with the rows of exchanged pairs, (S + P, S). In these rows each sensor is estimated by all
+    others, as in the diagonal."""
     sensors = len(table)
     return np.concatenate([table, np.tile(table.diagonal(), (len(pairs(sensors)), 1))])
 

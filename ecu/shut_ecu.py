@@ -15,7 +15,7 @@ from ecu.ecu_state import EcuState, Trace, answers
 from ecu.fail_safe import FailSafe, OperatingMode
 
 NO_BUNDLE: Final = 0
-"""Bundle hash on the bus of an ECU without a release."""
+"""Bundle hash that an ECU without a release sends on the bus."""
 
 
 class ShutEcu:
@@ -24,7 +24,7 @@ class ShutEcu:
 
     Args:
         config: bus and E2E settings.
-        authentication: data of the ECU for `bus.key`.
+        authentication: the ECU's data for authenticated frames, needed with `bus.key`.
     """
 
     frames_rejected = 0
@@ -60,7 +60,8 @@ class ShutEcu:
         fault: Reason | None = None,
         updating: bool = False,
     ) -> list[Frame]:
-        """Do one control period as `ecu.ecu.Ecu.step` does; the lack of a release has precedence over a fault."""
+        """Do one control period as `ecu.ecu.Ecu.step` does. The ECU reports the missing release even if there is a
+        fault."""
         before = self._state
         updating = updating or before.fail_safe.mode is OperatingMode.UPDATE
         self._state = replace(

@@ -1,8 +1,8 @@
 """The vehicle's speed through the air, which converts pressures to coefficients and actions to flow rates.
 
-A release that serves a range of speeds needs it. The checks in their order: authentication, end-to-end check, age,
-plausibility. If a speed is not trusted, the last speed stays in force for a limited time, because a vehicle does not
-change its speed in a fraction of a second.
+A release with a range of speeds needs the vehicle's speed. The checks are, in this order: authentication, end-to-end
+check, age, plausibility. If a speed is not trusted, the last speed stays in force for a limited time, because a vehicle
+does not change its speed in a fraction of a second.
 """
 
 from collections.abc import Sequence
@@ -21,7 +21,8 @@ from contract.config.vehicle import E2eConfig, SpeedConfig
 from contract.release.manifest import Manifest, SpeedRange
 
 SHORTEST_S: Final = 0.1
-"""Shortest time in s over which a change of speed is judged, so that rounding or a late frame is no acceleration."""
+"""Shortest time in s over which a change of speed is judged, so that rounding or a late frame is not mistaken for an
+acceleration."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,9 +31,10 @@ class SpeedState:
 
     Attributes:
         ratio: ratio of the last accepted speed to the design speed; None if no speed is in force.
-        density: density of the air in kg/m3, stated by the vehicle with this speed, or the operating point's.
+        density: density of the air in kg/m3, as stated by the vehicle with this speed, or the density of the operating
+            point.
         measured_ns: time at which the speed was measured.
-        is_off: the speed left the release's range by more than the margin and has not returned into the range.
+        is_off: whether the speed left the release's range by more than the margin and has not returned into the range.
     """
 
     ratio: float | None = None
@@ -48,9 +50,9 @@ class SpeedReception:
     """The reception of speed frames.
 
     Attributes:
-        key: None without authentication.
+        key: key of the bus; None without authentication.
         design: the operating point of the release.
-        speeds: range of the release, in design speeds.
+        speeds: range of speeds of the release, in design speeds.
     """
 
     message: Message[VehicleSpeed]
@@ -93,12 +95,13 @@ class SpeedReception:
         return replace(state, is_off=is_off)
 
     def dynamic_pressure(self, state: SpeedState) -> float | None:
-        """Return the pressure in Pa at Cp = 1; None without a speed."""
+        """Return the pressure in Pa that is Cp = 1 at the present speed; None if no speed is in force."""
         through_air = self.present(state) * self.design.speed
         return None if state.ratio is None else 0.5 * state.density * through_air * through_air
 
     def present(self, state: SpeedState) -> float:
-        """Return the vehicle's speed in design speeds, limited to the release's range; 1 if unknown or too far out."""
+        """Return the vehicle's speed in design speeds, limited to the release's range; 1 if it is unknown or too far
+        outside the range."""
         if state.ratio is None or state.is_off:
             return 1.0
         return min(max(state.ratio, self.speeds.slowest), self.speeds.fastest)
@@ -108,7 +111,8 @@ class SpeedReception:
         return round(self.config.oldest_ms * 1e6)
 
     def _believed(self, state: SpeedState, stated: VehicleSpeed, measured_ns: int, now_ns: int) -> SpeedState:
-        """Accept a new speed, unless it is old, or no vehicle can reach it from the last speed so fast."""
+        """Accept a new speed, unless it is old, or no vehicle can change from the last speed to the new one in this
+        time."""
         if stated.speed_m_per_s is None or not 0 <= now_ns - measured_ns <= self._oldest_ns:
             return state
         if state.ratio is not None:

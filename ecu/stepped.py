@@ -1,4 +1,4 @@
-"""The interface of an ECU for a closed loop: the Python ECU, the ECU in C, or an emulated core."""
+"""The interface of an ECU for a closed loop: the ECU in Python, the ECU in C, or an emulated core."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from ecu.ecu_state import EcuState, Surroundings, Trace
 
 
 class SteppedEcu(Protocol):
-    """An ECU such as `ecu.ecu.Ecu`, whose methods document these."""
+    """An ECU with the methods of `ecu.ecu.Ecu`, where they are documented."""
 
     @property
     def state(self) -> EcuState:
@@ -54,13 +54,14 @@ class CalibratedEcu(SteppedEcu, Protocol):
 
 @dataclass(frozen=True, kw_only=True)
 class LoopEcu:
-    """An ECU for a closed loop, and the data that a run records of it.
+    """An ECU for a closed loop, and the data that a run records of the ECU.
 
     Attributes:
-        kind: python, c or mcu.
-        computed_by: description of the code that computes its control step, for people.
-        step_ns: duration of its latest step in virtual time; without it the loop charges `ecu.compute_time_ms`.
-        clock_mhz: clock of the core for `step_ns`.
+        kind: kind of the ECU: python, c or mcu.
+        computed_by: description of the code that computes the control step, for people.
+        step_ns: returns the duration of the latest step in virtual time, in ns; if None, the loop uses
+            `ecu.compute_time_ms`.
+        clock_mhz: clock frequency of the core to which `step_ns` refers, in MHz.
     """
 
     ecu: CalibratedEcu

@@ -1,8 +1,9 @@
 """The check that the ECU's steps are on time: whole periods left out, steps too early, a clock that stops or goes back.
 
 Lateness is added up, so that steps which are each a little late are detected as well as one very late step: when half a
-period has accumulated, a period was left out. With every step an eighth of the rest is forgotten. So a clock that
-differs a little from the vehicle's never adds up to a period, but steps repeatedly late by more than a sixteenth do.
+period has accumulated, a period counts as left out. In every step the remaining lateness is reduced by an eighth. So a
+clock that runs a little slower or faster than the vehicle's never adds up to a period, but steps that are repeatedly
+late by more than a sixteenth of a period do.
 """
 
 from dataclasses import dataclass, replace
@@ -12,8 +13,8 @@ from can_bridge.wire.messages import Reason
 from contract.config.vehicle import EcuConfig
 
 LATEST_NS: Final = 2**61
-"""Largest valid clock value in ns (73 years). A larger value is as wrong as a negative one. Differences of valid times
-fit into 64 bits, here and in the ECU in C."""
+"""Largest valid clock value in ns (73 years). A larger value is an error, as a negative value is. Differences of valid
+times fit into 64 bits, here and in the ECU in C."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -21,9 +22,11 @@ class StepTiming:
     """The timing after a control step.
 
     Attributes:
-        step_ns: time of the step; None before the first. -1 means a negative time, `LATEST_NS` any later time.
+        step_ns: time of the step; None before the first. -1 replaces a negative time, `LATEST_NS` replaces a later
+            time.
         lag_ns: lateness beyond the periods left out; negative if early.
-        off_time: one bit for each of the latest `ecu.deadline_window` steps, the newest lowest: 1 if late or early.
+        off_time: one bit for each of the latest `ecu.deadline_window` steps, the newest lowest: 1 if the step was late
+            or early.
         skipped: number of whole periods left out before the step.
         fault: reason for which the ECU must switch itself off, or None.
     """
@@ -35,7 +38,7 @@ class StepTiming:
     fault: Reason | None = None
 
     def next(self, now_ns: int, period_ns: int, config: EcuConfig) -> "StepTiming":
-        """Count the step at `now_ns`."""
+        """Return the timing after the step at `now_ns`."""
         if not 0 <= now_ns <= LATEST_NS or (self.step_ns is not None and now_ns <= self.step_ns):
             held_ns = min(max(now_ns, -1), LATEST_NS)
             return replace(self, step_ns=held_ns, lag_ns=0, skipped=0, fault=Reason.CLOCK)
@@ -45,7 +48,8 @@ class StepTiming:
         whole = (2 * lag_ns + period_ns) // (2 * period_ns)  # to the nearest
         off_time = (self.off_time << 1 | (whole != 0)) & ((1 << config.deadline_window) - 1)
         too_often = whole != 0 and off_time.bit_count() >= config.deadline_misses
-        # The step is later than the fail-safe tolerates missing pressures, so the jets have been shut meanwhile.
+        # A step this late exceeds the number of missing pressures that the fail-safe tolerates, so the jets have been
+        # shut meanwhile.
         away = whole > config.hold_periods + config.decay_periods
         fault = None
         if too_often or away:

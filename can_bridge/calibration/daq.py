@@ -1,8 +1,8 @@
 """Measurement by XCP (DAQ): one dynamic list, and one event, the end of a control period.
 
-A tool allocates the list's frames (ODTs) and their entries, writes the address of each entry, and starts the list. If a
-control period ends before all frames of an earlier period are sent, its values are not sent. So all frames of a set
-belong to one period.
+A tool allocates the list's frames (ODTs) and their entries, writes the address of each entry, and starts the list. The
+values of a control period that ends before all frames of an earlier period are sent are not sent. So all frames of a
+set belong to one period.
 """
 
 from enum import IntEnum
@@ -16,13 +16,13 @@ MOST_ODTS: Final = 16
 MOST_ENTRIES: Final = 32
 """The largest number of entries in all frames of the list together."""
 MOST_IN_ODT: Final = MAX_CTO - 1
-"""Bytes of a frame after the frame's number."""
+"""Largest number of bytes in a frame after the byte with the frame's number."""
 EVENT_NAME: Final = b"control period"
 DYNAMIC: Final = 0x01
 """Properties of the processor: lists are allocated dynamically, there are neither prescalers nor time stamps, and a
 frame begins with its number."""
 OF_DAQ: Final = 0x44
-"""Properties of the event: it serves measurement, and all frames of a list belong to one moment."""
+"""Properties of the event: it is for measurement, and all frames of a list belong to one moment."""
 _NO_BITS: Final = 0xFF
 _SELECTED, _RUNNING = 0x01, 0x40
 """Bits of a list's mode."""
@@ -50,8 +50,8 @@ class _Stage(IntEnum):
 class DaqLists:
     """The list, and the latest control period. `period_ns` is the length of a control period, in ns.
 
-    A thread other than the one of the remaining methods may call `sample`. A command takes a packet of at least its
-    shortest length and returns the answer, or raises Denied.
+    `sample` may be called in one thread, and the remaining methods in another thread. The method of a command takes a
+    packet of at least the command's shortest length and returns the answer, or raises Denied.
     """
 
     def __init__(self, period_ns: int) -> None:
@@ -70,10 +70,10 @@ class DaqLists:
         self._pointer: tuple[int, int] | None = None
         self._left: list[int] = []
 
-    # The methods that take and send the values of a control period.
+    # These methods take and send the values of a control period.
 
     def sample(self, measured: bytes) -> None:
-        """Store the values of a control period for `look`, unless frames of an earlier period are still unsent."""
+        """Store the values of a control period for `look`, unless frames of an earlier period are not sent yet."""
         if not self._left and not (self.is_running and self._fresh is not None):
             self._fresh = measured
 
@@ -85,7 +85,7 @@ class DaqLists:
             self._left = list(range(len(self._odts))) if self.is_running else []
 
     def packets(self, most: int) -> list[bytes]:
-        """Return the next frames, at most `most`; frames without an entry are skipped."""
+        """Return up to `most` of the next frames; frames without an entry are skipped."""
         found = list[bytes]()
         while self._left and len(found) < most:
             number = self._left.pop(0)
@@ -95,11 +95,11 @@ class DaqLists:
         return found
 
     def read(self, address: int, length: int) -> bytes | None:
-        """Return bytes of the latest period, or None for a range outside its memory."""
+        """Return bytes of the latest period's memory area, or None for a range outside this area."""
         at = address - MEASURED_ADDRESS
         return self._measured[at : at + length] if 0 <= at <= at + length <= MEASURED_BYTES else None
 
-    # The commands that build and start the list.
+    # These commands build and start the list.
 
     def release(self, data: bytes) -> bytes:
         """Delete the list and allow a new allocation (FREE_DAQ)."""
@@ -215,7 +215,7 @@ class DaqLists:
         self._is_selected = False
         return _OK
 
-    # The commands that describe the measurement.
+    # These commands describe the measurement.
 
     def processor_info(self, data: bytes) -> bytes:
         """Return the properties of the processor (GET_DAQ_PROCESSOR_INFO)."""

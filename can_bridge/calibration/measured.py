@@ -13,7 +13,7 @@ MEASURED_ADDRESS: Final = 0x2000_0100
 """The address of the area for a tool, after the calibration segment."""
 _STATES: Final = struct.Struct("<4B")
 MEASURED_BYTES: Final = 4 * SENSORS + 4 + _STATES.size + PACKED_BYTES
-"""The size of the area: four bytes per floating-point value, one per state number, and the calibration."""
+"""The size of the area in bytes: four for each floating-point value, one for each state number, and the calibration."""
 
 
 def measured_bytes(

@@ -13,7 +13,7 @@ from contract.errors import ConfigError
 ADDRESS: Final = 0x2000_0000
 """The address of the segment for a tool: the beginning of a Cortex-M's RAM."""
 VALUE_BYTES: Final = 4
-"""Bytes of each value."""
+"""Number of bytes of each value."""
 
 
 class Page(IntEnum):
@@ -24,7 +24,8 @@ class Page(IntEnum):
 
 
 class Segment:
-    """Both pages, and which one is in force. Raises ConfigError if the release's values are out of the limits."""
+    """Both pages, and the choice of the page in force. Raises ConfigError if the release's values are out of the
+    limits."""
 
     def __init__(self, reference: Calibration, limits: CalibrationLimits) -> None:
         limits.check(reference)
@@ -110,7 +111,7 @@ class Segment:
         """Return the values in force at the beginning of a control period if they have changed since the last call,
         otherwise None.
 
-        Another thread than the writing one may call it, because a set of values is replaced as a whole.
+        A thread other than the writing thread may call this method, because a set of values is replaced as a whole.
         """
         values = self.in_force
         if values == self._taken:

@@ -1,4 +1,4 @@
-"""The numbers of XCP (ASAM MCD-1 XCP 1.x, part 2) that the slave uses."""
+"""The numbers of XCP (ASAM MCD-1 XCP 1.x, part 2) that the ECU's slave uses."""
 
 from collections.abc import Callable
 from enum import IntEnum
@@ -13,7 +13,8 @@ PROTOCOL_VERSION: Final = 1
 TRANSPORT_VERSION: Final = 1
 DRIVER_VERSION: Final = 0x10
 COMM_MODE: Final = 0x80
-"""Communication mode in CONNECT's answer: little-endian, byte addresses, no block mode; GET_COMM_MODE_INFO has more."""
+"""Communication mode in CONNECT's answer: little-endian, byte addresses, no block mode. The answer to
+GET_COMM_MODE_INFO has further properties."""
 CAL_PAG: Final = 0x01
 """The resource of calibration and of its pages."""
 RESOURCES: Final = CAL_PAG | 0x04
@@ -103,12 +104,13 @@ SHORTEST_COMMAND: Final = {
     Command.ALLOC_ODT: 5,
     Command.ALLOC_ODT_ENTRY: 6,
 }
-"""Least number of bytes of a command; padding may follow. A command that is not listed has one byte."""
+"""Smallest number of bytes of a command; padding may follow. A command that is not listed has one byte."""
 
 PROTECTED: Final = frozenset(
     {Command.SET_REQUEST, Command.DOWNLOAD, Command.SET_CAL_PAGE, Command.GET_CAL_PAGE, Command.COPY_CAL_PAGE}
 )
-"""Commands that need an unlocked resource. Reading needs none, because UDS shows the same values to every tester."""
+"""Commands that need an unlocked resource. Commands that read do not need it, because UDS shows the same values to
+every tester."""
 
 
 class Error(IntEnum):
@@ -132,7 +134,7 @@ class Error(IntEnum):
 
 
 class Denied(Exception):  # noqa: N818  (an error packet is an answer, no error)
-    """The error code with which the slave answers a command."""
+    """The refusal of a command; the slave answers with the error `code`."""
 
     def __init__(self, code: Error) -> None:
         super().__init__(code.name)
@@ -148,7 +150,7 @@ _PIECE: Final = MAX_CTO - 2
 
 
 class AnswersSeeds(Protocol):
-    """The owner of the secret: `can_bridge.uds.security.AccessKey`."""
+    """An object that has the access secret: `can_bridge.uds.security.AccessKey`."""
 
     def answer(self, level: Level, seed: bytes) -> bytes:
         """Return the valid key for a seed."""
@@ -177,9 +179,9 @@ class XcpAccess:
         self._forget()
 
     def seed(self, mode: int, resource: int) -> bytes:
-        """Return the number of unsent seed bytes as one byte, and the next seed bytes; only a zero if nothing is
-        locked. Raises Denied for another resource or mode, for the rest of a seed that was not requested, or if the
-        random source gives zeros."""
+        """Return the number of unsent seed bytes as one byte, and the next seed bytes; a single zero if the resource is
+        not locked. Raises Denied for an unknown resource or mode, for the rest of a seed that was not requested, or if
+        the random source gives zeros."""
         if mode == 0:
             self._forget()
             if resource != CAL_PAG:
@@ -199,9 +201,9 @@ class XcpAccess:
         return bytes([left]) + piece
 
     def unlock(self, left: int, data: bytes) -> None:
-        """Take the next bytes of the key; `left` bytes, these included, are still to come. Raises Denied if the seed
-        was not read whole or a part of the key is missing, and WrongKey for a wrong key. Every attempt needs a new
-        seed."""
+        """Take the next bytes of the key; `left` is the number of key bytes still to come, including these. Raises
+        Denied if the seed was not read whole or a part of the key is missing, and WrongKey for a wrong key. Every
+        attempt needs a new seed."""
         if not self._seed or self._unsent or left != XCP_KEY_LENGTH - len(self._key):
             self._forget()
             raise Denied(Error.SEQUENCE)

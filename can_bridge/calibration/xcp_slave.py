@@ -141,7 +141,7 @@ class XcpSlave:
         raise Denied(Error.CMD_SYNCH)
 
     def _comm_mode_info(self, data: bytes) -> bytes:
-        """Answer that there are neither blocks of commands nor a queue of them."""
+        """Answer that there are neither blocks of commands nor a queue of commands."""
         return bytes([xcp.RESPONSE, 0, 0, 0, 0, 0, 0, xcp.DRIVER_VERSION])
 
     def _get_id(self, data: bytes) -> bytes:

@@ -1,7 +1,8 @@
 """AUTOSAR end-to-end protection: the profiles in use, by their number in AUTOSAR and in the DBC (PRS_E2EProtocol).
 
-The header is a CRC, little-endian, and a counter, which in profile 2 is the low half of its byte. The CRC covers all
-bytes after it and a data ID, which is not sent: a message received under another message's identifier fails the check.
+The header is a little-endian CRC and a counter. In profile 2 the counter is the low half of its byte. The CRC covers
+all bytes after the CRC and a data ID, which is not sent. So a message that is received under another message's
+identifier fails the check.
 """
 
 import binascii
@@ -17,7 +18,7 @@ class Profile:
     """The parameters of one profile for sender and receiver.
 
     Attributes:
-        crc_length: bytes of the CRC, and of a data ID; the counter's byte follows.
+        crc_length: length in bytes of the CRC and of a data ID; the counter's byte follows the CRC.
         counter_period: number of frames after which the counter wraps; a power of two.
         crc: computes the CRC of the covered bytes and a data ID.
     """
@@ -28,7 +29,8 @@ class Profile:
 
     @property
     def header_bits(self) -> int:
-        """The header's number of bits at the message's start, counted from the least significant bit of a byte."""
+        """The number of bits of the header, which begins the message; bits are counted from a byte's least significant
+        bit."""
         return 8 * self.crc_length + (self.counter_period - 1).bit_length()
 
     def protect(self, data: bytes, *, data_id: int, counter: int) -> bytes:
@@ -45,7 +47,8 @@ class Profile:
         return self.crc(covered, data_id).to_bytes(length, "little") + covered
 
     def check(self, data: bytes, *, data_id: int) -> bool:
-        """Return whether the CRC is valid; False for a message that is too short. It does not detect repetitions."""
+        """Return whether the CRC is valid; False for a message that is too short. The CRC does not detect
+        repetitions."""
         length = self.crc_length
         return len(data) > length and data[:length] == self.crc(data[length:], data_id).to_bytes(length, "little")
 
@@ -71,8 +74,8 @@ def _crc_8(covered: bytes, data_id: int) -> int:
     """Return the CRC with polynomial 0x2F, start and final exclusive-or 0xFF, nothing reflected.
 
     The standard selects the data ID from a list by the counter; here all 16 entries are equal. The code is then linear,
-    and the Hamming distance of this polynomial, 4 up to 119 bits, holds for every content. A list that changes with the
-    counter would miss some 2-bit errors in counter and data.
+    and the Hamming distance of this polynomial, 4 up to 119 bits, is valid for every content. A list that changes with
+    the counter would miss some 2-bit errors in counter and data.
     """
     value = 0xFF
     for byte in covered:

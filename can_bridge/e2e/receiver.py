@@ -1,7 +1,7 @@
 """The receiver of a protected message: it decides whether a frame is new, and whether the stream is trusted.
 
-Two layers, as in AUTOSAR (PRS_E2EProtocol, "E2E profile check" and "E2E state machine"): each frame gets a
-`FrameCheck` from its CRC and counter, and a window of the latest checks drives the `StreamState`:
+The receiver has two layers, as in AUTOSAR (PRS_E2EProtocol, "E2E profile check" and "E2E state machine"). Each frame
+gets a `FrameCheck` from its CRC and counter, and a window of the latest checks drives the `StreamState`:
 
 - NODATA until a frame passes its CRC, then INIT, with only this frame's check in the window;
 - INIT and INVALID become VALID with `min_ok` good checks and at most `max_errors` bad checks in the window;
@@ -9,16 +9,17 @@ Two layers, as in AUTOSAR (PRS_E2EProtocol, "E2E profile check" and "E2E state m
 - VALID becomes INVALID with more than `max_errors` bad checks, or without a good check.
 
 AUTOSAR's own machine has values of `min_ok` and `max_errors` for each state, and leaves the check that ends NODATA out
-of the window. Here this check counts, so that with `min_ok` = 2 the second frame of a stream is trusted. That is
-AUTOSAR's machine with MinOkStateInit = 1, MinOkStateValid = 1 and MinOkStateInvalid = 2, as long as the window holds
-the first check.
+of the window. Here this check counts, so that with `min_ok` = 2 the second frame of a stream is trusted. AUTOSAR's
+machine with MinOkStateInit = 1, MinOkStateValid = 1 and MinOkStateInvalid = 2 behaves in this way, as long as the
+window holds the first check.
 
 A repeated frame, a jump in the counter and a period without a frame are neither good nor bad: they push good checks out
-of the window. As in the standard, the receiver continues from the new count after a jump, so that a restarted sender's
-frames are good from its second frame on.
+of the window. As in the standard, the receiver continues from the new count after a jump, so that the frames of a
+restarted sender are good from the second frame on.
 
-As in the standard, the state machine advances once a period, whatever the number of frames. The period's check is an
-error if the check of one of its frames is, and good if one is good and none is an error.
+As in the standard, the state machine advances once a period, whatever the number of frames. The check of a period is an
+error if the check of any of its frames is an error. It is good if the check of at least one frame is good and none is
+an error.
 """
 
 from collections.abc import Iterable
@@ -62,8 +63,8 @@ class Reception:
     """The outcome of one period.
 
     Attributes:
-        checks: one check for each frame of the message, oldest first; only NO_NEW_DATA if there was none.
-        accepted: the newest frame with a good check in any state; None if there was none.
+        checks: one check for each frame of the message, oldest first; only NO_NEW_DATA if there was no frame.
+        accepted: the newest frame with a good check, in any state of the stream; None if there was no such frame.
     """
 
     stream: StreamState
@@ -82,8 +83,8 @@ class ReceiverState:
 
     Attributes:
         last_counter: counter of the latest frame with a valid CRC; None before the first.
-        window: the latest periods' checks, oldest first, from the check that ended NODATA on.
-        counts: numbers of the results, by the check's value; read them with `count`.
+        window: checks of the latest periods, oldest first, from the check that ended NODATA on.
+        counts: number of checks with each result, at the index of the result's value; read the numbers with `count`.
     """
 
     stream: StreamState = StreamState.NODATA
@@ -92,7 +93,7 @@ class ReceiverState:
     counts: tuple[int, ...] = (0,) * len(FrameCheck)
 
     def count(self, check: FrameCheck) -> int:
-        """Return how often the checks had this result."""
+        """Return the number of checks with this result."""
         return self.counts[check.value]
 
     @property
@@ -162,12 +163,12 @@ def _of_period(found: tuple[FrameCheck, ...]) -> FrameCheck:
 def _checked(
     data: bytes, last_counter: int | None, *, spec: MessageSpec, max_delta: int
 ) -> tuple[FrameCheck, int | None]:
-    """Return the check of one frame, and the counter to compare the next frame with."""
+    """Return the check of one frame, and the counter with which the next frame is compared."""
     profile = profile_of(spec)
     if len(data) != spec.length or not profile.check(data[: spec.protected], data_id=spec.data_id):
         return FrameCheck.ERROR, last_counter
     counter = profile.counter_of(data)
-    # There is no counter to compare the first frame with.
+    # The first frame has no counter before it, so it counts as the next frame.
     delta = 1 if last_counter is None else (counter - last_counter) % profile.counter_period
     if delta == 0:
         return FrameCheck.REPEATED, counter

@@ -1,4 +1,4 @@
-"""The sender of a protected message: it builds frames from data and counts them."""
+"""The sender of a protected message: it builds frames from data and numbers them."""
 
 from dataclasses import dataclass
 
@@ -21,8 +21,8 @@ class SenderState:
 def protected_frame(state: SenderState, data: bytes, *, spec: MessageSpec, now_ns: int) -> Frame:
     """Return the next frame of a message, for data from its `emit` (`can_bridge.wire.message_sets`).
 
-    For a secured message it is the protected part; `can_bridge.secoc.node.secured` adds the rest. Raises ValueError if
-    the data do not have the length of the message's protected part.
+    The frame of a secured message is its protected part; `can_bridge.secoc.node.secured` adds the rest. Raises
+    ValueError if the data do not have the length of the message's protected part.
     """
     if len(data) != spec.protected:
         raise ValueError(f"{spec.name} of {len(data)} bytes: must have {spec.protected}")

@@ -1,7 +1,7 @@
 """The interface from the store to its memory: a folder (`folder_backing`) or a chip's flash memory.
 
-After a loss of power a backing guarantees two things. `keep` is atomic: the record is the old or the new one. And all
-data written to a slot before the last `keep` of a `RecordKind.STATE` are still there.
+After a loss of power a backing guarantees two things. `keep` is atomic: the memory has the old record or the new
+record. And all data written to a slot before the last `keep` of a `RecordKind.STATE` are still there.
 """
 
 from collections.abc import Generator, Mapping
@@ -23,7 +23,7 @@ T = TypeVar("T")
 
 Long = Generator[None, None, T]
 """Long work in pieces: each `next` does one piece, of at most a few tens of milliseconds on a controller; the return
-value is the result. The caller can answer the bus in between, and drops the work when the session ends."""
+value is the result. The caller can answer frames between two pieces, and drops the work when the session ends."""
 
 
 def at_once(work: Long[T]) -> T:
@@ -72,22 +72,24 @@ class Backing(Protocol):
         ...
 
     def keep(self, kind: RecordKind, record: bytes) -> None:
-        """Replace the record of this kind; `record` has at most `MAX_RECORD` bytes. Raises MediumError on defective
-        memory."""
+        """Replace the record of this kind; `record` has at most `MAX_RECORD` bytes. Raises MediumError if the memory is
+        defective."""
         ...
 
     def clear(self, slot: Slot, behind: int = 0) -> Long[None]:
-        """Erase a slot in pieces, after `behind` bytes, a result of `begin_again`. Raises MediumError if it fails."""
+        """Erase a slot in pieces, from byte `behind` on: 0, or a result of `begin_again`. Raises MediumError if erasing
+        fails."""
         ...
 
     def begin_again(self, slot: Slot, length: int) -> int:
-        """Continue a slot after power-on after its first `length` bytes; data after them are void. Returns `length`, or
-        less if the memory must first be erased after that many bytes. Raises MediumError if the whole slot must be
-        erased."""
+        """Prepare a slot after power-on so that data can be appended after its first `length` bytes; later data are
+        void. Returns `length`, or a smaller number of bytes after which the memory must first be erased. Raises
+        MediumError if the whole slot must be erased."""
         ...
 
     def append(self, slot: Slot, data: bytes) -> None:
-        """Write after the data written to a slot since it was erased. Raises MediumError if the data do not fit."""
+        """Write data after the data already written to a slot since it was erased. Raises MediumError if the data do
+        not fit."""
         ...
 
     def read(self, slot: Slot, offset: int, length: int) -> bytes:

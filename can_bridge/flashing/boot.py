@@ -29,7 +29,7 @@ class BootReason(Enum):
     REVERTED = 3, "confirmed; the release on trial was rejected"
     """The confirmed image, because the image on trial failed a check or was not confirmed in time."""
     FALLBACK = 4, "the release before; the confirmed release is damaged"
-    """The release before the confirmed release, because the confirmed release failed a check."""
+    """The release that was confirmed before, because the confirmed release failed a check."""
     NO_RELEASE = 5, "every release is damaged or missing"
     """No image passed its checks: the jets stay shut, and a release can be flashed."""
 
@@ -42,7 +42,7 @@ class Boot:
         slot: the booted slot; None without a release.
         bundle: the booted bundle, which passed every check in this boot; None without a release.
         verdicts: results of the checks of the slots that this boot checked.
-        boots_left: number of boots left in the trial, without this boot; 0 if the release is not on trial.
+        boots_left: number of boots left in the trial after this boot; 0 if the release is not on trial.
     """
 
     slot: Slot | None
@@ -53,7 +53,8 @@ class Boot:
 
 
 def boot(remembered: Remembered) -> Boot:
-    """Choose an image and check it completely. A trial boot is counted first. Never raises for anything it finds."""
+    """Choose an image and check it completely. A boot on trial is counted before the check. No content of the memory
+    makes this function raise an exception."""
     trial = remembered.state.on_trial
     verdicts: dict[Slot, Verdict] = {}
     on_trial = None if trial is None else _boot_trial(remembered, trial, verdicts)
@@ -81,8 +82,8 @@ def _boot_trial(remembered: Remembered, slot: Slot, verdicts: dict[Slot, Verdict
 def _boot_confirmed(remembered: Remembered, is_reverted: bool, verdicts: dict[Slot, Verdict]) -> Boot:
     """Return the boot of the confirmed image, or of the image confirmed before it.
 
-    A confirmed image that fails a check stays confirmed, and the next boot checks it again, so that giving the ECU a
-    wrong stillwake.dbc or vehicle can be undone.
+    A confirmed image that fails a check stays confirmed, and the next boot checks it again. So a wrong stillwake.dbc or
+    a wrong vehicle in the ECU can be corrected.
     """
     active = remembered.state.active
     for slot in () if active is None else (active, active.other):

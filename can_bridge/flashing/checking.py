@@ -17,7 +17,7 @@ from contract.release.signing import PublicKey
 
 
 class Release(Protocol):
-    """The data of a valid release that a store keeps, for any kind of image."""
+    """The data of a valid release that a store records, for any kind of image."""
 
     @property
     def digest(self) -> str: ...
@@ -30,7 +30,7 @@ class Release(Protocol):
 
 
 Fits = Callable[[Any], Verdict]
-"""Returns whether a checked release was made for this vehicle: GOOD, WRONG_PERIOD or WRONG_VEHICLE."""
+"""A function that returns whether a checked release was made for this vehicle: GOOD, WRONG_PERIOD or WRONG_VEHICLE."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,7 +40,7 @@ class Rules:
     Attributes:
         keys: keys that may sign; None if the ECU has no key list and so accepts no image.
         hardware: name of this ECU's hardware.
-        least_security_version: least security version of a release.
+        least_security_version: smallest security version that a release may have.
     """
 
     keys: KeyList | None
@@ -50,8 +50,8 @@ class Rules:
 
 
 def check(image: bytes, rules: Rules) -> tuple[Verdict, Bundle | None]:
-    """Return GOOD and an image's bundle, or the first check that fails. Nothing is parsed before its signature is
-    verified."""
+    """Return GOOD and an image's bundle, or the verdict of the first check that fails and None. Nothing is parsed
+    before its signature is verified."""
     files = {}
     try:
         files = files_of(image)
@@ -74,7 +74,7 @@ def check(image: bytes, rules: Rules) -> tuple[Verdict, Bundle | None]:
 
 
 ImageCheck = Callable[[bytes, Rules], tuple[Verdict, Release | None]]
-"""A check like `check`, for any kind of image."""
+"""A function like `check`, for any kind of image."""
 
 
 def judge_image(
@@ -84,7 +84,7 @@ def judge_image(
 
     Args:
         layout: identifies this ECU's build.
-        opens: whether the build can run a payload, as by `sw_image_open`; called after all other checks.
+        opens: returns whether the build can run a payload, like `sw_image_open`; called after all other checks.
     """
     keys = rules.keys
     try:
@@ -115,7 +115,7 @@ def judge_image(
 
 
 def fits_as(image: bytes) -> Fits:
-    """Return a check whether a release is for the same vehicle as this controller image."""
+    """Return a function that checks whether a release is for the same vehicle as this controller image."""
     own = image[controller_image.VEHICLE]
 
     def fits(found: ControllerImage) -> Verdict:
@@ -128,7 +128,7 @@ def fits_as(image: bytes) -> Fits:
 
 
 def _signer_verdict(signature: bytes | None, manifest: bytes, keys: KeyList | None) -> Verdict:
-    """Return the verdict on the signer. A signature that is present has been verified."""
+    """Return the verdict on the signer. If there is a signature, it has been verified before."""
     if signature is None:
         return Verdict.UNSIGNED
     is_revoked = keys is not None and signing.signer(signature, manifest) in keys.revoked

@@ -28,7 +28,7 @@ class FolderFiles:
             raise _failed(folder, error) from error
 
     def read(self, name: str, offset: int = 0, length: int | None = None) -> bytes | None:
-        """Return bytes of a file, fewer at its end; None if there is no such file."""
+        """Return bytes of a file, fewer if the file ends before; None if there is no such file."""
         try:
             with os.fdopen(open_regular(self._folder / name, os.O_RDONLY), "rb") as file:
                 file.seek(offset)
@@ -63,18 +63,18 @@ class FolderFiles:
             raise _failed(self._folder / name, error) from error
 
     def rename(self, old: str, new: str) -> None:
-        """Rename a file; it replaces a file of the new name."""
+        """Rename a file; an existing file with the new name is replaced."""
         try:
             (self._folder / old).replace(self._folder / new)
         except OSError as error:
             raise _failed(self._folder / old, error) from error
 
     def sync(self, name: str) -> None:
-        """Return when the file's content is on the disk."""
+        """Synchronise the file, and return when its content is on the disk."""
         self._sync(self._folder / name)
 
     def sync_folder(self) -> None:
-        """Return when the folder's entries are on the disk."""
+        """Synchronise the folder, and return when its entries are on the disk."""
         self._sync(self._folder)
 
     def _sync(self, path: Path) -> None:
@@ -123,14 +123,14 @@ class FolderBacking:
         """Open the folder. Raises MediumError if it cannot be created.
 
         Args:
-            folder: place of the files.
-            files: access to the files in place of the system's.
-            capacity: bytes of a slot.
+            folder: folder of the store's files.
+            files: access to the files; the operating system's by default.
+            capacity: size of a slot in bytes.
         """
         self._files = FolderFiles(folder) if files is None else files
         self._capacity = capacity
         self._unsynced: set[Slot] = set()
-        # The lengths are unknown after power-on, before `clear` or `begin_again`.
+        # The length of the data in a slot is unknown after power-on, until `clear` or `begin_again`.
         self._written: dict[Slot, int] = {}
 
     @property
@@ -159,7 +159,8 @@ class FolderBacking:
         self._files.sync_folder()
 
     def clear(self, slot: Slot, behind: int = 0) -> Long[None]:
-        """Empty a slot's file. `begin_again` here never asks for a part of a slot to be erased."""
+        """Empty a slot's file. `behind` must be 0, because `begin_again` of this class never asks for a part of a slot
+        to be erased."""
         assert behind == 0
         self._written.pop(slot, None)
         self._files.replace(_slot_file(slot), b"")
@@ -169,7 +170,7 @@ class FolderBacking:
         self._written[slot] = 0
 
     def begin_again(self, slot: Slot, length: int) -> int:
-        """Truncate a slot's file to `length` bytes; raises MediumError if it has fewer."""
+        """Truncate a slot's file to `length` bytes; raises MediumError if the file has fewer."""
         there = self._files.size(_slot_file(slot))
         if there < length:
             raise MediumError(f"slot {slot.name}: {there} bytes are there, must be {length} or more", there)
@@ -179,8 +180,8 @@ class FolderBacking:
         return length
 
     def append(self, slot: Slot, data: bytes) -> None:
-        """Write after the data written since the slot was erased. Raises MediumError if the data do not fit, the disk
-        is full, or the slot was not prepared since power-on."""
+        """Write data after the data already written since the slot was erased. Raises MediumError if the data do not
+        fit, the disk is full, or the slot was not prepared since power-on."""
         if slot not in self._written:
             raise MediumError(f"slot {slot.name}: clear it, or announce an image again, before writing to it", 0)
         if self._written[slot] + len(data) > self._capacity:

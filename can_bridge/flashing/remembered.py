@@ -1,4 +1,4 @@
-"""The store's data besides the images that survive a loss of power: state, key list, calibrations and faults."""
+"""The data of a store, other than images, that survive a loss of power: state, key list, calibrations and faults."""
 
 import hashlib
 import struct
@@ -37,7 +37,7 @@ class Remembered:
         self.faults = records.get(RecordKind.FAULTS, b"")
 
     def keep(self, changed: StoreState) -> None:
-        """Store a changed state. Raises MediumError if that fails; then nothing has changed."""
+        """Store a changed state. Raises MediumError if storing fails; then nothing has changed."""
         self.backing.keep(RecordKind.STATE, state.encode(changed))
         self.state = changed
 
@@ -66,7 +66,7 @@ class Remembered:
         return self._check(bytes(image), rules)
 
     def take_keys(self, raw: bytes, needed: Collection[Slot]) -> None:
-        """See `Store.take_keys`. The keys of the slots `needed` must stay."""
+        """See `Store.take_keys`. A new list must not remove the keys that signed the releases in the slots `needed`."""
         listed = key_list.decode(raw, self._root)
         if self.keys is not None:
             if listed.version <= self.keys.version:
@@ -88,7 +88,8 @@ class Remembered:
         return self._calibrations.get(digest)
 
     def keep_calibration(self, digest: str, blob: bytes | None) -> None:
-        """See `Store.keep_calibration`, for the release with this digest. Those of releases in no slot are removed."""
+        """See `Store.keep_calibration`, for the release with this digest. Calibrations of releases that are in no slot
+        are removed."""
         here = {slot.digest for slot in self.state.slots} - {digest}
         kept = {digest: kept for digest, kept in self._calibrations.items() if digest in here}
         if blob is not None:
@@ -101,12 +102,12 @@ class Remembered:
         self._calibrations = kept
 
     def keep_faults(self, record: bytes) -> None:
-        """Store the fault memory's record; raises MediumError if that fails."""
+        """Store the fault memory's record; raises MediumError if storing fails."""
         self.backing.keep(RecordKind.FAULTS, record)
         self.faults = record
 
     def keep_failed_attempts(self, level: Level, count: int) -> None:
-        """Store the number of consecutive wrong keys, up to 255; raises MediumError if that fails."""
+        """Store the number of consecutive wrong keys, up to 255; raises MediumError if storing fails."""
         attempts = {**self.state.failed_attempts, level: min(count, MOST_ATTEMPTS)}
         if attempts != self.state.failed_attempts:
             self.keep(replace(self.state, failed_attempts=attempts))

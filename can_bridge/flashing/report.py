@@ -1,4 +1,4 @@
-"""The report on the store that a tester reads (`Did.STORE`), in less than `MAX_REPORT` bytes.
+"""The report on the store that a tester reads (`Did.STORE`), in less than `MAX_REPORT` bytes; lengths are in bytes.
 
     "SWT1" (4)
     running slot, active slot, slot of the next boot (1 each, 0xFF for none); reason of the last boot (1, 0 for none)
@@ -64,10 +64,10 @@ class StoreReport:
         running: the booted slot; None without a release, or if another image was announced for this slot since.
         active: the slot of the confirmed release.
         next_boot: the slot that the next boot tries first.
-        reason: reason for the result of the last boot; None before the first.
-        least_security_version: least security version of a release.
-        key_list_version: None without a key list.
-        failed_attempts: numbers of consecutive wrong keys.
+        reason: reason for the result of the last boot; None before the first boot.
+        least_security_version: smallest security version that a release may have.
+        key_list_version: version of the key list; None without a key list.
+        failed_attempts: numbers of consecutive wrong keys, by level.
     """
 
     slots: tuple[SlotReport, SlotReport]
@@ -131,7 +131,7 @@ def _named(value: object) -> object:
 
 
 def decode(raw: bytes) -> StoreReport:
-    """Return the report in bytes from a bus; raises BusError if they are none."""
+    """Return the report in bytes from a bus; raises BusError if the bytes are not a report."""
     try:
         magic, *listed, reason, least, version, programming, calibration = _HEAD.unpack_from(raw)
         if magic != _MAGIC:

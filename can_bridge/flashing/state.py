@@ -1,11 +1,11 @@
-"""The store's state, with its slots: the record `RecordKind.STATE`, as values and as bytes.
+"""The store's state, with its slots: the record `RecordKind.STATE`, as values and as bytes; lengths are in bytes.
 
     "SWS1" (4)
     for each slot: phase (1), boots left (1), length of the image (4), bytes received (4), security version (4), SHA-256
         of the image (32), digest (32), signer (32), length of the name (2), name (UTF-8)
     active slot, 0xFF for none (1); least security version (4)
     failed attempts for programming (1), for calibration (1)
-    CRC-32 of all before it (4)
+    CRC-32 of all bytes before it (4)
 
 Numbers are big-endian. The record is stored after every block of a transfer, so it is short.
 """
@@ -45,7 +45,7 @@ class SlotPhase(IntEnum):
     TRIAL = 3
     """The image is activated: it boots from the next reset on, `boots_left` times."""
     CONFIRMED = 4
-    """The release runs now, or was the release before the running release."""
+    """The image was confirmed: its release runs now, or ran before the running release."""
     BAD = 5
     """The image is never booted: it failed a check, or was not confirmed during its trial."""
 
@@ -55,13 +55,13 @@ class SlotState:
     """One slot.
 
     Attributes:
-        length: bytes of the announced image.
+        length: length of the announced image in bytes.
         sha256: SHA-256 of the announced image, 32 bytes.
         received: number of bytes that are stored for certain.
         digest: digest of the bundle, in hex; empty until the image was checked.
         name: name of the release; empty until the image was checked.
         security_version: security version of the release; 0 until the image was checked.
-        signer: 32 bytes of the key that signed it; empty until the image was checked.
+        signer: public key that signed the image, 32 bytes; empty until the image was checked.
         boots_left: number of boots left in the trial.
     """
 
@@ -76,7 +76,7 @@ class SlotState:
     boots_left: int = 0
 
     def holds(self, length: int, sha256: bytes) -> bool:
-        """Return whether this image is in the slot, complete or in part."""
+        """Return whether the slot has this image, completely or in part."""
         return self.phase in _TRANSFERRED and (self.length, self.sha256) == (length, sha256)
 
 
@@ -87,12 +87,12 @@ _TRANSFERRED: Final = _KNOWN | {SlotPhase.FILLING}
 
 @dataclass(frozen=True, kw_only=True)
 class StoreState:
-    """Both slots and the state common to them.
+    """The states of both slots, and the state common to them.
 
     Attributes:
-        slots: reports or states in the order of `Slot`.
+        slots: states in the order of `Slot`.
         active: the slot whose confirmed image boots if no image is on trial; None if none was confirmed yet.
-        least_security_version: least security version of a release; only a confirmation raises it.
+        least_security_version: smallest security version that a release may have; only a confirmation raises it.
         failed_attempts: numbers of consecutive wrong keys, by level.
     """
 
@@ -118,7 +118,7 @@ class StoreState:
         return trial if trial is not None and self.slots[trial].boots_left > 0 else self.active
 
     def with_slot(self, slot: Slot, state: SlotState, **others: Any) -> "StoreState":
-        """Return the state with another state of one slot and other values of the given fields."""
+        """Return the state with a new state of one slot and with new values of the fields in `others`."""
         a, b = self.slots
         return replace(self, slots=(state, b) if slot == Slot.A else (a, state), **others)
 
@@ -203,7 +203,7 @@ def _slot(body: bytes, at: int) -> tuple[SlotState, int]:
 
 
 def _problem(slot: SlotState) -> str:
-    """Return the values that no store writes in this phase, in words; "" if there are none."""
+    """Return a description of the values that no store writes in this phase; "" if there are none."""
     if slot.phase == SlotPhase.EMPTY:
         return "" if slot == SlotState() else "an image"
     is_filling, is_known = slot.phase == SlotPhase.FILLING, slot.phase in _KNOWN

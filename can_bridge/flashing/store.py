@@ -1,14 +1,14 @@
 """Two slots for releases, of which one runs and the other can be written, with all rules of the ECU for releases.
 
-Nothing here has a clock, randomness or a thread. A loss of power may end any call: from the state stored until then the
-next boot finds a valid image, if there was one.
+The store has no clock, no randomness and no thread. A loss of power may interrupt any call. The next boot finds a valid
+image from the state stored until then, if there was a valid image before.
 
     announce, append .., finish     write an image to the slot that is not protected, and check it in the memory
-    activate                        boot it from the next reset on, `TRIAL_BOOTS` times at most
+    activate                        boot the image from the next reset on, up to `TRIAL_BOOTS` times
     confirm                         end the trial, and raise the least security version to the release's own
-    revert                          return to the release before
+    revert                          return to the previous release
 
-The slot of the confirmed image that boots, or that runs, is never written.
+The slot of a confirmed image that runs, or that the next boot starts, is never written.
 """
 
 import hashlib
@@ -50,7 +50,7 @@ class Store:
         self._last_boot: Boot | None = None
         self._running: Slot | None = None
         self._announced: Slot | None = None
-        """The slot of the transfer under way; the next bytes are written directly after the received bytes."""
+        """The slot of the transfer in progress; the next bytes are written directly after the received bytes."""
 
     @classmethod
     def provision(
@@ -108,7 +108,7 @@ class Store:
 
     @property
     def last_boot(self) -> Boot | None:
-        """The result of `boot`; None before it."""
+        """The result of `boot`; None before the first call."""
         return self._last_boot
 
     @property
@@ -118,25 +118,26 @@ class Store:
 
     @property
     def received(self) -> int | None:
-        """The number of stored bytes of the announced image, and so the offset of the next; None without an image."""
+        """The number of stored bytes of the announced image, which is the offset of the next byte; None if no image is
+        announced."""
         return None if self._announced is None else self.state.slots[self._announced].received
 
     def boot(self) -> Boot:
-        """Choose an image and check it completely. A trial boot is counted first. Never raises for anything it
-        finds."""
+        """Choose an image and check it completely. A boot on trial is counted before the check. No content of the
+        memory makes this method raise an exception."""
         self._announced = None
         self._last_boot = boot(self._remembered)
         self._running = self._last_boot.slot
         return self._last_boot
 
     def announce(self, length: int, sha256: bytes) -> Long[int]:
-        """Prepare a slot for an image. Returns the offset of the first byte to send: 0, the number of bytes received in
-        an interrupted transfer of this image (less, if the memory can continue only earlier), or `length` if all are
-        here.
+        """Prepare a slot for an image. Returns the offset of the first byte to send. It is 0 for a new image, `length`
+        if all bytes are stored, and otherwise the number of bytes received in an interrupted transfer of this image, or
+        a smaller number if the memory can only continue earlier.
 
         Raises:
             ConfigError: the length or the hash is out of range.
-            OutOfOrderError: `revert` made another release the confirmed one, and the ECU was not reset since.
+            OutOfOrderError: `revert` selected another release for the next boot, and the ECU was not reset since.
             MediumError: the memory fails.
         """
         if not 0 < length <= self.capacity:
@@ -153,8 +154,8 @@ class Store:
         wanted = stays or 0
         announced = SlotState(phase=SlotPhase.FILLING, length=length, sha256=sha256, received=wanted)
         if stays is None or stays < standing.received:
-            # The record is stored before the slot is erased, so that bytes to be erased do not count if that is
-            # interrupted.
+            # The record is stored before the slot is erased, so that erased bytes do not count as received after an
+            # interruption.
             self._remembered.keep(self._without(slot).with_slot(slot, announced if stays else SlotState()))
             yield from self._remembered.backing.clear(slot, wanted)
         if announced != self.state.slots[slot]:
@@ -163,9 +164,9 @@ class Store:
         return wanted
 
     def append(self, data: bytes) -> None:
-        """Append bytes to the announced image; when this returns they survive a loss of power. Raises OutOfOrderError
-        if no image is announced or the bytes exceed its length; MediumError if the memory fails: announce the image
-        again."""
+        """Append bytes to the announced image; when the method returns, the bytes survive a loss of power. Raises
+        OutOfOrderError if no image is announced or the bytes exceed its length; MediumError if the memory fails, and
+        the image must then be announced again."""
         slot, standing = self._transfer()
         if standing.phase != SlotPhase.FILLING or standing.received + len(data) > standing.length:
             raise OutOfOrderError(
@@ -177,10 +178,11 @@ class Store:
         self._announced = slot
 
     def finish(self) -> Long[Verdict]:
-        """Check the announced image in the memory. GOOD makes it `SlotPhase.CHECKED`, INCOMPLETE changes nothing.
+        """Check the announced image in the memory. If the verdict is GOOD, the image becomes `SlotPhase.CHECKED`;
+        INCOMPLETE changes nothing.
 
-        May be repeated until the image is activated. Raises OutOfOrderError if no image is announced; MediumError if
-        the verdict cannot be stored.
+        The call may be repeated until the image is activated. Raises OutOfOrderError if no image is announced;
+        MediumError if the verdict cannot be stored.
         """
         slot, standing = self._transfer()
         if standing.received < standing.length:
@@ -203,12 +205,12 @@ class Store:
         return verdict
 
     def drop(self) -> None:
-        """End the transfer with its session; the next announcement of the same image continues it."""
+        """End the transfer when its session ends; the next announcement of the same image continues the transfer."""
         self._announced = None
 
     def activate(self) -> None:
-        """Boot the checked image on trial from the next reset on; does nothing if it is already activated. Raises
-        OutOfOrderError if no image is checked; MediumError if the choice cannot be stored."""
+        """Activate the checked image: it boots on trial from the next reset on. Does nothing if the image is already
+        activated. Raises OutOfOrderError if no image is checked; MediumError if the choice cannot be stored."""
         state, slot, trial = self.state, self.state.checked, self.state.on_trial
         if slot is None:
             if trial is not None and trial != self._running:
@@ -222,16 +224,17 @@ class Store:
         self._announced = None
 
     def confirm(self) -> None:
-        """Confirm the release that runs on trial; does nothing if it is already confirmed. Raises OutOfOrderError if no
-        release runs, it is neither on trial nor confirmed any more, or its key may no longer sign; MediumError if the
-        confirmation cannot be stored."""
+        """Confirm the release that runs on trial; does nothing if the release is already confirmed. Raises
+        OutOfOrderError if no release runs, if the running release is neither on trial nor confirmed any more, or if its
+        key may no longer sign; MediumError if the confirmation cannot be stored."""
         slot = self._running
         phase = None if slot is None else self.state.slots[slot].phase
         if slot is None or phase not in (SlotPhase.TRIAL, SlotPhase.CONFIRMED):
             raise OutOfOrderError("no release to confirm: an activated release must run")
         if phase == SlotPhase.TRIAL:
             if self.keys is None or PublicKey(self.state.slots[slot].signer) not in self.keys.keys:
-                # The release would not boot again, and the release before may be too old after the confirmation.
+                # The release would not boot again, and after the confirmation the previous release may be too old to
+                # boot.
                 raise OutOfOrderError("the key that signed the release on trial is not in the list: revert it")
             self._confirm(slot)
 
@@ -247,14 +250,15 @@ class Store:
         )
 
     def revert(self) -> Long[Verdict]:
-        """Return at the next reset from a trial to the confirmed release, or from this to the release before. Returns
-        GOOD, or why that release may no longer run; then nothing changes. Raises OutOfOrderError if there is no release
-        before; MediumError if the choice cannot be stored."""
+        """Return to another release at the next reset: during a trial to the confirmed release, otherwise to the
+        release confirmed before. Returns GOOD, or the reason why that release may no longer run; then nothing changes.
+        Raises OutOfOrderError if there is no earlier release; MediumError if the choice cannot be stored."""
         trial, active = self.state.on_trial, self.state.active
         if trial is not None:
             self._remembered.keep_slot(trial, _given_up(self.state.slots[trial]))
             return Verdict.GOOD
-        # The running release decides: if the answer is lost, a repeated request must not revert the first one.
+        # The running release decides, not the active one: if the answer is lost, the repeated request must not undo the
+        # first request.
         now = self._running if self._running is not None else active
         if now is None or self.state.slots[now.other].phase != SlotPhase.CONFIRMED:
             raise OutOfOrderError("no release to revert to: none is on trial, and no earlier one was confirmed")
@@ -264,9 +268,9 @@ class Store:
         return verdict
 
     def take_keys(self, raw: bytes) -> None:
-        """Replace the key list. Raises KeyFileError if the root key did not sign it, it is not newer, or it lacks the
-        key of the active or running confirmed release, which could then not boot; MediumError if it cannot be stored.
-        """
+        """Replace the key list. Raises KeyFileError if the root key did not sign the new list, if the new list is not
+        newer, or if it removes the key of the active or running confirmed release, which could then not boot;
+        MediumError if the list cannot be stored."""
         needed = {slot for slot in (self.state.active, self._running) if slot is not None}
         self._remembered.take_keys(
             raw, {slot for slot in needed if self.state.slots[slot].phase == SlotPhase.CONFIRMED}
@@ -278,15 +282,15 @@ class Store:
         Raises:
             OutOfOrderError: no release runs.
             ConfigError: the calibration is empty or too long.
-            MediumError: it cannot be stored.
+            MediumError: the calibration cannot be stored.
         """
         if self._running is None:
             raise OutOfOrderError("no release for the calibration: a release must run")
         self._remembered.keep_calibration(self.state.slots[self._running].digest, blob)
 
     def _writable_slot(self) -> Slot:
-        """Return the slot that is not protected. The running release is protected if confirmed, otherwise the active
-        one."""
+        """Return the slot that is not protected. If the running release is confirmed, it is protected; otherwise the
+        active release is protected."""
         running, active = self._running, self.state.active
         if running is None or (active is not None and self.state.slots[running].phase != SlotPhase.CONFIRMED):
             return Slot.A if active is None else active.other
@@ -295,7 +299,8 @@ class Store:
         return running.other
 
     def _without(self, slot: Slot) -> StoreState:
-        """Return the state with an empty slot; a confirmed release in the other slot is then active."""
+        """Return the state with this slot empty. If the other slot has a confirmed release, that slot is then
+        active."""
         is_confirmed = self.state.slots[slot.other].phase == SlotPhase.CONFIRMED
         return self.state.with_slot(slot, SlotState(), active=slot.other if is_confirmed else None)
 
@@ -306,7 +311,7 @@ class Store:
         return was_booted and found.get(slot, Verdict.GOOD) != Verdict.GOOD
 
     def _stays(self, slot: Slot) -> int | None:
-        """Return the number of bytes after which the memory can be written; None if the image has to be sent again."""
+        """Return the number of bytes after which the transfer can continue; None if the image has to be sent again."""
         try:
             return self._remembered.backing.begin_again(slot, self.state.slots[slot].received)
         except MediumError:

@@ -37,7 +37,7 @@ class Single(NamedTuple):
 
 
 class First(NamedTuple):
-    """The beginning of a message of `length` bytes; `frame_length` is the length of the frames to come."""
+    """The beginning of a message of `length` bytes; `frame_length` is the data length of the frames that follow."""
 
     length: int
     data: bytes
@@ -60,7 +60,8 @@ class FlowControl(NamedTuple):
 
 
 def parse(data: bytes) -> Single | First | Consecutive | FlowControl | None:
-    """Return a frame's part in a message, or None for a frame that the standard has a receiver ignore. Never raises."""
+    """Return a frame's part in a message, or None for a frame that a receiver must ignore by the standard. Never
+    raises."""
     if not data:
         return None
     kind, low = data[0] >> 4, data[0] & 0xF
@@ -133,5 +134,5 @@ def flow(status: FlowStatus, *, block_size: int = 0, separation_code: int = 0) -
 
 
 def padded(data: bytes) -> bytes:
-    """Fill at most 64 bytes with `PADDING` up to the next length that a frame can have, and to 8 bytes at least."""
+    """Fill up to 64 bytes with `PADDING` to the next length that a frame can have, which is at least 8 bytes."""
     return data.ljust(FRAME_LENGTHS[bisect_left(FRAME_LENGTHS, len(data))], bytes([PADDING]))

@@ -15,7 +15,7 @@ from can_bridge.wire.frame import Frame
 
 
 class _Reception:
-    """Reception of at most one message.
+    """The reception of at most one message at a time.
 
     Attributes:
         aborted: number of messages that were begun and not completed.
@@ -48,7 +48,7 @@ class _Reception:
             self.abort()
 
     def first(self, now_ns: int, part: First) -> FlowStatus:
-        """Begin a message, which replaces an incomplete one; return our answer."""
+        """Begin a message, which replaces an incomplete message; return the flow status to answer."""
         self.abort()
         if part.length > self._settings.max_message:
             return FlowStatus.OVERFLOW
@@ -61,7 +61,8 @@ class _Reception:
         return FlowStatus.CONTINUE
 
     def consecutive(self, now_ns: int, part: Consecutive) -> tuple[bytes | None, FlowStatus | None]:
-        """Add the next piece; return the message if it is complete, and our answer if one is due."""
+        """Add the next piece; return the message if it is complete, and the flow status to answer if an answer is
+        due."""
         if not self._wanted:
             return None, None
         if part.number != self._next_number:
@@ -70,7 +71,8 @@ class _Reception:
         missing = self._wanted - len(self._data)
         longest = self._frame_length - 1
         if not min(missing, longest) <= len(part.data) <= longest:
-            # Only the last frame may be shorter than the first; the frame after this one then has the wrong number.
+            # Only the last frame of a message may be shorter than the first, so this frame is ignored. The frame after
+            # it then has an unexpected number and ends the reception.
             return None, None
         self._data += part.data[:missing]
         self._next_number = (self._next_number + 1) % SEQUENCE_NUMBERS
@@ -98,7 +100,7 @@ class _State(Enum):
 
 
 class _Transmission:
-    """Transmission of at most one message.
+    """The transmission of at most one message at a time.
 
     Attributes:
         aborted: number of messages that were begun and not completed.
@@ -124,11 +126,11 @@ class _Transmission:
 
     @property
     def length(self) -> int:
-        """Length in bytes of the message under way; 0 without one."""
+        """Length in bytes of the message in progress; 0 without a message."""
         return len(self._message)
 
     def begin(self, message: bytes) -> None:
-        """Begin a message, if none is under way."""
+        """Begin a message; no other message may be in progress."""
         self._message = message
         self._state = _State.READY
 
@@ -138,7 +140,7 @@ class _Transmission:
             self._abort()
 
     def flow(self, now_ns: int, part: FlowControl) -> None:
-        """Take the receiver's answer; ignored if none is due."""
+        """Take the receiver's flow control; it is ignored if the transmission does not wait for it."""
         if self._state is not _State.WAITING:
             return
         if part.status is FlowStatus.CONTINUE:
@@ -198,14 +200,15 @@ class _Transmission:
 
 
 KEPT_PLACES: Final = 2
-"""Places in the transmit queue reserved for the request being processed: for a response-pending and the answer."""
+"""Number of places in the transmit queue reserved for the request being processed: for a response-pending and the
+answer."""
 
 
 class Endpoint:
     """An endpoint for messages of 1 to 4095 bytes, one at a time in each direction.
 
     Attributes:
-        is_held: the latest message is still being processed, so that no message of several frames is accepted.
+        is_held: whether the latest message is still being processed, so that no message of several frames is accepted.
         dropped_received: number of complete messages dropped because earlier messages had not been taken.
         dropped_sent: number of messages not sent because the queue was full.
     """
@@ -222,7 +225,7 @@ class Endpoint:
 
     @property
     def aborted_receptions(self) -> int:
-        """The number of messages that the other end began and did not complete or replaced by a new message."""
+        """The number of messages that the other end began, and then did not complete or replaced by a new message."""
         return self._reception.aborted
 
     @property
@@ -272,8 +275,8 @@ class Endpoint:
             self._transmission.flow(now_ns, part)
 
     def send(self, message: bytes) -> bool:
-        """Queue a message for the following calls of `poll`; return False if the queue is full. Raises ValueError for
-        an empty message or one that is too long."""
+        """Queue a message for the following calls of `poll`; return False if the queue is full. Raises ValueError for a
+        message that is empty or too long."""
         if not 0 < len(message) <= control_info.MAX_MESSAGE:
             raise ValueError(f"message of {len(message)} bytes: must have 1..{control_info.MAX_MESSAGE}")
         if len(self._to_send) == self._settings.queue:
@@ -283,7 +286,7 @@ class Endpoint:
         return True
 
     def poll(self, now_ns: int) -> list[Frame]:
-        """Return the frames to be sent now: the answer to the other end first, then our own messages."""
+        """Return the frames to be sent now: first the answer to the other end, then the messages of this end."""
         self._tick(now_ns)
         frames = list[Frame]()
         if self._answer is FlowStatus.CONTINUE and not self._reception.is_running:

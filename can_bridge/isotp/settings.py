@@ -16,18 +16,18 @@ class IsoTpSettings:
 
     Attributes:
         receive_id: identifier of the frames from the other end.
-        send_id: identifier of our own frames.
-        is_extended: both have 29 bits rather than 11.
+        send_id: identifier of the frames of this end.
+        is_extended: whether both identifiers have 29 bits rather than 11.
         frame_length: largest data length of a sent frame in bytes: 8, or a greater CAN FD length if `is_fd`.
-        is_fd: send CAN FD frames; frames of both kinds are received.
-        block_size: number of frames after which the sender must wait for our answer, 0 for never.
-        separation_code: byte for the least time between frames to us.
-        max_message: largest length of a received message, bytes.
+        is_fd: whether to send CAN FD frames; CAN FD frames and classic frames are received.
+        block_size: number of frames after which the other end must wait for this end's flow control, 0 for never.
+        separation_code: code byte of the least time between the frames that the other end sends.
+        max_message: largest length of a received message, in bytes.
         queue: largest number of messages that wait to be sent, or to be taken.
         burst: largest number of frames of one `poll`, so that a controller's transmit buffers do not overflow.
-        n_bs_ns: longest wait for the other end's flow control.
-        n_cr_ns: longest wait for its next frame.
-        max_waits: largest number of consecutive requests to wait by the other end.
+        n_bs_ns: longest wait for the other end's flow control, in ns.
+        n_cr_ns: longest wait for the other end's next frame, in ns.
+        max_waits: largest number of consecutive WAIT answers of the other end.
     """
 
     receive_id: int

@@ -1,4 +1,4 @@
-"""The sequence of services that flashes a release, as the PDX file states it for those who write a flash job."""
+"""The sequence of services that flashes a release, as the PDX file states it for authors of a flash job."""
 
 from collections.abc import Iterator
 from typing import Final

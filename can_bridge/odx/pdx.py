@@ -43,7 +43,7 @@ CODED: Final = (
 
 
 def named(tag: str, name: str, *parts: str, prefix: str = "") -> str:
-    """Return an element with a short name; its identifier is this name after a prefix."""
+    """Return an element with a short name; its identifier is the prefix followed by this name."""
     return f'<{tag} ID="{prefix}{name}"><SHORT-NAME>{name}</SHORT-NAME>{"".join(parts)}</{tag}>'
 
 
@@ -54,7 +54,7 @@ def constant(name: str, value: int, bits: int = 8) -> str:
 
 
 def value(name: str, of: str) -> str:
-    """Return a parameter of a type."""
+    """Return a parameter of the type `of`."""
     return f'<PARAM xsi:type="VALUE"><SHORT-NAME>{name}</SHORT-NAME><DOP-REF ID-REF="{of}"/></PARAM>'
 
 
@@ -65,7 +65,7 @@ def repeated(name: str) -> str:
 
 
 def message(tag: str, name: str, parts: Iterable[str]) -> str:
-    """Return a structure, a request or an answer with these parameters."""
+    """Return an element with parameters: a structure, a request or an answer."""
     return named(tag, name, f"<PARAMS>{''.join(parts)}</PARAMS>", prefix=f"{tag}." if tag != "STRUCTURE" else "")
 
 
@@ -121,7 +121,8 @@ DID_TYPES: Final[Mapping[Did, str]] = {
     Did.CALIBRATION_LIMITS: "calibration_limits",
     Did.CALIBRATION_STORED: "u8",
 }
-"""Type of each identifier's value when read. All identifiers but the key list are written in the same format."""
+"""Type of each identifier's value when read. An identifier that can be written has the same type when written, except
+the key list."""
 _OPTIONS: Final = {Routine.ERASE: (value("length", "u32"), value("sha256", "bytes_32"))}
 _STATUSES: Final = {Routine.ERASE: (value("offset", "u32"),), Routine.CHECK: (value("verdict", "verdict"),)}
 
@@ -130,8 +131,9 @@ class Described(NamedTuple):
     """One service with one sub-function or identifier.
 
     Attributes:
-        constants: numbers and their bits, after the service's number in the request, and repeated in the answer.
-        request, answer: parameters after these constants.
+        constants: numbers with their sizes in bits; they follow the service's number in the request and are repeated in
+            the answer.
+        request, answer: parameters of the request and of the answer that follow the constants.
     """
 
     name: str
@@ -215,7 +217,8 @@ def pdx(bus: BusConfig, because: Mapping[Reason, str]) -> bytes:
     listed = {file.name: file.read_text(encoding="utf-8") for file in files(__package__).joinpath("files").iterdir()}
     with zipfile.ZipFile(packed, "w") as archive:
         for name, text in sorted(listed.items()):
-            # Equal descriptions give equal bytes, because every file's time is the earliest that the format can state.
+            # Equal descriptions give equal bytes, because every file in the archive has the earliest time that the
+            # format can state.
             filled = Template(text).substitute(_filling(bus, because)) if name.startswith("stillwake.") else text
             archive.writestr(zipfile.ZipInfo(name), filled, zipfile.ZIP_DEFLATED)
     return packed.getvalue()

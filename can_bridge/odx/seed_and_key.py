@@ -1,4 +1,4 @@
-"""The rule from seed to key as JSON, for those who write a tester or its seed-and-key library."""
+"""The rule from seed to key as JSON, for authors of a tester or of a seed-and-key library."""
 
 import json
 from typing import Any, Final
@@ -9,7 +9,7 @@ from can_bridge.uds.services import LEVELS
 
 SEED_AND_KEY: Final = "seed_and_key.json"
 EXAMPLE: Final = bytes(range(16))
-"""Access key and seed of the known answers; public, and of no ECU."""
+"""Access key of the known answers, and also their seed. It is public, and no ECU uses it."""
 _LIBRARY: Final = {
     "function": "GenerateKeyEx",
     "prototype": "int GenerateKeyEx(const unsigned char *seed, unsigned int seed_length, unsigned int level, "
@@ -18,7 +18,8 @@ _LIBRARY: Final = {
     "variant": "not used: the access key decides, which the library's maker keeps for each ECU",
     "returns": {"0": "key computed", "1": "key_capacity too small", "2": "level unknown", "4": "other error"},
 }
-"""The interface of a library that testers load, as diagnostic tools for Windows expect it of a DLL."""
+"""The interface of the seed-and-key library that testers load: the interface of a DLL that diagnostic tools for Windows
+expect."""
 
 
 def seed_and_key() -> bytes:

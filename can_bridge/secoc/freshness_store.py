@@ -42,7 +42,7 @@ def is_due(kept: int, freshness: int, every: int) -> bool:
 
 
 class FreshnessStore:
-    """The file, for one process at a time.
+    """The file with a node's freshness values, which only one process may use at a time.
 
     Args:
         path: path of the file; the first `begin` creates it.
@@ -70,8 +70,8 @@ class FreshnessStore:
         return Authentication(key=key, trip=self._record.trip, heard=self._record.heard)
 
     def accepted(self, frame_id: int, freshness: int) -> None:
-        """Note the value that a receiver accepted last. May be called at any rate. Raises StillwakeError if the file
-        cannot be written."""
+        """Note the value that a receiver accepted last; the method may be called at any rate. Raises StillwakeError if
+        the file cannot be written."""
         if is_due(self._record.heard.get(frame_id, 0), freshness, self._every):
             heard = {**self._record.heard, frame_id: freshness}
             self._keep(FreshnessRecord(trip=self._record.trip, heard=heard))
@@ -111,7 +111,7 @@ class FreshnessStore:
 
 
 def _record_of(tree: Any) -> FreshnessRecord:
-    """Convert the content of `_keep`; raise ValueError, KeyError, TypeError or AttributeError for any other."""
+    """Convert content that `_keep` wrote; raise ValueError, KeyError, TypeError or AttributeError for other content."""
     if tree["schema"] != FRESHNESS_SCHEMA:
         raise ValueError(f"schema {tree['schema']!r}, must be {FRESHNESS_SCHEMA!r}")
     heard = {int(frame_id): _whole(value, LARGEST_FRESHNESS) for frame_id, value in tree["heard"].items()}

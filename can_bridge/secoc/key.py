@@ -29,7 +29,7 @@ class Key(NeverCopied):
             raise ValueError(f"a key of {len(secret)} bytes: must have {KEY_LENGTH}")
         if not any(secret):
             raise ValueError("a key of zeros: must be a random one")
-        # Copying a prepared object is four times as fast as preparing an object for each frame.
+        # Copying a prepared object for each frame is four times as fast as preparing a new object.
         self._prepared = CMAC(AES(secret))
 
     def cmac(self, message: bytes) -> bytes:

@@ -18,7 +18,7 @@ class Authentication:
     """The data that one node needs in one power cycle.
 
     Attributes:
-        trip: number of the node's power cycles, including this one. In virtual time there is only one.
+        trip: number of the node's power cycles, including this one. In virtual time there is only one power cycle.
         heard: freshness values accepted in earlier power cycles, by frame identifier.
     """
 
@@ -43,7 +43,8 @@ def authentication_in_virtual_time(config: BusConfig) -> Authentication | None:
 
 
 def key_of(authentication: Authentication | None, config: BusConfig) -> Key | None:
-    """Return the key to use. Raises ConfigError if the settings ask for a key and the node has none, or the reverse."""
+    """Return the key to use. Raises ConfigError if the settings ask for a key and the node has none, or if the node has
+    a key and the settings ask for none."""
     if message_set(config).pressure.spec.is_secured != (authentication is not None):
         given = "without a key" if authentication is None else "with a key"
         raise ConfigError(f"bus.key = {config.key!r}: the node was made {given}")

@@ -42,7 +42,7 @@ class Freshness:
 
     @property
     def value(self) -> int:
-        """The number that is sent: 64 bits, with the trip in the upper half."""
+        """The freshness value that is sent: 64 bits, with the trip in the upper half."""
         return self.trip << 32 | self.count
 
     def next(self) -> Self:
@@ -56,7 +56,7 @@ class Freshness:
 
 def secure(frame: Frame, spec: MessageSpec, key: Key, freshness: Freshness) -> Frame:
     """Return a message's frame as sent on the bus, built from a frame with the protected part alone. Raises ValueError
-    if the message is not a secured one, or if the frame is not its protected part."""
+    if the message is not secured, or if the frame is not the message's protected part."""
     if not spec.is_secured:
         raise ValueError(f"{spec.name}: has no room for a MAC")
     if len(frame.data) != spec.protected:
@@ -89,8 +89,8 @@ class VerifierState:
     Attributes:
         freshness: value of the latest accepted frame; 0 before the first.
         not_authentic: number of frames refused because of their length or MAC.
-        not_fresh: number of authentic frames refused because their freshness value is not greater than the one before:
-            the frame was repeated, or recorded earlier.
+        not_fresh: number of authentic frames refused because their freshness value is not greater than that of the
+            latest accepted frame: the frame was repeated, or recorded earlier.
     """
 
     freshness: int = 0
@@ -99,7 +99,7 @@ class VerifierState:
 
     @property
     def refused(self) -> int:
-        """The number of frames refused for either cause."""
+        """The number of frames refused for either of the two causes."""
         return self.not_authentic + self.not_fresh
 
 
@@ -120,7 +120,7 @@ def verified(state: VerifierState, frames: Sequence[Frame], *, spec: MessageSpec
     """Check the frames of one message.
 
     Args:
-        frames: frames received in this period, oldest first; those of other messages are passed on.
+        frames: frames received in this period, oldest first; frames of other messages are passed on unchecked.
         key: None without authentication; every frame is then passed on.
     """
     if key is None:

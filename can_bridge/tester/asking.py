@@ -1,4 +1,4 @@
-"""Requests to an ECU by udsoncan's client; a request without an answer is repeated."""
+"""Requests to an ECU through udsoncan's client; a request without an answer is repeated."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 KeyOf = Callable[[Level, bytes], bytes]
-"""Returns the key for a seed of a security level."""
+"""A function that returns the key for a seed of a security level."""
 
 P2_S: Final = 1.0
 """Longest wait for a first answer in s: the ECU's 50 ms, and the delay of adapters and a busy bus."""
@@ -26,17 +26,18 @@ P2_EXTENDED_S: Final = 6.0
 LONGEST_PENDING_S: Final = 60.0
 """Longest time in s of consecutive response-pending or busy answers, after which the ECU counts as gone."""
 TIMES: Final = 5
-"""Largest number of attempts at a request that gets no answer."""
+"""Largest number of attempts at a request that is not answered."""
 READ_TIMES: Final = 25
-"""Largest number of attempts to read an identifier: no frame of the store's report, 150 classic frames, may be lost. A
-request to an ECU that has never answered has `TIMES` attempts only, because the ECU is probably absent."""
+"""Largest number of attempts to read an identifier. The store's report has 150 classic frames, and an attempt fails if
+one of them is lost. A request to an ECU that has never answered has `TIMES` attempts only, because the ECU is probably
+absent."""
 BUSY: Final = 0x21
-"""busyRepeatRequest (ISO 14229-1, table A.1)."""
+"""Negative response code busyRepeatRequest (ISO 14229-1, table A.1)."""
 BUSY_WAIT_S: Final = 0.1
 PRESENT_S: Final = 2.0
-"""Time in s between two messages that keep a session: one of two may be lost within `S3_MS`."""
+"""Time in s between two messages that keep a session: of two messages within `S3_MS`, one may be lost."""
 DELAY_S: Final = 15.0
-"""Longest wait in s while the ECU accepts no key after wrong keys: more than its delay of 10 s."""
+"""Longest wait in s while the ECU accepts no key after wrong keys: more than the ECU's delay of 10 s."""
 
 
 class Asking:
@@ -88,19 +89,21 @@ class Asking:
 
     def unlock(self, level: Level) -> None:
         """Unlock a security level; waits up to `DELAY_S` while the ECU accepts no key. Raises AccessError if the key is
-        wrong, or was wrong too often."""
+        wrong, or if wrong keys were sent too often."""
         step = f"unlock {level.name.lower()}"
         until = self._clock() + DELAY_S
         refused_keys = 0
         while True:
             unanswered = self.unanswered
             try:
-                # If the answer to the key is lost, another seed is requested, which is zero if the first key was right.
+                # If the answer to the key is lost, another seed is requested. That seed is zero if the first key was
+                # valid.
                 self._ask(step, lambda: self._client.unlock_security_access(int(level)))
                 return
             except RefusedError as refused:
                 if refused.code == Nrc.INVALID_KEY and self.unanswered > unanswered and not refused_keys:
-                    # The seed may belong to an earlier request, whose answer was late.
+                    # The key may have been computed from the seed of an earlier request, whose answer was late, so the
+                    # level is tried again.
                     refused_keys += 1
                     continue
                 if refused.code == Nrc.INVALID_KEY:
@@ -130,7 +133,7 @@ class Asking:
         return int(found.service_data.max_length)
 
     def transfer(self, counter: int, data: bytes) -> None:
-        """Send a block of the image, repeated if no answer comes: the ECU writes a block once."""
+        """Send a block of the image, and repeat it if no answer comes; the ECU writes a repeated block only once."""
         self._ask("take a block of the image", lambda: self._client.transfer_data(counter, data))
 
     def exit(self) -> None:
@@ -138,7 +141,8 @@ class Asking:
         self._ask("end the transfer", self._client.request_transfer_exit)
 
     def faults(self, report: str, *args: int, **others: int) -> Any:
-        """Return the codes in a report of the fault memory, by the name of the client's method."""
+        """Return the codes in a report of the fault memory; `report` is the name of the client's method for this
+        report."""
         return self._ask("report its faults", lambda: getattr(self._client, report)(*args, **others)).service_data.dtcs
 
     def clear_faults(self) -> None:
@@ -146,17 +150,17 @@ class Asking:
         self._ask("clear its faults", self._client.clear_dtc)
 
     def quieten(self) -> None:
-        """Stop the detection of faults and the control's frames before programming; an ECU may support neither."""
+        """Stop the detection of faults and the control's frames before programming, as far as the ECU supports this."""
         for call in (lambda: self._client.control_dtc_setting(2), lambda: self._client.communication_control(1, 1)):
             with suppress(RefusedError, NoAnswerError):
                 self._ask("stop sending", call, times=2)
 
     def reset(self, *, times: int = TIMES) -> None:
-        """Request a hard reset; raises NotNowError if it would interrupt active control."""
+        """Request a hard reset; raises NotNowError if the reset would interrupt active control."""
         self._in_good_state("reset", lambda: self._client.ecu_reset(1), times=times)
 
     def wait(self, seconds: float, *, keep_session: bool = True) -> None:
-        """Wait, and keep the session meanwhile."""
+        """Wait for `seconds`, and keep the session alive meanwhile if `keep_session`."""
         left = seconds
         while left > 0:
             if keep_session:
@@ -165,7 +169,7 @@ class Asking:
             left -= PRESENT_S
 
     def present(self) -> None:
-        """Send a tester-present message that asks for no answer."""
+        """Send a tester-present message, which the ECU does not answer."""
         with self._client.suppress_positive_response:
             self._client.tester_present()
 
@@ -192,8 +196,8 @@ class Asking:
             ) from refused
 
     def _ask(self, step: str, call: Callable[[], T | None], *, times: int = TIMES) -> Any:
-        """Return the ECU's answer. Raises RefusedError for a negative response; NoAnswerError without one to `times`
-        attempts."""
+        """Return the ECU's answer. Raises RefusedError for a negative response; NoAnswerError if none of `times`
+        attempts is answered."""
         from udsoncan import exceptions
 
         sent = 0
@@ -250,7 +254,7 @@ def _settings(key: KeyOf | None, pending: Callable[[], None]) -> Any:
         "data_identifiers": {"default": AsItIs()} | {int(did): form for did, form in SNAPSHOT_FORMATS.items()},
         "security_algo": algorithm,
         "nrc78_callback": pending,
-        # The client would measure a whole request's time with the real clock.
+        # With a timeout, the client would measure the time of a whole request with the real clock.
         "request_timeout": None,
         "p2_timeout": P2_S,
         "p2_star_timeout": P2_EXTENDED_S,

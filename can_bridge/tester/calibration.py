@@ -1,4 +1,5 @@
-"""Calibration of an ECU by diagnosis, in steps over an open client: read, change, read back, store."""
+"""Calibration of an ECU through UDS, with a client that is already connected. The functions are the steps: read,
+change, read back and store."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -19,9 +20,9 @@ class Calibrated:
     """An ECU's report of its calibration; all values as float32.
 
     Attributes:
-        in_force: values from its next control period on.
+        in_force: values in force from the ECU's next control period on.
         limits: limits of the values.
-        release: the values of the release itself.
+        release: the release's own values.
         is_stored: whether values are stored in non-volatile memory.
     """
 
@@ -64,7 +65,8 @@ def unlock(asking: Asking) -> None:
 
 
 def write(asking: Asking, wanted: Calibration) -> None:
-    """Put values in force, after `unlock`. Raises FlashError if the ECU refuses them or then reports other values."""
+    """Put values in force, after `unlock`. Raises FlashError if the ECU refuses the values, or reports other values
+    afterwards."""
     asking.write(Did.CALIBRATION, wanted.pack())
     _check_in_force(asking, wanted.pack())
 
@@ -75,7 +77,8 @@ def store(asking: Asking) -> None:
 
 
 def revert(asking: Asking, release: Calibration) -> None:
-    """Put the release's own values in force and delete stored ones, after `unlock`. Raises NotNowError as `store`."""
+    """Put the release's own values in force and delete stored values, after `unlock`. Raises NotNowError like
+    `store`."""
     _keep(asking, _REVERT, "drop the stored calibration")
     _check_in_force(asking, release.pack())
 

@@ -20,11 +20,11 @@ from contract.release.checks import Bundle, dbc_sha256
 
 @dataclass(frozen=True, kw_only=True)
 class EcuFacts:
-    """One ECU.
+    """The properties of one ECU.
 
     Attributes:
-        dbc_sha256: SHA-256 of the DBC whose messages it sends, in hex.
-        period_ns: its control period.
+        dbc_sha256: SHA-256, in hex, of the DBC whose messages the ECU sends.
+        period_ns: control period of the ECU, in ns.
         capacity: size of the largest image in bytes.
     """
 
@@ -51,7 +51,7 @@ def read_facts(asking: Asking) -> EcuFacts:
 
 
 def read_store(asking: Asking) -> StoreReport:
-    """Read the report on the ECU's slots; raises BusError if it is damaged."""
+    """Read the report on the ECU's slots; raises BusError if the report is damaged."""
     return report.decode(asking.read(Did.STORE))
 
 
@@ -63,8 +63,8 @@ def check_fits(release: Bundle, length: int, facts: EcuFacts) -> None:
     """Raise WrongReleaseError for the first property of the release that does not fit the ECU.
 
     Args:
-        release: made with this version's DBC, as is every bundle that was loaded.
-        length: length of the release's image, bytes.
+        release: bundle that was loaded, and so was made with the DBC of this version.
+        length: length of the release's image, in bytes.
     """
     for line in _misfits(release, length, facts):
         raise WrongReleaseError(f"bundle {release.manifest.name} {line}; nothing was written")
@@ -99,9 +99,9 @@ class StoredFault:
     """One trouble code that is or was present.
 
     Attributes:
-        code: three bytes.
+        code: number of the trouble code, of three bytes.
         age: number of operation cycles without the fault since it was last found.
-        time_ms, mode_before, missed, overruns, pressures_cp: values when the fault was found; None without snapshot.
+        time_ms, mode_before, missed, overruns, pressures_cp: values when the fault was found; None without a snapshot.
     """
 
     code: int

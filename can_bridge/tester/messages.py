@@ -1,8 +1,8 @@
-"""The errors of flashing: a one-line message each, and its exit status.
+"""The errors of flashing, each with a one-line message and an exit status.
 
-A status states the remedy: 3 repair the connection, 4 use the right key, 5 try again when the vehicle stands, 6 use
-another release or key list, 7 examine the ECU, 8 the new release failed and the one before runs. 1 is for all other
-errors, such as a key file that cannot be read, and 2 for wrong use of a command.
+The status states the remedy: 3 repair the connection, 4 use the right key, 5 try again when the vehicle stands, 6 use
+another release or key list, 7 examine the ECU, 8 the new release failed and the previous release runs. 1 is for all
+other errors, such as a key file that cannot be read, and 2 for wrong use of a command.
 """
 
 from typing import ClassVar, Final
@@ -20,7 +20,7 @@ _NOT_PASSED: Final = 8
 
 
 class NoAnswerError(FlashError):
-    """The ECU does not answer, or no longer does."""
+    """The ECU does not answer, or no longer answers."""
 
     status: ClassVar[int] = NO_ANSWER
 
@@ -33,7 +33,7 @@ class NoAnswerError(FlashError):
 
 
 class LostError(NoAnswerError):
-    """The connection was lost during a transfer, which can be continued."""
+    """The connection was lost during a transfer; the transfer can be continued."""
 
     def __init__(self, received: int, length: int) -> None:
         FlashError.__init__(
@@ -44,7 +44,7 @@ class LostError(NoAnswerError):
 
 
 class AccessError(FlashError):
-    """The key is not the ECU's."""
+    """The key is not the key of this ECU."""
 
     status: ClassVar[int] = NO_ACCESS
 
@@ -56,13 +56,13 @@ class NotNowError(FlashError):
 
 
 class WrongReleaseError(FlashError):
-    """The release is not for this ECU, or the ECU may not take it."""
+    """The release is not for this ECU, or the ECU may not accept it."""
 
     status: ClassVar[int] = WRONG_RELEASE
 
 
 class WrongKeysError(FlashError):
-    """The ECU does not take the key list."""
+    """The ECU does not accept the key list."""
 
     status: ClassVar[int] = WRONG_RELEASE
 

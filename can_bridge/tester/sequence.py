@@ -1,7 +1,9 @@
-"""Flashing of an ECU, in steps over an open udsoncan client: one code for a bus, a bench in virtual time, and a test.
+"""Flashing of an ECU, step by step, through an open udsoncan client. A real bus, a bench in virtual time and a test use
+the same code.
 
 Nothing in this module prints, sleeps or reads a clock. After any interruption the ECU still has its old release. A
-further run continues at the ECU's state: a half-transferred or not yet activated image, or a release on trial.
+further run continues from the state of the ECU: with an image that is partly transferred or not yet activated, or with
+a release on trial.
 """
 
 from __future__ import annotations
@@ -76,7 +78,7 @@ class FlashOptions:
     """Options that leave out steps.
 
     Attributes:
-        dry_run: leave out everything that writes.
+        dry_run: whether to leave out every step that writes.
         confirm: whether to confirm the release after its self-test.
     """
 
@@ -89,9 +91,9 @@ class Flashed:
     """The report of a run of flashing.
 
     Attributes:
-        transferred: None if no image had to be transferred.
+        transferred: report of the transfer; None if no image had to be transferred.
         unanswered: number of requests that were repeated because no answer came.
-        seconds: duration by the given clock.
+        seconds: duration in s, measured with the given clock.
     """
 
     end: End
@@ -118,7 +120,7 @@ def flash(
     `can_bridge.tester.messages`; BusError if the bus failed.
 
     Args:
-        client: open; its settings are set here.
+        client: client with an open connection; this function changes its settings.
         image: image of the release, as built by `contract.release.image`.
         key: returns the key for a seed of the programming level; a dry run needs none.
         judge: raises FlashError if an ECU with these facts must not be flashed with this image.
@@ -137,7 +139,7 @@ def reset_and_wait(asking: Asking) -> None:
         # The answer may be lost, or the ECU may already be resetting.
         with suppress(NoAnswerError, RefusedError):
             asking.reset(times=1)
-        # The ECU answers before it resets.
+        # The ECU answers before it resets, so it may still be running.
         asking.wait(RESET_S, keep_session=False)
         if asking.wait_until_there(RESTART_S, "start again after the reset") is Session.DEFAULT:
             return
@@ -250,7 +252,7 @@ class _Flashing:
         raise NotPassedError(f"the ECU did not start the new release; {_runs(store)}")
 
     def _try_out(self) -> StoreReport:
-        """Run the self-test of the release on trial; if it fails, return to the release before."""
+        """Run the self-test of the release on trial; if it fails, return to the previous release."""
         self._on_step(Step.SELF_TEST)
         try:
             enter_programming(self._asking)
@@ -276,11 +278,11 @@ class _Flashing:
                 running = store.running_slot
                 if refused.code != Nrc.SEQUENCE_ERROR or running is None or not self._is_ours(running):
                     raise
-                # If power was lost right after the request was carried out, there is no trial any more.
+                # If power was lost right after the request was carried out, the release is already confirmed.
                 if store.running == store.active:
                     return store
-                # If power was lost before, the self-test is repeated: an ECU confirms only what it tested since its
-                # boot.
+                # If power was lost before the request was carried out, the self-test is repeated, because an ECU
+                # confirms a release only after a self-test since its boot.
                 if running.phase is not SlotPhase.TRIAL or not left:
                     raise
             self._try_out()
@@ -294,7 +296,7 @@ class _Flashing:
         return read_store(self._asking)
 
     def _leave(self) -> None:
-        """Reset the ECU to its old release, since only a reset ends a begun transfer."""
+        """Reset the ECU to its old release, because only a reset ends a transfer that has begun."""
         with suppress(FlashError):
             self._asking.session(Session.PROGRAMMING)
             self._asking.reset(times=1)

@@ -1,7 +1,7 @@
-"""Transfer of an image to an ECU: announce it, send it from the requested byte, check it; continued if interrupted.
+"""Transfer of an image to an ECU: announce the image, send it from the requested byte on, and check it.
 
 After any interruption, such as lost frames, a session that ended or a loss of power, the next attempt begins with a new
-session and a new announcement; its answer has the byte from which the image is to be sent.
+session and a new announcement. The answer to the announcement has the byte from which the image is to be sent.
 """
 
 import hashlib
@@ -18,10 +18,10 @@ from can_bridge.uds.services import MAX_BLOCK, Did, Nrc, Routine, Session
 from contract.errors import FlashError
 
 BLOCK_STEP: Final = 32
-"""Blocks begin at multiples of this number of bytes, a word of flash memory."""
+"""Number of bytes, a word of flash memory, of which the offset of every block is a multiple."""
 _HEADER: Final = 2
 _IN_A_ROW: Final = 16
-"""Number of blocks that arrive at the first attempt before a longer block is sent."""
+"""Number of consecutive blocks that must arrive at the first attempt before a longer block is sent."""
 
 
 class BlockLength:
@@ -53,13 +53,13 @@ class BlockLength:
 
 
 OnProgress = Callable[[int, int], None]
-"""Called with the number of bytes that the ECU has, and the length of the image."""
+"""A function that is called with the number of bytes that the ECU has, and the length of the image."""
 
 STALLS: Final = 5
 """Largest number of consecutive attempts without progress."""
 TRIES: Final = 3
 """Largest number of attempts at a step. A step is repeated if its session ended because the ECU did not answer for a
-long time or lost its supply."""
+long time or lost its power supply."""
 SESSION_ENDED: Final = frozenset(
     {Nrc.SERVICE_NOT_IN_SESSION, Nrc.SUB_FUNCTION_NOT_IN_SESSION, Nrc.SECURITY_ACCESS_DENIED}
 )
@@ -73,7 +73,7 @@ _AGAIN: Final = SESSION_ENDED | frozenset(
         Nrc.TRANSFER_SUSPENDED,
         Nrc.PROGRAMMING_FAILURE,
         Nrc.WRONG_BLOCK_COUNTER,
-        # The ECU answers so to a routine or download whose session has ended.
+        # This is the ECU's answer to a routine or download whose session has ended.
         Nrc.OUT_OF_RANGE,
         Nrc.CONDITIONS_NOT_CORRECT,
     }
@@ -88,7 +88,7 @@ class Transferred:
     """The report of a transfer.
 
     Attributes:
-        resumed_from: number of bytes that the ECU had before.
+        resumed_from: number of bytes that the ECU had before the transfer.
         attempts: number of announcements.
     """
 
@@ -209,8 +209,9 @@ def in_programming(asking: Asking, routine: Routine) -> None:
 
 
 def bring(asking: Asking, raw: bytes) -> tuple[int, int]:
-    """Replace the key list; return the versions of the old list (0 without one) and the new list. Raises WrongKeysError
-    if the ECU rejects it; FlashError if it may not be written now or the ECU does not answer."""
+    """Replace the key list; return the versions of the old list (0 if there was none) and the new list. Raises
+    WrongKeysError if the ECU rejects the new list; FlashError if the list may not be written now or the ECU does not
+    answer."""
     before = _version(asking)
     enter_programming(asking)
     try:

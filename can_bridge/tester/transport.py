@@ -37,7 +37,7 @@ _SAME: Final = {
     Service.TESTER_PRESENT: slice(1, 2),
     Service.FAULT_SETTING: slice(1, 2),
 }
-"""Number of bytes that a positive response repeats of its request: sub-function, identifier or block counter."""
+"""Bytes of a request that a positive response repeats at the same place: sub-function, identifier or block counter."""
 _OF_ONE_CODE: Final = frozenset({FaultReport.SNAPSHOT, FaultReport.EXTENDED})
 """Fault reports that also repeat the trouble code."""
 
@@ -60,7 +60,7 @@ FRAME_S: Final = 1.0
 """Longest time in s to send a frame: a CAN controller's queue may be full as long as other nodes send."""
 _TURN_S: Final = 0.02
 FLOW_CONTROL_MS: Final = 1000
-"""N_Bs and N_Cr in ms (ISO 15765-2)."""
+"""Timeouts in ms for a flow control frame (N_Bs) and for the next consecutive frame (N_Cr) (ISO 15765-2)."""
 _MOST_WAITS: Final = 100
 _ENDS_SENDING: Final = (
     isotp.FlowControlTimeoutError,
@@ -70,7 +70,7 @@ _ENDS_SENDING: Final = (
 
 
 def silence() -> None:
-    """Keep the libraries' log off stderr, to which Python prints warnings without a handler."""
+    """Keep the libraries' log off stderr, where Python prints the warnings of a logger without a handler."""
     for name in ("UdsClient", "Connection", "isotp"):
         logging.getLogger(name).addHandler(logging.NullHandler())
 
@@ -87,7 +87,7 @@ def open_client(config: BusConfig) -> Iterator[Client]:
 
 
 class BusConnection(BaseConnection):
-    """An ISO-TP connection over an open bus; whoever opened the bus closes it."""
+    """An ISO-TP connection over an open bus; the caller that opened the bus closes it."""
 
     def __init__(self, bus: PythonCanBus, config: BusConfig, *, clock: Callable[[], float] = time.monotonic) -> None:
         super().__init__()
@@ -136,7 +136,7 @@ class BusConnection(BaseConnection):
         self._layer.reset()
 
     def specific_send(self, payload: bytes, timeout: float | None = None) -> None:
-        """Send a request. Raises TimeoutException if the ECU's flow control stops it, BusError if the bus does."""
+        """Send a request. Raises TimeoutException if the ECU's flow control stops it, BusError if the bus fails."""
         self._request, self._failed = payload, False
         self._layer.send(payload)
         until = self._clock() + SEND_S
@@ -185,7 +185,7 @@ class BusConnection(BaseConnection):
             except BusError:
                 if self._clock() >= until:
                     raise
-                # Some drivers return at once if the queue is full.
+                # Some drivers return at once if the queue is full, so there is a pause before the next attempt.
                 time.sleep(0.001)
 
     def _note(self, error: Exception) -> None:

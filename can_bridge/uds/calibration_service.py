@@ -1,4 +1,4 @@
-"""Calibration by diagnosis: its identifiers, and the values in non-volatile memory.
+"""Calibration of an ECU through UDS: its identifiers, and the values in non-volatile memory.
 
 Stored values belong to the release for which they were stored: the store returns them for that release only. Stored
 values that the vehicle's settings no longer allow are not used.
@@ -42,7 +42,8 @@ class CalibrationService:
         self._kept, self._keep, self._refusal = kept, keep, refusal
 
     def restore(self) -> ConfigError | None:
-        """Put stored values in force after power-on. Returns an error if values are stored and not allowed."""
+        """Put stored values in force after power-on. Returns an error if there are stored values and they are not
+        allowed."""
         raw = self._kept()
         if raw is None:
             return None
@@ -63,7 +64,7 @@ class CalibrationService:
         self._segment.revert()
 
     def read(self, did: Did) -> bytes:
-        """Return the value of one of `DIDS`; raises Refused for others."""
+        """Return the value of one of `DIDS`; raises Refused for other identifiers."""
         segment = self._segment
         if did is Did.CALIBRATION:
             return segment.in_force.pack()
@@ -75,7 +76,7 @@ class CalibrationService:
         raise Refused(Nrc.OUT_OF_RANGE)
 
     def write(self, did: Did, value: bytes) -> Long[None]:
-        """Write one of `DIDS`; raises Refused for others, and for values that are not allowed."""
+        """Write one of `DIDS`; raises Refused for other identifiers, and for values that are not allowed."""
         yield from ()
         if did is Did.CALIBRATION:
             try:

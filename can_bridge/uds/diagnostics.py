@@ -12,18 +12,18 @@ class Diagnostics(Protocol):
     checked session, security level, and the lengths stated in `services`."""
 
     def enter(self, session: Session) -> None:
-        """Prepare for a session; CONDITIONS_NOT_CORRECT for PROGRAMMING while jets are enabled or control is
+        """Prepare for a session. Raises CONDITIONS_NOT_CORRECT for PROGRAMMING while jets are enabled or control is
         requested."""
 
     def leave(self) -> None:
-        """Drop a transfer that is under way, because the session ended; the transfer can be resumed."""
+        """Interrupt a transfer in progress, because the session ended; the transfer can be resumed."""
 
     def read(self, did: Did) -> bytes:
-        """Return the value of an identifier; OUT_OF_RANGE if it has none."""
+        """Return the value of an identifier; raises OUT_OF_RANGE if the identifier has no value."""
         ...
 
     def write(self, did: Did, value: bytes) -> Long[None]:
-        """Write an identifier; OUT_OF_RANGE for a value that is not allowed."""
+        """Write an identifier; raises OUT_OF_RANGE for a value that is not allowed."""
         ...
 
     def routine(self, routine: Routine, option: bytes) -> Long[bytes]:
@@ -31,7 +31,7 @@ class Diagnostics(Protocol):
         ...
 
     def download(self, offset: int, length: int) -> None:
-        """Expect `length` bytes of the announced image from `offset` on."""
+        """Expect `length` bytes of the announced image, beginning at byte `offset`."""
 
     def transfer(self, data: bytes) -> Long[None]:
         """Take the next bytes of the image."""
@@ -49,8 +49,8 @@ class Diagnostics(Protocol):
         """Store the number of wrong keys before the answer is sent."""
 
     def before_reset(self) -> None:
-        """Prepare for a reset or for silence. Raises CONDITIONS_NOT_CORRECT if that would interrupt active control,
-        which may have begun after the session did."""
+        """Prepare for a reset or for silence. Raises CONDITIONS_NOT_CORRECT if this would interrupt active control,
+        which may have begun after the session."""
 
     def reset(self) -> None:
-        """Reset the ECU; the request has been answered."""
+        """Reset the ECU; called after the request was answered."""

@@ -1,7 +1,8 @@
 """The ECU's diagnostic services over its store of releases: `Diagnostics` for the UDS server.
 
-Answers of the routines: ERASE has the wanted offset (4), CHECK a `Verdict` (1); the others are empty. A repeated
-request that was already carried out gets the same answer, because the tester may have missed the first one.
+The answer to the routine ERASE has the offset of the first byte to send (4 bytes), the answer to CHECK a `Verdict` (1
+byte); answers to the other routines are empty. If a request is repeated after it was carried out, it gets its first
+answer again, because the tester may have missed that answer.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -20,7 +21,7 @@ from can_bridge.uds.services import Did, Nrc, Refused, Routine, Session
 from contract.errors import ConfigError, KeyFileError, StillwakeError
 
 WRITTEN: Final = 512
-"""Number of bytes of an image that one piece of work writes."""
+"""Number of bytes of an image that are written in one piece of work."""
 _DONE: Final = {
     Routine.ERASE: ("update", "a release is being written: jets shut until a reset"),
     Routine.ACTIVATE: (
@@ -38,15 +39,15 @@ class EcuServices:
 
     Args:
         identification: values of the constant identifiers.
-        calibration: None without a release.
+        calibration: service for the calibration; None without a release.
         self_test: runs the release on test windows; raises StillwakeError. None without a release.
         refusal: returns why the ECU may not be programmed now; None if it may.
         on_reset: called when a reset is due.
         log: called with an event's name, its text, and its fields.
-        resets_when_left: whether the end of a session after an announcement resets the ECU.
+        resets_when_left: whether the end of a session resets the ECU after an image was announced.
 
     Attributes:
-        is_updating: whether an image was announced since power-on: the jets stay shut until a reset.
+        is_updating: whether an image was announced since power-on; the jets then stay shut until a reset.
     """
 
     def __init__(
@@ -99,7 +100,8 @@ class EcuServices:
             return
         if value == self._taken_keys:
             return
-        # Verifying a signature, here and before a revert, takes a large part of a control period.
+        # Verifying a signature takes a large part of a control period. So it is done only while the ECU may be
+        # programmed, here and before a revert.
         self._check_preconditions()
         with _as_refusals():
             self._store.take_keys(value)
@@ -141,11 +143,13 @@ class EcuServices:
     def transfer(self, data: bytes) -> Long[None]:
         with _as_refusals():
             self._store.append(data)
-        # The store has written the data at once. A flash memory needs milliseconds, so it writes this number of pieces.
+        # This store has written the data at once. A flash memory needs milliseconds for each piece, so the number of
+        # pieces is the same here.
         yield from repeat(None, (len(data) - 1) // WRITTEN)
 
     def exit(self) -> Long[None]:
-        # The server has checked that all bytes came; CHECK finds out whether they are the announced bytes.
+        # Nothing is left to do: the server has checked that all bytes came, and CHECK finds out whether they are the
+        # announced bytes.
         yield from ()
 
     def failed_attempts(self, level: Level) -> int:

@@ -1,7 +1,8 @@
 """This ECU's diagnostic trouble codes (SAE J2012-DA): one for each reason that is a fault, and their snapshots.
 
-The first two bytes have a letter, a 1, which marks a maker's own code, and the reason's number. The letter is U for the
-bus, P for the ECU and its sensors. The third byte is the type of failure.
+The first two bytes of a code consist of a letter, a 1 (which marks a manufacturer's own code), and the number of the
+reason. The letter is U for faults of the bus, and P for faults of the ECU and its sensors. The third byte is the type
+of failure.
 """
 
 import struct
@@ -32,7 +33,7 @@ CODES: Final[Mapping[Reason, int]] = {
         (Reason.NO_SPEED, _U, 0x87),
     )
 }
-"""Trouble codes of three bytes. Reasons without a code are states of an ECU without a fault."""
+"""Trouble codes of three bytes. A reason without a code is a state of an ECU without a fault."""
 REASON_BY_CODE: Final[Mapping[int, Reason]] = {code: reason for reason, code in CODES.items()}
 CODE_BYTES: Final = 3
 J2012_FORMAT: Final = 0x00
@@ -41,7 +42,8 @@ _LETTERS: Final = "PCBU"
 
 
 class Snapshot(IntEnum):
-    """Identifiers of a snapshot's values from the moment when a fault was found; service 22 cannot read them."""
+    """Identifiers of a snapshot's values from the moment when a fault was found; service 22 cannot read them. The
+    numbers in parentheses are lengths in bytes."""
 
     TIME_MS = 0xFD20
     """Time in ms since power-on (4)."""

@@ -1,13 +1,14 @@
-"""The fault memory: for each trouble code its status (ISO 14229-1, annex D), its age and one snapshot, over resets.
+"""The fault memory: for each trouble code its status (ISO 14229-1, annex D), its age and one snapshot.
 
 The ECU's state machine debounces faults: a fault's test fails in the period in which the fault begins, and all tests
 pass in the period in which control begins. An operation cycle lasts from power-on to the next reset. A confirmed fault
-is forgotten after `AGED_CYCLES` cycles in which its test passed and did not fail. Format of the memory's record:
+is forgotten after `AGED_CYCLES` cycles in which its test passed and did not fail. The record survives resets. Its
+format, with lengths in bytes:
 
     "SWF1" (4); for each code, in the order of `CODES`: status (1), age (1), 1 with a snapshot (1), snapshot; CRC-32 (4)
 
-The record is written only while no jet can run, and only if it differs: at most once for each code that fails in a
-cycle, once for the first pass, and once when codes are cleared.
+The record is written only while no jet can run, and only if it differs from the stored record. In a cycle it is written
+at most once for each code that fails, once for the first pass, and once when codes are cleared.
 """
 
 import struct
@@ -53,8 +54,10 @@ class KeptFault:
     """The stored state of one code.
 
     Attributes:
-        age: of a confirmed fault: number of operation cycles since its last failure in which the test only passed.
-        snapshot: snapshot of the first failure in the latest cycle with a failure; empty without.
+        status: status bits of the code.
+        age: for a confirmed fault, number of operation cycles since its last failure in which its test passed and did
+            not fail.
+        snapshot: snapshot of the first failure in the latest cycle with a failure; empty without a snapshot.
     """
 
     status: Status = _UNTESTED
@@ -93,7 +96,7 @@ class FaultMemory:
     """The memory from one power-on to the next. Only `note` may be called by another thread.
 
     Args:
-        record: the stored record; a damaged record counts as none.
+        record: the stored record; a damaged record counts as no record.
         keep: stores a record; raises MediumError.
         refusal: returns why nothing may be written now; None if it may.
 
@@ -116,14 +119,15 @@ class FaultMemory:
         self.is_on = True
 
     def note(self, reason: Reason | None, snapshot: bytes = b"") -> None:
-        """Note that the test of this reason failed now, or for None that all tests passed."""
+        """Note that the test for this reason failed now; None means that all tests passed."""
         self._noted.append((reason, snapshot))
 
     def settle(self) -> None:
-        """Record the noted results; store them if that is allowed now. Raises MediumError, and does not try again."""
+        """Record the noted results, and store the record if this is allowed now. Raises MediumError if storing fails;
+        the next call does not repeat the attempt."""
         while self._noted and (self.is_on or len(self._noted) > 1):
-            # While recording is off, only the latest result stays queued: it is the tests' state when recording
-            # resumes.
+            # While recording is off, only the latest result stays queued, because it is the state of the tests when
+            # recording resumes.
             reason, snapshot = self._noted.popleft()
             if not self.is_on:
                 continue
@@ -194,7 +198,7 @@ LENGTHS: Final = {
     FaultReport.EXTENDED: 4,
     FaultReport.SUPPORTED: 0,
 }
-"""Number of bytes after the sub-function."""
+"""Number of bytes that follow the sub-function in a request."""
 
 
 def report(memory: FaultMemory, kind: FaultReport, option: bytes) -> bytes:
@@ -213,7 +217,7 @@ def report(memory: FaultMemory, kind: FaultReport, option: bytes) -> bytes:
 
 
 def cleared(group: int) -> Collection[Reason]:
-    """Return the faults in a group of codes: all faults, or one; raises Refused for other groups."""
+    """Return the faults in a group of codes: all faults, or one fault; raises Refused for other groups."""
     if group == ALL_GROUPS:
         return CODES.keys()
     if group not in REASON_BY_CODE:

@@ -1,11 +1,12 @@
 """Security access (ISO 14229-1, service 0x27): the shared secret, seeds, keys, wrong attempts and the delay after them.
 
-Each security level has its own key, the AES-CMAC with the shared key of a label and the level's number, so that an
-answer for one level is wrong for the others. The answer to a seed is the AES-CMAC of the seed with the level's key.
+Each security level has its own key: the AES-CMAC, under the shared key, of a label followed by the level's number. So
+an answer for one level is wrong for the other levels. The answer to a seed is the AES-CMAC of the seed under the
+level's key.
 
 A seed is valid for one answer. An attempt is counted in non-volatile memory before the answer is checked, so that
-cutting the supply gains no attempt. After `MAX_ATTEMPTS` consecutive wrong answers, and after each further one, no seed
-is sent for `DELAY_NS`; a power-on restarts the delay.
+switching off the supply gains no attempt. After `MAX_ATTEMPTS` consecutive wrong answers, and after each further wrong
+answer, no seed is sent for `DELAY_NS`; a power-on restarts the delay.
 """
 
 from collections.abc import Callable
@@ -25,7 +26,7 @@ ANSWER_LENGTH: Final = 16
 MAX_ATTEMPTS: Final = 3
 DELAY_NS: Final = 10_000_000_000
 LABEL: Final = b"stillwake access"
-"""Label from which, with the level's number, a level's key is computed."""
+"""Label that is followed by a level's number in the message whose AES-CMAC is the level's key."""
 
 
 class AccessKey:
@@ -76,7 +77,7 @@ class SecurityAccess:
         self.unlocked = self._asked = None
 
     def seed(self, now_ns: int, level: Level) -> bytes:
-        """Return a new seed; zeros if the level is already unlocked. Raises Refused during the delay."""
+        """Return a new seed, which is zero if the level is already unlocked. Raises Refused during the delay."""
         if self.unlocked is level:
             return bytes(SEED_LENGTH)
         self._asked = None
@@ -89,7 +90,8 @@ class SecurityAccess:
         return seed
 
     def unlock(self, now_ns: int, level: Level, answer: bytes) -> None:
-        """Unlock the level whose seed was sent last. Raises Refused for a wrong answer or a level without a seed."""
+        """Unlock the level for which the last seed was sent. Raises Refused for a wrong answer or a level without a
+        seed."""
         if self._asked is None or self._asked[0] is not level:
             raise Refused(Nrc.SEQUENCE_ERROR)
         (_, seed), self._asked = self._asked, None

@@ -61,17 +61,17 @@ _SUB_FUNCTIONS: Final[Mapping[int, frozenset[int]]] = {
     Service.TESTER_PRESENT: frozenset({0}),
     Service.FAULT_SETTING: frozenset({_FAULTS_ON, _FAULTS_OFF}),
 }
-"""Sub-functions of the services that have one in their first byte, without the bit that suppresses the answer."""
+"""Sub-functions of the services whose first byte is a sub-function, without the bit that suppresses the answer."""
 _DIDS: Final[frozenset[int]] = frozenset(Did)
 
 
 class UdsServer:
-    """A server after power-on. It takes any bytes, and raises nothing but the exceptions of `diagnostics`.
+    """A server after power-on. It accepts any bytes, and raises no exceptions but those of `diagnostics`.
 
     Args:
         diagnostics: the ECU's services.
         random_bytes: returns a number of unpredictable bytes, for seeds.
-        faults: the ECU's fault memory; None for a memory that no reset survives.
+        faults: the ECU's fault memory; None for a fault memory that is lost at a reset.
 
     Attributes:
         is_silent: whether a tester has switched off JetCommand and EcuStatus; only possible while no jet can run.
@@ -105,7 +105,7 @@ class UdsServer:
 
     @property
     def is_busy(self) -> bool:
-        """Whether a request or a reset is under way, which `tick` continues."""
+        """Whether a request or a reset is in progress; `tick` continues it."""
         return self._job is not None or self._reset_is_due
 
     @property
@@ -114,8 +114,9 @@ class UdsServer:
         return self._job is not None and self._job.service == Service.TRANSFER
 
     def look(self, now_ns: int, *, in_transit: bool) -> None:
-        """End a session without a request for S3; call this before each reading of the bus. The session continues while
-        a request is processed, or a message is `in_transit` in either direction (ISO 14229-2)."""
+        """End the session if there was no request during the time S3; call this before each reading of the bus. The
+        session continues while a request is processed, or a message is `in_transit` in either direction (ISO 14229-2).
+        """
         now_ns = self._at(now_ns)
         if in_transit:
             self._timer.hear(now_ns)
@@ -126,7 +127,7 @@ class UdsServer:
     ) -> list[bytes]:
         """Process a complete request and return its answers: an empty list if the answer is suppressed or not ready. If
         `is_occupied` (another long answer is still being sent), the request is refused as busy, and the tester has to
-        repeat it. A functional request addresses every ECU."""
+        repeat the request. A functional request addresses every ECU."""
         now_ns = self._at(now_ns)
         if not payload:
             return []
@@ -141,9 +142,9 @@ class UdsServer:
         return self._go_on(now_ns)
 
     def tick(self, now_ns: int) -> list[bytes]:
-        """Do the next piece of the request under way, or the reset that was answered before.
+        """Do the next piece of the request in progress, or the reset that was answered before.
 
-        Call it whenever there is time for a piece, at least every 20 ms while `is_busy`.
+        Call this method whenever there is time for a piece, at least every 20 ms while `is_busy`.
         """
         now_ns = self._at(now_ns)
         if self._reset_is_due:
@@ -184,7 +185,7 @@ class UdsServer:
         self._timer.begin(now_ns, session)
 
     def _answer(self, payload: bytes) -> Long[bytes]:
-        """Return the positive answer's bytes after the first."""
+        """Return the positive answer's bytes after the first byte."""
         service, body = payload[0], payload[1:]
         permission = SERVICES.get(service)
         if permission is None:
@@ -228,7 +229,7 @@ class UdsServer:
         if body[1] not in _NORMAL:
             raise Refused(Nrc.OUT_OF_RANGE)
         if body[0] == _DISABLE_SENDING:
-            # The conditions are those of a reset, so that no control is interrupted.
+            # Silence has the same conditions as a reset, so that no control is interrupted.
             self._diagnostics.before_reset()
         self.is_silent = body[0] == _DISABLE_SENDING
         return body[:1]
@@ -249,7 +250,8 @@ class UdsServer:
             try:
                 answer += number + self._value(int.from_bytes(number, "big"))
             except Refused as refusal:
-                # The standard omits unknown identifiers if any other is known.
+                # The standard leaves unknown identifiers out of the answer if another identifier of the request is
+                # known.
                 if refusal.code is not Nrc.OUT_OF_RANGE:
                     raise
         if not answer:
@@ -323,7 +325,7 @@ class UdsServer:
             raise Refused(Nrc.SEQUENCE_ERROR)
         if self._transfer.is_new(counter, data):
             transfer, self._transfer = self._transfer, None
-            # If writing fails the transfer ends, since only a new announcement shows the memory's content.
+            # If writing fails, the transfer ends, because only a new announcement finds out what the memory contains.
             yield from self._diagnostics.transfer(data)
             transfer.taken(counter, data)
             self._transfer = transfer
@@ -369,4 +371,5 @@ _HANDLERS: Final[Mapping[int, Callable[[UdsServer, bytes], bytes | Long[bytes]]]
     Service.TESTER_PRESENT: lambda server, body: server._hear_tester(body),
     Service.FAULT_SETTING: lambda server, body: server._set_faults(body),
 }
-"""Handlers of the services. A server that holds bound methods would never be freed without the garbage collector."""
+"""Handlers of the services. They are not bound methods, because a server that holds its own bound methods would never
+be freed without the garbage collector."""

@@ -19,7 +19,8 @@ MAX_REQUEST: Final = 4095
 LONGEST_ANSWER: Final = 768
 """Largest length in bytes of an answer with several identifiers; a single identifier is always answered."""
 BESIDE: Final = 24
-"""Largest number of bytes of waiting answers with which a request is begun; otherwise it is refused as busy."""
+"""Largest total length in bytes of answers not yet sent with which a new request is accepted; with more, the request is
+refused as busy."""
 POSITIVE: Final = 0x40
 """Difference between a positive response's first byte and the service's identifier."""
 NEGATIVE: Final = 0x7F
@@ -92,27 +93,28 @@ UNSENT_TO_ALL: Final = frozenset(
 
 
 class Routine(IntEnum):
-    """RoutineControl identifiers, all started by sub-function 1. Results are in `can_bridge.uds.ecu_services`."""
+    """RoutineControl identifiers, all started by sub-function 1. Numbers in parentheses are lengths in bytes. Results
+    are in `can_bridge.uds.ecu_services`."""
 
     PRECONDITIONS = 0x0203
-    """Check whether the ECU may be programmed now; CONDITIONS_NOT_CORRECT if not."""
+    """Check whether the ECU may be programmed now; the answer is CONDITIONS_NOT_CORRECT if it may not."""
     SELF_TEST = 0x0204
     """Run the running release's controller on input that must give a finite plan."""
     ACTIVATE = 0x0205
-    """Boot the checked image from the next reset on, on trial."""
+    """Activate the checked image: it boots from the next reset on, on trial."""
     CONFIRM = 0x0206
     """Confirm the release on trial."""
     REVERT = 0x0207
-    """Return to the release before from the next reset on."""
+    """Return to the previous release from the next reset on."""
     ERASE = 0xFF00
-    """Announce an image and prepare a slot for it. Option record: length (4), SHA-256 (32). The answer has the offset
-    (4) of the first byte to send, more than zero if an earlier transfer of this image was interrupted."""
+    """Announce an image and prepare a slot. The option record has the image's length (4) and SHA-256 (32). The answer
+    has the offset (4) of the first byte to send, above zero if an earlier transfer of this image was interrupted."""
     CHECK = 0xFF01
     """Check the transferred image; the answer has a `Verdict` (1)."""
 
 
 class Did(IntEnum):
-    """Data identifiers."""
+    """Data identifiers. Numbers in parentheses are lengths in bytes."""
 
     ACTIVE_SESSION = 0xF186
     SERIAL_NUMBER = 0xF18C
@@ -123,9 +125,9 @@ class Did(IntEnum):
     DBC_SHA256 = 0xFD00
     """SHA-256 of the DBC (32)."""
     STORE = 0xFD01
-    """State of the slots: `can_bridge.flashing.report`."""
+    """State of the slots, in the format of `can_bridge.flashing.report`."""
     KEY_LIST = 0xFD02
-    """Signed key list for writing; its version (4) for reading."""
+    """Writing replaces the signed key list; reading returns the version of the list (4)."""
     CAPACITY = 0xFD03
     """Size in bytes of the largest image (4)."""
     PERIOD_NS = 0xFD04
@@ -134,13 +136,14 @@ class Did(IntEnum):
     """All values of the calibration, packed by `contract.controller.calibration`. Reading returns the values in force;
     writing changes them from the next control period until a reset."""
     CALIBRATION_LIMITS = 0xFD11
-    """Least allowed, greatest allowed and the release's own values: three packed calibrations."""
+    """The least allowed values, the greatest allowed values and the release's own values: three packed calibrations."""
     CALIBRATION_STORED = 0xFD12
-    """Writing 1 stores the values in force, 0 restores the release's own. Reading: whether values are stored (1)."""
+    """Writing 1 stores the values in force; writing 0 restores the release's own values. Reading returns whether values
+    are stored (1)."""
 
 
 class Refused(Exception):  # noqa: N818  (a negative response is an answer, no error)
-    """The request is refused with this negative response code."""
+    """The refusal of a request, with a negative response code."""
 
     def __init__(self, code: Nrc, why: str = "") -> None:
         super().__init__(why or code.name)
@@ -158,7 +161,8 @@ class Permission:
     """The conditions for a request.
 
     Attributes:
-        level: level that must be unlocked; None if none need be.
+        sessions: sessions in which the request is allowed.
+        level: security level that must be unlocked; None if the request needs no level.
         length: length of the value or option record in bytes; None for any length.
     """
 
@@ -169,7 +173,8 @@ class Permission:
 
 SERVICES: Final[Mapping[int, Permission]] = {
     Service.SESSION: Permission(),
-    # The programming session begins only while the jets are shut; `Diagnostics.before_reset` checks that again.
+    # The programming session begins only while the jets are shut; `Diagnostics.before_reset` checks again that they
+    # are.
     Service.RESET: Permission(_PROGRAMMING),
     Service.CLEAR_FAULTS: Permission(),
     Service.REPORT_FAULTS: Permission(),

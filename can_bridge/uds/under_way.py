@@ -11,11 +11,12 @@ _S3_NS: Final = S3_MS * _MS
 _P2_EXTENDED_UNIT_MS: Final = 10
 _FIRST_NS: Final = P2_MS * _MS // 2
 _NEXT_NS: Final = P2_EXTENDED_MS * _MS // 2
-"""Times after which a response-pending is sent: half the limits, which hold for the last bit on the bus."""
+"""Times after which a response-pending is sent: half of the limits, because the limits are for the last bit on the
+bus."""
 
 
 class SessionTimer:
-    """The session, and the time since the tester's last sign of life."""
+    """The session, and the time since the tester was last active."""
 
     def __init__(self) -> None:
         self.session = Session.DEFAULT
@@ -25,7 +26,7 @@ class SessionTimer:
         self.session, self._heard_ns = session, now_ns
 
     def hear(self, now_ns: int) -> None:
-        """Note a sign of life: a request was answered or needs no answer, or a message is under way."""
+        """Note that the tester is active: a request was answered or needs no answer, or a message is in transit."""
         self._heard_ns = now_ns
 
     def is_over(self, now_ns: int) -> bool:
@@ -43,8 +44,8 @@ def negative(service: int, code: Nrc) -> bytes:
 
 
 class Job:
-    """A request being processed. The return value of its work is the answer after the first byte. `is_quiet`: no
-    positive answer is sent. `passed_over`: negative response codes that are not sent either."""
+    """A request being processed. The return value of its work is the answer after the first byte. `is_quiet`: whether
+    to send no positive answer. `passed_over`: negative response codes that are not sent, either."""
 
     def __init__(
         self, now_ns: int, service: int, work: Long[bytes], *, is_quiet: bool, passed_over: Collection[Nrc] = ()
@@ -59,7 +60,7 @@ class Job:
         """Do one piece of the work; return the responses to send now."""
         sent = []
         if now_ns >= self._pending_ns:
-            # After a response-pending a tester waits for the answer, even if it wanted none.
+            # A tester waits for the answer after a response-pending, even if its request suppressed the answer.
             self._is_quiet, self._passed_over = False, ()
             self._pending_ns = now_ns + _NEXT_NS
             sent.append(negative(self.service, Nrc.RESPONSE_PENDING))
@@ -80,11 +81,11 @@ class Download:
     """A requested download.
 
     Args:
-        offset: offset of its first byte in the image.
-        length: number of bytes in all its blocks.
+        offset: offset of the download's first byte in the image.
+        length: number of bytes in all blocks of the download.
 
     Attributes:
-        is_closed: it was exited; only a repeated exit is still answered.
+        is_closed: whether the tester has ended the download; only a repeated request to end it is then answered.
     """
 
     def __init__(self, offset: int, length: int) -> None:
@@ -100,7 +101,7 @@ class Download:
         return self._last is not None
 
     def is_new(self, counter: int, data: bytes) -> bool:
-        """Return whether to write this block; False if it repeats the last one. Raises Refused for a wrong block."""
+        """Return whether to write this block; False if it repeats the last block. Raises Refused for a wrong block."""
         if self._last == (counter, data) and not self.is_closed:
             return False
         if self._missing == 0:
@@ -118,6 +119,6 @@ class Download:
         self._last = counter, data
 
     def check_complete(self) -> None:
-        """Raise Refused if bytes are missing."""
+        """Raise Refused if bytes of the download are missing."""
         if self._missing:
             raise Refused(Nrc.SEQUENCE_ERROR)

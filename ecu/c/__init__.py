@@ -1,1 +1,1 @@
-"""The ECU in C: its sources, those of its loader, of a board and of FMUs."""
+"""The C sources of the ECU, of its loader, of a board and of the FMUs."""

@@ -1,7 +1,7 @@
 """The ECU's connection to a bus that may be lost and return, such as an unplugged adapter or an interface set down.
 
-A thread opens the bus, because that takes time, with a serial adapter seconds. The control steps continue meanwhile and
-report BUS_OFF, so that control returns only after an enable edge.
+A thread opens the bus, because this can take seconds with a serial adapter. Meanwhile the control steps continue and
+report BUS_OFF, so that control returns only after the enable request has risen again.
 """
 
 import time
@@ -21,21 +21,22 @@ from ecu.real_time.privileges import step_back
 
 FIRST_PAUSE_S: Final = 0.1
 LONGEST_PAUSE_S: Final = 5.0
-"""Longest pause in s between two attempts to open a bus again; each pause is twice the previous one."""
+"""Longest pause in s between two attempts to open a bus again; each pause is twice as long as the previous pause."""
 SEND_TIMEOUT_S: Final = 0.003
-"""Longest time in s to send a frame. A period has two sends, so two thirds of it remain even if both time out."""
+"""Longest time in s to send a frame. A period sends two frames, so two thirds of the period remain even if both sends
+time out."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Lost:
-    """The bus was lost."""
+    """A report that the bus was lost."""
 
     why: str
 
 
 @dataclass(frozen=True, kw_only=True)
 class Back:
-    """The bus is connected again."""
+    """A report that the bus is connected again."""
 
     after_s: float
 
@@ -45,12 +46,12 @@ class Connection:
 
     Args:
         open_bus: opens the bus; raises BusError.
-        deliver: called in a thread with every frame received.
-        first_pause_s: pause before the first attempt to open a lost bus again.
+        deliver: called with every received frame, by the thread that reads the bus.
+        first_pause_s: pause before the first attempt to open a lost bus again, in s.
 
     Attributes:
         not_sent: number of frames that the bus refused, including the frames while the bus was lost.
-        why_not_sent: reason for the latest frame; empty if it was sent.
+        why_not_sent: reason why the latest frame was not sent; empty if it was sent.
     """
 
     def __init__(
@@ -88,7 +89,8 @@ class Connection:
         self._bus = None
 
     def look(self) -> Lost | Back | None:
-        """Return a change of the connection, if any; call this once a period. Never waits."""
+        """Return the change of the connection since the last call, if any. Call this method once a period; it never
+        waits."""
         if self._bus is None:
             if not self._opened:
                 return None
@@ -105,11 +107,13 @@ class Connection:
         return self._health
 
     def rejected(self) -> Mapping[Rejection, int]:
-        """Return the numbers of receptions on the open bus that were no frame of this node's kind, by reason."""
+        """Return the number of receptions on the open bus that were not frames of the kind that this node uses, by
+        reason."""
         return {} if self._bus is None else self._bus.bus.rejected
 
     def send(self, frames: Sequence[Frame]) -> bool:
-        """Send frames; return whether the bus took all of them. A thread waits for one frame of another at most."""
+        """Send frames; return whether the bus took all of them. A thread waits at most until another thread has sent
+        one frame."""
         sent = True
         for frame in frames:
             with self._sending:

@@ -28,11 +28,11 @@ from ecu.real_time.stage_times import NOTHING, EcuStage, PlanTimes, StageTimes
 from ecu.stepped import SteppedEcu
 
 GRACE: Final = 4
-"""Divisor of the period: a step may begin late by up to a period / GRACE; otherwise it is left out."""
+"""Divisor of the period: a step may begin up to a period / GRACE late; a step that would begin later is left out."""
 SHUT_FRAMES: Final = 3
 """Number of final periods that send shut jets, since single frames may be lost."""
 _PASSING: Final = (Mode.HOLD, Mode.DECAY)
-"""Modes that are too short for a line in the log."""
+"""Modes that last too briefly for a line in the log."""
 
 Tell = Callable[..., None]
 
@@ -46,7 +46,7 @@ class RealTime:
 
 
 class ControlLoop:
-    """One ECU on one bus. Raises ConfigError if the step's offset is not shorter than the period.
+    """The control loop of one ECU on one bus. Raises ConfigError if the step's offset is not shorter than the period.
 
     Args:
         tell: called with an event's name, its text, and its fields.
@@ -85,7 +85,7 @@ class ControlLoop:
         self.counters = Counters(state=ecu.state)
 
     def run(self, is_stopped: Callable[[], bool], periods: int | None = None) -> None:
-        """Step until asked to stop, or for a number of periods."""
+        """Do control steps until `is_stopped`, or for a number of periods."""
         while not is_stopped() and (periods is None or self.counters.steps < periods):
             self.period()
 
@@ -217,6 +217,6 @@ def check_offset(config: Config) -> int:
 
 def _usage() -> tuple[int, int, int, int]:
     """Return the process's garbage collections, and this thread's minor and major faults and involuntary switches."""
-    # Linux counts them for a thread, other systems only for the process.
+    # Linux counts faults and switches for each thread, other systems only for the process.
     used = resource.getrusage(getattr(resource, "RUSAGE_THREAD", resource.RUSAGE_SELF))
     return sum(item["collections"] for item in gc.get_stats()), used.ru_minflt, used.ru_majflt, used.ru_nivcsw

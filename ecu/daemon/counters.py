@@ -13,11 +13,11 @@ class Counters:
     """The counters after a control step, counted since the start.
 
     Attributes:
-        dropped: pressure frames that were dropped because the queue was full.
-        not_sent: frames that the bus refused.
-        action: last action sent, U_inf W.
-        busy_ns: total time of all steps, from waking until frames were sent.
-        latest_wake_ns: largest time from a deadline to the start of its step.
+        dropped: number of pressure frames that were dropped because the queue was full.
+        not_sent: number of frames that the bus refused.
+        action: action that was sent last, in U_inf W.
+        busy_ns: total time of all steps in ns, from waking until the frames were sent.
+        latest_wake_ns: largest time in ns from a deadline to the start of its step.
     """
 
     state: EcuState
@@ -35,7 +35,7 @@ class Counters:
 
 
 def text(counters: Counters, *, bundle: str) -> str:
-    """Return the file's content; `bundle` names the release."""
+    """Return the content of the file; `bundle` is the name of the release."""
     return "".join(_lines(counters, bundle))
 
 

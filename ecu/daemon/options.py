@@ -1,4 +1,4 @@
-"""Options of the ECU's process, which are no settings of the ECU."""
+"""Options of the ECU's process that are not settings of the ECU."""
 
 import os
 from collections.abc import Callable, Mapping
@@ -15,7 +15,7 @@ from ecu.daemon.reporter import DatedEvent, plain
 from ecu.real_time.privileges import Wanted
 
 FRESHNESS: Final = "freshness.json"
-"""Name of the file in the state directory that systemd gives a service."""
+"""Name of the file with the freshness values, in the state directory that systemd gives to a service."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -25,10 +25,10 @@ class ProcessOptions:
     Attributes:
         spin_ns: see `clock.sleep_until`.
         periods: number of periods after which the process ends; None for no limit.
-        stage_times: file for the stages of each period, written at the end.
+        stage_times: file with the times of the stages of each period, written at the end.
         metrics: file of counters for Prometheus.
-        freshness: file for freshness values over a power cycle, needed with `bus.key`.
-        frames: measurement of the frames that the ECU sent and accepted, written at the end.
+        freshness: file that stores freshness values over a power cycle, needed with `bus.key`.
+        frames: file with the frames that the ECU sent and accepted, written at the end.
     """
 
     wanted: Wanted = field(default_factory=Wanted)
@@ -43,7 +43,8 @@ class ProcessOptions:
 
 
 def freshness_file(options: ProcessOptions) -> Path:
-    """Return the file that stores freshness values over a power cycle; raises ConfigError if no setting gives it."""
+    """Return the file that stores freshness values over a power cycle. Raises ConfigError if neither the options nor
+    systemd state it."""
     if options.freshness is not None:
         return options.freshness
     folder = options.environment.get("STATE_DIRECTORY", "").partition(":")[0]
@@ -53,7 +54,8 @@ def freshness_file(options: ProcessOptions) -> Path:
 
 
 def authentication_of(config: Config, options: ProcessOptions) -> tuple[FreshnessStore | None, Authentication | None]:
-    """Open the store and the key of the settings, None without a key; raises KeyFileError if one cannot be read."""
+    """Return the freshness store and the node's authentication data for a new power cycle; None for both without
+    `bus.key`. Raises KeyFileError if the key cannot be read, and the errors of `FreshnessStore.begin`."""
     if not config.bus.key:
         return None, None
     key = read_key(Path(config.bus.key))

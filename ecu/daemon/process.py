@@ -1,4 +1,4 @@
-"""An ECU's process around its control loop: bus, privileges, log, counters, systemd; it shuts the jets at its end."""
+"""An ECU's process around its control loop: bus, privileges, log, counters, systemd. It shuts the jets when it ends."""
 
 import os
 from collections.abc import Callable, Mapping
@@ -32,11 +32,11 @@ Beside = Callable[[Connection, Reporter], AbstractContextManager[object]]
 
 @dataclass(frozen=True, kw_only=True)
 class ServedEcu:
-    """An ECU for a process.
+    """An ECU with the parts that its process runs.
 
     Attributes:
         hears: further receivers of frames, by identifier; called by the thread that reads the bus.
-        beside: context that is active in parallel with the control while the bus is open.
+        beside: context that is active while the bus is open, in parallel with the control.
     """
 
     ecu: SteppedEcu
@@ -49,7 +49,8 @@ class ServedEcu:
 
 
 def check(config: Config, options: ProcessOptions) -> None:
-    """Raise StillwakeError for options that would fail later: a step's offset, a file that cannot be written."""
+    """Raise StillwakeError for options that would fail later: a step offset that is too long, a file that cannot be
+    written."""
     check_offset(config)
     for path in (options.stage_times, options.metrics):
         if path is not None:
@@ -67,8 +68,8 @@ def run(
     write: Callable[[str], object],
     freshness: FreshnessStore | None,
 ) -> Counters:
-    """Run until stopped; the jets are shut on the bus at the end, for any cause. Raises StillwakeError if the bus
-    cannot be opened, or a file cannot be written."""
+    """Run the ECU until it is stopped. Its last frames shut the jets, whatever the cause of the end. Raises
+    StillwakeError if the bus cannot be opened, or a file cannot be written."""
     messages = message_set(config.bus)
     pressure, speed = messages.pressure.spec, messages.speed.spec
     reception = FrameReception(messages=messages, interface=config.bus.interface)
@@ -77,7 +78,8 @@ def run(
         stages = StageTimes(EcuStage, USUAL_PERIODS if options.periods is None else options.periods)
 
     def opened() -> PythonCanBus:
-        # Frames of the other sets show why no frame of the ECU's own set arrives.
+        # Frames of the other message sets are accepted, too, because they show why no frame of the ECU's own set
+        # arrives.
         accept = [spec.frame_id for known in SETS for spec in known.specs] + list(served.hears)
         return PythonCanBus.open(config.bus, accept=accept, keep=kept)
 
@@ -91,7 +93,7 @@ def run(
             freshness.accepted(speed.frame_id, counters.state.speed.verifier.freshness)
 
     with ExitStack() as stack:
-        # Its thread starts before the process takes privileges, so it has none.
+        # The log's thread starts before the process takes its privileges, so the thread has no privileges.
         kept = stack.enter_context(live_log(options.frames))
         privileges = stack.enter_context(taken(options.wanted))
         notifier = Notifier(options.environment, os.getpid())

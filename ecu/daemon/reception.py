@@ -1,8 +1,8 @@
 """Frames received between two control steps, with times in the ECU's clock.
 
-Backends stamp a reception with the date, which NTP sets. A step of the date must neither make fresh pressures old nor
-old pressures fresh. So the stamp only gives the age of a frame when it is read, within bounds; the time is
-CLOCK_MONOTONIC.
+The backends of a bus stamp a received frame with the date, which NTP sets. A step of the date must neither make fresh
+pressures old nor old pressures fresh. So the stamp only gives the age of a frame when it is read, within bounds. The
+time of a frame is CLOCK_MONOTONIC minus its age.
 """
 
 import time
@@ -15,20 +15,21 @@ from can_bridge.wire.message_sets import MessageSet
 from ecu.real_time.inbox import Inbox
 
 LONGEST_AGE_NS: Final = 1_000_000_000
-"""Largest age in ns of a frame when it is read from the bus. An older frame is useless, or the clock was set."""
+"""Largest age in ns of a frame when it is read from the bus. If the age is larger, the frame is useless, or the clock
+was set."""
 STAMPED_WITH_THE_DATE: Final = frozenset({"socketcan", "udp_multicast", "slcan"})
 """Interfaces that stamp the reception with the computer's date. A `virtual` bus passes on the sender's stamp, and
-vendors' drivers have their own clocks: there a frame counts as received when it is read."""
+vendors' drivers have their own clocks: with these, a frame counts as received when it is read."""
 ROOM: Final = 256
-"""Largest number of frames stored for a step. A period has one pressure frame; a flood may have its identifier.
-Checking this number of frames takes 2 ms."""
+"""Largest number of frames stored for a step. A period has one pressure frame, but a flood may have its identifier,
+too. Checking this number of frames takes 2 ms."""
 
 
 class Taken(NamedTuple):
     """The frames received since the last step.
 
     Attributes:
-        pressures: oldest first, stamped in the ECU's clock.
+        pressures: Pressure frames, oldest first, stamped in the ECU's clock.
         others: VehicleSpeed frames, and frames with identifiers of the ECU itself, which only another ECU can send.
     """
 
@@ -37,7 +38,8 @@ class Taken(NamedTuple):
 
 
 def received_ns(stamp_ns: int, *, monotonic_ns: int, date_ns: int) -> int:
-    """Return when a frame was received, in the monotonic clock. `stamp_ns` is the date of its reception in ns."""
+    """Return the time in the monotonic clock at which a frame was received. `stamp_ns` is the date of its reception in
+    ns."""
     age_ns = min(max(0, date_ns - stamp_ns), LONGEST_AGE_NS)
     return max(0, monotonic_ns - age_ns)
 

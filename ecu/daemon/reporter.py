@@ -1,6 +1,6 @@
 """The thread for reports: log lines for people or as JSON, the file of counters, the freshness file.
 
-The control loop never waits for it: writing may block on a slow disk or a full pipe, or fail on a full disk.
+The control loop never waits for this thread: writing may block on a slow disk or a full pipe, or fail on a full disk.
 """
 
 import json
@@ -22,7 +22,7 @@ from ecu.real_time.privileges import step_back
 
 @dataclass(frozen=True, kw_only=True)
 class DatedEvent:
-    """An event with its date; `date_ns` counts from the epoch."""
+    """An event with its date; `date_ns` is the time in ns since the Unix epoch."""
 
     date_ns: int
     name: str
@@ -47,7 +47,7 @@ def _moment(event: DatedEvent) -> datetime:
 
 
 INTERVAL_S: Final = 1.0
-"""Time in s between two versions of the file of counters."""
+"""Time in s between two updates of the file of counters."""
 
 
 class Reporter:
@@ -84,7 +84,7 @@ class Reporter:
         self.counters: Counters | None = None
 
     def tell(self, name: str, line: str, **fields: str | int | float) -> None:
-        """Report an event that happens now; returns at once."""
+        """Report an event that happens now; the call does not wait."""
         self._events.put(DatedEvent(date_ns=time.time_ns(), name=name, text=line, fields=fields))
 
     def __enter__(self) -> Self:
@@ -121,7 +121,7 @@ class Reporter:
         counters = self.counters
         if counters is None:
             return
-        # A line a second is written at most.
+        # At most one line is written per second.
         if (more := counters.left_out - self._left_out) > 0:
             self._left_out = counters.left_out
             self.tell("left_out", f"{more} periods left out, {counters.left_out} in all", more=more)
@@ -132,7 +132,7 @@ class Reporter:
         self._attempt("freshness", lambda: self._keep(counters))
 
     def _attempt(self, name: str, work: Callable[[], None]) -> None:
-        """Do the work; report once when it fails, and once when it succeeds again."""
+        """Do the work. Report when it fails for the first time, and when it succeeds again."""
         try:
             work()
         except StillwakeError as error:

@@ -1,4 +1,4 @@
-"""The service of an ECU from a release and settings: everything is opened and tested before the first frame is sent."""
+"""The service of an ECU from a release and settings. Everything is opened and tested before the first frame is sent."""
 
 from collections.abc import Callable
 from typing import Final
@@ -32,13 +32,13 @@ def serve(
     signature: str,
     calibration: Calibration | None = None,
 ) -> Counters:
-    """Run until stopped; the jets are shut on the bus at the end, for any cause. Raises StillwakeError if the release
-    does not fit the vehicle, the bus cannot be opened, or a file cannot be written.
+    """Run the ECU until it is stopped. Its last frames shut the jets, whatever the cause of the end. Raises
+    StillwakeError if the release does not fit the vehicle, the bus cannot be opened, or a file cannot be written.
 
     Args:
         config: settings of the vehicle; its bus is a real bus.
         signature: result of verifying the release's signature, in words.
-        calibration: values for the ECU before its first step; its own values by default.
+        calibration: values for the ECU before its first step; the release's own values by default.
     """
     check_vehicle(release, config)
     check(config, options)

@@ -1,8 +1,8 @@
 """The ECU with a store of releases as a process: its control loop, and a thread that serves a tester.
 
 Slow disks and long checks do not delay a control period. The thread takes the frames of diagnosis, does a piece of work
-and sends frames that are due, at once while there is work, otherwise when a frame arrives. It also boots after a reset;
-the control runs the booted release from its next period on.
+and sends the frames that are due. While there is work it repeats this at once; otherwise it waits for a frame. The
+thread also boots after a reset, and the control runs the booted release from its next period on.
 """
 
 import secrets
@@ -34,9 +34,10 @@ from ecu.real_time.privileges import step_back
 from ecu.real_time.stage_times import PlanTimes, TimedController
 
 _ROOM: Final = 1024
-"""Largest number of waiting frames: seven longest requests of CAN FD. In a flood the oldest are dropped."""
+"""Largest number of waiting frames: seven requests of the largest length on CAN FD. In a flood the oldest are
+dropped."""
 PAUSE_S: Final = 0.05
-"""Largest time in s between two calls without a frame, and so the delay of timeouts."""
+"""Largest time in s between two calls if no frame arrives, and so the largest delay of a timeout."""
 SENDING_S: Final = 0.001
 """Time in s between two parts of a long answer, and between two calls while a tool measures."""
 
@@ -90,7 +91,8 @@ class DiagnosisThread:
 
 
 SWITCH_INTERVAL_S: Final = 0.0005
-"""Time in s after which a thread must hand the interpreter to the control when it wakes; Python's default is 5 ms."""
+"""Time in s after which a thread must hand the interpreter to the control when the control wakes; Python's default is 5
+ms."""
 NO_RELEASE: Final = "none"
 
 _Fields = str | int | float
@@ -105,7 +107,7 @@ class _EarlyLog:
         self.release = NO_RELEASE
 
     def tell(self, event: str, line: str, **fields: _Fields) -> None:
-        """Log as `Equipment.log` does."""
+        """Store or report an event, like `Equipment.log`."""
         if event == "no_release":
             self.release = NO_RELEASE
         elif "digest" in fields:
@@ -117,7 +119,7 @@ class _EarlyLog:
             self._reporter.tell(event, line, **fields)
 
     def begin(self, reporter: Reporter) -> None:
-        """Report the stored events, and later events at once."""
+        """Report the stored events now, and every later event when it occurs."""
         self._reporter = reporter
         for event, line, fields in self._early:
             reporter.tell(event, line, **fields)
@@ -133,9 +135,9 @@ def serve_store(
     is_stopped: Callable[[], bool],
     write: Callable[[str], object],
 ) -> Counters:
-    """Run until stopped; the jets are shut on the bus at the end, for any cause. Raises StillwakeError if another
-    process runs this ECU, the bus cannot be opened, a file cannot be written, or a reset within the process failed: the
-    next start of the process boots again.
+    """Run the ECU until it is stopped. Its last frames shut the jets, whatever the cause of the end. Raises
+    StillwakeError if another process runs this ECU, the bus cannot be opened, a file cannot be written, or a reset
+    within the process failed: the next start of the process boots again.
 
     Args:
         access: key shared with the tester.
@@ -169,7 +171,7 @@ def serve_store(
         def failed(error: BaseException) -> None:
             goes_on = "control continues"
             if ecu.needs_reset:
-                # The tester is no longer served, and only a reset would end the update.
+                # No thread serves the tester any more, and only a reset would end the update, so the process ends.
                 goes_on = "and with it the process"
                 fatal.append(error)
             log.tell("diagnosis_ended", f"diagnosis ended, {goes_on}: {type(error).__name__}: {error}")

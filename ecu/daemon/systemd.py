@@ -1,4 +1,4 @@
-"""Reports to systemd, by datagrams to the socket that it names: sd_notify(3), without its library.
+"""Reports to systemd: datagrams to the socket that systemd states, as in sd_notify(3), without systemd's library.
 
 Only completed control steps feed the watchdog, so that systemd restarts a process whose loop hangs.
 """
@@ -13,8 +13,8 @@ PER_INTERVAL: Final = 4
 
 
 class Notifier:
-    """A sender of notifications; it sends nothing if systemd did not ask for them, by NOTIFY_SOCKET, WATCHDOG_USEC and
-    WATCHDOG_PID in the environment."""
+    """A sender of notifications. It sends nothing unless systemd asked for notifications by NOTIFY_SOCKET,
+    WATCHDOG_USEC and WATCHDOG_PID in the environment."""
 
     def __init__(self, environment: Mapping[str, str], pid: int) -> None:
         self._address = environment.get("NOTIFY_SOCKET", "")
@@ -33,7 +33,7 @@ class Notifier:
 
     def status(self, text: str) -> None:
         """Set the line in `systemctl status`."""
-        # A line break would begin another assignment.
+        # A line break in the text would begin another assignment.
         self._tell(f"STATUS={' '.join(text.split())}")
 
     def came_through(self, now_ns: int) -> None:

@@ -1,7 +1,8 @@
 """The folder that is the memory of an ECU on a computer: its store, root key and identity.
 
-    root.pub        public root key ecu.json        schema, hardware, serial *.record, *.image   the store's
-    (`can_bridge.flashing.folder_backing`)
+    root.pub            public root key
+    ecu.json            schema, hardware, serial
+    *.record, *.image   files of the store (`can_bridge.flashing.folder_backing`)
 
 Write access to the folder allows replacing all of it: only root or the service should have this access.
 """
@@ -51,11 +52,12 @@ class EcuFolder:
 
 
 def read_folder(folder: Path, *, root: Path | None = None, hardware: str | None = None) -> EcuFolder:
-    """Read an ECU's folder. Raises ConfigError if the folder is no ECU's; KeyFileError if its root key cannot be read.
+    """Read an ECU's folder. Raises ConfigError if the folder is not an ECU's; KeyFileError if the root key cannot be
+    read.
 
     Args:
         root: file of a root key to use instead of the folder's own copy.
-        hardware: name to use instead of the provisioned one.
+        hardware: name of the hardware to use instead of the provisioned name.
     """
     try:
         raw = (folder / IDENTITY).read_bytes()
@@ -109,7 +111,7 @@ def provision(
 
 @contextmanager
 def held(folder: Path) -> Iterator[None]:
-    """Lock the folder for the block against other processes; raise ConfigError if the lock cannot be taken."""
+    """Lock the folder against other processes during the block; raise ConfigError if the lock cannot be taken."""
     try:
         handle = open_regular(folder / _LOCK, os.O_WRONLY | os.O_CREAT)
     except OSError as error:

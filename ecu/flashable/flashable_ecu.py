@@ -28,16 +28,16 @@ from ecu.stepped import CalibratedEcu
 
 
 class FlashableEcu:
-    """A `ecu.stepped.SteppedEcu` with a store, just powered on. Raises ConfigError for `bus.key` without
-    `authentication`, or the reverse.
+    """A `ecu.stepped.SteppedEcu` with a store, just powered on. Raises ConfigError if only one of `bus.key` and
+    `authentication` is given.
 
     Args:
         backing: backing of the store.
         config: bus, E2E and fail-safe settings, operating point and control period of the vehicle.
         equipment: data from production and access to the surroundings.
-        authentication: keys and counters of the node, with `bus.key`.
+        authentication: keys and counters of the node, needed with `bus.key`.
         boot_ns: time after a reset in which the ECU neither receives nor sends, in ns. In real time the duration of the
-            boot itself comes in addition.
+            boot itself is added.
         serviced_apart: whether `step` is a control period alone, and another thread calls `service`.
 
     Attributes:
@@ -62,7 +62,7 @@ class FlashableEcu:
         self._service_ns = 0
         self._wants_reset = False
         self.resets = 0
-        # The service uses a new power cycle as soon as it is booted, the control from its next period on.
+        # The service uses a new power cycle as soon as it is booted; the control uses it from the next period on.
         self._serviced = self._controlled = self._power_on()
 
     @property
@@ -108,7 +108,7 @@ class FlashableEcu:
 
     @property
     def is_measuring(self) -> bool:
-        """Whether `service` has frames to send for each control period."""
+        """Whether `service` has measured values to send for each control period."""
         return self._serviced.calibration is not None and self._serviced.calibration.is_measuring
 
     @property
@@ -141,13 +141,13 @@ class FlashableEcu:
         return self.control(now_ns, for_control, health) + self.service(now_ns, for_service)
 
     def control(self, now_ns: int, frames: Sequence[Frame], health: BusHealth = HEALTHY) -> list[Frame]:
-        """Run one control period without diagnosis; the arguments are those of `step`."""
+        """Run one control period without diagnosis; the arguments are as in `step`."""
         if self._is_silent(now_ns):
             return []
         self._take_over()
         if self._controlled.calibration is not None:
             self._controlled.calibration.hand_over()
-        # The release booted next has no information that the jets run now, so they are shut before the reset.
+        # The release that boots next has no information on whether the jets run now, so they are shut before the reset.
         fault = Reason.UPDATING if self._wants_reset else None
         before = self._ecu.state
         sent = self._ecu.step(now_ns, frames, health, fault=fault, updating=self._controlled.is_updating)
@@ -176,7 +176,7 @@ class FlashableEcu:
             sent += cycle.calibration.xcp(now_ns, for_xcp, room=cycle.link.room, may_store=not cycle.link.is_working)
         return sent
 
-    # The methods that both control and service use.
+    # The following methods are used by both control and service.
 
     def _power_on(self) -> PowerCycle:
         return PowerCycle(
@@ -201,7 +201,7 @@ class FlashableEcu:
         self.resets += 1
 
     def _take_over(self) -> None:
-        """Control by the booted release from now on; the boot itself may have run in another thread."""
+        """Use the booted release for control from now on; the boot itself may have run in another thread."""
         cycle = self._serviced
         if cycle is self._controlled:
             return

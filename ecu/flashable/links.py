@@ -27,14 +27,15 @@ from ecu.flashable.equipment import Equipment
 from ecu.stepped import CalibratedEcu
 
 XCP_PLACES: Final = 4
-"""Largest number of waiting packets to a tool. A tool waits for each answer; a command without a place is lost."""
+"""Largest number of packets that wait to be sent to a tool. A tool waits for each answer before its next command; a
+command for whose answer no place is free is lost."""
 MOST_FRAMES: Final = 128
 """Largest number of frames that the ECU processes in one call; further frames are lost. In one control period, CAN FD
 at 2 Mbit/s carries a third of this number."""
 
 
 def isotp_settings(config: BusConfig, *, is_tester: bool = False) -> IsoTpSettings:
-    """Return the settings of one end, with the frame format and identifiers of this bus."""
+    """Return the ISO-TP settings of the ECU, or of the tester, with the frame format and identifiers of this bus."""
     own, other = config.diagnosis.response, config.diagnosis.request
     if is_tester:
         own, other = other, own
@@ -63,12 +64,12 @@ class DiagnosticLink:
 
     @property
     def room(self) -> int:
-        """Number of frames that other links may send in addition to those of the latest call."""
+        """Number of frames that other links may send in addition to the frames of this link's latest call."""
         return self._settings.burst - self._sent
 
     @property
     def is_busy(self) -> bool:
-        """Whether there is work to do at once, without another frame. A reception can still end later by a timeout."""
+        """Whether there is work that needs no other frame. A reception can still end later by a timeout."""
         return self._server.is_busy or self._sent > 0
 
     def service(self, now_ns: int, frames: Sequence[Frame]) -> list[Frame]:
@@ -76,13 +77,14 @@ class DiagnosticLink:
         self._server.look(now_ns, in_transit=self._endpoint.is_receiving or self._endpoint.is_sending)
         was_busy, requests = self._server.is_busy, 0
         for request, is_functional in self._requests(now_ns, frames):
-            # In a flood, requests without a free place for their answer are lost.
+            # In a flood, a request is lost if there is no free place for its answer.
             if requests < self._settings.queue and not self._endpoint.is_full:
                 is_occupied = self._endpoint.occupied > BESIDE
                 answers = self._server.request(now_ns, request, is_functional=is_functional, is_occupied=is_occupied)
                 self._send(answers)
             requests += 1
-        # A request that begins long work has done its first piece in this call; requests during long work do no piece.
+        # A request that begins long work has already done the first piece in this call. A request that arrives during
+        # long work does no piece.
         if was_busy or not (requests and self._server.is_busy):
             self._send(self._server.tick(now_ns))
         sent = self._endpoint.poll(now_ns)
@@ -107,7 +109,7 @@ class DiagnosticLink:
 
 
 class CalibrationLink:
-    """The calibration of the ECU of one release, from its boot on, in any language.
+    """The calibration of the ECU of one release from its boot on, for an ECU in Python or in C.
 
     Args:
         bundle: the running release.
@@ -150,7 +152,7 @@ class CalibrationLink:
 
     @property
     def is_measuring(self) -> bool:
-        """Whether a tool receives each control period."""
+        """Whether a tool receives the values of each control period."""
         return self._xcp is not None and self._xcp.daq.is_running
 
     def sample(self, state: EcuState) -> None:
@@ -182,7 +184,7 @@ class CalibrationLink:
                 self.service.store(calibration)
             except Refused as refused:
                 if refused.code is not Nrc.CONDITIONS_NOT_CORRECT:
-                    # An attempt in every period would wear out a memory that fails.
+                    # The request ends here, because an attempt in every period would wear out a memory that fails.
                     self._xcp.not_stored()
             else:
                 self._waiting += self._xcp.stored()

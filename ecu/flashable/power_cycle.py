@@ -24,8 +24,8 @@ from ecu.stepped import CalibratedEcu
 
 
 class PowerCycle:
-    """The time from one boot to the next reset. Raises ConfigError for `bus.key` without `authentication`, or the
-    reverse.
+    """The parts of an ECU from one boot to the next reset. Raises ConfigError if only one of `bus.key` and
+    `authentication` is given.
 
     Args:
         request: returns the vehicle's latest request for control.
@@ -37,7 +37,7 @@ class PowerCycle:
         ecu: the control at power-on; without a release, an ECU that keeps the jets shut.
         calibration: link to a calibration tool; None without a release.
         link: link to the tester.
-        watch: finds faults in the control periods.
+        watch: search for faults in the control periods.
     """
 
     def __init__(
@@ -55,7 +55,7 @@ class PowerCycle:
         self.store = Store(backing, root=equipment.root, hardware=equipment.hardware, fits=fit.fits)
         self.boot = self.store.boot()
         log_boot(equipment.log, self.boot)
-        # The check of this store returns objects of the type Bundle.
+        # The cast is correct, because the check that this store uses returns objects of the type Bundle.
         bundle = cast("Bundle | None", self.boot.bundle)
         controller = None if bundle is None else fit.controller(bundle)
         jets = lambda: Nrc.CONDITIONS_NOT_CORRECT if request().drives_jets else None  # noqa: E731
@@ -83,12 +83,13 @@ class PowerCycle:
 
     @property
     def is_updating(self) -> bool:
-        """Whether a transfer was announced: the update then ends only by a reset."""
+        """Whether a transfer was announced since the boot, so that only a reset ends the update."""
         return self._services.is_updating
 
     @property
     def is_silent(self) -> bool:
-        """Whether a tester has silenced the frames of the control; while a jet can run they are sent nevertheless."""
+        """Whether a tester has silenced the frames of the control. While a jet can run, these frames are sent
+        nevertheless."""
         return self._server.is_silent
 
     def settle_faults(self) -> None:

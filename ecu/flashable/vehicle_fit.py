@@ -1,6 +1,6 @@
 """The check that a release is for this vehicle and runs on this computer: before a boot, and before a confirmation.
 
-All other checks come before; the self-test shows that controller and estimator run here.
+All other checks of the release are done before it. The self-test shows that controller and estimator run here.
 """
 
 from collections.abc import Callable, Iterator
@@ -49,7 +49,8 @@ class VehicleFit:
         return Verdict.GOOD
 
     def controller(self, bundle: Bundle) -> Controller:
-        """Return the controller from the bundle's check, or a new one; raise BundleError if it does not run."""
+        """Return the controller from the bundle's check, or a new controller; raise BundleError if the controller does
+        not run."""
         if self._made is None or self._made[0] != bundle.digest:
             self._made = None
             self._made = bundle.digest, self._controller_of(bundle)
@@ -60,7 +61,7 @@ AMPLITUDE_CP: Final = 0.3
 """Amplitude of the synthetic pressures, in Cp: a typical value of a shedding wake at the rear edges."""
 SHEDDING_CYCLE_TC: Final = 5.0
 LIMIT_SLACK: Final = 1e-5
-"""Amount by which a plan in float32 may exceed the action limit."""
+"""Amount in U_inf W by which a plan in float32 may exceed the action limit."""
 
 
 def self_test(bundle: Bundle, controller: Controller) -> Long[None]:
@@ -87,7 +88,7 @@ def self_test(bundle: Bundle, controller: Controller) -> Long[None]:
 
 
 def _windows(sizes: Sizes, control_period: float) -> Iterator[Array]:
-    """Yield the windows, (L, S + 1) each."""
+    """Yield the windows of L rows and S sensors, (L, S + 1) each."""
     yield np.zeros((sizes.window, sizes.sensors + 1))
     phase = 2 * np.pi * control_period / SHEDDING_CYCLE_TC * np.arange(sizes.window)
     shifts = np.pi * np.arange(sizes.sensors)

@@ -14,7 +14,7 @@ from ecu.ecu_state import EcuState
 from ecu.fail_safe import OperatingMode
 
 REMEMBERED_NS: Final = 1_000_000_000
-"""The time for which a request stays valid after its frame, in case of a lost bus or a wrong sensor."""
+"""Time in ns for which a request for control stays valid after its frame, in case the bus is lost or a sensor fails."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,7 +46,7 @@ _MOST_MS: Final = 0xFFFF_FFFF
 
 
 class FaultWatch:
-    """The search for faults in every control period from power-on."""
+    """The search for faults in all control periods since power-on."""
 
     def __init__(self, memory: FaultMemory) -> None:
         self._memory = memory

@@ -145,7 +145,7 @@ class CEcu(CEcuState):
         self._room = ffi.new("char[]", sizes[1] + _ALIGNMENT)
         start = -int(ffi.cast("uintptr_t", self._room)) % _ALIGNMENT
         self.ecu = ecu = ffi.cast("sw_ecu *", self._room + start)
-        # In older versions of the library the function returns nothing.
+        # The function returns nothing in older versions of the library.
         if self.lib.sw_ecu_init(ecu):
             raise LibraryError(
                 f"the compiled ECU refuses: {' '.join(flags)}, or this process's floating-point mode, changes "
@@ -179,7 +179,8 @@ class CEcu(CEcuState):
 
 
 def _why(error: Exception) -> str:
-    """Return the cause in one line: cffi's own message states the file twice, and every path that it searched."""
+    """Return the cause in one line, because cffi's own message states the file twice, and every path that it
+    searched."""
     symbol = _UNDEFINED.search(str(error))
     return str(error).splitlines()[0] if symbol is None else f"its sources lack {symbol.group(1)}"
 
@@ -205,7 +206,7 @@ def ecu_sources(folder: Path, bundle: Bundle, config: Config) -> dict[str, bytes
         raise LibraryError(f"library {folder}: it has only the control step and no ECU; export it again")
     check = config.ecu.sensor_check
     if bundle.manifest.sensor_estimator is None and check.enabled:
-        # The ECU in Python makes the same choice.
+        # The ECU in Python, too, does without the check if the release has no estimator.
         config = replace(config, ecu=replace(config.ecu, sensor_check=replace(check, enabled=False)))
     elif check.enabled and _ESTIMATOR not in sources:
         raise LibraryError(f"library {folder}: it has no sensor estimator; export it again, or switch off sensor_check")

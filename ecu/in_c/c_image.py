@@ -37,8 +37,8 @@ def controller_image(
 ) -> bytes:
     """Return the image of a verified release, signed if there is a key. `files` is the library with its ECU and its
     packed numbers. Raises LibraryError if the library has no ECU, belongs to another program, or is too old to have
-    packed numbers; BundleContainerError if an image cannot hold the release's name, or if no ECU accepts one of its
-    numbers."""
+    packed numbers; BundleContainerError if an image cannot hold the release's name, or if no ECU accepts one of the
+    release's numbers."""
     manifest = bundle.manifest
     if ECU_SETTINGS not in files or WEIGHTS_PART not in files:
         raise LibraryError(

@@ -46,11 +46,13 @@ _COUNTED: Final = (
 _MOST: Final = {"ecu.loss_window": 64, "ecu.deadline_window": 32, "bus.e2e.window": 255} | dict.fromkeys(
     _COUNTED, 2**29
 )
-"""Largest settings, in periods, that the C ECU's state can hold. Settings that are added fit an int in sum."""
+"""Largest settings, in periods, that the state of the ECU in C can hold. The sums of settings in the C code fit an
+int."""
 _GREATEST_WEIGHTS: Final = CostWeights(**dict.fromkeys(TERMS, LARGEST_WEIGHT))
-"""The largest cost weights of a calibration; C allows a larger weight if it is the release's own."""
+"""The largest cost weights of a calibration; the code in C allows a larger weight if it is the release's own weight."""
 _LONGEST_PERIOD_NS: Final = 2**53
-"""Longest control period, in ns. A double is exact up to it, so the command gate is equal in both languages."""
+"""Longest control period, in ns. A double is exact up to this number, so the command gate is equal in both
+languages."""
 
 
 def ecu_settings(bundle: Bundle, config: Config) -> bytes:
@@ -153,7 +155,7 @@ def _definitions(bundle: Bundle, config: Config) -> dict[str, int | float | str]
 
 
 def _named(prefix: str, owner: object, *names: str) -> dict[str, int | float | str]:
-    """Return values by their names in C: the prefix, then the value's own name in capitals."""
+    """Return attributes of `owner` by their names in C: the prefix, then the attribute's own name in capitals."""
     return {f"{prefix}_{name.upper()}": getattr(owner, name) for name in names}
 
 
@@ -177,7 +179,7 @@ def release_numbers(bundle: Bundle, config: Config) -> Numbers:
         "pairs": np.array([[0, 0]] if check is None else check.pairs, np.uint8),
     }
     ends = members["base"].nbytes + members["pairs"].nbytes + members["weights"].nbytes + 4
-    # Compilers differ in the size to which they pad a struct.
+    # Compilers differ in the size to which they pad a struct, so the padding is a member.
     return Numbers(struct="sw_release", members={**members, "reserved": np.zeros(8 - ends % 8, np.uint8)})
 
 
@@ -213,7 +215,8 @@ def _of_diagnosis(config: DiagnosisConfig, period_ns: int) -> dict[str, int | fl
 
 
 def _of_speeds(manifest: Manifest, config: SpeedConfig) -> dict[str, int | float | str]:
-    """Return the settings of a range of speeds. For a single speed SW_PAST is 0, and the others are not used."""
+    """Return the settings of a range of speeds. For a release with a single speed SW_PAST is 0, and the others are not
+    used."""
     if manifest.speeds is None:
         return {"SW_PAST": 0}
     return {

@@ -35,7 +35,8 @@ from ecu.timing import StepTiming
 
 _HEADER: Final = "sw_ecu.h"
 _LARGEST: Final = {"int64": 2**63 - 1, "uint64": 2**64 - 1, "uint32": 2**32 - 1}
-# Scratch memory is the last member of the ECU, so its size does not move the members before it.
+# Scratch memory is the last member of the ECU, so its size does not move the members before it, and an opaque type of
+# another size can replace it.
 _STANDING_IN: Final = {
     "sw_workspace.h": b"typedef struct { char not_shown; } sw_workspace;\n",
     "sw_estimator.h": b"typedef struct { char not_shown; } sw_estimator_work;\n",
@@ -109,7 +110,7 @@ class Structs:
         """Return the trace of a `sw_ecu`."""
         forces = self._array(ecu.output.forces, np.float32) if ecu.trace.planned else None
         if forces is not None and self._serves_speeds:
-            # The plan was computed at the speed of the newest row.
+            # The plan was computed in units of the newest row's speed, the trace is in units of the design speed.
             forces = forces * list(ecu.state.memory.past.speeds)[-1] ** 2
         return Trace(
             mode=_MODES[ecu.state.fail_safe.mode].on_wire,
@@ -336,7 +337,7 @@ def as_c_has_it(state: EcuState, *, is_keyed: bool) -> dict[str, Any]:
     """Return a state field by field, as far as C stores it: counts saturate at their largest value, and the state of
     authentication exists only with a key.
 
-    The values of an ECU in C and of an ECU in Python are equal if both agree; `differing` compares them.
+    An ECU in C and an ECU in Python are in equal states if these values agree; `differing` compares them.
     """
     left_out = () if is_keyed else _OF_KEY
     found = {name: leaf for name, leaf in flattened(state).items() if not name.startswith(left_out)}

@@ -17,11 +17,13 @@ OPTIMISED: Final = ("-O3", "-march=native", "-ffp-contract=fast")
 """Flags for speed. Contraction to fused multiply-adds changes only roundings; the sources reject -ffast-math."""
 
 EXACT: Final = ("-O3", "-march=native", "-ffp-contract=off")
-"""Flags for decisions equal to those in Python bit for bit; GCC ignores the pragma against contraction."""
+"""Flags with which decisions equal those in Python bit for bit. GCC needs the flag against contraction, because it
+ignores the pragma."""
 
 
 def host_compiler() -> list[str]:
-    """Return the compiler's command: $CC, cc, gcc, clang, or that of `ziglang`. Raises LibraryError without any."""
+    """Return the command of the first compiler that exists: $CC, cc, gcc, clang, or the compiler of `ziglang`. Raises
+    LibraryError if there is none."""
     named = os.environ.get("CC", "").split()
     if named:
         return named
@@ -36,7 +38,8 @@ def host_compiler() -> list[str]:
 
 
 def zig_compiler() -> list[str] | None:
-    """Return the command of the `ziglang` package, which also compiles for other processors; None without it."""
+    """Return the command of the `ziglang` package, which also compiles for other processors; None if it is not
+    installed."""
     if importlib.util.find_spec("ziglang") is None:
         return None
     return [sys.executable, "-m", "ziglang", "cc"]
@@ -48,8 +51,8 @@ def compiler_version(compiler: Sequence[str]) -> str:
 
 
 def compile_c(contents: Mapping[str, bytes], output: Path, *, compiler: Sequence[str], flags: Sequence[str]) -> None:
-    """Compile and link all C files given; warnings are errors. Raises LibraryError with the compiler's first error
-    message if the compiler rejects the files."""
+    """Compile and link C files; warnings are errors. Raises LibraryError with the compiler's first error message if the
+    compiler rejects the files."""
     with tempfile.TemporaryDirectory() as folder:
         for name, content in contents.items():
             Path(folder, name).write_bytes(content)

@@ -59,7 +59,7 @@ class CController(NeverCopied):
                 self._step, reset = self._library.sw_control_step, self._library.sw_input_reset
             except (OSError, AttributeError) as error:
                 raise LibraryError(f"the compiled library does not load: {error}") from error
-        # Libraries of older versions do not check the arithmetic.
+        # Libraries of older versions do not have the function that checks the arithmetic.
         if (looks := getattr(self._library, "sw_arithmetic", None)) is not None and (status := looks()) != _OK:
             raise LibraryError(f"the compiled library refuses: {REFUSALS[status]} ({' '.join(flags)})")
         self.description = f"{compiler_version(command)}, {' '.join(flags)}"
@@ -93,7 +93,7 @@ class CController(NeverCopied):
         return int(self._workspace.size)
 
     def warm_up(self, steps: int) -> None:
-        """Run steps on zeros, so that code and weights are in memory at the first real step."""
+        """Run control steps on zeros, so that code and weights are in memory at the first real step."""
         window, plan, free = (np.zeros(array.shape) for array in (self._window, self._plan, self._free))
         for _ in range(steps):
             self.control_step(window, plan, free)

@@ -36,13 +36,13 @@ def open_library(
 
 
 def check_program(folder: Path, sources: dict[str, bytes], bundle: Bundle) -> str:
-    """Return the library's precision; raise LibraryError if its header is not of the bundle's program."""
+    """Return the library's precision; raise LibraryError if its header belongs to another program than the bundle."""
     manifest = bundle.manifest
     try:
         header = ProgramSettings.of(sources)
         program, precision = header.text("SW_PROGRAM_SHA256"), header.text("SW_PRECISION")
-        # The hash covers the sizes, but the caller's structures use the sizes in the header: an edited header must be
-        # rejected.
+        # The hash covers the sizes of the program, but the caller's structures use the sizes in the header, so an
+        # edited header must be rejected.
         sizes = [header.text(name) for name in ("SW_WINDOW", "SW_HORIZON", "SW_SENSOR_NAMES", "SW_SENSORS")]
         dbc = header.text("SW_DBC_SHA256")
     except (LibraryError, UnicodeDecodeError) as error:

@@ -1,4 +1,5 @@
-"""The constants of diagnosis in C: `sw_uds_settings.h`, so that no number of the Python server is repeated in C."""
+"""The generator of `sw_uds_settings.h`, the constants of the UDS server in C, from those of the server in Python, so
+that no number is written twice."""
 
 from collections.abc import Mapping
 from enum import IntEnum
@@ -38,7 +39,8 @@ def uds_settings() -> bytes:
         "LEVELS": len(Level),
         "ACCESS_ATTEMPTS": security.MAX_ATTEMPTS,
         "LONGEST_ANSWER": services.LONGEST_ANSWER,
-        # The room holds the longest answer, parallel answers, and a refusal in every other place of the queue.
+        # The room is enough for the longest answer, the answers that may wait beside it, and a refusal in every other
+        # place of the queue.
         "ISOTP_ROOM": services.LONGEST_ANSWER + services.BESIDE + 3 * _ISOTP.queue,
         "ISOTP_BESIDE": services.BESIDE,
         "ISOTP_QUEUE": _ISOTP.queue,
@@ -84,7 +86,7 @@ def _of_xcp() -> dict[str, int]:
     numbers |= {item.name: item.value for item in xcp.Command}
     numbers |= {f"ERROR_{item.name}": item.value for item in xcp.Error}
     numbers |= {
-        # This number marks a command without an error: no error has it.
+        # This number means that a command had no error, because no error has it.
         "DONE": 0xFF,
         "SEED_LENGTH": xcp.XCP_SEED_LENGTH,
         "CONNECT_BYTES": xcp.SHORTEST_COMMAND[xcp.Command.CONNECT],

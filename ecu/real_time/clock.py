@@ -1,8 +1,8 @@
-"""The clock for all real time, CLOCK_MONOTONIC, which cannot be set, and sleeping until an instant of it.
+"""The clock for all real time, CLOCK_MONOTONIC, which cannot be set, and a function that sleeps until an instant of it.
 
 `time.sleep` takes a duration: a process that loses the processor between computing the duration and falling asleep
-wakes too late. `clock_nanosleep` takes the instant itself. Python does not have it, so it is called in the C library;
-where that is not possible, sleeping is by duration.
+wakes too late. `clock_nanosleep` takes the instant itself. Python has no such function, so it is called in the C
+library; where this is not possible, the sleep has a duration.
 """
 
 import ctypes
@@ -23,14 +23,15 @@ class _Timespec(ctypes.Structure):
 
 
 def now_ns() -> int:
-    """Return CLOCK_MONOTONIC, since an instant before the start; neither the date nor NTP changes it."""
+    """Return the time of CLOCK_MONOTONIC in ns, from an instant before the start of the process; setting the date does
+    not change it."""
     return time.monotonic_ns()
 
 
 def sleep_until(due_ns: int, *, spin_ns: int = 0) -> None:
-    """Return at `due_ns` of `now_ns`, or at once if it has passed. For the last `spin_ns` the process polls the clock,
-    which is more precise than the operating system's wake-up and uses the processor. This process's other threads wait.
-    """
+    """Return when `now_ns` reaches `due_ns`, or at once if this time has passed. During the last `spin_ns` the process
+    polls the clock. Polling is more precise than a wake-up by the operating system, but uses the processor, and the
+    process's other threads wait."""
     until_ns = due_ns - spin_ns
     if until_ns > now_ns():
         _sleep(until_ns)
@@ -44,7 +45,7 @@ def _sleep_by_duration(until_ns: int) -> None:
 
 
 def _absolute_sleep() -> Callable[[int], None]:
-    """Return this system's function that sleeps until an instant."""
+    """Return the function with which this system sleeps until an instant."""
     if sys.platform != "linux":
         return _sleep_by_duration
     try:

@@ -1,8 +1,8 @@
-"""The start of the next period, on an absolute clock: errors do not add up, and no period is caught up.
+"""The start of the next period, on an absolute clock: errors do not add up, and a missed period is not repeated.
 
 A deadline that passed during the previous period's work is left out and counted. An ECU also follows the vehicle's
-sampling, which has another clock: it notes when pressures arrive and moves its deadlines a little each period until
-they are a fixed time after the arrivals.
+sampling, which has another clock: the ECU notes when pressures arrive and moves its deadlines a little each period
+until they are a fixed time after the arrivals.
 """
 
 from dataclasses import dataclass, replace
@@ -10,11 +10,11 @@ from statistics import median_low
 from typing import Final, Self
 
 LARGEST_SLEW: Final = 32
-"""Divisor of the period for the largest move of a deadline: half of the lateness at which `ecu.timing` begins to see
-periods left out. From the worst phase, half a period, it takes 16 periods."""
+"""Divisor of the period for the largest move of a deadline: the move is half of the lateness at which `ecu.timing`
+begins to see periods left out. From the worst phase, half a period, the correction takes 16 periods."""
 REMEMBERED: Final = 15
-"""Number of arrivals whose median is the expected arrival, so that a few late frames in a burst do not move it. It lags
-7 periods, in which clocks that differ by 100 ppm drift by 14 us at 20 ms."""
+"""Number of arrivals whose median is the expected arrival, so that a few late frames in a burst do not move it. The
+median is 7 periods old, in which clocks that differ by 100 ppm drift by 14 us at 20 ms."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -23,9 +23,11 @@ class Deadlines:
 
     Attributes:
         period_ns: time from one deadline to the next.
+        due_ns: deadline at which the period begins.
         number: number of the period; omitted periods are counted.
         left_out: number of periods so far that were not begun, because work on an earlier one was not done.
-        grace_ns: how late a period may begin after the previous period's work; a later period is left out.
+        grace_ns: largest time by which a period may begin late after the previous period's work; a later period is left
+            out.
     """
 
     period_ns: int
@@ -53,7 +55,8 @@ class Deadlines:
         )
 
     def slewed(self, target_ns: int) -> Self:
-        """Move towards the phase of `target_ns`, the shorter way round, at most by a period / LARGEST_SLEW."""
+        """Return the deadline moved towards the phase of `target_ns`, by the shorter way and by at most a period /
+        LARGEST_SLEW."""
         most = self.period_ns // LARGEST_SLEW
         error_ns = wrapped(target_ns - self.due_ns, self.period_ns)
         return replace(self, due_ns=self.due_ns + min(max(error_ns, -most), most))
@@ -65,7 +68,7 @@ class Arrivals:
 
     Attributes:
         period_ns: time between two arrivals.
-        latest_ns: up to REMEMBERED arrivals, oldest first.
+        latest_ns: times of up to REMEMBERED arrivals, oldest first.
     """
 
     period_ns: int
@@ -76,12 +79,12 @@ class Arrivals:
         return replace(self, latest_ns=(*self.latest_ns, arrival_ns)[-REMEMBERED:])
 
     def forgotten(self) -> Self:
-        """Forget all arrivals, because the next frames come from another or a restarted sender."""
+        """Forget all arrivals, because the next frames come from another sender or from a sender that was restarted."""
         return replace(self, latest_ns=())
 
     @property
     def expected_ns(self) -> int | None:
-        """An instant in the phase of the arrivals' median; None before there are REMEMBERED arrivals."""
+        """An instant whose phase is the median phase of the arrivals; None before there are REMEMBERED arrivals."""
         if len(self.latest_ns) < REMEMBERED:
             return None
         newest = self.latest_ns[-1]
@@ -89,5 +92,5 @@ class Arrivals:
 
 
 def wrapped(difference_ns: int, period_ns: int) -> int:
-    """Return the difference of two phases, from -period / 2 to period / 2."""
+    """Return a difference of two phases, reduced to the range from -period / 2 to period / 2."""
     return (difference_ns + period_ns // 2) % period_ns - period_ns // 2

@@ -1,6 +1,6 @@
 """Privileges of the operating system for a process with deadlines: used if granted, reported if not.
 
-Without a privilege everything works, but is late more often.
+A process without a privilege works, but is late more often.
 """
 
 import ctypes
@@ -15,7 +15,7 @@ from typing import Any, Final, NamedTuple
 
 PRIORITY: Final = 50
 """Priority under SCHED_FIFO, 1 to 99: above every ordinary process, and equal to most of the kernel's interrupt threads
-(50), so that those of the CAN driver still run."""
+(50), so that the threads of the CAN driver still run."""
 LOWEST_PRIORITY: Final = 1
 TIMER_SLACK_NS: Final = 1
 """Timer slack in ns. By default Linux wakes ordinary processes up to 50 us late, to wake several at once."""
@@ -25,7 +25,7 @@ _PR_SET_TIMERSLACK, _PR_GET_TIMERSLACK = 29, 30
 
 
 class Privilege(NamedTuple):
-    """One privilege. `why` states why the process does not have it; empty if it has."""
+    """One privilege. `why` is the reason why the process does not have the privilege; empty if it has."""
 
     what: str
     granted: bool
@@ -38,7 +38,7 @@ class Wanted:
 
     Attributes:
         priority: SCHED_FIFO priority, 1 to 99; 0 to stay an ordinary process.
-        without_collector: no garbage collection.
+        without_collector: whether to switch off garbage collection.
     """
 
     priority: int = PRIORITY
@@ -72,16 +72,17 @@ def in_words(privileges: list[Privilege]) -> str:
 
 
 def stay_ordinary() -> None:
-    """Make this thread an ordinary one, for long work, even if the thread that started it is not."""
+    """Give this thread an ordinary priority for long work, even if the thread that started it has a real-time
+    priority."""
     if hasattr(os, "sched_setscheduler"):
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
 
 
 def step_back() -> None:
-    """Give this thread a lower priority than the thread that started it, if that has a real-time priority.
+    """Give this thread a lower priority than the thread that started it, if the latter has a real-time priority.
 
-    It gets the lowest real-time priority: while an ordinary thread holds the interpreter's lock, any process could take
-    its processor and so delay the control loop.
+    This thread gets the lowest real-time priority, not an ordinary one: while an ordinary thread holds the
+    interpreter's lock, any process could take its processor and so delay the control loop.
     """
     if hasattr(os, "sched_getscheduler") and os.sched_getscheduler(0) == os.SCHED_FIFO:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(LOWEST_PRIORITY))
@@ -124,13 +125,15 @@ def _timer_slack(undo: ExitStack) -> None:
 def _lock_memory(undo: ExitStack) -> None:
     _call("mlockall", _MCL_CURRENT)
     undo.callback(_call, "munlockall")
-    # Under a limit, memory that is allocated later may not fit, and the allocation would fail.
+    # Under a limit on locked memory, memory that is allocated later may exceed the limit, and the allocation would
+    # fail.
     if os.geteuid() == 0 or resource.getrlimit(resource.RLIMIT_MEMLOCK)[0] == resource.RLIM_INFINITY:
         _call("mlockall", _MCL_CURRENT | _MCL_FUTURE)
 
 
 def _call(name: str, *arguments: int) -> int:
-    """Call a function of the C library; raises OSError if it returns -1, AttributeError if there is none."""
+    """Call a function of the C library; raises OSError if the result is -1, AttributeError if the function does not
+    exist."""
     if sys.platform != "linux":
         raise AttributeError(name)
     function: Any = getattr(ctypes.CDLL(None, use_errno=True), name)

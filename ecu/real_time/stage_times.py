@@ -18,7 +18,7 @@ from contract.errors import StillwakeError
 from contract.npz import read_npz
 
 NOTHING: Final = -1
-"""Value in place of a counter of the E2E header, which may be 0, if there was no frame."""
+"""Value of an E2E counter if there was no frame; 0 is a valid counter."""
 USUAL_PERIODS: Final = 180_000
 """Default number of stored periods: an hour at 20 ms."""
 
@@ -27,13 +27,13 @@ class EcuStage(IntEnum):
     """Columns of the ECU's table, named in lower case."""
 
     PERIOD = 0
-    """Number of the period, including those left out."""
+    """Number of the period; periods left out are counted."""
     SCHEDULED = 1
     WOKE = 2
     PRESSURE_COUNTER = 3
-    """E2E counter of the newest Pressure frame passed to the step; NOTHING without one."""
+    """E2E counter of the newest Pressure frame passed to the step; NOTHING if there was no frame."""
     FRAME_ARRIVED = 4
-    """Arrival of that Pressure frame."""
+    """Time of arrival of the newest Pressure frame passed to the step."""
     STEP_BEGAN = 5
     PLAN_BEGAN = 6
     PLAN_ENDED = 7
@@ -43,9 +43,9 @@ class EcuStage(IntEnum):
     COLLECTIONS = 10
     """Number of garbage collections since the previous period."""
     MINOR_FAULTS = 11
-    """Number of page faults without reading since the previous period (getrusage)."""
+    """Number of page faults that needed no reading from a disk since the previous period (getrusage)."""
     MAJOR_FAULTS = 12
-    """Number of page faults with reading since the previous period (getrusage)."""
+    """Number of page faults that needed reading from a disk since the previous period (getrusage)."""
     SWITCHES = 13
     """Number of times that the process lost the processor involuntarily since the previous period."""
 
@@ -60,9 +60,9 @@ class VehicleStage(IntEnum):
     PRESSURE_COUNTER = 4
     """E2E counter of the sent Pressure frame; NOTHING if none was sent."""
     COMMAND_ARRIVED = 5
-    """Arrival of this period's JetCommand."""
+    """Time of arrival of this period's JetCommand."""
     ECHOED_COUNTER = 6
-    """The pressure counter in the JetCommand; NOTHING without one."""
+    """Pressure counter in this period's JetCommand; NOTHING without a JetCommand."""
     ACTUATED = 7
 
 
@@ -74,13 +74,13 @@ class StageTimes:
             raise ValueError(f"periods = {periods}: must be at least 1")
         self._stages = stages
         self._blank = np.array([NOTHING if stage.name.endswith("COUNTER") else 0 for stage in stages], dtype=np.int64)
-        # Every page is written once, so that no page is missing later.
+        # Every page is written once, so that the system provides it now and not in a control period.
         self._table = np.repeat(self._blank[np.newaxis], periods, axis=0)
         self._begun = 0
         self._row = self._table[0]
 
     def begin(self) -> None:
-        """Begin the next period."""
+        """Begin the row of the next period."""
         self._row = self._table[self._begun % len(self._table)]
         self._row[:] = self._blank
         self._begun += 1
@@ -90,19 +90,21 @@ class StageTimes:
         self._row[stage] = value
 
     def rows(self) -> NDArray[np.int64]:
-        """Return the rows that were begun, oldest first, at most the table's number: (rows, stages)."""
+        """Return the begun periods' rows that the table still has, oldest first: (rows, stages)."""
         if self._begun <= len(self._table):
             return self._table[: self._begun].copy()
         return np.roll(self._table, -(self._begun % len(self._table)), axis=0)
 
     def save(self, path: Path) -> None:
-        """Write a complete .npz file or none: `columns`, the names, and `rows`. Raises StillwakeError on failure."""
+        """Write an .npz file, completely or not at all: `columns`, the names of the stages, and `rows`. Raises
+        StillwakeError on failure."""
         with replacing(path) as temporary, temporary.open("wb") as file:
             np.savez(file, columns=np.array([stage.name.lower() for stage in self._stages]), rows=self.rows())
 
 
 def load(path: Path, stages: type[IntEnum]) -> NDArray[np.int64]:
-    """Return the rows of a saved table, (rows, stages). Raises StillwakeError if it is no table of this node."""
+    """Return the rows of a saved table, (rows, stages). Raises StillwakeError if the file is not a table of this
+    node."""
     try:
         file = read_npz(path)
         columns, rows = file["columns"].tolist(), file["rows"]
@@ -115,7 +117,8 @@ def load(path: Path, stages: type[IntEnum]) -> NDArray[np.int64]:
 
 
 class PlanTimes:
-    """Start and end of the latest control step, of controllers that replace each other. Both are 0 after `forget`."""
+    """Start and end of the latest control step, shared by controllers that replace each other. Both times are 0 after
+    `forget`."""
 
     def __init__(self) -> None:
         self.forget()
@@ -126,7 +129,7 @@ class PlanTimes:
 
 
 class TimedController:
-    """A wrapper that times another controller."""
+    """A wrapper that records the start and the end of another controller's steps."""
 
     def __init__(self, controller: Controller, now_ns: Callable[[], int], times: PlanTimes | None = None) -> None:
         self._controller = controller
@@ -134,7 +137,7 @@ class TimedController:
         self.times = PlanTimes() if times is None else times
 
     def control_step(self, *given: Any, **named: Any) -> ControlStep:
-        """Do the other controller's step and store its times."""
+        """Do the wrapped controller's step and store the times of the step."""
         self.times.began_ns = self._now_ns()
         try:
             return self._controller.control_step(*given, **named)
