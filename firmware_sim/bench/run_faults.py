@@ -27,7 +27,8 @@ NODES: Final = ("vehicle", "ecu")
 NONE_BEFORE: Final[Mapping[str, int]] = MappingProxyType({})
 
 LOOK_NS: Final = 1_000_000
-"""Time in ns between two calls that release frames which a fault delays: no other event on the bus may occur then."""
+"""Time in ns between two events that this module adds to the bus, so that delayed frames are released even if no other
+event occurs."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,7 +67,7 @@ class NodeFaults:
     """Applies the faults of a run in the ports.
 
     Args:
-        faults: faults of all nodes; those of one node in the order from bus to node.
+        faults: faults of all nodes; the faults of one node are in the order from bus to node.
         bus: bus of the run, at time 0.
         before: number of earlier faults of each node.
     """
@@ -85,11 +86,11 @@ class NodeFaults:
             self._look()
 
     def around(self, node: str, port: Bus) -> Bus:
-        """Return the node's port with its faults; the port itself if it has none."""
+        """Return the node's port wrapped in the node's faults; return the port itself if the node has no faults."""
         mine = [one.fault for one in self._faults if one.node == node]
         if not mine:
             return port
-        # A fault that is in both nodes must not hit the same frames, so the seed includes the node.
+        # Equal faults in both nodes must not hit the same frames, so the seed includes the node.
         seed = len(NODES) * self._seed + NODES.index(node)
         first = self._before.get(node, 0)
         faulty = self._ports[node] = wrap(port, mine, lambda: self._bus.now_ns, seed=seed, first=first)

@@ -43,7 +43,8 @@ from wake.plant.sample import Sample
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class BusPorts:
-    """The ports through which the two nodes send and receive: of one `SimulatedBus`, or wrappers around its ports."""
+    """The ports through which the two nodes send and receive: ports of one `SimulatedBus`, or wrappers around these
+    ports."""
 
     vehicle: Bus
     ecu: Bus
@@ -66,17 +67,19 @@ def _pressure_frame_ns(config: Config) -> int:
 
 
 class VirtualLoop(NeverCopied):
-    """Runs control periods one by one. Raises BusError if a pressure frame takes a whole control period or longer.
+    """The closed loop, which runs control periods one by one. Raises BusError if a pressure frame takes a whole control
+    period or longer.
 
     Args:
         plant: the flow, at the start of a control period.
         bus: the bus, at time 0; the loop advances its time.
         clock: wall clock in s that measures the ECU's step; the loop does not depend on it.
         ecu_clock: function from a time of the run to the time on the ECU's clock, in ns.
-        step_ns: computing time of the ECU's latest step; if None, `ecu.compute_time_ms`.
+        step_ns: function that returns the computing time of the ECU's latest step in ns; if None,
+            `ecu.compute_time_ms`.
 
     Attributes:
-        planned_ns: computing times of all steps so far that computed a plan.
+        planned_ns: computing times in ns of all steps so far in which the controller planned.
     """
 
     INSTEAD: ClassVar = "bus and nodes call each other; repeat the run, which gives the same result bit for bit"
@@ -172,7 +175,7 @@ class VirtualLoop(NeverCopied):
         self._step_ns = self._charged if step_ns is None else step_ns
 
     def totals(self) -> BusTotals:
-        """Return the frame counts so far; a frame under way does not count as lost."""
+        """Return the frame counts so far; a frame that is still on its way does not count as lost."""
         sent = self._node.frames_sent + self._commands_sent
         arrived = self._pressures_received + self._commands_received
         rejected = self._ecu.frames_rejected + self._node.frames_rejected
@@ -181,7 +184,8 @@ class VirtualLoop(NeverCopied):
         return BusTotals(sent=sent, lost=max(sent - arrived - under_way, 0), rejected=rejected)
 
     def _pressures_came(self) -> bool:
-        """Put received frames into the ECU's inbox; returns whether pressures were among them."""
+        """Put received frames into the ECU's inbox, or drop them while the ECU boots; return whether pressures were
+        added."""
         received = self._ports.ecu.receive_all()
         if self._bus.now_ns < self._booted_ns:
             return False
@@ -206,7 +210,7 @@ class VirtualLoop(NeverCopied):
         return elapsed * 1e3
 
     def _answer(self, frames: Sequence[Frame], boots: int) -> None:
-        """Send the ECU's frames, unless the ECU was reset since their step."""
+        """Send the ECU's frames, unless the ECU was reset after the step that computed them."""
         if boots != self._boots:
             return
         for frame in frames:
@@ -215,17 +219,17 @@ class VirtualLoop(NeverCopied):
 
     @staticmethod
     def _send(port: Bus, frame: Frame) -> None:
-        """Send a frame. A frame that the bus does not accept is lost, and its receiver has to notice."""
+        """Send a frame. A frame that the bus does not accept is lost, and its receiver has to detect the loss."""
         try:
             port.send(frame)
         except BusError:
             return
 
     def _advance_plant(self, actuation: Actuation) -> None:
-        """Advance to the period's end; until a command for this period arrives, the jets stay as they are."""
+        """Advance the flow to the period's end; until a command for this period arrives, the jets keep their action."""
         if actuation.command is not None and not actuation.next_period:
             after_ns = actuation.command.timestamp_ns - self._start_ns
-            # One time step is left for the ramp.
+            # At least one time step is needed for the ramp.
             late = min(self._substeps - 1, math.ceil(after_ns * self._substeps / self._period_ns))
             if late > 0:
                 self._plant.advance_to(late)
