@@ -34,12 +34,12 @@ BUILT_IN: Final = ("paper", "sensors", "bus", "flow")
 """Names of the files in `plans/`, in the plan's order."""
 MOST_SCENARIOS: Final = 1000
 _SENSORS: Final = "sensors"
-"""Value of `each` that means the release's sensors."""
+"""Value of `each` for which a scenario is repeated for each sensor of the release."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class _ScenarioForm:
-    """The form of a scenario in a file."""
+    """The format of a scenario in a file."""
 
     name: str
     sentence: str
@@ -51,7 +51,8 @@ class _ScenarioForm:
 
 @dataclass(frozen=True, kw_only=True)
 class _GroupForm:
-    """The form of a group in a file. Each scenario is parsed separately, so that an error can state its name."""
+    """The format of a group in a file. Each scenario is parsed separately, so that an error can state the scenario's
+    name."""
 
     title: str
     scenario: list[dict[str, Any]]
@@ -59,15 +60,15 @@ class _GroupForm:
 
 @dataclass(frozen=True, kw_only=True)
 class _PlanForm:
-    """The form of a whole file; `criteria` holds for all scenarios without their own criteria."""
+    """The format of a whole file; `criteria` applies to all scenarios without their own criteria."""
 
     group: list[_GroupForm]
     criteria: Criteria = field(default_factory=Criteria)
 
 
 def whole_plan(users: Sequence[Path], place: Place) -> tuple[Scenario, ...]:
-    """Return the built-in scenarios, then those of the user's files. Raises ConfigError that states the file and its
-    error: an unknown, missing, mistyped or meaningless entry."""
+    """Return the built-in scenarios, then the scenarios of the user's files. Raises ConfigError for an unknown,
+    missing, mistyped or meaningless entry; the error states the file."""
     folder = files("firmware_sim.campaign").joinpath("plans")
     sources: list[Traversable] = [*(folder.joinpath(f"{name}.toml") for name in BUILT_IN), *users]
     scenarios = tuple(one for source in sources for one in read_plan(source, place))

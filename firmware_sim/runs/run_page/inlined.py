@@ -29,7 +29,8 @@ _FORBIDDEN: Final = ("</script", "</style", "<!--")
 
 @dataclass(frozen=True, kw_only=True)
 class Inlined:
-    """The parts for a template. `policy` is the content security policy: no other address, only these scripts."""
+    """The parts for a template. `policy` is the content security policy, which allows only these scripts and no other
+    address."""
 
     policy: str
     styles: Markup
@@ -37,7 +38,8 @@ class Inlined:
 
 
 def inlined(main: str) -> Inlined:
-    """Return the widgets of the live page, and the script `main` from this package's folder `page`."""
+    """Return the styles and scripts of the live page's widgets, with the script `main` from this package's folder
+    `page`."""
     scripts = [_text(*place) for place in (*_WIDGETS, (*_OWN, main))]
     hashes = " ".join(f"'sha256-{_digest(script)}'" for script in scripts)
     return Inlined(
