@@ -22,7 +22,7 @@ from firmware_sim.runs.reasons import BECAUSE
 from wake.pictures.drawing import outline
 
 _DIGITS: Final = 5
-"""Decimals of plotted values: finer than a pixel of any curve."""
+"""Number of decimals of plotted values, which is finer than a pixel of any curve."""
 
 
 def hello(
@@ -79,17 +79,19 @@ def hello(
 
 
 def periods(run: int, new: Iterable[LivePeriod], base: Index) -> LiveMessage:
-    """Return the message with new periods, a list per `PERIOD_COLUMNS`; `base` are the base sensors' indices."""
+    """Return the message with new periods, as one list for each name in `PERIOD_COLUMNS`; `base` has the indices of the
+    base sensors."""
     rows = [[_number(value) for value in _values(period, base)] for period in new]
     columns = [list(column) for column in zip(*rows, strict=True)]
     return {"type": "periods", "run": run, "columns": dict(zip(PERIOD_COLUMNS, columns, strict=True))}
 
 
 def now(run: LiveRun, latest: LivePeriod, seen: SeenState, *, fps: float, paused: bool, losses: int) -> LiveMessage:
-    """Return the message on the latest period; `losses` is the number of periods in which lost frames count."""
+    """Return the message on the latest period; `losses` is the number of latest periods in which lost frames are
+    counted."""
     fail_safe, forces = run.state.fail_safe, run.ecu.ecu.trace.forces
     planned = forces is not None and latest.planned_ns is not None
-    # The plan's first entry acts in the latest period, so its effect is in the sample at that period's end.
+    # The plan's first entry acts during the latest period, so its effect is in the sample at the end of this period.
     return {
         "type": "now",
         "run": run.number,
@@ -132,7 +134,7 @@ def _values(period: LivePeriod, base: Index) -> list[float]:
 
 
 def _number(value: float) -> float | None:
-    """Return the value rounded, and None for NaN or infinity, which JSON does not have."""
+    """Return the rounded value, or None for NaN or infinity, which JSON does not have."""
     if isinstance(value, int):
         return value
     return round(value, 9) if isfinite(value) else None

@@ -31,12 +31,14 @@ PERIOD_COLUMNS: Final = (
 
 LiveMessage = dict[str, Any]
 Request = dict[str, Any]
-"""A viewer's request: an `id`, which is repeated in the answer, and one of `firmware_sim.live.settings.ACTIONS`."""
+"""A viewer's request: an `id`, which is repeated in the answer, and an action from
+`firmware_sim.live.settings.ACTIONS`."""
 LiveAnswer = dict[str, Any]
-"""An answer: the request's `id`; `error`, one line, if nothing was changed; `note`, a report of the change."""
+"""An answer to a request. It has the request's `id`; `error`, one line, if nothing was changed; and `note`, a text
+about the change."""
 Choice = dict[str, Any]
-"""A controller or plant: `name`, `label`, and `missing`, which is null or states in one line why it cannot be chosen.
-"""
+"""A controller or plant that a viewer may choose: `name`, `label`, and `missing`, which is null or one line on why it
+cannot be chosen."""
 
 
 class FieldPicture(NamedTuple):
