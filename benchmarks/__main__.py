@@ -27,7 +27,8 @@ class Measurement:
     """One line in the list of measurements.
 
     Attributes:
-        module: module with the `main`; imported only when it runs, because each measurement needs other packages.
+        module: module with the function `main`. It is imported only when the measurement runs, because each measurement
+            needs other packages.
         text: description of the measurement.
         takes: rough duration on two cores; empty if it is not known.
     """
@@ -68,7 +69,8 @@ PAGES: Final = {
 
 
 def main(arguments: list[str]) -> None:
-    """Run the measurement that the first argument names, with the others as options; exit like `stillwake`."""
+    """Run the measurement whose name is the first argument, with the other arguments as its options; exit like
+    `stillwake`."""
     ends_like_ctrl_c()
     sys.exit(status_of(lambda: _run(arguments)))
 
