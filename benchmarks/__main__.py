@@ -3,9 +3,9 @@
     python -m benchmarks                      # lists the measurements
     python -m benchmarks NAME [options]       # runs one; --help lists its options
 
-A measurement is a module with a function `main`, whose parameters are its options. It prints tables, and with `--json
-FILE` also writes its figures with their settings, versions and machine. The documents' tables are made from
-`results/NAME.json`, with underscores in place of the name's dashes.
+A measurement is a module with a function `main`, whose parameters are the options. The measurement prints tables; with
+`--json FILE` it also writes its figures with settings, versions and machine. The documents' tables are made from
+`results/NAME.json`, where the file's name has underscores in place of dashes.
 """
 
 import sys

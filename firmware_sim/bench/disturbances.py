@@ -2,15 +2,15 @@
 
     noise:level=0.5                        on every transducer
     stuck:sensor=base_7@2..5               on one transducer, from 2 s until before 5 s
-    ecu:drop:probability=0.3               in a node's port: `firmware_sim.bench.run_faults`
+    ecu:drop:probability=0.3               fault in a node's port: `firmware_sim.bench.run_faults`
     wire_errors:bit_error_rate=1,node=ecu@2..2.01
     reset@4                                once, at 4 s
-    reynolds=700                           the flow differs from the training's
-    body:length=1                          the vehicle differs from the training's
+    reynolds=700                           a Reynolds number other than in the training
+    body:length=1                          a body other than in the training
     gust:amplitude=0.1,period=20
 
-A disturbance is plain data; `disturbing.py` applies it. Its sensors must be sensors of the bundle, because no others
-are read. Levels are in global deviations of pressure (`firmware_sim.bench.sensor_faults`).
+A disturbance is plain data; `disturbing.py` applies it. Its sensors must be sensors of the bundle, because other
+sensors are not read. Levels are in global deviations of pressure (`firmware_sim.bench.sensor_faults`).
 """
 
 from collections.abc import Iterable

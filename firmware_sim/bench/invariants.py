@@ -2,31 +2,32 @@
 
 On the bus, for every JetCommand that the ECU sends:
 
-    bus_bounds      the flow is within the action limit; it is 0 if `Enable` is off or the mode does not drive the jets
+    bus_bounds      the flow is within the action limit; the flow is 0 if `Enable` is off, and `Enable` is on only in
+                    modes that drive the jets
     bus_rate        the flow differs from the previous flow by at most `ecu.command_step`, unless it goes to 0
-    bus_age         in CONTROL the command's pressures are at most `ecu.pressure_age` old; in HOLD and DECAY they are at
-                    most as old as `ecu.hold_periods` and `ecu.decay_periods` allow
-    enable_edge     after OFF, FAULT or a restart (seen in the counter) there is no control before the ECU has received
-                    a low request and then a high one
+    bus_age         in CONTROL the command's pressures are at most `ecu.pressure_age` old; in HOLD and DECAY their
+                    largest age follows from `ecu.hold_periods` and `ecu.decay_periods`
+    enable_edge     after OFF, FAULT or a restart (visible in the counter) there is no control before the ECU has
+                    received a low request and then a high request
 
 At the jets, for the action reached at the end of every period:
 
-    jets_shut       it is 0, unless the vehicle received a command that drives the jets, and that answers recent
-                    pressures of this vehicle, in the period that decides (below), or before it within the time for
-                    which the vehicle holds the last command
-    jets_request    it is 0 if the vehicle did not want control
-    jets_losses     it is 0 after `vehicle.loss_limit` of the latest `vehicle.loss_window` periods under control had no
-                    command, until the vehicle did not want control
-    jets_bounds     it is within the action limit
-    jets_rate       it differs from the previous action by at most `vehicle.action_step`, unless it is 0
+    jets_shut       the action is 0, unless the vehicle received a command that drives the jets and answers recent
+                    pressures of this vehicle. The command must have arrived in the deciding period (below), or before
+                    this period within the time for which the vehicle keeps the last command's action
+    jets_request    the action is 0 if the vehicle did not want control
+    jets_losses     the action is 0 after `vehicle.loss_limit` of the latest `vehicle.loss_window` periods under control
+                    had no command, until the vehicle does not want control
+    jets_bounds     the action is within the action limit
+    jets_rate       the action differs from the previous action by at most `vehicle.action_step`, unless it is 0
 
-The period that decides is the action's own period; with `ecu.plan_ahead` it is the period before, and with
-`vehicle.actuator_delay` it is earlier by that number of periods. Frames that the vehicle may have refused decide
-nothing: a command that shuts the jets counts only as the next command of a stream without errors. So all checks are
-one-sided: among lost and damaged frames they may miss a violation, but they report no false one.
+The deciding period is the action's own period. With `ecu.plan_ahead` it is one period earlier, and with
+`vehicle.actuator_delay` it is earlier by that number of periods. A command that shuts the jets is considered only if
+the vehicle surely accepted it, as the next command of a stream without errors. So all checks are one-sided: if frames
+are lost or damaged, the checks may miss a violation, but they never report a false violation.
 
-`Commands` and `Jets` check values that were read from frames by any reader: the proofs in `tests/proofs/ecu` use them
-with another parser, and with further data.
+`Commands` and `Jets` check values that any parser may have read from frames: the proofs in `tests/proofs/ecu` use these
+classes with another parser, and with further data.
 """
 
 from collections import deque

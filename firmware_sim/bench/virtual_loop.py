@@ -1,22 +1,22 @@
 """The closed loop in virtual time: flow, bus and ECU advance together, deterministic bit for bit.
 
-In the control period that starts at t_k
+The control period that starts at t_k has these events:
 
     t_k                          the vehicle samples pressures and speed and gives them to its CAN controller
     + wait + frame time          the ECU receives the pressures and steps
     + compute time               the ECU sends the command (`ecu.compute_time_ms`, or an emulated core's time)
     + wait + frame time          the jets' driver receives the command and starts a ramp that ends at t_{k+1}
 
-The simulated bus gives waits and frame times (`can_bridge.bus.simulated`): a frame waits for the frame on the bus and
-for all frames of higher priority. Until the command arrives, rounded up to a time step of the flow, the jets stay as
-they are, so late commands act late. A command that arrives at t_{k+1} or later acts in the period of its arrival. An
+The simulated bus determines waits and frame times (`can_bridge.bus.simulated`): a frame waits for the frame on the bus
+and for all frames of higher priority. The jets keep their action until the command arrives, rounded up to a time step
+of the flow, so late commands act late. A command that arrives at t_{k+1} or later acts in the period of its arrival. An
 ECU that is still computing when its next step is due skips that step. The compute time is a setting, or the time that
-an emulated core takes for this step by the model of its pipeline; neither depends on the machine. The step's wall-clock
-time is measured separately.
+the pipeline model of an emulated core gives for this step; neither depends on the machine. The step's wall-clock time
+is measured separately.
 
-The ECU steps when a pressure frame arrives. It waits for half a period (or for one frame time, if that is longer), and
-then steps without pressures: its fail-safe counts a miss, and its command still acts in the period. A later frame is in
-the ECU's queue for the next step. The jets' driver counts a command that does not arrive as a miss.
+The ECU steps when a pressure frame arrives. If no frame arrives within half a period (or one frame time, if that is
+longer), the ECU steps without pressures: its fail-safe counts a miss, and its command still acts in the period. A frame
+that arrives later stays in the ECU's queue for the next step. The jets' driver counts a missing command as a miss.
 """
 
 import math

@@ -1,7 +1,7 @@
 """The folder of a campaign: its label, its starts, its finished runs, and its report.
 
-campaign.json           the label: settings, seed, spans and bundle; a call with different ones is refused
-starts/phase_0.npz      initial flow states of the runs; NAME.phase_0.npz: those of another body's wake
+campaign.json           the label: settings, seed, spans and bundle; a call with a different label is refused
+starts/phase_0.npz      initial flow state of the runs; NAME.phase_0.npz: initial state of scenario NAME's own plant
 runs/NAME.phase0.json   a finished run
 table.csv, figures/, report.html
 """
