@@ -142,7 +142,7 @@ class EagerController:
         start = committed = self.start(window, committed, chosen, w, speed, limit)
         asked = w.clone()
         if self._program.prior is not None:
-            asked[[0, 2, 5]] = 0.0  # drag, lift and effort, which the prior was trained for
+            asked[[0, 2, 5]] = 0.0  # drag, lift and effort: the prior was trained for these
         # Only the free actions are parameters, so the optimiser cannot change the committed actions.
         free_actions = committed[chosen].clone().requires_grad_(True)
         mpc = self._program.mpc

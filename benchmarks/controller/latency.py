@@ -77,7 +77,7 @@ def main(
         "c_int8_ms": lambda: c_int8.control_step(case.window, case.plan, case.free),
     }
     for step in steps.values():
-        step()  # warm caches and allocators
+        step()  # warms up caches and allocators
     times: dict[str, list[tuple[float, float]]] = {name: [] for name in steps}
     for i in track(range(repeats), "control steps", "steps"):
         for name, step in steps.items():

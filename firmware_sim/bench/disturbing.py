@@ -69,10 +69,10 @@ class Disturbing:
             for place, one in enumerate(self._items)
             if isinstance(one, kinds.WrongClock)
         }
-        self._speeds: list[float] = []  # of every period so far, m/s
+        self._speeds: list[float] = []  # vehicle's speed in every period so far, m/s
         self._frozen: dict[int, float] = {}
         self._ports: NodeFaults | None = None
-        self._flow: tuple[Disturbable, float] | None = None  # and its own Reynolds number
+        self._flow: tuple[Disturbable, float] | None = None  # plant and its own Reynolds number
 
     # The following methods serve bus errors and faults in the ports.
 

@@ -157,9 +157,9 @@ class Jets:
         self._heard: deque[_Period] = deque(maxlen=self._decides_after + self._hold + 1)
         self._requested: deque[bool] = deque(maxlen=1 + self._late)
         self._gave_up: deque[bool] = deque([False], maxlen=1 + self._late)
-        self._silent: deque[bool] = deque(maxlen=self._loss_window)  # of periods surely under control
+        self._silent: deque[bool] = deque(maxlen=self._loss_window)  # periods surely under control
         self._counter: int | None = None
-        self._sound = 0  # periods in a row in which just the next command came
+        self._sound = 0  # periods in a row with exactly the next command
         self._action = 0.0
 
     def heard(self, commands: Sequence[HeardCommand | None], *, requested: bool) -> None:
@@ -236,7 +236,7 @@ class Invariants:
         # The next fields are the state of the ECU's checks.
         self._commands = Commands(config)
         self._counters = profile_of(self._command.spec).counter_period
-        self._last_counter: int | None = None  # of its latest command
+        self._last_counter: int | None = None  # counter of the ECU's latest command
         self._was_wanted = self._low_heard = self._edge_heard = False
         # The next fields are the state of the vehicle's checks.
         self._jets = Jets(config)

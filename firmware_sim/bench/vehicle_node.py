@@ -94,16 +94,16 @@ class VehicleNode:
         self._receiver = E2eReceiver(self._messages.command.spec, config.bus.e2e)
         self._key = key_of(authentication, config.bus)
         self._freshness, self._verifier = Freshness(), VerifierState()
-        self._speed_freshness = self._freshness  # each message has its own
+        self._speed_freshness = self._freshness  # each message has its own freshness value
         if authentication is not None:
             self._freshness = self._speed_freshness = authentication.freshness
             self._verifier = authentication.verifier(self._receiver.spec)
         self._losses = CommandLosses.of(config.vehicle)
         self._misses = 0
-        self._requested = False  # in the latest Pressure frame
-        self._action = 0.0  # commanded last, U_inf W
-        self._next_period = False  # by the command before
-        self._driven_to = 0.0  # in the period before, without the actuator's delay
+        self._requested = False  # request in the latest Pressure frame
+        self._action = 0.0  # action commanded last, U_inf W
+        self._next_period = False  # whether the latest command is for the next period
+        self._driven_to = 0.0  # action of the latest period, before the actuator's delay
         self._commanded = DelayLine.filled(config.vehicle.actuator_delay)
         self._echo = EchoTracker(counter_period=profile_of(self._messages.pressure.spec).counter_period)
         # The ECU's command gate accepts pressures up to an age of 1 + hold_periods + decay_periods; computing and

@@ -118,7 +118,7 @@ class VirtualLoop(NeverCopied):
         self.planned_ns: list[int] = []
         self._start_ns = 0
         self._busy_until_ns = 0
-        self._inbox: list[Frame] = []  # what the ECU has received since its last step
+        self._inbox: list[Frame] = []  # frames that the ECU received since its last step
         self._commands_sent = 0
         self._commands_received = 0
         self._pressures_received = 0

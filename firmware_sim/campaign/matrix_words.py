@@ -46,7 +46,7 @@ def cells(row: ScenarioRow) -> tuple[str, ...]:
     """Return the cells of a row as text, in the order of `MATRIX_HEADS`."""
     return (
         row.scenario.name,
-        "safe" if row.safe else "UNSAFE",  # a word needs no colour
+        "safe" if row.safe else "UNSAFE",  # in capitals, because the terminal may have no colour
         row.use.value,
         spread(row.reduction, ".1f"),
         spread(row.abs_Cl, ".2f"),

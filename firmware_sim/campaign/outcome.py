@@ -55,7 +55,7 @@ class MeanFigures:
         so both averages leave out the same part of a cycle.
         """
         t = np.array(course.t)
-        kept = t >= from_t - 1e-9  # what sums of spans may differ by from the sample's instant
+        kept = t >= from_t - 1e-9  # allows for rounding in sums of spans
         cd, cl, action = (np.array(getattr(course, name))[kept] for name in ("Cd", "Cl", "action"))
         return cls(
             Cd=float(cd.mean()),

@@ -53,10 +53,10 @@ class StillwakePlant(Fmi3Slave):  # type: ignore[misc]
         self._sample = self._wake.sample()
         self.time, self.jet_flow, self.vehicle_speed = 0.0, 0.0, config.operating_point.speed
         self.default_experiment = DefaultExperiment(start_time=0.0, step_size=config.period_ns / 1e9)
-        self._speed = self.vehicle_speed  # of the stream now
+        self._speed = self.vehicle_speed  # present speed of the inflow, m/s
         self._start: float | None = None
-        self._done = 0  # control periods
-        self._asked: tuple[float, float] | None = None  # of jets and stream, once the period that runs has begun
+        self._done = 0  # number of control periods computed
+        self._asked: tuple[float, float] | None = None  # (jet flow, speed) of the period that has begun
         pressure = config.operating_point.dynamic_pressure
         self.register_units([Unit("Pa", kg=1, m=-1, s=-2), Unit("m/s", m=1, s=-1), Unit("m2/s", m=2, s=-1)])
         self.register_units([Unit("s", s=1), Unit("t_c")])

@@ -35,7 +35,7 @@ def histogram_figure(runs: Sequence[MeasuredRun]) -> Figure:
         axes.hist(values_of, bins=bins, histtype="stepfilled", alpha=0.6, label=labels)
         axes.set_title(title, fontsize=10, loc="left")
         axes.set(ylabel="periods", yscale="log", xlim=(0.0, bins[-1]))
-        axes.set_ylim(0.7, None)  # a single period is to be seen
+        axes.set_ylim(0.7, None)  # so that a bar of a single period is visible
         axes.grid(alpha=0.25)
         axes.legend(fontsize=8, loc="upper right")
     below.set_xlabel("ms")

@@ -47,10 +47,10 @@ def hello(
             "precision": manifest.precision,
             "signer": "" if bundle.signer is None else bundle.signer.fingerprint,
         },
-        "run": run.number,  # counts the plant's starts; k and t begin again with each
+        "run": run.number,  # number of the plant's start; k and t begin at 0 in each run
         "period_ms": config.period_ns / 1e6,
         "convective_time_s": config.operating_point.convective_time,
-        "control_period": config.flow.control_period,  # t_c
+        "control_period": config.flow.control_period,  # in t_c
         "action_limit": config.flow.action_limit,
         "horizon": manifest.mpc.horizon,
         "delay_steps": config.ecu.delay_steps,
@@ -64,17 +64,17 @@ def hello(
         ],
         "used": list(manifest.sensors),  # in the order of the Pressure message
         "body": outline(config.body).tolist(),
-        "jets": [[base, slot], [base, -slot]],  # upper and lower
+        "jets": [[base, slot], [base, -slot]],  # upper slot, lower slot
         "view": list(run.view),  # x and y limits of the picture
-        "raster": list(run.raster),  # its width and height; empty where the plant has no field
+        "raster": list(run.raster),  # width and height of the picture; empty without a flow field
         "states": [mode.name for mode in OperatingMode],
         "reasons": {reason.name: text for reason, text in BECAUSE.items()},
-        **{f"{what}s": list(found) for what, found in choices.items()},  # controllers and plants
+        **{f"{what}s": list(found) for what, found in choices.items()},  # keys: controllers and plants
         "sliders": {name: asdict(slider) for name, slider in SLIDERS.items()},
         "weights": asdict(manifest.mpc.weights),
         "weight_slider": asdict(WEIGHT),
         "settings": asdict(settings),
-        "kept": kept,  # periods that a page should keep
+        "kept": kept,  # number of periods that a page should store
     }
 
 
@@ -98,22 +98,22 @@ def now(run: LiveRun, latest: LivePeriod, seen: SeenState, *, fps: float, paused
         "k": latest.k,
         "t": latest.row.sample.t,
         "time_s": run.time_s(latest.k),
-        "state": seen.state,  # of `OperatingMode`, or UNPOWERED or BOOT
+        "state": seen.state,  # name of an `OperatingMode`, or UNPOWERED or BOOT
         "reason": Reason(seen.reason).name,
         "misses": fail_safe.misses,
-        "lost": min(fail_safe.lost.bit_count(), losses),  # of the latest loss_window periods
+        "lost": min(fail_safe.lost.bit_count(), losses),  # number among the latest loss_window periods
         "set_aside": list(seen.set_aside),
         "given_up": seen.given_up,
         "plan": _rounded(run.state.memory.plan) if planned else [],
-        "plan_from": latest.k + 1,  # row in whose action and forces the first entry would be seen
+        "plan_from": latest.k + 1,  # period whose sample shows the first entry's effect
         "forecast": _rounded(forces) if planned else [],  # Cd and Cl for the same periods
-        "cp": _rounded(latest.row.sample.Cp),  # at all sensors
-        "read": [_number(value) for value in _rounded(run.disturbances.read)],  # by the transducers
+        "cp": _rounded(latest.row.sample.Cp),  # pressures at all sensors of the body
+        "read": [_number(value) for value in _rounded(run.disturbances.read)],  # readings of the transducers
         "uncontrolled_Cd": run.drag.uncontrolled,
         "drag_Cd": run.drag.now,
         "reduction_percent": run.drag.reduction_percent,
-        "fps": fps,  # control periods a second, by the wall clock
-        "real_time": fps * run.period_ns / 1e9,  # virtual seconds a second
+        "fps": fps,  # control periods per second of the wall clock
+        "real_time": fps * run.period_ns / 1e9,  # virtual seconds per second of the wall clock
         "paused": paused,
         "computed_by": "" if seen.state == UNPOWERED else run.ecu.computed_by,
     }

@@ -68,7 +68,7 @@ def drive_totals(log: RunLog) -> DriveTotals | None:
         return float(np.trapezoid(values, seconds))
 
     distance = integral(speed)
-    per_km = 1.0 / distance if distance > 0.0 else np.nan  # N m a metre of road is kJ a km
+    per_km = 1.0 / distance if distance > 0.0 else np.nan  # N m per m of road equals kJ per km
     drag, without, net_without = (
         per_km * integral(scale * force * speed) for force in (ledger.Cd, *(series[name] for name in WITHOUT[:2]))
     )

@@ -83,7 +83,7 @@ def run_vehicle(
     times = None
     if course.stage_times is not None:
         times = StageTimes(VehicleStage) if course.periods is None else StageTimes(VehicleStage, course.periods)
-    bus.receive_all()  # what came before the run
+    bus.receive_all()  # drops the frames that arrived before the run
     # The arrival of a frame is the instant at which the receive thread reads it, on a clock that a change of the
     # computer's date does not affect. So the wait in the kernel counts as transmission time.
     inbox = Inbox(lambda frame: clock.now_ns(), room=_ROOM)

@@ -181,7 +181,7 @@ class VehicleLoop:
         try:
             self._bus.send(frame)
         except BusError:
-            return  # the pressures count what the bus does not take
+            return  # frames that the bus refuses are counted for pressures only
 
     def _note(self, stage: VehicleStage, value: int) -> None:
         if self._stage_times is not None:

@@ -29,8 +29,8 @@ class _Row:
     sender: str
     count: int = 0
     last_ns: int = 0
-    seen: int = 0  # in this period
-    lately: deque[int] = field(default_factory=deque)  # of the latest periods
+    seen: int = 0  # number of frames in the present period
+    lately: deque[int] = field(default_factory=deque)  # number of frames in each of the latest periods
     in_second: int = 0
 
 
@@ -114,7 +114,7 @@ class BusTable:
             "rate_hz": row.in_second / seconds if seconds else None,
             "age_ms": (now_ns - row.last_ns) / 1e6,
             "e2e": "" if state is None else (state.window[-1] if state.window else FrameCheck.NO_NEW_DATA).name,
-            "e2e_state": "" if state is None else state.stream.name,  # NODATA, INIT, VALID, INVALID
+            "e2e_state": "" if state is None else state.stream.name,  # NODATA, INIT, VALID or INVALID
             "errors": 0 if state is None else sum(state.counts) - sum(map(state.count, GOOD)),
-            "limit_ms": self._period_ns / 1e6 if ours else None,  # cycle time by the DBC
+            "limit_ms": self._period_ns / 1e6 if ours else None,  # cycle time in the DBC
         }
