@@ -234,7 +234,7 @@ class Disturbances:
 
     @property
     def other_body(self) -> OtherBody | None:
-        """The body that replaces the release's body; None if there is no such disturbance."""
+        """The body that replaces the release's body; None if no disturbance replaces it."""
         return next((one for one in reversed(self.items) if isinstance(one, OtherBody)), None)
 
     def plant(self, config: Config) -> Config:
@@ -244,7 +244,7 @@ class Disturbances:
         return config if other is None else replace(config, body=other.instead_of(config.body))
 
     def check(self, config: Config, sensors: tuple[str, ...], *, duration_s: float) -> None:
-        """Check the disturbances; raises ConfigError for one that could not act in this run with these sensors."""
+        """Check the disturbances. Raises ConfigError for a disturbance that could not act in this run with these sensors."""
         check_faults([one for one in self.items if isinstance(one, NodeFault)], config.bus, duration_s=duration_s)
         for one, text in zip(self.items, self.texts, strict=True):
             if isinstance(one, NodeFault):

@@ -204,7 +204,7 @@ class Jets:
             yield "jets_request", f"action {action:g} where control was not requested"
         if len(self._gave_up) == self._gave_up.maxlen and self._gave_up[0]:
             yield "jets_losses", f"action {action:g} after too many periods without a command"
-        # The first item is the period that decides; the others are the periods before it, newest first.
+        # The first item is the deciding period; the following items are the periods before it, newest first.
         deciding = list(self._heard)[: len(self._heard) - self._decides_after][::-1]
         for period in deciding:
             if period.drives:

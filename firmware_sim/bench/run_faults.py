@@ -52,7 +52,7 @@ def parse_node_fault(text: str) -> NodeFault:
 
 
 def check_faults(faults: Sequence[NodeFault], config: BusConfig, *, duration_s: float) -> None:
-    """Check the faults; raises ConfigError for one that could not act in a run of this length on this bus."""
+    """Check the faults. Raises ConfigError for a fault that could not act in a run of this length on this bus."""
     for one in faults:
         if one.fault.start_s >= duration_s:
             raise ConfigError(f"fault {one.text!r}: begins after the end of the run, at {duration_s:g} s")
@@ -111,14 +111,14 @@ class NodeFaults:
     def _look(self) -> None:
         if self._ended:
             return
-        # Each call is also an event of the bus, after which the loop checks whether the ECU has its pressures.
+        # Each call is also an event of the bus; after each event the loop checks whether the ECU has its pressures.
         for port in self._babbling:
             port.look()
         self._bus.call_at(self._bus.now_ns + LOOK_NS, self._look)
 
 
 class _Babbling(WrappedBus):
-    """A port with a babbling fault, which also sends between the node's calls; it stores the node's received frames."""
+    """A port with a babbling fault. It also sends between the node's calls, and stores the frames that the node receives."""
 
     def __init__(self, port: Bus) -> None:
         super().__init__(port)

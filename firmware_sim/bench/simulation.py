@@ -83,7 +83,7 @@ class Simulation:
         sensors = bundle.manifest.sensors
         self._disturbances.check(config, sensors, duration_s=total * config.period_ns / 1e9)
         self._authentication = authentication_in_virtual_time(config.bus)
-        # Check the background traffic first: a bus that refuses it needs no ECU.
+        # The background traffic is checked first, because no ECU is needed if the bus cannot carry this traffic.
         background(config.bus.background, config.bus, [spec.frame_id for spec in message_set(config.bus).specs])
         self._ecu = self._python_ecu(bundle, controller, config) if ecu is None else ecu
         if calibration is not None:

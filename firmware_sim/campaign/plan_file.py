@@ -79,7 +79,7 @@ def whole_plan(users: Sequence[Path], place: Place) -> tuple[Scenario, ...]:
 
 
 def read_plan(source: Traversable, place: Place) -> tuple[Scenario, ...]:
-    """Read the scenarios of one file; raises ConfigError as `whole_plan` does."""
+    """Read the scenarios of one file; raises ConfigError for an invalid entry, like `whole_plan`."""
     tree = read_toml(source, "plan")
     try:
         plan = typed(tree, _PlanForm)

@@ -26,7 +26,7 @@ from firmware_sim.bench.vehicle_node import VehicleNode
 from wake.plant.drive import Drive
 
 LEAD_IN_NS: Final = 50_000_000
-"""Time from the start of the loop to its first sampling instant."""
+"""Time in ns from the start of the loop to its first sampling instant."""
 _ROOM: Final = 4096
 """Largest number of frames that are stored in a period: the number in a second on a fully loaded classic bus."""
 WRITTEN_EVERY: Final = 500

@@ -86,7 +86,7 @@ class VehicleLoop:
         self._deadlines = self._deadlines.after(self._now_ns())
 
     def finish(self) -> None:
-        """Wait for the end of the last period, whose command counts; then shut the jets and withdraw the request."""
+        """Wait for the end of the last period and apply its command; then shut the jets and withdraw the request."""
         due_ns = self._next_instant()
         if self._has_begun:
             self._end_period(due_ns)
