@@ -244,7 +244,8 @@ class Disturbances:
         return config if other is None else replace(config, body=other.instead_of(config.body))
 
     def check(self, config: Config, sensors: tuple[str, ...], *, duration_s: float) -> None:
-        """Check the disturbances. Raises ConfigError for a disturbance that could not act in this run with these sensors."""
+        """Check the disturbances. Raises ConfigError for a disturbance that could not act in this run with these
+        sensors."""
         check_faults([one for one in self.items if isinstance(one, NodeFault)], config.bus, duration_s=duration_s)
         for one, text in zip(self.items, self.texts, strict=True):
             if isinstance(one, NodeFault):

@@ -50,7 +50,7 @@ bus_notifications |  | Boolean | | 0 | Whether the bus confirms frames and tells
 step_offset       |  | Float64 | s | 0 | From the start to the ECU's first step; shorter than a control period
 compute_time      |  | Float64 | s | 0 | From a step to the ECU's frames; shorter than a control period
 """
-"""Parameters of an FMU with a bus terminal; the columns are those of the inputs."""
+"""Parameters of an FMU with a bus terminal; the table has the same columns as the table of the inputs."""
 _OUTPUTS: Final = """
 flow_command   | command.Flow           | Float64     | m2/s   |    | Jet flow rate per unit span to be reached
 next_period    | command.NextPeriod     | Boolean     |        |    | Reached in the next control period, not in this
