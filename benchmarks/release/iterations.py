@@ -3,7 +3,7 @@ iterations.
 
     python -m benchmarks iterations [--workers 2] [--json FILE]
 
-A release's iterations act on the terms of a cost that its prior does not know (`unknown_to_prior` in
+A release's iterations act on the terms of a cost for which its prior was not trained (`unknown_to_prior` in
 `contract.controller.goal`). So the run without iterations uses the same release, with the weights of these terms set to
 0. If these weights are 0 in a case anyway, no iteration acts, both runs have the same inputs, and no run is made. Every
 other case has its own cost: the case's weights applied to the flow of the whole averaged time. Both runs of a pair
@@ -65,7 +65,7 @@ CASES: Final = (
     Case("smoothness of 300", {"smoothness": 300.0}),
 )
 NONE: Final = {"drag_fluctuation": 0.0, "lift_mean": 0.0, "smoothness": 0.0, "rate": 0.0, "prior": 0.0}
-"""Weights that the prior does not know, with the values that they have in the runs without iterations."""
+"""Weights with which the prior was not trained, and their values in the runs without iterations."""
 
 
 def main(

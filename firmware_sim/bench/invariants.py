@@ -257,8 +257,8 @@ class Invariants:
             if not isinstance(one, NodeFault):
                 continue
             if isinstance(one.fault, StuckAt) and not one.fault.counter_runs:
-                # A repeated buffer matters only if it holds pressures: frames that the vehicle sends, or that the ECU
-                # receives.
+                # A repeated buffer matters only if it has pressures. These are sent by the vehicle and received by the
+                # ECU, so faults at the two other places are left out.
                 if (one.node == "vehicle") == (one.fault.at == "send"):
                     hidden_s += min(one.fault.end_s - one.fault.start_s, _LONGEST_S)
             elif one.node == "ecu":

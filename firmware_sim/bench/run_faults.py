@@ -118,7 +118,7 @@ class NodeFaults:
 
 
 class _Babbling(WrappedBus):
-    """A port with a babbling fault. It also sends between the node's calls, and stores frames that the node receives."""
+    """A port with a babbling fault. It also sends between the node's calls and stores frames that the node receives."""
 
     def __init__(self, port: Bus) -> None:
         super().__init__(port)

@@ -156,7 +156,7 @@ class VehicleNode:
     def apply_commands(self, frames: Sequence[Frame]) -> Actuation:
         """Return the jets' action after the frames of one control period.
 
-        Without a valid command the vehicle holds the last action for as long as the ECU itself would hold it; then the
+        Without a valid command the vehicle keeps the last action for `ecu.hold_periods` periods, like the ECU; then the
         jets shut. The jets shut immediately if the vehicle no longer wants control, or if it gives up control because
         too many commands were missing. A command for the next period acts in the next period.
         """
