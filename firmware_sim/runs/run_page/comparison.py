@@ -46,8 +46,8 @@ _FIGURES: Final = (
 
 
 class Cell(NamedTuple):
-    """A figure of one run as text, and its difference from the first run's figure: `_SAME` for zero, empty for no
-    difference."""
+    """A figure of one run as text, and its difference from the first run's figure. The difference is `_SAME` for zero,
+    and empty for the first run or if a figure is missing."""
 
     value: str
     difference: str
