@@ -152,7 +152,7 @@ def measure_core(weights: int, compiler: Sequence[str]) -> CoreLimits:
 
 
 def _rate(loop: Callable[[int], None]) -> float:
-    """Return the passes per second of a loop. The result is the best of several measurements, because it serves as a
+    """Return the passes per second of a loop. The result is the best of several measurements, because it is used as a
     limit."""
     times = 1
     while (took := _least(loop, times, 3)) < _SECONDS:

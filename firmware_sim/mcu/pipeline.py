@@ -148,7 +148,7 @@ def _kind(mnemonic: str) -> tuple[str, int, int]:
 
 
 def _accumulators(instruction: Any) -> set[int]:
-    """Return the registers that a multiply-accumulate adds to. It needs them one cycle later than its factors."""
+    """Return the registers to which a multiply-accumulate adds; these are needed one cycle later than its factors."""
     operands = [int(operand.reg) for operand in instruction.operands]
     if instruction.mnemonic.startswith(("smlal", "umlal")):
         return set(operands[:2])
