@@ -1,1 +1,1 @@
-"""Measurements and the tables made from them: `python -m benchmarks NAME`, then `make tables`."""
+"""Measurements, and the tables made from their results: `python -m benchmarks NAME`, then `make tables`."""

@@ -3,9 +3,9 @@
     python -m benchmarks                      # lists the measurements
     python -m benchmarks NAME [options]       # runs one; --help lists its options
 
-A measurement is a module with a function `main`, whose parameters are its options. It prints tables, and with `--json
-FILE` also writes its figures with their settings, versions and machine. The documents' tables are made from
-`results/NAME.json`, with underscores in place of the name's dashes.
+A measurement is a module with a function `main`, whose parameters are the options. The measurement prints tables; with
+`--json FILE` it also writes its figures with settings, versions and machine. The documents' tables are made from
+`results/NAME.json`, where the file's name has underscores in place of dashes.
 """
 
 import sys
@@ -27,7 +27,8 @@ class Measurement:
     """One line in the list of measurements.
 
     Attributes:
-        module: module with the `main`; imported only when it runs, because each measurement needs other packages.
+        module: module with the function `main`. It is imported only when the measurement runs, because each measurement
+            needs other packages.
         text: description of the measurement.
         takes: rough duration on two cores; empty if it is not known.
     """
@@ -68,7 +69,8 @@ PAGES: Final = {
 
 
 def main(arguments: list[str]) -> None:
-    """Run the measurement that the first argument names, with the others as options; exit like `stillwake`."""
+    """Run the measurement whose name is the first argument, with the other arguments as its options; exit like
+    `stillwake`."""
     ends_like_ctrl_c()
     sys.exit(status_of(lambda: _run(arguments)))
 

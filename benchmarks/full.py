@@ -1,9 +1,11 @@
-"""The production of every file in `results/` by the commands of `full.toml`; `make full` runs this after the tests.
+"""The production of every file in `results/` with the commands in `full.toml`; `make full` runs this module after the
+tests.
 
     python -m benchmarks full [--resume] [--only NAME] [--list]
 
-A file made by a command gets a stamp: the release and the C sources that its figures depend on, the version, and the
-duration. The stamps let a test find files of an earlier release, and let `--resume` find the files still to be made.
+A file made by a command gets a stamp: the release and the C sources on which its figures depend, the version, and the
+duration. With the stamps, a test finds files of an earlier release, and `--resume` finds the files that are still to be
+made.
 """
 
 import hashlib
@@ -42,13 +44,14 @@ RESULTS: Final = ROOT / "results"
 PLAN: Final = Path(__file__).with_suffix(".toml")
 RELEASE: Final = "release"
 _OF_ECU: Final = {"ecu": "", "secoc": "secoc", "store": "store", "loader": "loader", "board": "board"}
-"""Folders of `ecu/c` by their names in the plan; all other names are folders of the control step."""
+"""Folders of `ecu/c` by their names in the plan; every other name in the plan is a folder of the control step."""
 _COMMENT: Final = re.compile(rb"/\*.*?\*/", re.DOTALL)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Figures:
-    """A file in `results/` and the command that makes it, from a table in `full.toml`, which explains the fields."""
+    """A file in `results/` and the command that makes it. Both are read from a table in `full.toml`, which explains the
+    fields."""
 
     name: str
     run: str
@@ -63,12 +66,12 @@ class Figures:
         return RESULTS / f"{self.name}.json"
 
     def stamp(self) -> dict[str, Any]:
-        """Return the stamp of a file of the present release, sources and version."""
+        """Return the stamp of a file that would be made now, with the present release, sources and version."""
         of = {name: release() if name == RELEASE else sources_hash(name) for name in self.of}
         return {"version": versions("stillwake")["stillwake"], "of": of}
 
     def is_current(self) -> bool:
-        """Return whether the file is of the present release and sources, and of the present minor version."""
+        """Return whether the file was made with the present release and sources, and with the present minor version."""
         there, present = made(self.file), self.stamp()
         minor, its_minor = (str(stamp.get("version")).rpartition(".")[0] for stamp in (present, there))
         return its_minor == minor and bool(there["of"] == present["of"])
@@ -86,7 +89,7 @@ def _tuples(fields: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def made(file: Path) -> dict[str, Any]:
-    """Return a file's stamp; empty if it has none."""
+    """Return the stamp in a file; empty if the file has no stamp."""
     if not file.is_file():
         return {}
     found: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))["facts"].get(STAMP, {})
@@ -155,7 +158,7 @@ def _status(command: str) -> int:
 
 def _stamp(one: Figures, minutes: float, before: float | None) -> None:
     content = json.loads(one.file.read_text(encoding="utf-8"))
-    # A campaign that continued an earlier one does not show how long a whole campaign takes.
+    # The duration of a campaign that continued an earlier campaign is not the duration of a whole campaign.
     is_rest = before is not None and content["facts"].get("runs", {}).get("kept", 0) > 0
     content["facts"][STAMP] = {**one.stamp(), "minutes": before if is_rest else minutes}
     with replacing(one.file) as temporary:

@@ -1,7 +1,9 @@
-"""Fill every table of README.md and `docs/` from `results/*.json`: `make tables`, after the results have changed.
+"""Fill every table of README.md and `docs/` from `results/*.json`; `make tables` runs this module after results have
+changed.
 
-A page has a place for a table between `<!-- table NAME -->` and `<!-- end -->`; the folders' functions `tables` return
-the tables by these names. Pages are found by these places, so a table can move to another page without a change here.
+A page has a place for a table between `<!-- table NAME -->` and `<!-- end -->`; the functions `tables` of the folders
+return the tables by these names. Pages are found by these places, so a table can move to another page without a change
+here.
 """
 
 from pathlib import Path
@@ -39,11 +41,12 @@ SOURCES = {
     "roads": "roads", "runtimes": "runtimes", "sensor_check_alarms": "sensor_check",
     "sensor_check_faults": "sensor_check", "square": "square", "steps": "wake_speed", "summary": "demo",
 }  # fmt: skip
-"""Results file whose date, version and release are stated below a table; for several files, the file of most rows."""
+"""Results file whose date, version and release are stated below a table. If a table is made from several files, this is
+the file of most of its rows."""
 
 
 def tables(results: Path) -> dict[str, str]:
-    """Return every table by its marker. Raises ValueError if two folders have a table of the same name."""
+    """Return every table by its marker in the pages. Raises ValueError if two folders have a table of the same name."""
     made: dict[str, str] = {}
     for folder in FOLDERS:
         of_folder = folder.tables(results)
@@ -56,7 +59,7 @@ def tables(results: Path) -> dict[str, str]:
 
 
 def _origin(path: Path) -> str:
-    """State when a table was measured, with which version and which release, as far as its file has these facts."""
+    """Return a sentence with the date, version and release of a table's measurement, as far as its file states them."""
     found = read(path)
     facts = found["facts"]
     bundle = facts.get("bundle_name") or facts.get("bundle") or facts.get("controller") or ""
@@ -72,7 +75,7 @@ def pages() -> list[Path]:
 
 
 def filled(page: Path, made: dict[str, str]) -> str:
-    """Return the page with its tables replaced."""
+    """Return the page with the text in its places replaced by the tables."""
     return fill(_read(page), made)
 
 

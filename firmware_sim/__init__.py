@@ -1,1 +1,2 @@
-"""A simulated vehicle around an ECU: closed loop, campaigns, latency, files of runs, emulated microcontroller."""
+"""A simulated vehicle around an ECU: closed loop, campaigns, latency measurement, files of runs, emulated
+microcontroller."""

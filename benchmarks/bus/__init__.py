@@ -1,1 +1,1 @@
-"""Measurements of the bus: codec, protection, response times, reception under attack, command gate."""
+"""Measurements of the bus: codec, protection, response times, reception under attack, and command gate."""

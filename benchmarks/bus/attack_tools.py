@@ -3,8 +3,9 @@
     pip install scapy
     python -m benchmarks attack-tools [--json FILE]
 
-The ECU is `stillwake ecu --slots` with the shipped release in a separate process, with classic frames for the scanners.
-The benchmark fails if they find a service or identifier that the diagnosis page does not list, or unlock a level.
+The ECU is `stillwake ecu --slots` with the shipped release in a separate process. It uses classic frames for the
+scanners. The benchmark fails if the scanners find a service or identifier that the diagnosis page does not list, or
+unlock a level.
 """
 
 import json
@@ -29,14 +30,16 @@ from contract.shipped import BUNDLE
 BUS: Final = ("udp_multicast", "239.74.163.78")
 XCP_IDS: Final = range(0x7C8, 0x7E0)
 ISOTP_IDS: Final = range(0x7D8, 0x7F0)
-"""Identifiers for the ISO-TP scan, without those of XCP, whose error frames confuse the scanner."""
+"""Identifiers for the ISO-TP scan. The identifiers of XCP are left out, because their error frames confuse the
+scanner."""
 DIDS: Final = (*range(0xF100, 0xF200), *range(0xFD00, 0xFD40))
 ABSENT: Final = (0x11, 0x7F)
-"""Negative response codes of a service that does not exist, or not in this session."""
+"""Negative response codes for a service that does not exist at all, and for a service that does not exist in this
+session."""
 
 
 def main(json_file: JsonFile = None) -> None:
-    """Run the scans, print the results, and fail if the scanners learned more than they may."""
+    """Run the scans, print the results, and fail if the scanners learned more than the diagnosis page states."""
     with tempfile.TemporaryDirectory(prefix="stillwake-") as folder, _ecu(Path(folder)):
         figures = _scan()
     table = Table("learned", "")
@@ -55,7 +58,7 @@ def main(json_file: JsonFile = None) -> None:
 
 @contextmanager
 def _ecu(place: Path) -> Iterator[None]:
-    """Provision and run the ECU; fails if the scans ended it."""
+    """Provision and run the ECU; fail if the scans made it end."""
     root, keys, slots, access = (str(place / name) for name in ("root", "keys.list", "slots", "access.key"))
     trusted = ROOT / "contract" / "release" / "release.pub"
     stillwake("keygen", root)

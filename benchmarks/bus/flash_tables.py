@@ -1,4 +1,4 @@
-"""The tables of flashing: effects of cut supplies, and the time of a transfer."""
+"""The tables of flashing: effects of interrupted supplies, and the time of a transfer."""
 
 from pathlib import Path
 from typing import Any, Final
@@ -15,11 +15,12 @@ _LOST: Final = {
 }
 
 _LONG_MS: Final = 3.0
-"""Smallest modelled time in ms of a piece of flashing in the table; no period is near its end in a shorter one."""
+"""Smallest modelled time in ms for which a piece of flashing appears in the table. A shorter piece does not bring a
+control period near its end."""
 
 
 def tables(results: Path) -> dict[str, str]:
-    """Return every table by its marker."""
+    """Return every table by its marker in the pages."""
     found = read(results / "flash.json")
     return {
         "flash_proof": proof(found),
@@ -31,7 +32,7 @@ def tables(results: Path) -> dict[str, str]:
 
 
 def proof(found: dict[str, Any]) -> str:
-    """Return the table of supply cuts with a folder as store, and of the resulting losses."""
+    """Return the table of the interruptions of the supply, with a folder as the store, and of the resulting losses."""
     of, facts = found["figures"], found["facts"]
     texts = {
         "operations": "changing calls of the whole sequence",
@@ -49,7 +50,7 @@ second cuts are drawn by the seed."""
 
 
 def in_c(found: dict[str, Any]) -> str:
-    """Return the table of the loader in C: counts of its proof, and its memory."""
+    """Return the table of the loader in C: counts of its test with interrupted supplies, and its memory."""
     of = found["figures"]
     texts = {
         "cuts_depth_1": "first cuts of the supply",
@@ -74,7 +75,7 @@ def in_c(found: dict[str, Any]) -> str:
 
 
 def in_states(found: dict[str, Any]) -> str:
-    """Return the table of the requests to both ECUs in all states of diagnosis."""
+    """Return the table of requests to the ECUs in Python and in C in all states of diagnosis."""
     of = found["figures"]
     texts = {
         "requests": "requests to both ECUs",
@@ -88,7 +89,7 @@ def in_states(found: dict[str, Any]) -> str:
 
 
 def pieces(found: dict[str, Any]) -> str:
-    """Return the table of the time that diagnosis takes from control on the emulated board."""
+    """Return the table of the computing time that diagnosis takes away from control on the emulated board."""
     of, facts = found["figures"], found["facts"]
     clocks = next(iter(of.values()))
     rows = [(what, *(f"{ms:.2f}" for ms in at.values())) for what, at in of.items() if max(at.values()) > _LONG_MS]
@@ -99,7 +100,7 @@ Measured on {found["date"]}: {release}, control periods of {facts["period_ms"]:g
 
 
 def times(found: dict[str, Any]) -> str:
-    """Return the table of the last timing of the shipped release's transfer over the simulated bus."""
+    """Return the table of the latest timing of a transfer of the shipped release over the simulated bus."""
     of = found["figures"]
     rows = [
         (

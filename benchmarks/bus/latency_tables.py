@@ -13,12 +13,13 @@ HEADS: Final = ("", "p50", "p99", "p99.9", "max", "misses", "p50", "p99", "p99.9
 
 
 def tables(results: Path) -> dict[str, str]:
-    """Return the table by its marker."""
+    """Return the table by its marker in the pages."""
     return {"latency": latency(read(results / "latency.json"))}
 
 
 def latency(found: Any) -> str:
-    """Return a table with a row for each stage and the idle loop: ONNX Runtime left, C right; verdicts below."""
+    """Return a table with a row for each stage and for the idle loop. ONNX Runtime is in the left columns, C in the
+    right columns; the verdicts are below the table."""
     runs = [found["figures"][name] for name in CONTROLLERS]
     rows = [
         (LABELS[stage], *(cell for run in runs for cell in _cells(run["stages"][stage], _misses(run, stage))))

@@ -1,4 +1,4 @@
-"""The table of bus load and worst-case response times of the project's messages, without and with other traffic."""
+"""The table of bus load and worst-case response times of the project's messages, with and without other traffic."""
 
 from pathlib import Path
 from typing import Any, Final
@@ -12,12 +12,12 @@ HEADS: Final = (
 
 
 def tables(results: Path) -> dict[str, str]:
-    """Return the table by its marker."""
+    """Return the table by its marker in the pages."""
     return {"can_load": can_load(results)}
 
 
 def can_load(results: Path) -> str:
-    """Return a table with a row for each of the project's messages, and the bus's total load below it."""
+    """Return a table with a row for each of the project's messages, with the bus's total load below the table."""
     rows, lines = [], []
     for name in SETS:
         alone, loaded = (read(results / f"can_load_{name}{end}.json") for end in ("", "_90"))

@@ -15,7 +15,8 @@ HEADLINES: Final = {
     "gate_mutants": "faults planted in the command gate",
     "gate_mutants_survived": "of these, not found by a test",
 }
-"""Label of each headline figure from `results/bus.json` and from the finished studies in `results/bus_studies.json`."""
+"""Label of each headline figure; the figures are from `results/bus.json` and from the finished studies in
+`results/bus_studies.json`."""
 RUNS: Final = {
     "CAN FD": "demo",
     "classic CAN": "bus_classic",
@@ -23,18 +24,18 @@ RUNS: Final = {
     "CAN FD, 30 % other traffic": "bus_busy_30",
     "CAN FD, 90 % other traffic": "bus_busy_90",
 }
-"""Results files of closed loops, by their kind of bus."""
+"""Results files of closed loops by the label of their bus."""
 
 FAULTED: Final = {
     "as they are": "demo",
     **{f"{late} ms late": f"bus_late_{late}" for late in (20, 40, 60)},
     **{f"{share} % lost": f"bus_loss_{share:02}" for share in (5, 10, 25, 50)},
 }
-"""Results files of closed loops, by the disturbance of their pressures."""
+"""Results files of closed loops by the disturbance of their pressures."""
 
 
 def tables(results: Path) -> dict[str, str]:
-    """Return every table by its marker."""
+    """Return every table by its marker in the pages."""
     found = read(results / "bus.json")
     found["figures"] |= read(results / "bus_studies.json")["figures"]
     return {
@@ -76,7 +77,7 @@ Forged, replayed, reflected and mutated frames: {accepted} of {forged["tried"]:,
 
 
 def attack_tools(results: Path) -> str:
-    """Return the table of what scapy's scanners learned."""
+    """Return the table of the information that scapy's scanners found."""
     found = read(results / "attack_tools.json")
     figures, versions = found["figures"], found["facts"]["versions"]
     texts = {
@@ -134,7 +135,8 @@ def bus_faults(results: Path) -> str:
 
 
 def _names(waits: dict[str, float]) -> list[str]:
-    """Return the messages of any set by priority; runs of earlier versions have no speed."""
+    """Return the names of the messages in the order of their priority in any message set; runs of earlier versions have
+    no speed message."""
     return sorted(waits, key=lambda name: ("Pressure", "VehicleSpeed", "JetCommand", "EcuStatus").index(_base(name)))
 
 

@@ -1,1 +1,1 @@
-"""The common parts of the measurements: commands, tables in Markdown, stored parts, pictures."""
+"""The parts that the measurements share: commands, tables in Markdown, stored results, pictures."""

@@ -1,4 +1,4 @@
-"""The common parts of the benchmarks' command lines: options, the two consoles, and the output of figures."""
+"""The parts that the benchmarks' command lines share: options, the two consoles, and the output of figures."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sized
 from datetime import date
@@ -15,9 +15,9 @@ from stillwake.console.terminal import make_console
 T = TypeVar("T")
 
 console: Final = make_console()
-"""Console for tables, which can be redirected."""
+"""Console for tables; its output can be redirected."""
 bars: Final = make_console(stderr=True)
-"""Console for progress bars, which are not part of the result."""
+"""Console for progress bars; its output is not part of the result."""
 
 JsonFile = Annotated[Path | None, typer.Option("--json", help="Write the figures and their settings here, too.")]
 Model = Annotated[
@@ -30,7 +30,7 @@ save: Final = save_json
 
 
 def report(json_file: Path | None, figures: Any, facts: Mapping[str, Any], *tables: Callable[[Any], str]) -> None:
-    """Write the figures with `save`, and print the documents' tables that are made from them."""
+    """Write the figures with `save`, and print the tables that the documents contain for these figures."""
     found = {"date": date.today().isoformat(), "figures": figures, "facts": facts}
     for made in tables:
         console.print(made(found), markup=False, highlight=False, soft_wrap=True)
@@ -38,11 +38,11 @@ def report(json_file: Path | None, figures: Any, facts: Mapping[str, Any], *tabl
 
 
 MODEL: Final = SHIPPED
-"""Folder of the model in the shipped bundle."""
+"""Folder of the model from which the shipped bundle was exported."""
 
 
 def track(items: Iterable[T], label: str, unit: str, total: int | None = None) -> Iterator[T]:
-    """Yield the items and show progress: a bar, or lines without a terminal."""
+    """Yield the items and show the progress as a bar, or as lines if the output is not a terminal."""
     total = len(items) if total is None and isinstance(items, Sized) else total
     # An item may take minutes, so the speed is averaged over the last hour.
     with progress(unit, estimate_over=3600.0, console=bars) as report:

@@ -1,4 +1,4 @@
-"""Calls of `stillwake` commands, as a user would type them, as steps of a longer measurement."""
+"""Calls of `stillwake` commands as steps of a longer measurement, with the arguments that a user would type."""
 
 import subprocess
 import sys
@@ -10,17 +10,19 @@ from contract.errors import StillwakeError
 ROOT: Final = Path(__file__).resolve().parents[2]
 
 LOOP: Final = ("Cd_controlled", "reduction_percent", "abs_Cl_controlled", "mean_Cl_controlled", "rms_action")
-"""Figures of `stillwake run --json` for the comparison of controllers."""
+"""Figures of `stillwake run --json` by which controllers are compared."""
 
 
 def stillwake(*arguments: object) -> None:
-    """Run one command of this source tree, whose messages go to the terminal. Raises StillwakeError if it fails."""
+    """Run one command of this source tree, which writes its messages to the terminal. Raises StillwakeError if the
+    command fails."""
     words = [str(argument) for argument in arguments]
     with subprocess.Popen([sys.executable, "-m", "stillwake", *words]) as process:
         try:
             status = process.wait()
         except BaseException:
-            # The command has to delete its own temporary files, so a stop that reached only this process is passed on.
+            # The command has to delete its own temporary files, so it must be told to stop if a signal reached only
+            # this process.
             process.terminate()
             process.wait()
             raise

@@ -1,4 +1,5 @@
-"""The documents' pictures: their folder, how they are written, and the text by which a test finds outdated pictures."""
+"""The documents' pictures: their folder, the function that writes them, and the text by which a test finds outdated
+pictures."""
 
 import hashlib
 import json
@@ -15,11 +16,12 @@ PICTURES: Final = ROOT / "docs" / "pictures"
 SOURCE: Final = "Source"
 """Name of the text in a PNG that identifies its results file."""
 STAMP: Final = "made"
-"""Name of the fact in a results file that states its release and sources, so that a test can find outdated files."""
+"""Name of the fact in a results file that states the release and sources of its figures, so that a test can find
+outdated files."""
 
 
 def draw(figures: Mapping[str, Figure], source: Path, folder: Path = PICTURES) -> None:
-    """Write figures, by file name, that were drawn from one results file."""
+    """Write figures that were drawn from one results file; `figures` maps file names to figures."""
     for name, figure in figures.items():
         with replacing(folder / f"{name}.png") as temporary:
             figure.savefig(temporary, format="png", metadata={SOURCE: source_text(source)})
@@ -28,7 +30,8 @@ def draw(figures: Mapping[str, Figure], source: Path, folder: Path = PICTURES) -
 def source_text(source: Path) -> str:
     """Return the text that identifies a picture's results file: its path in the project and its SHA-256.
 
-    The hash does not include the stamp, which `benchmarks.full` adds to a file after everything made from it.
+    The hash does not include the stamp, because `benchmarks.full` adds the stamp to a file after all pictures and
+    tables were made from it.
     """
     place = source.relative_to(ROOT).as_posix() if source.is_relative_to(ROOT) else source.name
     content = json.loads(source.read_text(encoding="utf-8"))

@@ -2,9 +2,10 @@
 
     python -m benchmarks bounds --json results/bounds.json
 
-The firmware is the shipped release's with loader, diagnosis, calibration and a key of the bus, as GCC reports it
-(`benchmarks.controller.whole_program`). GCC proves most bounds of loops; `bounds.toml` has the reason for each other
-one. An unknown loop, a recursion or a call through a pointer to no known function is an error.
+The firmware is that of the shipped release with loader, diagnosis, calibration and a key of the bus, as GCC reports it
+(`benchmarks.controller.whole_program`). GCC proves the bounds of most loops; `bounds.toml` states the reason for each
+bound that GCC does not prove. An unknown loop, a recursion, or a call through a pointer that reaches no known function
+is an error.
 """
 
 import io
@@ -42,11 +43,12 @@ from stillwake.parts.c_release import library_folder
 
 REASONS: Final = Path(__file__).with_name("bounds.toml")
 LARGEST_PROVED: Final = 4095
-"""Passes of a loop. GCC's larger bounds are those of a type, or of the memory, and say nothing: a reason is needed."""
+"""Largest number of passes of a loop for which GCC's proof is accepted. Larger bounds only reflect the range of a type
+or the size of the memory, so such loops need a reason in `bounds.toml`."""
 EXCEPTION_FRAME: Final = 108
-"""Bytes that the core pushes for an exception, floating-point registers and alignment included (Armv7-M, B1.5.6)."""
+"""Bytes that the core pushes for an exception, including floating-point registers and alignment (Armv7-M, B1.5.6)."""
 _EXCEPTIONS: Final = ("sw_board_unexpected", "sw_board_tick")
-"""The handlers in the vector table. Interrupts are masked; a fault or an NMI is not."""
+"""The handlers in the vector table. Interrupts are masked, but a fault or an NMI can still occur."""
 _START: Final = "sw_board_start"
 _LOADER: Final = b"".join(
     b"#define SW_BOARD_%s %s\n" % (name, value)
@@ -55,21 +57,24 @@ _LOADER: Final = b"".join(
         (b"SERIAL", b'"s"'), (b"SOFTWARE", b'"s"'),
     )
 )  # fmt: skip
-"""Equipment with keys of zeros: they do not change the code."""
+"""Equipment header whose keys are zeros, because the values of the keys do not change the code."""
 _KEY: Final = f"#define SW_BOARD_BUS_KEY {{{', '.join(map(str, KEY_BYTES))}}}\n".encode()
 _WORD: Final = 4
 
 
 @dataclass(frozen=True, kw_only=True)
 class Bounds:
-    """What was found.
+    """The bounds of a firmware.
 
     Attributes:
-        loops: a line for each loop: function, place, largest number of passes, and why if GCC does not prove it.
-        proved, reasoned, waits: numbers of loops by kind; `waits` have no bound by design.
-        functions, pointed_at: numbers of functions, and of those that are called through pointers.
-        stack_b: bytes of the deepest stack, exception included.
-        stack_of: the chain of calls that needs it.
+        loops: a line for each loop: function, place, largest number of passes, and the reason if GCC does not prove
+            this number.
+        proved: number of loops whose bound GCC proves.
+        reasoned: number of loops whose bound has a reason in `bounds.toml`.
+        waits: number of loops that wait, and so have no bound by design.
+        functions, pointed_at: number of all functions, and number of the functions that are called through pointers.
+        stack_b: bytes of the deepest stack, including an exception.
+        stack_of: the chain of calls that needs the deepest stack, without the exception.
     """
 
     loops: tuple[str, ...]
@@ -83,7 +88,8 @@ class Bounds:
 
 
 def main(json_file: JsonFile = None) -> None:
-    """Report the bounds of the fullest firmware, and beside them the measured stack of the release's alone."""
+    """Report the bounds of the firmware with all parts, and the measured stack of the release's firmware without loader
+    and key."""
     config, bundle = load_config(), load_bundle(BUNDLE)
     with library_folder(None) as folder:
         sources, rows = read_sources(folder, board=True), read_recorded(folder)
@@ -106,12 +112,12 @@ def main(json_file: JsonFile = None) -> None:
 
 
 def bounds(program: WholeProgram, reasons: Mapping[str, Any] | None = None) -> Bounds:
-    """Check a firmware and return its bounds. Raises McuError with every loop without a bound, every recursion and
-    every unresolved call.
+    """Check a firmware and return its bounds. Raises McuError that lists every loop without a bound, every recursion
+    and every unresolved call.
 
     Args:
         program: the firmware.
-        reasons: contents of `bounds.toml`; if None, that file.
+        reasons: contents of `bounds.toml`; if None, they are read from the file.
     """
     known = tomllib.loads(REASONS.read_text(encoding="utf-8")) if reasons is None else reasons
     lines = {loop: _line(loop, known) for loop in program.loops}
@@ -138,7 +144,7 @@ def bounds(program: WholeProgram, reasons: Mapping[str, Any] | None = None) -> B
 
 
 def recursions(calls: Calls) -> list[tuple[str, ...]]:
-    """Return the circles of calls: each begins and ends with the same function."""
+    """Return the circular chains of calls; each chain begins and ends with the same function."""
     finished, found = set[str](), list[tuple[str, ...]]()
 
     def visit(name: str, path: tuple[str, ...]) -> None:
@@ -155,10 +161,11 @@ def recursions(calls: Calls) -> list[tuple[str, ...]]:
 
 
 def deepest(calls: Calls, start: str, runtime: int) -> tuple[int, list[str]]:
-    """Return the bytes of the deepest stack below a function, and its chain of calls; there must be no recursion.
+    """Return the bytes of the deepest stack of a function with all its calls, and its chain of calls; there must be no
+    recursion.
 
     Args:
-        runtime: bytes of stack that a function which the compiler adds needs at most.
+        runtime: bytes of stack that any function of the compiler's runtime needs at most.
     """
     known = dict[str, tuple[int, list[str]]]()
 
@@ -173,7 +180,8 @@ def deepest(calls: Calls, start: str, runtime: int) -> tuple[int, list[str]]:
 
 
 def stack_of(built: Built) -> tuple[int, tuple[str, ...]]:
-    """Return the bytes of a firmware's deepest stack, an exception at the worst place included, and its calls."""
+    """Return the bytes of a firmware's deepest stack, including an exception at the worst place, and the chain of calls
+    that leads to this place."""
     runtime = _stack_of_runtime(built)
     named = {name.split(" ")[0]: name for name in built.calls.stack}
     depth, chain = deepest(built.calls, named[_START], runtime)
@@ -186,7 +194,7 @@ def _is_open(loop: Loop) -> bool:
 
 
 def _line(loop: Loop, known: Mapping[str, Any]) -> str | None:
-    """Return a loop's line of the table; None if it has no bound."""
+    """Return a loop's line in the table; None if the loop has no bound."""
     what = f"{loop.function} {loop.place.rpartition(':')[2]}"
     if not _is_open(loop):
         return f"{what}: {loop.most}"
@@ -199,8 +207,9 @@ def _line(loop: Loop, known: Mapping[str, Any]) -> str | None:
 
 
 def _stack_of_runtime(built: Built) -> int:
-    """Return the deepest stack of a function of the compiler's runtime, from the instructions of those that are called:
-    GCC reports none. One of them may go on in the next, so that all need as much as the deepest."""
+    """Return the bytes of the deepest stack of the called functions of the compiler's runtime. GCC reports no stack for
+    these functions, so it is computed from their instructions. Each of these functions counts with this depth, because
+    one may continue in another."""
     called = {name for names in built.calls.calls.values() for name in names} - built.calls.stack.keys()
     elf: Any = ELFFile(io.BytesIO(built.image))
     text, table = elf.get_section_by_name(".text"), next(iter(elf.iter_sections("SHT_SYMTAB")))

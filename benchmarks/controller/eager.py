@@ -1,7 +1,7 @@
 """The paper's control method in eager PyTorch: modules, autograd, torch.optim.Adam, clamp.
 
-It shares no formula with the reference (gates, norms, derivatives and optimiser are all PyTorch's). So it is the
-independent truth of the parity tests, and its time is the benchmark's basis of comparison.
+This implementation shares no formula with the reference, because gates, norms, derivatives and optimiser are all
+PyTorch's. So the parity tests use it as an independent reference, and the benchmark compares all times with its time.
 """
 
 import numpy as np
@@ -15,7 +15,7 @@ from export.program.weights import Linear, Norm
 
 
 class EagerController:
-    """The control step of `controller.onnx`, differentiated by autograd in the given precision."""
+    """The control step of `controller.onnx`, differentiated by autograd, with numbers of the given precision."""
 
     def __init__(self, program: ControllerProgram, dtype: torch.dtype) -> None:
         self._program = program
@@ -51,7 +51,8 @@ class EagerController:
         self._force_std = self._tensor(program.scaling.force_std)
 
     def encode(self, window: Array) -> Tensor:
-        """Return the latent state (n_z,) of a window (L, S+1)."""
+        """Return the latent state, shape (n_z,), of a window of L rows with S sensors and the action, shape (L,
+        S+1)."""
         scaling = self._program.scaling
         mean, std = self._tensor(scaling.window_mean), self._tensor(scaling.window_std)
         rows = self._tensor(window)[-self._program.encoder_rows :]
@@ -60,7 +61,7 @@ class EagerController:
         return z
 
     def predict(self, z: Tensor, plan: Tensor) -> Tensor:
-        """Return the forces (H, 2) under a plan (H,)."""
+        """Return the forces over the horizon of H periods, shape (H, 2), under a plan, shape (H,)."""
         latents = []
         for a in plan / self._program.scaling.action_std:
             z = z + self._dynamics(torch.cat([z, a[None]]))
@@ -72,7 +73,8 @@ class EagerController:
         return forces
 
     def start(self, window: Array, committed: Tensor, chosen: Tensor, w: Tensor, speed: float, limit: float) -> Tensor:
-        """Return the optimiser's initial plan (H,): the prior as two products with the flattened past."""
+        """Return the optimiser's initial plan for H periods, shape (H,): the prior's two matrix products with the
+        flattened past."""
         prior = self._program.prior
         if prior is None:
             return committed
@@ -82,8 +84,9 @@ class EagerController:
         actions, plan = values[:, -1].roll(-1), list[Tensor]()
         rows = torch.column_stack([pairs, actions])[-memory:]
         filters, output, predictor = map(self._tensor, (prior.filters, prior.output, prior.predictor))
-        # The goal's inputs: the square roots of the weights on effort and lift, relative to 100 and 1 times the weight
-        # on drag, and a measure of how far the action limit is lowered, which is 1 at half of the limit.
+        # The goal's inputs are the square roots of the weights on effort and lift, relative to `DEAREST_EFFORT` and
+        # `DEAREST_LIFT` times the weight on drag, and a measure of how far the action limit is lowered. This measure is
+        # 1 at half of the limit.
         prices = torch.sqrt(w[[5, 2]] / (w[0] * self._tensor([DEAREST_EFFORT, DEAREST_LIFT])))
         share = limit / self._program.action_limit
         parts = [1.0, 2.5 * (speed - 1.0), *prices.clamp(max=1.0), min(1.0, 2.0 - 2.0 * share)]
@@ -102,7 +105,8 @@ class EagerController:
         return torch.stack(plan)
 
     def terms(self, forces: Tensor, plan: Tensor, previous_action: Tensor, start: Tensor | None = None) -> Tensor:
-        """Return the unweighted cost terms (8,); without `start` the plan counts as the initial plan."""
+        """Return the 8 unweighted cost terms, shape (8,); without `start`, the plan itself counts as the initial
+        plan."""
         cd, cl = forces.unbind(dim=-1)
         return torch.stack(
             [
@@ -126,7 +130,8 @@ class EagerController:
         speed: float = 1.0,
         limit: float | None = None,
     ) -> tuple[Array, Array, Array, float]:
-        """Return (new_plan, forces, terms, cost) as float64 arrays; arguments as in `contract.release.bundle`."""
+        """Return (new_plan, forces, terms, cost) as float64 arrays; `contract.release.bundle` describes the
+        arguments."""
         limit = min(self._program.action_limit, np.inf if limit is None else limit)
         w = self._tensor(self._program.mpc.weights.as_tuple() if weights is None else weights)
         previous_action = self._tensor(window[-1, -1])
@@ -138,7 +143,7 @@ class EagerController:
         start = committed = self.start(window, committed, chosen, w, speed, limit)
         asked = w.clone()
         if self._program.prior is not None:
-            asked[[0, 2, 5]] = 0.0  # drag, lift and effort, which the prior was trained for
+            asked[[0, 2, 5]] = 0.0  # drag, lift and effort: the prior was trained for these
         # Only the free actions are parameters, so the optimiser cannot change the committed actions.
         free_actions = committed[chosen].clone().requires_grad_(True)
         mpc = self._program.mpc

@@ -1,15 +1,15 @@
 """The lower limit of a control step's time on this core, from its arithmetic and its memory traffic.
 
-Two limits are measured by loops that do nothing else, on one thread:
+Two rates are measured by loops that do nothing else, on one thread:
 
 * multiply-accumulates per second: in float32 by one large matrix product in PyTorch, and in integers by products of
   int16 to int32 as in the int8 library, with all operands in the first-level cache;
-* bytes per second that one core reads repeatedly from an array of the networks' size, as a roll-out does.
+* bytes per second that one core reads when it repeatedly reads an array of the networks' size, as a roll-out does.
 
 No product of a step can be left out. A roll-out step cannot begin before the previous one has ended, so each roll-out
 step reads the dynamics' weights again. The decoder works on the whole horizon at once and reads its weights once per
-pass. The encoder reads the LSTM's weights for each row of the window. The lower limit is the larger of the two times;
-everything else in a step (norms, ELU, cost, Adam, calls) adds to it.
+pass. The encoder reads the LSTM's weights for each row of the window. The lower limit is the larger of the two times
+that follow from these rates. Everything else in a step (norms, ELU, cost, Adam, calls) adds to the lower limit.
 """
 
 import ctypes
@@ -59,11 +59,11 @@ float read_all(const float *from, size_t count, long times)
 }
 """
 _IN_FIRST_LEVEL: Final = 4096
-"""Number of operands that fit into the first-level cache: 16 KB of float."""
+"""Number of operands that fit into the first-level cache: 16 KB of floats."""
 _BLOCK: Final = 128
 _SQUARE: Final = 256
 _SECONDS: Final = 1e-3
-"""Time of a loop in s: short enough that many loops end before the scheduler interrupts one."""
+"""Time of a loop in s. It is so short that many loops end before the scheduler interrupts one."""
 _REPEATS: Final = 200
 
 
@@ -72,7 +72,8 @@ class CoreLimits:
     """Measured limits of one core.
 
     Attributes:
-        float_macs_per_s, integer_macs_per_s: multiply-accumulates per second.
+        float_macs_per_s: multiply-accumulates per second in float32.
+        integer_macs_per_s: multiply-accumulates per second in integers.
         bytes_per_s: bytes per second read from an array of the networks' size.
     """
 
@@ -87,7 +88,7 @@ class Work:
 
     Attributes:
         macs: number of multiply-accumulates.
-        weights_read: number of weights read from memory.
+        weights_read: number of weights read from memory, with repetitions.
     """
 
     macs: int
@@ -109,7 +110,7 @@ class Work:
         )
 
     def floor_ms(self, macs_per_s: float, bytes_per_weight: int, bytes_per_s: float) -> float:
-        """Return the lower limit of a step's time in ms."""
+        """Return the lower limit of a control step's time in ms."""
         return 1e3 * max(self.macs / macs_per_s, self.weights_read * bytes_per_weight / bytes_per_s)
 
 
@@ -117,7 +118,7 @@ def measure_core(weights: int, compiler: Sequence[str]) -> CoreLimits:
     """Measure the limits of this core. Raises LibraryError if the compiler rejects the loops.
 
     Args:
-        weights: number of the networks' weights, and so of floats in the array that is read.
+        weights: number of the networks' weights, which is the number of floats in the array that is read.
         compiler: command that compiles C.
     """
     count = max(1, weights // _BLOCK) * _BLOCK
@@ -151,7 +152,8 @@ def measure_core(weights: int, compiler: Sequence[str]) -> CoreLimits:
 
 
 def _rate(loop: Callable[[int], None]) -> float:
-    """Return the passes per second of a loop: the best of several measurements, because it is a limit."""
+    """Return the passes per second of a loop. The result is the best of several measurements, because it is used as a
+    limit."""
     times = 1
     while (took := _least(loop, times, 3)) < _SECONDS:
         times *= max(2, int(_SECONDS / max(took, 1e-6)))

@@ -1,4 +1,5 @@
-"""A test of whether a control step's work depends on its data: instructions over many windows on the emulated core."""
+"""A test of whether a control step's work depends on its data: it counts instructions over many windows on the emulated
+core."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -18,8 +19,8 @@ class InstructionSpread:
 
     Attributes:
         windows: number of windows.
-        fewest, most: least and largest number of instructions; conditional instructions that are skipped count.
-        unlike: number of windows whose count differs from the most frequent count.
+        fewest, most: smallest and largest number of instructions, including conditional instructions that are skipped.
+        unlike: number of windows whose number of instructions differs from the most frequent number.
     """
 
     windows: int
@@ -30,18 +31,18 @@ class InstructionSpread:
 
 def instruction_spread(sources: Mapping[str, bytes], windows: Iterable[Array]) -> InstructionSpread:
     """Run a control step on each window, starting with the previous step's plan. Raises McuError if the library does
-    not compile or run, or there is no window.
+    not compile or run, or there are no windows.
 
     Args:
         sources: files of the library by name.
-        windows: windows (L, S+1).
+        windows: windows of L rows with S sensors and the action, each of shape (L, S+1).
     """
     machine = Machine(read_elf(compile_for_cortex_m7(sources)))
     counter = machine.block_counter()
     machine.call("mcu_reset")
     counts = []
     for number, window in enumerate(windows, start=1):
-        # The step itself adds the newest row, so the window is written without that row.
+        # The window is written without its newest row, because the step itself adds this row.
         machine.write("mcu_input", np.concatenate([window[:1], window[:-1]]).astype("<f4").tobytes())
         machine.write("mcu_row", window[-1].astype("<f4").tobytes())
         counter.start()

@@ -2,10 +2,11 @@
 
     python -m benchmarks controller [--json FILE] [--repeats N]
 
-Each implementation runs on one thread, and they run in turn, so that disturbances affect all of them. The figures are
-medians and minima of wall time, and medians of the thread's processor time, which excludes other processes. Weights are
-random at the release's sizes, because the time does not depend on them; options set other sizes. Each median is also
-given as a multiple of the least time that this core's arithmetic and memory allow (`benchmarks.controller.floors`).
+Each implementation runs on one thread. The implementations run in turn, so that disturbances affect all of them. The
+figures are medians and minima of wall time, and medians of the thread's processor time, which excludes other processes.
+Weights are random at the release's sizes, because the time does not depend on the weights; options set other sizes.
+Each median is also given as a multiple of the least time that this core's arithmetic and memory allow
+(`benchmarks.controller.floors`).
 """
 
 import time
@@ -36,7 +37,7 @@ from export.release.lowering import int8_library
 from export.to_c.library import c_library
 from export.to_onnx.control_step import build_controller
 
-# One eager step takes as long as about ten steps of the others.
+# One step in eager PyTorch takes as long as about ten steps of another implementation, so it is timed less often.
 _EAGER_EVERY = 5
 _CALIBRATION = 20
 _LOADS = 15
@@ -76,7 +77,7 @@ def main(
         "c_int8_ms": lambda: c_int8.control_step(case.window, case.plan, case.free),
     }
     for step in steps.values():
-        step()  # warm caches and allocators
+        step()  # warms up caches and allocators
     times: dict[str, list[tuple[float, float]]] = {name: [] for name in steps}
     for i in track(range(repeats), "control steps", "steps"):
         for name, step in steps.items():
@@ -105,15 +106,15 @@ def main(
 
 
 def _floors(program: ControllerProgram, compiler: Sequence[str], figures: Mapping[str, float]) -> dict[str, Any]:
-    """Measure the limits of this core, and the ratio of each median to the resulting lower limit."""
+    """Return the measured limits of this core, and the ratio of each median to the resulting lower limit."""
     core = measure_core(sum(matrix.size for matrix in matrices(program).values()), compiler)
     return {"core": asdict(core)} | over_floors(core, Work.of(program), figures)
 
 
 def over_floors(core: CoreLimits, work: Work, figures: Mapping[str, float]) -> dict[str, dict[str, float]]:
-    """Return each lowering's lower limit in ms, and the ratio of its median to that limit.
+    """Return each implementation's lower limit in ms, and the ratio of its median to this limit.
 
-    With int8 weights ONNX Runtime still computes in float32, to which it converts the weights once per step; the int8
+    With int8 weights ONNX Runtime still computes in float32; it converts the weights to float32 once per step. The int8
     library reads one byte per weight.
     """
     in_float = work.floor_ms(core.float_macs_per_s, 4, core.bytes_per_s)

@@ -1,12 +1,12 @@
-"""The closed loop with each lowering of one model's controller: the effects of int8 and of the C library on drag.
+"""The closed loop with each implementation of one model's controller: the effects of int8 and of the C library on drag.
 
     python -m benchmarks controller-loop [--model DIR] [--dataset H5] [--json FILE]
 
 The benchmark exports the model in float32 and in int8, each as bundle and C library, and runs the closed loop with all
 four, as `stillwake run` does. Exports and runs are stored in `runs/controller_loop`, in a folder named after the
-model's hash, so that an interrupted measurement can continue. The steps' wall-clock times are of one run each. Close
-all other programs before quoting them, or use those of `python -m benchmarks controller`, which measures all lowerings
-in turn.
+model's hash, so that an interrupted measurement can continue. The steps' wall-clock times are from one run each. Close
+all other programs before you quote these times, or use the times of `python -m benchmarks controller`, which measures
+all implementations in turn.
 """
 
 import json
@@ -25,7 +25,7 @@ from contract.results import versions
 from contract.shipped import RECORDING
 
 CASES: Final = (("onnx", "float32"), ("onnx", "int8"), ("c", "float32"), ("c", "int8"))
-"""Lowering and precision of each loop; differences are to the first."""
+"""Implementation and precision in each loop; all differences are relative to the first loop."""
 ALLOWED_POINTS: Final = 0.5
 """Largest allowed effect of int8 on the drag reduction, in percentage points."""
 _KEPT: Final = (*LOOP, "Cd_uncontrolled", "abs_Cl_uncontrolled", "mpc_ms_p50", "mpc_ms_p99", "computed_by")
@@ -60,12 +60,13 @@ def main(
 
 
 def compared(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Return the rows with `points`: the difference of the drag reduction to the first row, in percentage points."""
+    """Return the rows with `points`: the drag reduction of the row minus the drag reduction of the first row, in
+    percentage points."""
     return [{**row, "points": row["reduction_percent"] - rows[0]["reduction_percent"]} for row in rows]
 
 
 def _run(folder: Path, lowering: str, precision: str, spans: dict[str, float]) -> dict[str, Any]:
-    """Run one closed loop, or read its stored figures."""
+    """Run one closed loop and return its figures; if the figures are stored, read them."""
     length = "_".join(f"{span:g}" for span in spans.values())
     run = folder / f"run_{lowering}_{precision}_{length}"
     found = run.with_name(f"{run.name}.json")

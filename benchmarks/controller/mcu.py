@@ -1,12 +1,12 @@
-"""The C library on an emulated Cortex-M7 at several sizes: memory, instructions, modelled time; and the release's ECU.
+"""The C library on an emulated Cortex-M7 at several sizes, and the release's ECU: memory, instructions, modelled time.
 
     python -m benchmarks mcu [--json FILE] [--windows N]
 
 The row `release` is the whole ECU of the shipped bundle in the drives of `worst_period`, without and with a key of the
-bus. Recorded and random windows, half of each, test whether the work of its control step depends on the data. The other
-rows have random weights, because the work depends only on the sizes; `stillwake mcu FOLDER` measures a trained library.
-Libraries for the Cortex-M4F run on the emulated Cortex-M7, which has all of its instructions, but the model is that of
-the Cortex-M4F.
+bus. Windows, half of them recorded and half random, test whether the work of its control step depends on the data. The
+other rows have random weights, because the work depends only on the sizes; `stillwake mcu FOLDER` measures a trained
+library. Libraries for the Cortex-M4F run on the emulated Cortex-M7, which has all of its instructions, but the model of
+the pipeline is the Cortex-M4F's.
 """
 
 from dataclasses import asdict, replace
@@ -51,7 +51,7 @@ CASES = (
     (64, 32, 3, "int8"),
 )
 SMALLER: Final = ((96, 64, 3, "int8"), (64, 32, 5, "int8"), (64, 32, 3, "int8"))
-"""Cases that are measured on the Cortex-M4F."""
+"""Cases that are also measured for the Cortex-M4F."""
 Case = tuple[int, int, int, str]
 _ROWS = 4
 

@@ -1,10 +1,10 @@
-"""The release's graph in other runtimes of ONNX: the largest differences from ONNX Runtime.
+"""The release's graph in other runtimes of ONNX: the largest differences from the results of ONNX Runtime.
 
     python -m benchmarks runtimes [--json FILE]
 
-Each runtime computes the same control steps, from recorded windows, with other weights, speeds and limits, with the
-portable form of the release's controller (`export.to_onnx.portable`). ONNX Runtime computes them with the graph that is
-in the release.
+Each runtime computes the same control steps, from recorded windows, with several weights, speeds and limits. It uses
+the portable form of the release's controller (`export.to_onnx.portable`). ONNX Runtime computes these steps with the
+graph that is in the release.
 """
 
 from collections.abc import Callable, Mapping
@@ -37,14 +37,14 @@ from export.program.windows import recorded_windows
 from export.to_onnx.portable import portable
 
 WINDOWS: Final = 100
-"""Control steps that each runtime computes."""
+"""Number of control steps that each runtime computes."""
 
 Run = Callable[[Mapping[str, npt.NDArray[np.float32]]], Mapping[str, Any]]
 """A function that computes the outputs from the inputs, both by name."""
 
 
 class OtherRuntime:
-    """A controller that another runtime computes, from the portable graph of a program."""
+    """A controller whose steps another runtime computes, from the portable graph of a program."""
 
     def __init__(self, run: Run, program: ControllerProgram) -> None:
         self._run, self._program = run, program
@@ -85,7 +85,7 @@ def _reference(graph: Path) -> Run:
 
 
 def _openvino(graph: Path) -> Run:
-    # Without this hint version 2026.4 computes numbers that are not finite.
+    # Without this hint, version 2026.4 gives results that are not finite.
     compiled = openvino.Core().compile_model(graph, "CPU", {"EXECUTION_MODE_HINT": "ACCURACY"})
 
     def run(feeds: Mapping[str, Any]) -> Mapping[str, Any]:
@@ -113,7 +113,7 @@ RUNTIMES: Final[Mapping[str, tuple[str, Callable[[Path], Run]]]] = {
     "OpenVINO": ("openvino", _openvino),
     "tract": ("tract", _tract),
 }
-"""Package and opener of each runtime by its name."""
+"""Package and opening function of each runtime, by the runtime's name."""
 
 
 def main(json_file: JsonFile = None) -> None:

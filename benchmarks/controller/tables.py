@@ -1,4 +1,5 @@
-"""The tables of the controller: times of its lowerings, the closed loop with each, and the emulated cores."""
+"""The tables of the controller: times of its implementations, the closed loop with each of them, and the emulated
+cores."""
 
 from pathlib import Path
 from typing import Any, Final
@@ -9,7 +10,8 @@ _NAMES: Final = {"onnx": "ONNX Runtime", "c": "C library"}
 
 
 def tables(results: Path) -> dict[str, str]:
-    """Return every table by its marker, which is the name of its results file, or begins with it."""
+    """Return every table by its marker in the pages. The marker is the name of the table's results file, or begins with
+    this name."""
     return {
         "controller_loop": loop(read(results / "controller_loop.json")),
         "controller": latency(read(results / "controller.json")),
@@ -22,7 +24,8 @@ def tables(results: Path) -> dict[str, str]:
 
 
 def loop(found: Any) -> str:
-    """Return the table of drag, lift and action of the four loops, and each reduction's difference to the first."""
+    """Return the table of drag, lift and action in the four loops, and of each reduction minus the reduction of the
+    first loop."""
     rows = [
         (
             f"{_NAMES[row['lowering']]}, {row['precision']}",
@@ -38,14 +41,15 @@ def loop(found: Any) -> str:
 
 
 def runtimes(found: Any) -> str:
-    """Return the table of the largest differences that other runtimes of ONNX have."""
+    """Return the table of the largest differences between other runtimes of ONNX and ONNX Runtime."""
     names = ("runtime", "version", "plan", "forces", "cost")
     heads = ("", "version", "actions, U_inf W", "forces", "cost")
     return table(heads, [tuple(row[name] for name in names) for row in found["figures"]])
 
 
 def latency(found: Any) -> str:
-    """Return a table with a row for each lowering: times, ratios to eager PyTorch and to the lower limit, size."""
+    """Return a table with a row for each implementation: times, ratios to eager PyTorch and to the lower limit,
+    size."""
     figures, facts = found["figures"], found["facts"]
     rows = [
         (
@@ -146,7 +150,8 @@ def mcu_release(found: Any) -> str:
 
 
 def mcu_worst(found: Any) -> str:
-    """Return the table of the constructed periods and of the bound, in ms, without and with a key of the bus."""
+    """Return the table of the longest control periods in the constructed drives and of their bound, in ms, without and
+    with a key of the bus."""
     row = found["figures"]["release"]
     secured = row["secured"]
     frames = f" ({row['frames']} frames, with a key {secured['frames']})"

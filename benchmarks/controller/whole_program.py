@@ -2,10 +2,10 @@
 
 Two builds are made. The first is the firmware as the exported folder builds it; its stack figures (`-fcallgraph-info`)
 are those of the machine code. The second is the whole program at link time, without inlining: GCC knows the range of
-every parameter and reports how often each loop runs at most. No source is parsed here.
+every parameter and reports the largest number of passes of each loop. The sources are not parsed here.
 
-A call through a pointer may reach every function whose address is taken and whose type is the pointer's. GCC lists
-both.
+A call through a pointer may reach every function whose address is taken and whose type is the type of the pointer. GCC
+lists these functions and their types.
 """
 
 import re
@@ -21,18 +21,20 @@ from contract.controller.c_folder import REPLAY
 from contract.errors import McuError
 
 COMPILER: Final = "arm-none-eabi-gcc"
-"""Debian's package is gcc-arm-none-eabi."""
+"""Name of the compiler; its package in Debian is gcc-arm-none-eabi."""
 CORE: Final = ("-mcpu=cortex-m7", "-mthumb", "-mfloat-abi=hard", "-mfpu=fpv5-sp-d16")
 BARE: Final = (*CORE, "-std=c99", "-O2", "-ffp-contract=off", "-fno-unroll-loops", "-ffreestanding",
                "-ffunction-sections", "-fdata-sections", "-g1")  # fmt: skip
-"""The flags of the exported folder's CMakeLists.txt."""
+"""The flags in the exported folder's CMakeLists.txt."""
 AS_WRITTEN: Final = ("-flto", "-fno-inline", "-fno-partial-inlining", "-fno-ipa-sra", "-fno-ipa-icf",
                      "-fno-aggressive-loop-optimizations")  # fmt: skip
-"""Each function stands once; a bound comes from a loop's exit alone, not from the absence of undefined behaviour."""
+"""Flags with which each function appears once, and the bound of a loop comes from the loop's exit alone, not from the
+absence of undefined behaviour."""
 DUMPS: Final = ("-fdump-tree-cunrolli-details-lineno", "-fdump-ipa-whole-program")
 _LINK: Final = ("-nostartfiles", "-nodefaultlibs", "-Wl,--gc-sections", "-T", "sw_board.ld")
 _CALLED_BY_THE_COMPILER: Final = "sw_board_libc.c"
-"""It is left out of the whole program: GCC calls memcpy only after it has dropped it."""
+"""File that is compiled without link-time optimisation, because GCC would drop its memcpy before it generates the calls
+of memcpy."""
 
 _FUNCTION: Final = re.compile(r"^;; Function \S+ \((\S+), .*$", re.MULTILINE)
 _LOOP: Final = re.compile(r"^;; Loop (\d+)\n(?:;;  [hd].*\n)*;;  nodes: ([\d ]+)", re.MULTILINE)
@@ -48,7 +50,8 @@ _NODE: Final = re.compile(r'^node: { title: "([^"]+)" label: "([^"]*)"', re.MULT
 _EDGE: Final = re.compile(r'^edge: { sourcename: "([^"]+)" targetname: "([^"]+)"(?: label: "([^"]*)")?', re.MULTILINE)
 _TAKEN: Final = re.compile(r"^(\S+)/\d+ \(.*\n  Type: function.*\n(?:  .*\n)*?  Address is taken\.", re.MULTILINE)
 _COPY: Final = re.compile(r"\.(?:constprop|lto_priv|isra)(?:\.\d+)?")
-"""Endings of copies of a function; a part that GCC splits off counts as a separate function here, too."""
+"""Pattern for the endings of the names of copied functions. A part that GCC splits off a function has another ending
+and counts as a separate function."""
 _INDIRECT: Final = "__indirect_call"
 
 
@@ -57,8 +60,8 @@ class Loop:
     """A loop of the program.
 
     Attributes:
-        place: file and line.
-        most: largest number of passes that GCC proves; None if it proves none.
+        place: file and line of the loop.
+        most: largest number of passes that GCC proves; None if it proves no number.
     """
 
     function: str
@@ -68,7 +71,7 @@ class Loop:
 
 @dataclass(frozen=True, kw_only=True)
 class Calls:
-    """Functions with their stack in bytes, and the functions that each calls.
+    """Functions with their stack in bytes, and the functions that each function calls.
 
     Attributes:
         unresolved: places of calls through a pointer that reach no known function.
@@ -81,7 +84,7 @@ class Calls:
 
 @dataclass(frozen=True, kw_only=True)
 class Built:
-    """The firmware as it is built: its calls, with inlining, and the linked image, an ELF file."""
+    """The firmware as the exported folder builds it: its calls, with inlining, and the linked image, an ELF file."""
 
     calls: Calls
     image: bytes
@@ -89,7 +92,7 @@ class Built:
 
 @dataclass(frozen=True, kw_only=True)
 class WholeProgram:
-    """The firmware, as it stands in the sources, and as it is built.
+    """The firmware as the sources state it, and as the exported folder builds it.
 
     Attributes:
         written: calls without inlining.
@@ -103,8 +106,8 @@ class WholeProgram:
 
 
 def read_program(files: Mapping[str, bytes]) -> WholeProgram:
-    """Compile a firmware (`firmware_sim.mcu.build.board_files`) twice and read what GCC reports. Raises McuError if it
-    does not compile, or there is no compiler."""
+    """Compile a firmware (`firmware_sim.mcu.build.board_files`) twice and read what GCC reports. Raises McuError if the
+    firmware does not compile, or there is no compiler."""
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
         names = _written(folder, files)
@@ -128,10 +131,11 @@ def read_program(files: Mapping[str, bytes]) -> WholeProgram:
 
 
 def read_built(files: Mapping[str, bytes], reached: Mapping[str, set[str]] | None = None) -> Built:
-    """Compile a firmware as the exported folder does. Raises McuError as `read_program`.
+    """Compile a firmware as the exported folder does. Raises McuError in the same cases as `read_program`.
 
     Args:
-        reached: functions that a call through a pointer may reach, by place; none if there is no such call.
+        reached: functions that a call through a pointer may reach, by the place of the call; None if there are no such
+            calls.
     """
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
@@ -150,12 +154,12 @@ def _written(folder: Path, files: Mapping[str, bytes]) -> list[str]:
 
 
 def calls_of(graphs: Iterable[str], reached: Mapping[str, set[str]]) -> tuple[Calls, dict[str, str]]:
-    """Read GCC's call graphs. Returns them, and the names of functions by the titles in the graphs. Raises McuError for
-    a function whose stack has no bound.
+    """Read GCC's call graphs. Returns the calls, and the names of functions by their titles in the graphs. Raises
+    McuError for a function whose stack has no bound.
 
     Args:
         graphs: contents of `.ci` files.
-        reached: functions that a call through a pointer may reach, by place.
+        reached: functions that a call through a pointer may reach, by the place of the call.
     """
     texts = list(graphs)
     names, stack = dict[str, str](), dict[str, int]()
@@ -181,11 +185,12 @@ def calls_of(graphs: Iterable[str], reached: Mapping[str, set[str]]) -> tuple[Ca
 
 
 def _loops(bodies: str, names: Mapping[str, str]) -> Iterator[Loop]:
-    """Yield each loop in GCC's dump of the functions, and each loop in assembly, which GCC cannot look into."""
+    """Yield each loop in GCC's dump of the functions, and each loop in assembly, which GCC cannot analyse."""
     for title, body in _functions(bodies):
         function = names.get(title, title)
         most = {int(number): int(count) for number, count in _MOST.findall(body)}
-        # A value that comes into a loop stands where it was made, before the loop.
+        # A line that begins with # states where a value that enters the loop was computed. This place is before the
+        # loop, so the line is removed.
         blocks = {number: re.sub(r"^ *# .*$", "", block, flags=re.MULTILINE) for number, block in _BLOCK.findall(body)}
         for number, nodes in _LOOP.findall(body):
             if number == "0":
@@ -205,7 +210,7 @@ def _functions(dump: str) -> Iterator[tuple[str, str]]:
 
 
 def _reached(bodies: str, taken: Mapping[str, str]) -> dict[str, set[str]]:
-    """Return the functions that a call through a pointer may reach, by place.
+    """Return the functions that a call through a pointer may reach, by the place of the call.
 
     Args:
         bodies: GCC's dump of the functions.

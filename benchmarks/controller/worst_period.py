@@ -1,9 +1,9 @@
 """The longest control period of the firmware: constructed drives on the emulated board, and a bound from all of them.
 
-A period is everything that the core does from the end of one step to the end of the next: a turn of the main loop for
-each frame that wakes it, and the step. The constructed drives contain, each on top of the iterations, what makes a step
-longer. The bound adds, for each basic block, the most cycles that it took in any period of any drive, as if all drives
-were worst in the same period.
+A period is all work that the core does from the end of one step to the end of the next step: a turn of the main loop
+for each frame that wakes the core, and the step. Each constructed drive adds to the iterations something that makes a
+step longer. The bound adds up, for each basic block, the largest number of cycles that the block took in any period of
+any drive, as if all worst cases fell into one period.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -33,20 +33,20 @@ KEY_BYTES: Final = bytes(range(1, 17))
 """Key of the bus in the firmware with authentication."""
 _KEY: Final = Key(KEY_BYTES)
 _WARM: Final = 80
-"""Periods until the window is full and the ECU in control."""
+"""Number of periods after which the window is full and the ECU is in control."""
 _OWN_GOAL: Final = "the release's own goal"
 _TINY_NUMBERS: Final = "the smallest numbers"
 _TINY: Final = 5e-324
-"""The smallest number: software floating point takes longer with it."""
+"""The smallest positive number; software floating point takes longer with it."""
 _ROOM: Final = 120
-"""Frames besides the vehicle's own that the firmware keeps in a period, with a few places left for these."""
+"""Largest number of other frames in a period that the firmware can store together with the vehicle's own frames."""
 
 
 class Vehicle:
     """The frames that a vehicle sends: recorded pressures, which repeat, and a speed.
 
     Args:
-        rows: recorded, (n, S+1).
+        rows: n recorded rows with the pressures Cp at the S sensors and the action, shape (n, S+1).
     """
 
     def __init__(self, config: Config, rows: ProgramRows) -> None:
@@ -58,14 +58,14 @@ class Vehicle:
 
     @property
     def now_ns(self) -> int:
-        """Time of the next period."""
+        """Start time of the next period in ns."""
         return (self.number + 1) * self.config.period_ns
 
     def frames(self, *, ratio: float = 0.9) -> list[Frame]:
-        """Return the frames of the next period; pressures are the last.
+        """Return the frames of the next period; the Pressure frame is the last.
 
         Args:
-            ratio: speed, relative to the operating point's.
+            ratio: vehicle's speed divided by the operating point's speed.
         """
         point, cp = self.config.operating_point, self._rows[self.number % len(self._rows), :-1].copy()
         if self.held is not None:
@@ -87,8 +87,8 @@ class Vehicle:
         return [secure(frame, spec, _KEY, self._freshness) for frame, spec in zip(sent, specs, strict=True)]
 
     def flood(self, frame: Frame) -> list[Frame]:
-        """Return as many frames of the pressures' identifier as the bus takes in a period: repeated ones, or forged
-        ones if there is a key."""
+        """Return the largest number of frames with the pressures' identifier that fits on the bus in a period, up to
+        `_ROOM`. The frames repeat the given frame; with a key of the bus they are forged."""
         bus = self.config.bus
         takes_ns = frame_ns(frame, nominal_bitrate=bus.nominal_bitrate, data_bitrate=bus.data_bitrate)
         other = replace(frame, data=frame.data[:-1] + bytes([frame.data[-1] ^ 1])) if bus.key else frame
@@ -100,9 +100,9 @@ class Period:
     """A control period.
 
     Attributes:
-        flood: frames that wake the core before the vehicle's.
-        health: of the bus.
-        late_ns: time by which the period is later than due.
+        flood: frames that wake the core before the vehicle's frames arrive.
+        health: health of the bus.
+        late_ns: time in ns by which the period begins too late.
     """
 
     frames: Sequence[Frame]
@@ -115,9 +115,10 @@ class Tally:
     """Cycles and instructions of periods, by drive and by basic block.
 
     Attributes:
-        worst: cycles and instructions of the longest period, by drive.
-        in_control, in_control_instructions: of the periods under control for the release's own goal.
-        floods: numbers of frames before the vehicle's.
+        worst: cycles and instructions of the longest period of each drive.
+        in_control: cycles of each period under control in the drive with the release's own goal.
+        in_control_instructions: instructions of each of these periods.
+        floods: number of frames in each flood.
         periods: number of periods.
     """
 
@@ -128,7 +129,7 @@ class Tally:
         self.periods = 0
 
     def add(self, drive: str, blocks: Mapping[int, tuple[int, int]], *, is_mean: bool) -> None:
-        """Add a period's instructions and cycles by block."""
+        """Add a period, given its instructions and cycles for each block."""
         for address, (instructions, cycles) in blocks.items():
             before = self._most.get(address, (0, 0))
             self._most[address] = max(before[0], instructions), max(before[1], cycles)
@@ -141,7 +142,8 @@ class Tally:
 
     @property
     def bound(self) -> tuple[int, int]:
-        """Cycles and instructions if every block ran as often as in its worst period."""
+        """Cycles and instructions of a period in which every block took as much as in the worst period for this
+        block."""
         return sum(cycles for _, cycles in self._most.values()), sum(count for count, _ in self._most.values())
 
 
@@ -153,15 +155,15 @@ def worst_periods(
     firmware: Firmware | None = None,
     drives: Iterable[str] | None = None,
 ) -> dict[str, Any]:
-    """Run drives and return the firmware's needs: times by clock in MHz, in ms, and memory in bytes. Raises McuError if
-    the library does not compile or run, or does not come into control.
+    """Run the drives and return the firmware's needs: times in ms for each clock in MHz, and memory in bytes. Raises
+    McuError if the library does not compile or run, or the ECU does not come into control.
 
     Args:
         sources: files of the library by name, among them `sw_ecu_settings.h`.
-        config: of the vehicle; with `bus.key`, frames are authenticated.
-        rows: recorded, (n, S+1).
+        config: settings of the vehicle; with `bus.key`, frames are authenticated.
+        rows: n recorded rows with the pressures Cp at the S sensors and the action, shape (n, S+1).
         firmware: firmware compiled from these sources; if None, it is compiled.
-        drives: names of drives after the first one; if None, all.
+        drives: names of the drives to run after the warm-up; if None, all drives.
     """
     secret = KEY_BYTES if config.bus.key else None
     ecu, vehicle, tally = BoardEcu(sources, firmware=firmware, secret=secret), Vehicle(config, rows), Tally()
@@ -224,7 +226,8 @@ def _period(ecu: BoardEcu, now_ns: int, period: Period, name: str, tally: Tally)
 
 
 def _tiny(ecu: BoardEcu, saved: bytes) -> bytes:
-    """Return a state whose sensor check and benefit check have the smallest numbers as their means."""
+    """Return a state in which the sensor check and the benefit check have the smallest positive number as each of their
+    means."""
     ffi = ecu.structs.ffi
     state = ffi.new("sw_ecu_state *")
     ffi.buffer(state)[:] = saved
@@ -263,7 +266,8 @@ def _at_all_speeds(vehicle: Vehicle) -> Iterator[Period]:
 
 
 def _lost(vehicle: Vehicle) -> Iterator[Period]:
-    """Lost frames, a late period, bus-off, and a gap of half a second; each is followed by good periods."""
+    """Yield lost frames, bus-off, a late period and a gap of half a second; good periods follow the lost frames and the
+    gap."""
     for lost in (1, 2, 4):
         for _ in range(lost):
             vehicle.frames()

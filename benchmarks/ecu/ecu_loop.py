@@ -5,8 +5,9 @@
 Each ECU controls the live wake from the same start over the same bus. In the loop with the emulated core, a second ECU
 on this machine gets the same frames at the same times; it is compiled from the same sources by the same compiler with
 the same contraction. After every step all frames and the whole state must be equal bit for bit. Virtual compute time is
-the core's modelled time in this loop, and `ecu.compute_time_ms` in the other two. Finished loops are stored in
-`runs/ecu_loop`, in a folder named after the hash of their inputs, so that a stopped measurement can continue.
+the core's modelled time in this loop, and `ecu.compute_time_ms` in the loops with the two other ECUs. Finished loops
+are stored in `runs/ecu_loop`, in a folder named after the hash of their inputs, so that an interrupted measurement can
+continue.
 """
 
 import hashlib
@@ -45,7 +46,8 @@ from wake.plants import open_plant
 
 ECUS: Final = (MCU, C, "python")
 COMPARED: Final = (*COMMON, "-march=native")
-"""Flags of the ECU compared with the core: the same contraction, which needs a machine with fused multiply-add."""
+"""Flags for the ECU that is compared with the core. The contraction is the core's, so this machine must have fused
+multiply-add."""
 _KEPT: Final = (
     *("Cd_uncontrolled", "Cd_controlled", "reduction_percent", "abs_Cl_uncontrolled", "abs_Cl_controlled"),
     *("mean_Cl_controlled", "rms_action", "periods_requested", "periods_in_control", "fault", "computed_by", "ecu"),
@@ -83,7 +85,7 @@ def main(
             lockstep = Lockstep(ecu.ecu, CEcu(sources, compiler=compiler, flags=COMPARED))
             ecu = replace(ecu, ecu=lockstep)
         log = driven(release, config, spans, kind, ecu)
-        # A skipped step is null, because JSON has no NaN.
+        # A skipped step is null in the results file, because JSON has no NaN.
         commands = [value if np.isfinite(value) else None for value in log.series["command"].tolist()]
         return {"row": figures_of(kind, log, lockstep), "commands": commands}
 
@@ -107,7 +109,7 @@ def main(
 
 
 def driven(release: Bundle, config: Config, spans: Spans, kind: str, ecu: LoopEcu | None) -> RunLog:
-    """Run one loop from the shipped start with a progress bar; without `ecu`, with the ECU in Python."""
+    """Run one loop from the shipped start with a progress bar; if `ecu` is None, the ECU is in Python."""
     simulation = Simulation(release, config, spans=spans, ecu=ecu)
     with ExitStack() as stack:
         scratch = Path(stack.enter_context(TemporaryDirectory()))
@@ -121,7 +123,7 @@ def driven(release: Bundle, config: Config, spans: Spans, kind: str, ecu: LoopEc
 
 
 def figures_of(kind: str, log: RunLog, lockstep: Lockstep | None) -> dict[str, Any]:
-    """Return the stored figures of a run and of its comparison."""
+    """Return the figures of a run and of the comparison of its ECUs, as they are stored."""
     found = summary(log)
     row = {"kind": kind, **{name: found[name] for name in _KEPT}}
     if lockstep is None:
@@ -136,6 +138,6 @@ def figures_of(kind: str, log: RunLog, lockstep: Lockstep | None) -> dict[str, A
 
 
 def largest_difference(one: Any, other: Any) -> float:
-    """Return the largest difference between two series of commands, in U_inf W, without skipped steps."""
+    """Return the largest difference between two series of commands, in U_inf W; skipped steps are left out."""
     apart = np.abs(np.asarray(one) - np.asarray(other))
     return float(np.max(apart[np.isfinite(apart)], initial=0.0))

@@ -1,4 +1,5 @@
-"""Two ECUs in one loop: the first drives the loop; the second gets the same inputs and must give the same outputs."""
+"""Two ECUs in one loop: the first ECU drives the loop; the second ECU gets the same inputs and must give the same
+outputs."""
 
 from collections.abc import Sequence
 from typing import Final
@@ -16,14 +17,15 @@ KEPT: Final = 10
 
 
 class Lockstep:
-    """Steps both ECUs, returns the first one's frames, and counts the differences between their frames and states.
+    """A pair of ECUs in the interface of one. It steps both, returns the frames of the driver, and counts the
+    differences between the frames and states of the two.
 
     Args:
         driver: ECU whose frames are sent.
-        other: ECU that gets every call of the driver's.
+        other: ECU that gets every call that the driver gets.
 
     Attributes:
-        steps, frames: numbers compared so far.
+        steps, frames: numbers of steps and frames compared so far.
         differing_frames: number of frames that differed in a byte or in time, or that only one ECU sent.
         differing_states: number of steps after which the states differed in a bit.
         differences: descriptions of the first differences, one line each.
@@ -77,7 +79,7 @@ class Lockstep:
         fault: Reason | None = None,
         updating: bool = False,
     ) -> list[Frame]:
-        """Step both ECUs for one control period; returns the driver's frames."""
+        """Step both ECUs for one control period; return the driver's frames."""
         sent, expected = (
             ecu.step(now_ns, frames, health, fault=fault, updating=updating) for ecu in (self._driver, self._other)
         )

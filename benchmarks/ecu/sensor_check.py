@@ -2,13 +2,14 @@
 
     python -m benchmarks sensor-check --json results/sensor_check.json
 
-The shipped bundle's check reads the recording as the ECU would, rounded to the signal's resolution. First the sensors
-are healthy, also with noise and with lost frames. Each sensor set aside, and each implausible state that would shut the
-jets, is a false alarm, after which the check starts again. Then faults begin at many places of the recording. The flow
-does not respond here as in the closed loop, where a faulty sensor moves the jets.
+The shipped bundle's check reads the recording as the ECU would, rounded to the signal's resolution. In the first part
+the sensors are healthy, in some passages with noise or with lost frames. A false alarm is a sensor that is set aside,
+or an implausible state that would shut the jets; after it the check starts again. In the second part faults begin at
+many places of the recording. The recorded flow does not respond to the check. In the closed loop it would, because a
+faulty sensor moves the jets.
 
-NumPy computes the estimates of a whole episode at once with the graph's own constants, and the first estimates are
-compared with ONNX Runtime's. The ECU's code does everything else, period by period.
+NumPy computes the estimates of a whole episode at once with the graph's own constants. The first estimates are compared
+with the estimates of ONNX Runtime. The ECU's code does everything else, period by period.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -40,22 +41,23 @@ from firmware_sim.bench.sensor_faults import Bias, Dead, Drift, Noise, SensorDis
 from stillwake.parts.releases import open_release
 
 LONGEST: Final = 250
-"""Number of periods after a fault's start in which it has to be found: ten shedding cycles."""
+"""Number of periods after a fault's start within which the fault has to be found: ten shedding cycles."""
 FIRST: Final = 200
-"""Number of an episode's steps before the first fault begins."""
+"""Number of steps of an episode before the first fault begins."""
 DRIFT_PERIODS: Final = 100
 DISTURBED: Final = ("none", "noise 0.9", "lost 0.3")
-"""Disturbances of healthy sensors' readings besides rounding: noise in global deviations, share of lost frames."""
+"""Disturbances of healthy sensors' readings in addition to rounding. The number after "noise" is in global deviations;
+the number after "lost" is the share of lost frames."""
 
 
 class Passage(NamedTuple):
-    """An episode as the ECU reads it.
+    """An episode as the ECU reads it, with n steps and S sensors.
 
     Attributes:
-        role: role of the episode.
-        cp: (n, S) readings.
-        actions: (n,) actions in force.
-        heard: (n,) whether the frame arrived.
+        role: role of the episode in the recording.
+        cp: readings, shape (n, S).
+        actions: actions in force, shape (n,).
+        heard: whether the frame arrived, shape (n,).
     """
 
     role: str
@@ -65,7 +67,7 @@ class Passage(NamedTuple):
 
 
 class Moment(NamedTuple):
-    """A place where a fault may begin: passage, step, and the check's state after the step before."""
+    """A place where a fault may begin: passage, step, and the state of the check before this step."""
 
     passage: Passage
     step: int
@@ -73,7 +75,7 @@ class Moment(NamedTuple):
 
 
 class Ahead:
-    """An estimator with estimates that are computed in advance; `at` is the step whose estimates are returned."""
+    """An estimator whose estimates are computed in advance; `at` is the step whose estimates are returned."""
 
     def __init__(self, found: Array) -> None:
         self._found = found
@@ -91,8 +93,8 @@ class Lab:
     """The shipped check and its network.
 
     Attributes:
-        check: the check as in the ECU.
-        network: the network of its graph.
+        check: sensor check with the settings of the ECU.
+        network: the network of the check's graph, computed by NumPy.
     """
 
     check: SensorCheck
@@ -101,7 +103,7 @@ class Lab:
     def read(
         self, passage: Passage, first: int = 0, last: int | None = None
     ) -> Iterator[tuple[int, Callable[[SensorCheckState], SensorCheckState]]]:
-        """Yield each step, and the function from the check's state before that step to its state after it."""
+        """Yield each step, and a function from the check's state before this step to the check's state after it."""
         length = self.network.window
         windows = _windows(passage, length)[first:last]
         ahead = Ahead(_estimates(self.network, windows))
@@ -119,16 +121,18 @@ class Lab:
             yield step, after
 
     def agrees(self, passage: Passage) -> None:
-        """Check that the network and ONNX Runtime give the same estimates; raises StillwakeError if not."""
+        """Check that the network and ONNX Runtime give the same estimates; raises StillwakeError if they differ."""
         windows = _windows(passage, self.network.window)[:100]
         found = np.stack([self.check.estimator.estimates(window) for window in windows])
-        # Both compute in single precision; the sums have some hundred terms of order one.
+        # Both compute in single precision, and the sums have some hundred terms of order one, so small differences are
+        # expected.
         if not np.allclose(found, _estimates(self.network, windows), atol=1e-5):
             raise StillwakeError("NumPy and ONNX Runtime estimate different pressures from the same constants")
 
 
 class Outcome(NamedTuple):
-    """The outcome of a fault: the sensor set aside, or whether the jets were shut, and the number of periods."""
+    """The outcome of a fault: the sensor set aside, whether the jets were shut, and the number of periods until
+    then."""
 
     set_aside: int | None
     shut: bool
@@ -140,7 +144,7 @@ def main(
     every: Annotated[int, typer.Option(help="Control steps between two places where faults begin.", min=1)] = 1500,
     json_file: JsonFile = None,
 ) -> None:
-    """Measure the false alarms of the sensor check, and its findings for each fault."""
+    """Measure the false alarms of the sensor check, and the outcomes of each fault."""
     config = Config()
     release = open_release(bundle)
     check = sensor_check_of(release, config)
@@ -199,7 +203,8 @@ def _read_through(passage: Passage, through: str) -> Passage:
 
 
 def _windows(passage: Passage, length: int) -> Array:
-    """Return the controller's window at every step, (n, L, S+1); a lost frame's row has the previous pressures."""
+    """Return the controller's window of L rows at each of the n steps, shape (n, L, S+1); the row of a lost frame has
+    the previous pressures."""
     last = np.maximum.accumulate(np.where(passage.heard, np.arange(len(passage.cp)), 0))
     rows = np.column_stack([passage.cp[last], passage.actions])
     padded = np.concatenate([np.repeat(rows[:1], length - 1, axis=0), rows])
@@ -212,7 +217,7 @@ def _estimates(network: EstimatorNetwork, windows: Array) -> Array:
 
 
 def _false_alarms(lab: Lab, passage: Passage, every: int | None) -> Iterator[str | Moment]:
-    """Yield a word for every false alarm, and the places where faults may begin."""
+    """Yield a word for every false alarm, and a `Moment` for every place where a fault may begin."""
     fresh = SensorCheckState.start(window=lab.network.window, sensors=lab.network.sensors)
     state = fresh
     for step, after in lab.read(passage):
@@ -232,7 +237,7 @@ def _rates(alarms: Sequence[tuple[str, str, int, int]], config: Config) -> list[
             chosen = [item for item in alarms if item[0] == through and role in (item[1], "all")]
             hours = sum(item[2] for item in chosen) * config.period_ns / 3.6e12
             count = sum(item[3] for item in chosen)
-            # If there is none, the rate is below this bound at 95 % confidence (Poisson).
+            # Without any alarm, the rate is below this bound at 95 % confidence (Poisson).
             bound = -log(0.05) / hours if count == 0 else None
             found.append({"through": through, "role": role, "hours": hours, "alarms": count,
                           "per_hour": count / hours, "below_per_hour": bound})  # fmt: skip
@@ -273,7 +278,7 @@ def _faults(lab: Lab, release: Bundle, moments: Sequence[Moment]) -> list[dict[s
 
 
 def _on_each(one: SensorDisturbance, liars: Sequence[int | tuple[int, ...]]) -> list[SensorFault]:
-    """Begin the fault on each of these sensors; a swap has a pair of sensors."""
+    """Begin the fault on each of these sensors; for a swap, each item is a pair of sensors."""
     return [one.begun((j,) if isinstance(j, int) else j, Config(), seed=0) for j in liars]
 
 

@@ -1,4 +1,5 @@
-"""The tables of the ECU: its sensor check, Python and C compared, machine proofs on C, and the loop with each ECU."""
+"""The tables of the ECU: its sensor check, the comparison of Python and C, machine proofs on C, and the loop with each
+ECU."""
 
 from itertools import groupby
 from pathlib import Path
@@ -10,7 +11,7 @@ _MODELLED: Final = ("modelled_ms", "modelled_ms_max")
 
 
 def tables(results: Path) -> dict[str, str]:
-    """Return every table by its marker."""
+    """Return every table by its marker in the pages."""
     figures = read(results / "sensor_check.json")["figures"]
     return {
         "sensor_check_alarms": alarms(figures["false_alarms"]),
@@ -24,7 +25,8 @@ def tables(results: Path) -> dict[str, str]:
 
 
 def twin(path: Path) -> str:
-    """Return the table of the comparison of the ECUs in C and in Python, and of the faults that it finds."""
+    """Return the table of the comparison between the ECUs in C and in Python, and of the faults that this comparison
+    finds."""
     found = read(path)
     of, facts = found["figures"], found["facts"]
     rows = [
@@ -43,7 +45,8 @@ Measured on {found["date"]} in {len(facts["variants"])} kinds of vehicles, with
 
 
 def proofs(found: Any) -> str:
-    """What is proved by machine on the exported C, under which bound and assumption, and what is open and why."""
+    """Return two tables: the statements on the exported C that are proved by machine, with bound and assumption, and
+    the statements that are not proved, with the reason."""
     of, facts = found["figures"], found["facts"]
     alike: dict[tuple[str, str, str], list[Any]] = {}
     for item in of["items"]:
@@ -69,14 +72,15 @@ def proofs(found: Any) -> str:
 
 
 def sabotage(found: Any) -> str:
-    """The lines that were changed, and whether the proof that they spoil noticed."""
+    """Return the table of the lines that were changed on purpose, and of whether the proof that each change invalidates
+    found it."""
     verdicts = {"failed": "found", "proved": "not found", "open": "open"}
     rows = [(one["what"], one["file"], one["item"], verdicts[one["state"]]) for one in found["figures"]["sabotaged"]]
     return table(("changed line", "source", "item", ""), rows)
 
 
 def models(found: Any) -> str:
-    """Return the table of the explorations of fail-safe and flashing."""
+    """Return the table of the state explorations of fail-safe and flashing."""
     of = found["figures"]
     fail_safe, flashing = of["fail_safe"], of["flashing"]
     rows = [
@@ -99,7 +103,8 @@ def _found(sabotaged: list[dict[str, str]], part: str) -> str:
 
 
 def loops(found: Any) -> str:
-    """Return the table of the wake under each ECU, and of the emulated core's differences to this machine."""
+    """Return the table of the wake under each ECU, and of the differences between the emulated core and this
+    machine."""
     rows = [
         (
             row["kind"],
@@ -121,7 +126,7 @@ Measured on {found["date"]}. The emulated core against this machine, with the sa
 
 
 def alarms(rows: list[dict[str, Any]]) -> str:
-    """Return the table of false alarms in the whole recording, by the disturbance of the healthy sensors."""
+    """Return the table of false alarms in the whole recording for each disturbance of the healthy sensors."""
     words = {"none": "nothing", "noise 0.9": "noise of 90 %", "lost 0.3": "30 % of the frames lost"}
     found = [
         (
@@ -137,7 +142,7 @@ def alarms(rows: list[dict[str, Any]]) -> str:
 
 
 def faults(rows: list[dict[str, Any]]) -> str:
-    """Return the table of findings for each fault, over all sensors or pairs."""
+    """Return the table of the outcomes of each fault, over all sensors or pairs of sensors."""
     counts = ("starts", "set_aside", "shut", "wrong", "unseen")
     found = []
     for fault, group in groupby(rows, key=lambda row: row["fault"]):

@@ -12,7 +12,8 @@ MISSING: Final = "Not measured yet: the command above writes the file that this 
 
 
 def tables(results: Path) -> dict[str, str]:
-    """Return every table by its marker; a note in its place if there are no results of a campaign."""
+    """Return every table by its marker in the pages; if there are no results of a campaign, a note replaces the
+    table."""
     path = results / FILE
     if not path.is_file():
         return {"campaign": MISSING}
@@ -20,8 +21,8 @@ def tables(results: Path) -> dict[str, str]:
 
 
 def campaign(found: Mapping[str, Any], *, told: bool = False) -> str:
-    """Return the matrix with a row per scenario. With `told`, a column has the scenarios' sentences, but not if a
-    scenario differs from the previous one only in a number or a sensor."""
+    """Return the matrix with a row per scenario. With `told`, a column has the scenarios' sentences; the sentence is
+    left out if a scenario differs from the previous scenario only in a number or a sensor."""
     rows: list[Sequence[object]] = []
     kind = ""
     for row in found["figures"]:
@@ -48,7 +49,8 @@ starts in which a fault latched. {facts["controlled"]:g} t_c with control, avera
 
 
 def _in_control(row: Mapping[str, Any]) -> str:
-    """Return the share of the periods, "" for all of them, and the number of latched faults."""
+    """Return the percentage of the periods in control, or "" if it is 100, and the number of latched faults if there
+    were any."""
     share = _number(row["in_control_percent"], ".0f")
     return f"{share} ({row['latches']})" if row["latches"] else "" if share == "100" else share
 

@@ -1,12 +1,14 @@
-"""What the iterations add to the prior's plan, over paired runs of a release with them and without.
+"""The improvement of the prior's plan by the controller's iterations, over paired runs of a release with and without
+iterations.
 
     python -m benchmarks iterations [--workers 2] [--json FILE]
 
-A release's iterations act on the terms of a cost that its prior does not know (`unknown_to_prior` in
-`contract.controller.goal`). So the run without them is the same release without the weights of these terms. Where they
-have none anyway, no iteration acts, both runs have the same inputs, and none is made. Each other case has a cost of its
-own, that of its weights taken of the whole flow. Both runs of a pair begin in the same wake; what is shown is the
-change of that cost in per cent, with the 95 % interval of its mean by Student's t.
+A release's iterations act on the terms of a cost for which its prior was not trained (`unknown_to_prior` in
+`contract.controller.goal`). So the run without iterations uses the same release, with the weights of these terms set to
+0. If these weights are 0 in a case anyway, no iteration acts, both runs have the same inputs, and no run is made. Every
+other case has its own cost: the case's weights applied to the flow of the whole averaged time. Both runs of a pair
+begin in the same wake. The table shows the change of the cost in per cent, with the 95 % interval of its mean by
+Student's t.
 """
 
 from collections.abc import Mapping
@@ -40,12 +42,12 @@ from wake.truck.truck_wake import TruckWake
 
 
 class Case(NamedTuple):
-    """What differs from the trained goal.
+    """A case, described by its differences from the trained goal.
 
     Attributes:
-        weights: cost weights in place of the release's.
-        limit: action limit of the jets, as a share of the release's.
-        delay: delay of the actuator, known to the ECU, in control periods.
+        weights: cost weights that replace those of the release.
+        limit: action limit of the jets, as a share of the release's limit.
+        delay: delay of the actuator in control periods; the ECU is given this delay.
     """
 
     name: str
@@ -63,7 +65,7 @@ CASES: Final = (
     Case("smoothness of 300", {"smoothness": 300.0}),
 )
 NONE: Final = {"drag_fluctuation": 0.0, "lift_mean": 0.0, "smoothness": 0.0, "rate": 0.0, "prior": 0.0}
-"""Weights that the prior does not know, and what is left of them without iterations."""
+"""Weights with which the prior was not trained, and their values in the runs without iterations."""
 
 
 def main(
@@ -120,9 +122,11 @@ def _kept(folder: Path, bundle: Path, starts: list[Path], run: tuple[Case, int, 
 
 
 def calibrated(own: Calibration, case: Case, *, iterated: bool) -> Calibration:
-    """The values on the vehicle: the case's, or those that leave nothing to the iterations.
+    """Return the calibration of a run: the weights of the case or, without `iterated`, weights for which no iteration
+    acts.
 
-    A goal outside the range is the prior's own matter (`unknown_to_prior`), so no iteration acts there.
+    A goal outside the range of the prior's training is handled by the prior alone (`unknown_to_prior`), so no iteration
+    acts on it.
     """
     weights = replace(own.weights, **case.weights)
     if not iterated:
@@ -131,7 +135,7 @@ def calibrated(own: Calibration, case: Case, *, iterated: bool) -> Calibration:
 
 
 def outcome(bundle: Path, start: Path, case: Case, *, iterated: bool) -> dict[str, float]:
-    """The cost of the case's weights over the averaged part of a run."""
+    """Return the cost that the case's weights give over the averaged part of a run."""
     release = bundles.load(bundle)
     config = replace(load_config(), mpc=release.manifest.mpc)
     ecu, vehicle = replace(config.ecu, delay_steps=case.delay), replace(config.vehicle, actuator_delay=case.delay)

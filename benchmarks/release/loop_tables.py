@@ -1,4 +1,4 @@
-"""The tables of the shipped release from several phases of the shedding cycle and at other speeds."""
+"""The tables of the shipped release from several starting phases in the shedding cycle and at other speeds."""
 
 import re
 from collections import Counter
@@ -14,7 +14,7 @@ _NAMES = (
 
 
 def tables(results: Path) -> dict[str, str]:
-    """Return every table by its marker."""
+    """Return every table by its marker in the pages."""
     return {
         "release_loop": release_loop(results),
         "drive": drive(results),
@@ -51,13 +51,13 @@ drive, of which the first {facts["settle"]:g} t_c do not count."""
 
 
 def _latched(troubles: list[str]) -> str:
-    """Return the latched faults of all starts, each with its number."""
+    """Return the latched faults of all starts, each with the number of its occurrences."""
     faults = Counter(re.findall(r"ECU FAULT: (\w+)", " ".join(troubles)))
     return ", ".join(f"{name} ({count})" for name, count in faults.items())
 
 
 def release_loop(results: Path) -> str:
-    """Return the table of the shipped release over several phases."""
+    """Return the table of the shipped release over several starting phases."""
     found = read(results / "release_loop.json")
     figures, facts = found["figures"], found["facts"]
     spread = figures["over_phases"]

@@ -1,4 +1,4 @@
-"""The pictures of a release: forecasts in the loop, distributions, Cp along the body, and mean flows."""
+"""The pictures of a release: errors of its forecasts in the loop, distributions, Cp along the body, and mean flows."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
@@ -18,11 +18,11 @@ from wake.truck.truck_wake import TruckWake
 UNCONTROLLED, CONTROLLED = "0.25", "#1f77b4"
 _CASES: Final = (("uncontrolled", UNCONTROLLED), ("controlled", CONTROLLED))
 _BEHIND: Final = (-0.6, 10.4, -1.5, 1.5)
-"""Limits of the shown part of the mean flow, in W: x from the base, then y."""
+"""Limits of the part of the mean flow that is shown, in W: x measured from the base, then y."""
 
 
 def drawn(figures: Mapping[str, Any]) -> dict[str, Figure]:
-    """Draw the pictures that depend only on the figures; returns them by file name."""
+    """Draw the pictures that need only the figures in the results file; return the pictures by file name."""
     return {"release_forecasts": forecasts(figures), "release_distributions": distributions(figures)}
 
 
@@ -54,7 +54,7 @@ def distributions(figures: Mapping[str, Any]) -> Figure:
     x = sensors.positions()[: sensors.PER_SIDE, 0]
     for (case, colour), one in zip(_CASES, figures["mean"], strict=True):
         values, n = np.array(one["Cp"]), sensors.PER_SIDE
-        # The mean flow would be symmetric in a longer average.
+        # In a longer average the mean flow would be symmetric, so the upper and the lower side are averaged.
         along.plot(x, 0.5 * (values[:n] + values[n : 2 * n]), color=colour, linewidth=1.4, label=case)
         across = values[sensors.BASE]
         along.plot(np.full(len(across), x[-1] + 0.25), across, ".", color=colour, markersize=4)
@@ -72,13 +72,14 @@ def _histogram(axes: Axes, found: Mapping[str, Any], label: str) -> None:
         axes.axvline(one["mean"], color=colour, linewidth=1.0, linestyle=":")
         axes.plot([], [], color=colour, linewidth=4, alpha=0.6, label=f"{case}: {one['mean']:.3f} ± {one['std']:.3f}")
     axes.set(xlabel=label, ylabel="probability density")
-    # The larger range leaves room for the legend above the tallest bar.
+    # The larger range leaves space for the legend above the tallest bar.
     axes.set_ylim(top=1.3 * axes.get_ylim()[1])
     axes.legend(fontsize=8, loc="upper center")
 
 
 def mean_flows(wake: TruckWake, flows: Sequence[Flow]) -> Figure:
-    """Plot mean u behind the truck without and with control, with the reverse flow's edge and bubble length."""
+    """Plot mean u behind the truck without and with control, with the edge of the reverse flow and the bubble
+    length."""
     left, right, low, high = _BEHIND
     view = (wake.body.length + left, wake.body.length + right, low, high)
     raster = Raster.of(wake.grid.xc, wake.grid.yc, view, 900)

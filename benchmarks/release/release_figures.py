@@ -5,9 +5,8 @@
 The benchmark runs the closed loop as `stillwake run` does, stores every forecast of the controller, and averages the
 flow without and with control. Pictures are written to docs/pictures, or to the folder given with --pictures.
 
-The forecasts are those of the optimiser's plan, and the next control steps may change that plan from its second action
-on. The error at h = 1 .. H is the distance between the forces forecast at t_k for t_{k+h} and the flow's forces at that
-time.
+A forecast belongs to the optimiser's plan. The next control steps may change that plan from its second action on. The
+error at h = 1 .. H is the distance between the forces forecast at t_k for t_{k+h} and the flow's forces at t_{k+h}.
 """
 
 from contextlib import nullcontext
@@ -38,18 +37,18 @@ from wake.truck.recirculation import recirculation_length
 from wake.truck.truck_wake import TruckWake
 
 BINS: Final = 40
-"""Number of bins of a histogram, over the range of both cases."""
+"""Number of bins of a histogram, over the common range of the cases without and with control."""
 _QUANTILES: Final = (0.1, 0.9)
 CASES: Final = ("uncontrolled", "controlled")
 
 
 @dataclass(kw_only=True)
 class Listening:
-    """A controller that stores its latest step, and otherwise does what the inner controller does.
+    """A controller that passes every call to an inner controller and stores the latest step.
 
     Attributes:
         inner: controller that computes the steps.
-        latest: latest step of `inner`; None after it was taken.
+        latest: latest step of `inner`; None after `taken` returned it.
     """
 
     inner: RunnableController
@@ -67,7 +66,7 @@ class Listening:
         return self.latest
 
     def taken(self) -> ControlStep | None:
-        """Return the latest step and forget it."""
+        """Return the latest step and delete it from this object."""
         step, self.latest = self.latest, None
         return step
 
@@ -119,15 +118,15 @@ def main(
     }  # fmt: skip
     report(json_file, figures, facts, tables.release_forecasts, tables.release_distributions)
     drawn = release_drawings.drawn(figures) | {"release_mean_flow": release_drawings.mean_flows(wake, flows)}
-    # Without a results file, the pictures' source is the run.
+    # Without a results file, the pictures state the run as their source.
     draw(drawn, RunFolder(run).summary if json_file is None else json_file.resolve(), folder=pictures)
 
 
 def measured(log: RunLog, forecasts: Array, settled: int) -> dict[str, Any]:
-    """Compute errors of the forecasts, and distributions.
+    """Return errors of the forecasts, and distributions, for a run of n periods.
 
     Args:
-        forecasts: (n, H, 2) forces forecast in every period for the next periods; NaN without a forecast.
+        forecasts: forces forecast in every period for the next H periods, shape (n, H, 2); NaN without a forecast.
         settled: index of the first row that counts as under control.
     """
     truth = np.column_stack([log.series["Cd"], log.series["Cl"]])
@@ -145,11 +144,11 @@ def measured(log: RunLog, forecasts: Array, settled: int) -> dict[str, Any]:
 
 
 def forecast_errors(forecasts: Array, truth: Array) -> list[Array]:
-    """Return |forecast - truth| at h = 1 .. H, (m_h, 2) each.
+    """Return |forecast - truth| at each h = 1 .. H, as an array of shape (m_h, 2) for the m_h comparable forecasts.
 
     Args:
-        forecasts: (n, H, 2), row k for k + 1 .. k + H; NaN without a forecast.
-        truth: (n, 2) forces of the flow.
+        forecasts: forecasts in n periods, shape (n, H, 2); row k is for the periods k + 1 .. k + H; NaN if missing.
+        truth: forces of the flow, shape (n, 2).
     """
     found = []
     for ahead in range(1, forecasts.shape[1] + 1):

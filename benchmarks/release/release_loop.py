@@ -1,10 +1,10 @@
-"""The shipped release in the closed loop from several phases of the shedding cycle: figures with their spread.
+"""The shipped release in the closed loop from several starting phases in the shedding cycle: figures with their spread.
 
     python -m benchmarks release-loop [--bundle BUNDLE] [--config FILE] [--json FILE]
 
 Each run is like `stillwake run`: over CAN, int8, ONNX Runtime, 25 t_c without control and 100 t_c with control, of
-which the last 60 are averaged. For another body, give its settings with its release; its wake first develops from rest.
-Finished runs are stored.
+which the last 60 are averaged. For another body, give its settings together with its release; then the body's wake
+first develops from rest. Finished runs are stored.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -49,7 +49,7 @@ FIGURES: Final = (
     *("Cd_uncontrolled", "Cd_controlled", "Cd_net_uncontrolled", "Cd_net_controlled"),
     *("net_reduction_percent", "net_of_power_percent"),
 )
-"""Figures of a phase, for which mean and spread over all phases are computed."""
+"""Figures of a run whose mean and spread over all starting phases are computed."""
 
 
 def main(
@@ -60,7 +60,7 @@ def main(
     bundle: Annotated[Path, typer.Option(help="Another release in place of the shipped one.")] = BUNDLE,
     config_file: Annotated[Path | None, typer.Option("--config", help="Settings of its body and flow (TOML).")] = None,
 ) -> None:
-    """Run the closed loop from every phase and print a table."""
+    """Run the closed loop from every starting phase and print a table."""
     release = bundles.load(bundle)
     config = replace(load_config(config_file), mpc=release.manifest.mpc)
     kept = kept_starts(parts, release, phases, config)
@@ -83,7 +83,7 @@ def main(
 
 
 def kept_starts(parts: Path, release: Bundle, phases: int, config: Config) -> CampaignFolder:
-    """Return a folder of the release with its starts in `phases` phases of the shedding cycle."""
+    """Return a folder for the runs of a release, with starting states at `phases` phases of the shedding cycle."""
     kept = CampaignFolder(parts / f"{release.digest[:12]}_{phases}")
     kept.start(0).parent.mkdir(parents=True, exist_ok=True)
     keep_states(kept, starting_states(kept, config, phases))
@@ -91,10 +91,11 @@ def kept_starts(parts: Path, release: Bundle, phases: int, config: Config) -> Ca
 
 
 def with_net(row: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a run's figures with the reductions in per cent that remain after the costs of the jets.
+    """Return a run's figures together with the reductions in per cent that remain after the costs of the jets.
 
-    `net_reduction_percent` is of `Cd_net`: wall, slot faces and the jets' momentum. `net_of_power_percent` is of the
-    sum of `Cd_net` and the jets' power: at the vehicle's speed, a unit of `jet_power` is the power of a unit of Cd.
+    `net_reduction_percent` is the reduction of `Cd_net`, which includes wall, slot faces and the jets' momentum.
+    `net_of_power_percent` is the reduction of the sum of `Cd_net` and the jets' power. The two can be added, because at
+    the vehicle's speed a unit of `jet_power` is the power of a unit of Cd.
     """
     before, under = row["Cd_net_uncontrolled"], row["Cd_net_controlled"]
     return {
@@ -105,7 +106,7 @@ def with_net(row: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def spread(rows: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, float]]:
-    """Return mean, minimum and maximum over the phases, for every figure that all phases have.
+    """Return mean, minimum and maximum over the starting phases, for every figure that all phases have.
 
     With several phases the result also has the half width of the mean's 95 % confidence interval by Student's t. The
     interval assumes independent starts; it is too narrow if neighbouring starts give similar results.
@@ -125,7 +126,7 @@ def _runs(bundle: Path, config: Config, kept: CampaignFolder, phases: int, worke
     files = [kept.path / f"phase_{number}.json" for number in range(phases)]
     starts = [kept.start(number) for number in range(phases)]
     missing = sum(not file.is_file() for file in files)
-    # A process takes seconds to start, so there is none if all runs are stored.
+    # A process takes seconds to start, so no process is started if all runs are stored.
     with nullcontext() if missing == 0 else process_pool(min(workers, missing)) as pool:
         each = partial(_kept_run, bundle, config)
         yield from map(each, files, starts) if pool is None else pool.map(each, files, starts)
@@ -137,7 +138,7 @@ def _kept_run(bundle: Path, config: Config, file: Path, start: Path) -> dict[str
 
 
 def measured(release: Bundle, config: Config, start: Path, calibration: Calibration | None = None) -> dict[str, Any]:
-    """Run from a start, and return the figures with the reductions that remain after the costs of the jets."""
+    """Run from a starting state, and return the figures with the reductions that remain after the costs of the jets."""
     wake = TruckWake(config.flow, body=config.body)
     wake.reset(load_state(start))
     found = summary(Simulation(release, config, spans=SPANS, calibration=calibration).run(wake))

@@ -2,8 +2,8 @@
 
     python -m benchmarks.release.ship MODEL BUNDLE --command "stillwake train ..."
 
-`make release` calls this module. It changes nothing unless the bundle is of the model and signed with the project's
-key.
+`make release` calls this module. It changes nothing unless the bundle was made from the model and is signed with the
+project's key.
 """
 
 import argparse
@@ -27,7 +27,7 @@ BUNDLE: Final = ROOT / "contract" / "release" / "shipped"
 
 def ship(model: Path, release: Path, *, command: str, on: date, data: Path = DATA, bundle: Path = BUNDLE) -> None:
     """Replace the shipped model and bundle. Raises ModelError if the model is damaged; BundleError if the bundle is
-    damaged, not signed with the project's key, or of another model.
+    damaged, not signed with the project's key, or made from another model.
 
     Args:
         command: command that trained the model.

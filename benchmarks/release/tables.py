@@ -8,7 +8,7 @@ from benchmarks.common.markdown import read, table
 
 
 def tables(results: Path) -> dict[str, str]:
-    """Return every table by its marker."""
+    """Return every table by its marker in the pages."""
     return {
         "summary": summary(results),
         "demo": demo(results),
@@ -22,7 +22,7 @@ def tables(results: Path) -> dict[str, str]:
 
 
 def iterations(found: Any) -> str:
-    """Return the table of the iterations' effect on the cost of each case."""
+    """Return the table of the iterations' effect on the cost in each case."""
     facts, rows = found["facts"], []
     for name, change in found["figures"]["change_percent"].items():
         interval = f"{change['lower']:.2f} .. {change['upper']:.2f}" if facts["pairs"][name] else "no iteration acts"
@@ -33,7 +33,7 @@ Measured on {found["date"]} with {facts["bundle"]}, default mesh, int8, through 
 
 
 def release_forecasts(found: Any) -> str:
-    """Return the table of errors of the controller's forecasts in the loop."""
+    """Return the table of the errors of the controller's forecasts in the loop."""
     figures = found["figures"]
     sigma = figures["sigma"]["uncontrolled"]
     rows = [
@@ -71,7 +71,7 @@ def release_distributions(found: Any) -> str:
 
 
 def bundle_fuzz(results: Path) -> str:
-    """Return the table of damaged bundles, graphs and C headers, and whether they were accepted."""
+    """Return the table of damaged bundles, graphs and C headers, and of whether they were accepted."""
     found = read(results / "bundle_fuzz.json")
     figures = found["figures"]
     rows = [
@@ -89,7 +89,7 @@ that are accepted are sound bundles of another content, which no one signed.
 
 
 def summary(results: Path) -> str:
-    """Return the table of the uncontrolled wake, the best sine, and the closed loop on both plants."""
+    """Return the table of the uncontrolled wake, the best sinusoidal forcing, and the closed loop on both plants."""
     loop = read(results / "demo.json")["figures"]
     openfoam = read(results / "openfoam_loop.json")
     second, of = openfoam["figures"], openfoam["facts"]["controller"].partition(" ")[0]
@@ -136,7 +136,7 @@ Mean Cl under control is {loop["mean_Cl_controlled"]:+.3f}. A control step takes
 
 
 def _from_phases(results: Path) -> tuple[object, ...]:
-    """Return the row with the means of the closed loop over several phases of the shedding cycle."""
+    """Return the row with the means of the closed loop over several starting phases."""
     found = read(results / "release_loop.json")
     figures = found["figures"]
     spread = figures["over_phases"]
@@ -151,7 +151,8 @@ def _from_phases(results: Path) -> tuple[object, ...]:
 
 
 def _linear(results: Path) -> tuple[object, ...]:
-    """Return the row of the linear controller identified by version 1.0.0, with its means over phases."""
+    """Return the row of the linear controller that version 1.0.0 identified, with its means over the starting
+    phases."""
     row = next(row for row in read(results / "roads.json")["figures"] if row["road"] == "linear-under-release")
     return (
         f"a linear controller instead (by version 1.0.0), from {len(row['outcomes'])} starts, mean",
@@ -214,7 +215,8 @@ plans; {late:g} ms after it, which the controller's model leaves out; or at the 
 
 
 def steady(results: Path) -> str:
-    """Return the table of the wake held symmetric and of the shedding wake, and the resulting bound."""
+    """Return the table of the wake that is kept symmetric and of the shedding wake, and of the resulting bound on the
+    reduction of wall drag."""
     found = read(results / "steady.json")
     held, shedding = found["figures"], read(results / "demo.json")["figures"]
     rows = [

@@ -1,11 +1,11 @@
-"""The effect of a cost weight under a release: side force, jets and drag, in the closed loop.
+"""The effect of a cost weight with a release: side force, jets and drag, in the closed loop.
 
     python -m benchmarks weights [--workers 2] [--json FILE]
 
 The runs are on the mesh of the prior's training, over CAN and with the ECU, in int8: 15 t_c without and 85 t_c with
 control, of which the last 50 count, from three starts. A weight has seven values over the range of the prior's
-training; the other weights are the release's. Spearman's rank correlation states how well the effect follows the
-weight.
+training; the other weights are those of the release. Spearman's rank correlation states how consistently the effect
+follows the weight.
 """
 
 from collections.abc import Mapping, Sequence
@@ -95,7 +95,7 @@ def main(
 
 
 def started(folder: Path, phases: int) -> Path:
-    """Return a folder with a developed wake on the training's mesh in each phase of the shedding cycle."""
+    """Return a folder with the developed wake on the training's mesh at each starting phase of the shedding cycle."""
     folder.mkdir(parents=True, exist_ok=True)
     config = mesh_of(load_config())
     wake = TruckWake(config.flow, body=config.body)
@@ -111,7 +111,7 @@ def started(folder: Path, phases: int) -> Path:
 
 
 def outcome(bundle: Path, start: Path, calibration: Calibration) -> dict[str, Any]:
-    """Return the figures of a run with this calibration in the ECU."""
+    """Return the figures of a run in which the ECU has this calibration."""
     release, config = bundles.load(bundle), mesh_of(load_config())
     wake = TruckWake(config.flow, body=config.body)
     wake.reset(load_state(start))
@@ -128,7 +128,7 @@ def _kept(folder: Path, bundle: Path, case: Case) -> dict[str, Any]:
 
 
 def means(rows: Sequence[Mapping[str, Any]], weight: str) -> dict[float, dict[str, float]]:
-    """Return every figure's mean over the starts, by the weight's value."""
+    """Return, for each value of the weight, every figure's mean over the starts."""
     found: dict[float, dict[str, float]] = {}
     for value in dict.fromkeys(row["value"] for row in rows if row["weight"] == weight):
         runs = [row for row in rows if (row["weight"], row["value"]) == (weight, value)]
@@ -140,7 +140,7 @@ def means(rows: Sequence[Mapping[str, Any]], weight: str) -> dict[float, dict[st
 def _correlations(rows: Sequence[Mapping[str, Any]]) -> dict[str, float]:
     """Compute Spearman's rank correlation over all runs, which is 1 if the effect falls whenever the weight rises.
 
-    For a weight with several effects, the smallest correlation counts.
+    If a weight has several effects, the smallest of their correlations is returned.
     """
     found = {}
     for weight, effects in EFFECTS.items():
@@ -151,7 +151,7 @@ def _correlations(rows: Sequence[Mapping[str, Any]]) -> dict[str, float]:
 
 
 def _end_to_end(rows: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, float]]:
-    """Return the reduction of each effect from no weight to the largest weight, in per cent."""
+    """Return the reduction of each effect in per cent, from the weight 0 to the largest weight."""
     found = {}
     for weight, effects in EFFECTS.items():
         first, *_, last = means(rows, weight).values()

@@ -1,1 +1,1 @@
-"""Measurements of the plant, and their tables."""
+"""Measurements of the plant, and tables of their results."""

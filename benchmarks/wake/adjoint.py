@@ -2,10 +2,10 @@
 
     python -m benchmarks adjoint [--json FILE] [--refinement 0.75 ...]
 
-The measurement runs on one core. The gradient is of the wall drag summed over a window with random actions, from the
-shipped wake, in double and in single precision. Both precisions, and forward and backward periods, are timed in turn;
-the figures are medians. Finite differences of whole runs check the gradient in double precision, which in turn checks
-the gradient in single precision.
+The measurement runs on one core. The gradient is that of the wall drag, summed over a window with random actions from
+the shipped wake, in double and in single precision. Both precisions, and forward and backward periods, are timed in
+turn; the figures are medians. Finite differences of whole runs check the gradient in double precision. This gradient
+checks the gradient in single precision.
 """
 
 from dataclasses import replace
@@ -28,9 +28,11 @@ from wake.truck.tape import Tape, no_weights
 from wake.truck.truck_wake import TruckWake
 
 SUBSTEPS: Final = {1.0: 30}
-"""Time steps per control period on the default mesh; coarser meshes have 15, as in the table of ways to reduce drag."""
+"""Number of time steps per control period on the default mesh; coarser meshes have 15, as in the table of ways to
+reduce drag."""
 WINDOW, ROUNDS, STEP = 20, 5, 1e-5
-"""Control periods of a window, number of timed windows, and half the difference in an action for finite differences."""
+"""Number of control periods of a window, number of timed windows, and the change of an action in each direction for
+finite differences."""
 LONG: Final = 500
 """Number of control periods without jets; the drag in both precisions is averaged over the last half."""
 PRECISIONS: Final = {"double": np.float64, "single": np.float32}
@@ -56,7 +58,7 @@ def _measure(refinement: float) -> list[dict[str, Any]]:
     tapes = {name: Tape(plant) for name, plant in plants.items()}
     times: dict[str, list[tuple[float, float, float]]] = {name: [] for name in plants}
     gradients = dict[str, Any]()
-    # The training runs without denormal numbers, too.
+    # The training also runs without denormal numbers, so the measurement does too.
     with without_denormals():
         for _ in range(1 + ROUNDS):
             for name, plant in plants.items():
@@ -85,7 +87,7 @@ def _measure(refinement: float) -> list[dict[str, Any]]:
 
 
 def _visit(plant: TruckWake, tape: Tape, start: State, actions: Array) -> tuple[Array, tuple[float, float, float]]:
-    """Return the gradient, and the seconds of a run without tape, of a run with tape, and of the backward pass."""
+    """Return the gradient, and the times in s of a run without tape, of a run with tape, and of the backward pass."""
     drag = replace(no_weights(len(plant.layout)), Cd=1.0)
     began = process_time()
     _drag(plant, start, actions)

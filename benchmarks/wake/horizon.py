@@ -1,10 +1,10 @@
-"""The windows over which a gradient through the flow predicts what a real step of the jets does.
+"""The lengths of window over which a gradient through the flow predicts the effect of a finite step of the jets.
 
     python -m benchmarks horizon [--json FILE]
 
-The scalar is the mean wall drag over a window from the shipped wake, on the mesh of the trainings. The gradient by the
-action of the first period is from the tape; the slopes beside it are central differences of whole runs, with steps of
-that action that are shares of its bound.
+The scalar is the mean wall drag over a window from the shipped wake, on the mesh of the trainings. The tape gives the
+gradient with respect to the action of the first period. For comparison, slopes are central differences of whole runs,
+with steps of this action that are shares of its bound.
 """
 
 from dataclasses import replace
@@ -23,9 +23,10 @@ from wake.truck.tape import Tape, no_weights
 from wake.truck.truck_wake import TruckWake
 
 WINDOWS: Final = (5.0, 10.0, 20.0, 40.0, 60.0)
-"""Lengths in t_c; a shedding cycle has 5."""
+"""Lengths of the windows in t_c; a shedding cycle takes 5 t_c."""
 STEPS: Final = (1e-5, 0.01, 0.1)
-"""Steps of the action, as shares of its bound: nearly a derivative, and two steps that a controller would take."""
+"""Steps of the action, as shares of its bound. The first step gives nearly a derivative; the other two are steps that a
+controller would take."""
 
 
 def main(json_file: JsonFile = None) -> None:
@@ -49,7 +50,8 @@ def main(json_file: JsonFile = None) -> None:
 
 
 def _means(plant: TruckWake, start: State, action: float, count: int) -> Array:
-    """Return the mean drags over windows of 1 to `count` periods, with this action in the first period."""
+    """Return the mean drags over windows of 1 to `count` periods, shape (count,), with this action in the first
+    period."""
     plant.reset(start)
     drags = [plant.advance(action if period == 0 else 0.0).Cd for period in range(count)]
     return np.cumsum(drags) / np.arange(1, count + 1)

@@ -1,4 +1,5 @@
-"""The time of a time step of the plant, its distribution over the parts, and its ratio to the machine's limits.
+"""The computing time of a time step of the plant, its distribution over the parts, and its ratio to the machine's
+limits.
 
     python -m benchmarks wake-speed [--json FILE] [--refinement 0.7 ...]
 
@@ -37,8 +38,8 @@ _PARTS: Final = {
     "fill_edges": "edges",
     "fill_walls": "walls",
 }
-# Numbers read or written per cell if every array were accessed once per pass: a stage reads u, v, p and both rates, and
-# writes four of them; the correction accesses u, v, p and phi.
+# These are the numbers that would be read or written per cell if every array were accessed once per pass. A stage reads
+# u, v, p and both rates, and writes four of them; the correction accesses u, v, p and phi.
 _STAGE_NUMBERS: Final = 9
 _CORRECTION_NUMBERS: Final = 7
 _SETTLE: Final = 3.0
@@ -81,7 +82,8 @@ def _plant(refinement: float, precision: str) -> TruckWake:
 
 
 def _visit(wake: TruckWake, times: defaultdict[str, list[float]]) -> None:
-    """Time a control period without control, one at full amplitude, one in parts, and the machine's two limits."""
+    """Time one control period without control, one at full amplitude and one split into parts, and measure the
+    machine's two limits."""
     limit = wake.config.action_limit
     times["free"].append(_clock(lambda: wake.advance(0.0)))
     wake.advance(limit)
@@ -104,7 +106,7 @@ def _row(wake: TruckWake, refinement: float, times: dict[str, list[float]]) -> d
     cells, h = nx * ny, ny // 2
     period = {name: median(values) for name, values in times.items()}
     parts = {label: sum(period[key] for key, other in _PARTS.items() if other == label) for label in _PARTS.values()}
-    # One element of the triad reads or writes three numbers.
+    # For each element, the triad reads or writes three numbers.
     size = wake.flow.flat.itemsize
     bandwidth = 3 * size * cells / period["triad"]
     arithmetic = 2 * nx * h * h / period["product"]
@@ -128,7 +130,7 @@ def _row(wake: TruckWake, refinement: float, times: dict[str, list[float]]) -> d
 
 @contextmanager
 def _clocked_parts() -> Iterator[dict[str, float]]:
-    """Time every compiled part of a time step while the context is open."""
+    """Time every compiled part of a time step while the context is active."""
     spent: dict[str, float] = dict.fromkeys(_PARTS, 0.0)
     owners: dict[str, Any] = {name: poisson.PoissonSolver if name == "solve_into" else kernels for name in _PARTS}
     originals = {name: getattr(owner, name) for name, owner in owners.items()}

@@ -14,7 +14,7 @@ Fluids 26 (1998) 39-56 and Numer. Heat Transfer A 45 (2004) 247-269."""
 
 
 def tables(results: Path) -> dict[str, str]:
-    """Return every table by its marker."""
+    """Return every table by its marker in the pages."""
     return {
         "steps": _steps(results),
         "adjoint": _adjoint(results),
@@ -69,7 +69,7 @@ def _adjoint(results: Path) -> str:
 
 
 def horizon(found: Any) -> str:
-    """Return the table of a gradient's errors against differences, by the length of the window."""
+    """Return the table of a gradient's errors relative to differences, for each length of the window."""
     rows = [(row["window"], row["gradient"], *(_percent(error) for error in row["errors"])) for row in found["figures"]]
     steps = (f"step of {_percent(share)} of the bound" for share in found["facts"]["steps"])
     return table(("window, t_c", "gradient", *steps), rows)
@@ -80,7 +80,7 @@ def _percent(share: float) -> str:
 
 
 def vector(found: Any) -> str:
-    """Return the table of a batch's steps and gradients a second."""
+    """Return the table of the number of steps and gradients per second in a batch."""
     names = {"sync": "SyncVectorEnv", "async": "AsyncVectorEnv", "vector_entry_point": "vector_entry_point"}
     figures, count = found["figures"], found["facts"]["envs"]
     gradients = {"sync": "one after another", "vector_entry_point": "batch"}

@@ -1,9 +1,10 @@
-"""Environments in a batch: Gymnasium's vector environments beside the one of this project, in one run.
+"""Environments in a batch: Gymnasium's vector environments and this project's own vector environment, in one run.
 
     python -m benchmarks vector-env [--json FILE] [--envs N]
 
-Each takes the same random actions, in turns, so that disturbances affect all of them, on the mesh of the trainings. The
-figures are medians of wall time, and of the time of the gradient of a window for the batch.
+Each environment takes the same random actions on the mesh of the trainings. The environments run in turn, so that
+disturbances affect all of them. The figures are medians of the wall time of the steps, and of the time of the gradient
+of a window for the batch.
 """
 
 import time
@@ -28,7 +29,7 @@ from wake.vector_env import BatchTape, TruckWakeVectorEnv
 MODES: Final = ("sync", "async", "vector_entry_point")
 ROUNDS: Final = 3
 STEPS: Final = 10
-"""Steps of a batch in a round, and control periods of a gradient's window."""
+"""Number of steps of a batch in a round, and number of control periods of a gradient's window."""
 
 
 def main(

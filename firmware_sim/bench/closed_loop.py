@@ -50,21 +50,23 @@ def run_closed_loop(
     move, a span is too short, or a disturbance could not act.
 
     Args:
-        output: run folder (`firmware_sim.runs.run_folder`), created if need be. An earlier run there is replaced when
-            this run is complete.
+        output: run folder (`firmware_sim.runs.run_folder`), created if need be. An earlier run in this folder is
+            replaced when the new run is complete.
         config: settings of the vehicle; its operating point and control period must be those of the bundle.
-        lead_in, controlled, settle, averages: `firmware_sim.bench.spans.Spans`.
+        lead_in, controlled, settle, averages: fields of `firmware_sim.bench.spans.Spans`.
         origin: date and origin that the run records; if None, today's date.
-        ready: called with the total number of periods before the first period, when everything is checked and open.
+        ready: called with the total number of periods before the first period, after all checks, when the files are
+            open.
         progress: called with (row, periods done, total periods) after every period.
-        plant: the wake, opened here; if None, the built-in solver from its shipped start.
+        plant: context manager of the wake, which this function enters; if None, the built-in solver from its shipped
+            start.
         faults: disturbances of the run; their times are in s from its start.
         progress_without: called with (periods done, total periods) while the drive runs without control.
         report: writes further files into the folder after all others.
-        parts: controller, calibration, ecu and drive of `Simulation`; `config.flow` must have the time steps for the
-            drive.
+        parts: arguments controller, calibration, ecu and drive of `Simulation`. With a drive, the time steps in
+            `config.flow` must be short enough for its speeds.
     """
-    # Importing here saves a second elsewhere: python-can loads every writer that it has.
+    # The import is inside the function, because python-can loads every writer that it has, which takes a second.
     from can_bridge.logs import frame_log
 
     disturbances = Disturbances(items=tuple(faults))
@@ -91,7 +93,7 @@ def run_closed_loop(
             recorder.record(0, wake.t, picture.levels)
 
         def record(row: Row, done: int, total: int) -> None:
-            # The wake is now at the start of the next period; the last period has no next one to record.
+            # The wake is now at the start of the next period; after the last period there is no next period to record.
             if done < total:
                 recorder.record(done, wake.t, picture.levels)
             progress(row, done, total)

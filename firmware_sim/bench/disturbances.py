@@ -2,15 +2,15 @@
 
     noise:level=0.5                        on every transducer
     stuck:sensor=base_7@2..5               on one transducer, from 2 s until before 5 s
-    ecu:drop:probability=0.3               in a node's port: `firmware_sim.bench.run_faults`
+    ecu:drop:probability=0.3               fault in a node's port: `firmware_sim.bench.run_faults`
     wire_errors:bit_error_rate=1,node=ecu@2..2.01
     reset@4                                once, at 4 s
-    reynolds=700                           the flow differs from the training's
-    body:length=1                          the vehicle differs from the training's
+    reynolds=700                           a Reynolds number other than in the training
+    body:length=1                          a body other than in the training
     gust:amplitude=0.1,period=20
 
-A disturbance is plain data; `disturbing.py` applies it. Its sensors must be sensors of the bundle, because no others
-are read. Levels are in global deviations of pressure (`firmware_sim.bench.sensor_faults`).
+A disturbance is plain data; `disturbing.py` applies it. Its sensors must be sensors of the bundle, because other
+sensors are not read. Levels are in global deviations of pressure (`firmware_sim.bench.sensor_faults`).
 """
 
 from collections.abc import Iterable
@@ -40,37 +40,38 @@ class WireNoise(Span, section="wire_errors"):
     bit_error_rate: Probability[float]
     """Probability that a bit is wrong, independent for each bit."""
     node: Literal["all", "vehicle", "ecu"] = "all"
-    """The node whose sent frames have errors; with at=receive, the node that receives with errors."""
+    """Node whose sent frames have errors; with at=receive, the node whose received frames have errors."""
     at: Literal["send", "receive"] = "send"
-    """Place of the errors: send for errors that all nodes see, receive for errors that one receiver sees."""
+    """Where the errors occur: send for errors that all nodes see, receive for errors that only `node` sees."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Reset(Instant, section="reset"):
     """A reset: the ECU loses its state, receives nothing while it boots, and starts again.
 
-    Frames that its CAN controller already has are still sent. Freshness values of `bus.key` are in non-volatile memory.
+    Frames that the ECU has already passed to its CAN controller are still sent. The freshness values of `bus.key` are
+    in non-volatile memory and survive.
     """
 
     node: Literal["ecu"] = "ecu"
     boot_s: NonNegative[float] = 0.2
-    """Time from the reset to the first step."""
+    """Time from the reset to the ECU's first step."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class WrongClock(Span, section="clock"):
-    """A wrong ECU clock: its rate differs from the vehicle's, or its time is offset. The run's periods are the
-    vehicle's.
+    """A wrong ECU clock: its rate differs from that of the vehicle's clock, or its time is offset. The vehicle's clock
+    times the periods of the run.
 
-    The clock stamps the frames that the ECU receives and gives the ECU its time. At the end of the span it jumps back
-    to the right time.
+    The ECU's clock stamps the frames that the ECU receives and gives the ECU its time. At the end of the span the ECU's
+    clock jumps back to the correct time.
     """
 
     node: Literal["ecu"] = "ecu"
     ppm: Annotated[float, Rule(wording="above -10^6", holds=lambda value: value > -1e6)] = 0.0
     """Error of the clock's rate, in parts per million; a positive value makes the clock fast."""
     offset_s: Finite[float] = 0.0
-    """Time by which the clock is ahead at the start of the span."""
+    """Time by which the ECU's clock is ahead at the start of the span."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -80,7 +81,7 @@ class NoRequest(Span, section="no_request"):
 
 @dataclass(frozen=True, kw_only=True)
 class Reynolds(Span, section="reynolds"):
-    """The flow has another viscosity than that of `flow.reynolds`; only the built-in solver can do this."""
+    """The flow has a viscosity other than the viscosity of `flow.reynolds`; only the built-in solver can do this."""
 
     reynolds: Positive[float]
     """Reynolds number U_inf W / nu."""
@@ -88,8 +89,9 @@ class Reynolds(Span, section="reynolds"):
 
 @dataclass(frozen=True, kw_only=True)
 class OtherBody(Span, section="body"):
-    """The vehicle's body differs from the body that the release was made for. Its sensors have the same names but their
-    own places. The ECU has no information about it. Only the built-in solver can do this, and only for a whole run."""
+    """The vehicle's body differs from the body that the release was made for. The sensors have the same names but the
+    places of the new body. The ECU has no information about the new body. Only the built-in solver can do this, and
+    only for a whole run."""
 
     length: Finite[float]
     """Length of the body in W, as `body.length`."""
@@ -102,7 +104,8 @@ class OtherBody(Span, section="body"):
         self.instead_of(TRUCK_BODY)
 
     def instead_of(self, body: BodyConfig) -> BodyConfig:
-        """Return `body` with this disturbance's dimensions. Raises ConfigError if the solver does not accept it."""
+        """Return `body` with this disturbance's dimensions. Raises ConfigError if the solver does not accept the
+        resulting body."""
         return replace(body, length=self.length, leading_edge_radius=self.leading_edge_radius)
 
 
@@ -123,19 +126,19 @@ class GustyWind(Span, section="gust"):
 class VehiclePoint(Span, section="operating_point"):
     """The vehicle's speed or the air's density differs from the ECU's settings.
 
-    Transducer pressures in Pa and jet flow in m2/s scale accordingly. A control period has as many t_c as before, and
-    the wake behaves as at `flow.reynolds`.
+    Transducer pressures in Pa and jet flow in m2/s scale with speed and density. A control period lasts the configured
+    number of t_c at any speed, and the wake behaves as at `flow.reynolds`.
     """
 
     speed: Annotated[float | None, Rule(wording="positive", holds=lambda value: value > 0, or_none=True)] = None
-    """Speed in m/s; if None, `operating_point.speed`."""
+    """Speed in m/s; if None, the speed of `operating_point`."""
     density: Annotated[float | None, Rule(wording="positive", holds=lambda value: value > 0, or_none=True)] = None
-    """Density in kg/m3; if None, `operating_point.density`."""
+    """Density in kg/m3; if None, the density of `operating_point`."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ActionLimit(Span, section="action_limit"):
-    """The jets saturate below the limit that the ECU has for them."""
+    """The jets saturate below the limit that is set in the ECU."""
 
     action_limit: Share[float]
     """Share of `flow.action_limit` at which the jets saturate."""
@@ -146,7 +149,7 @@ class StuckJets(Span, section="stuck_jets"):
     """The jets' actuator does not move at any command."""
 
     stuck_jets: Annotated[Finite[float], Rule(wording="between -1 and 1", holds=lambda value: -1 <= value <= 1)]
-    """Share of `flow.action_limit` at which the jets are stuck; 0 is shut."""
+    """Share of `flow.action_limit` at which the jets are stuck; 0 means that the jets are shut."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -158,7 +161,7 @@ class SpeedScale(Span, section="speed_scale"):
 
 @dataclass(frozen=True, kw_only=True)
 class SpeedLate(Span, section="speed_late"):
-    """The speed that the vehicle sends is old, but has no age in its frame."""
+    """The vehicle sends an old speed, without stating its age in the frame."""
 
     speed_late: NonNegative[float]
     """Age of the speed in s, rounded to whole control periods."""
@@ -166,7 +169,7 @@ class SpeedLate(Span, section="speed_late"):
 
 @dataclass(frozen=True, kw_only=True)
 class SpeedFrozen(Span, section="speed_frozen"):
-    """The speed that the vehicle sends keeps its value from the start of the span."""
+    """The vehicle sends the speed that it had at the start of the span."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -176,7 +179,7 @@ class NoSpeed(Span, section="no_speed"):
 
 @dataclass(frozen=True, kw_only=True)
 class Density(Span, section="density"):
-    """The air's density differs from the ECU's settings: pressures scale with it, the jets' flow does not."""
+    """The air's density differs from the ECU's settings: pressures scale with the density, the jets' flow does not."""
 
     density: Positive[float]
     """Density in kg/m3."""
@@ -193,7 +196,7 @@ KINDS: Final[dict[str, type[Span]]] = {
         *(SpeedScale, SpeedLate, SpeedFrozen, NoSpeed, Density),
     )
 }
-"""Classes of disturbances by their name in texts; a text that begins with a node's name is a `NodeFault` instead."""
+"""Classes of disturbances by their name in texts. A text that begins with a node's name is read as a `NodeFault`."""
 
 Disturbance = NodeFault | Span
 
@@ -211,9 +214,10 @@ class Disturbances:
     """All disturbances of a run; comparable, picklable, and equal to the result of parsing `texts`.
 
     Attributes:
-        items: disturbances in the order given; each draws from its own random sequence, numbered by its place. Of
-            several on the sensors, the first acts first on the wall's pressures; of several in a port, the first is
-            closest to the bus. Of several of the flow or the vehicle that act at once, the last one counts.
+        items: disturbances in the order given. Each disturbance draws from its own random sequence, numbered by its
+            place in this order. If several disturbances act on the sensors, the first acts first on the wall's
+            pressures. If several act in a port, the first is closest to the bus. If several of one kind act on the flow
+            or the vehicle at once, the last one counts.
     """
 
     items: tuple[Disturbance, ...] = field(default=())
@@ -230,16 +234,18 @@ class Disturbances:
 
     @property
     def other_body(self) -> OtherBody | None:
-        """The body that replaces the release's body; None if there is no such disturbance."""
+        """The body that replaces the release's body; None if no disturbance replaces it."""
         return next((one for one in reversed(self.items) if isinstance(one, OtherBody)), None)
 
     def plant(self, config: Config) -> Config:
-        """Return the settings with the body that the plant has."""
+        """Return the settings of the plant: `config`, with the body that replaces the release's body if there is
+        one."""
         other = self.other_body
         return config if other is None else replace(config, body=other.instead_of(config.body))
 
     def check(self, config: Config, sensors: tuple[str, ...], *, duration_s: float) -> None:
-        """Check the disturbances; raises ConfigError for one that could not act in this run with these sensors."""
+        """Check the disturbances. Raises ConfigError for a disturbance that could not act in this run with these
+        sensors."""
         check_faults([one for one in self.items if isinstance(one, NodeFault)], config.bus, duration_s=duration_s)
         for one, text in zip(self.items, self.texts, strict=True):
             if isinstance(one, NodeFault):

@@ -1,4 +1,5 @@
-"""The disturbances of a run while it runs: on the bus, in the ports, at the transducers, in flow, vehicle and ECU."""
+"""The state of a run's disturbances during the run, and their effects on bus, ports, transducers, flow, vehicle and
+ECU."""
 
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -40,8 +41,8 @@ class Disturbing:
     Args:
         sensors: names of the transducers' sensors, in order.
         seed: seed of all random sequences; each disturbance has its own sequence.
-        before: number of earlier disturbances, of all kinds under "all" and of each node's port under the node's name;
-            random sequences are numbered after those.
+        before: number of disturbances that come before these in the numbering of the random sequences: of all kinds
+            under the key "all", and of each node's port under the node's name.
     """
 
     def __init__(
@@ -68,12 +69,12 @@ class Disturbing:
             for place, one in enumerate(self._items)
             if isinstance(one, kinds.WrongClock)
         }
-        self._speeds: list[float] = []  # of every period so far, m/s
+        self._speeds: list[float] = []  # vehicle's speed in every period so far, m/s
         self._frozen: dict[int, float] = {}
         self._ports: NodeFaults | None = None
-        self._flow: tuple[Disturbable, float] | None = None  # and its own Reynolds number
+        self._flow: tuple[Disturbable, float] | None = None  # plant and its own Reynolds number
 
-    # Methods for bus errors and for faults in the ports.
+    # The following methods are for bus errors and faults in the ports.
 
     @property
     def corrupts(self) -> Corrupts | None:
@@ -86,13 +87,13 @@ class Disturbing:
         return self._wire("receive")
 
     def connect(self, bus: SimulatedBus) -> Callable[[str, Bus], Bus]:
-        """Start the port faults on this bus; returns the function that puts a node's faults around its port."""
+        """Start the port faults on this bus. Returns a function that wraps a node's port in the node's faults."""
         faults = [one for one in map(self._in_port, range(len(self._items))) if one is not None]
         self._ports = NodeFaults(faults, bus, self._seed, self._before)
         return self._ports.around
 
     def end(self) -> None:
-        """Stop the port faults that act on the bus by themselves."""
+        """Stop the port faults that act on the bus without a call from a node."""
         if self._ports is not None:
             self._ports.end()
 
@@ -110,7 +111,7 @@ class Disturbing:
                 errors = WireErrors(
                     bit_error_rate=one.bit_error_rate, nodes=nodes, start_s=one.start_s, end_s=one.end_s
                 )
-                # The hook draws from this seed alone, so the seed has to include the place.
+                # The hook draws from this seed alone, so the seed includes the place of the disturbance.
                 hooks.append((place, errors.hook(len(self._items) * self._seed + place)))
         return partial(self._first_wrong_bit, hooks) if hooks else None
 
@@ -119,10 +120,10 @@ class Disturbing:
         self._acted.update(wrong.keys())
         return min(wrong.values(), default=None)
 
-    # Methods for the transducers.
+    # The following method is for the transducers.
 
     def readings(self, cp: Array, now_ns: int) -> Array:
-        """Return the transducers' readings (S,) for wall pressures Cp (S,)."""
+        """Return the transducers' readings, shape (S,), for the wall pressures Cp at the S sensors, shape (S,)."""
         for place, one, fault in self._transducers:
             if one.is_active(now_ns):
                 cp = fault(cp)
@@ -134,7 +135,7 @@ class Disturbing:
         at = [list(sensors).index(name) for name in one.named]
         return one.begun(at, self._config, int(drawn.generate_state(1)[0]))
 
-    # Methods for the ECU.
+    # The following methods are for the ECU.
 
     def ecu_clock(self, now_ns: int) -> int:
         """Return the time on the ECU's clock at a time of the run."""
@@ -152,7 +153,7 @@ class Disturbing:
         for place, one in self._each(kinds.Reset):
             bus.call_at(round(one.start_s * NS), partial(reset, place, round(one.boot_s * NS)))
 
-    # Methods called around every period.
+    # The following methods are called around every period.
 
     def requests(self, enable_request: bool, now_ns: int) -> bool:
         """Return the vehicle's request for control: `enable_request`, unless a disturbance withdraws it."""
@@ -220,7 +221,8 @@ class Disturbing:
         before, wind = plant.config.reynolds, plant.wind
         self._flow = plant, before
         if gusts:
-            # Add the gust to the plant's wind: the vehicle's speed may vary as well.
+            # The gust is added to the plant's wind, because a drive may already vary the vehicle's speed through the
+            # wind.
             plant.wind = partial(_blown, wind, tuple(gusts))
         try:
             yield
@@ -240,11 +242,11 @@ class Disturbing:
         return tuple(faults)
 
     def _each(self, kind: type[S]) -> Iterator[tuple[int, S]]:
-        """Return the disturbances of a kind, each with its place."""
+        """Return the disturbances of a kind, each with its place in the order given."""
         return ((place, one) for place, one in enumerate(self._items) if isinstance(one, kind))
 
     def _acting(self, kind: type[S], now_ns: int) -> Iterator[tuple[int, S]]:
-        """Return and count those disturbances of a kind that act now."""
+        """Return and count the disturbances of a kind that act now."""
         for place, one in self._each(kind):
             if one.is_active(now_ns):
                 self._acted[place] += 1

@@ -1,4 +1,5 @@
-"""A flow on a drive: its inflow follows the vehicle's speed, under control and, for comparison, without control."""
+"""A flow on a drive: its inflow follows the vehicle's speed, once under control and once without control for
+comparison."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -40,7 +41,7 @@ def without_control(
     state. Raises PlantError if the flow diverges.
 
     Args:
-        disturbing: disturbances of the run, of which only those of the flow act here.
+        disturbing: disturbances of the run; only its disturbances of the flow act here.
         progress: called with (periods done, total periods) after every period.
     """
     start, rows = plant.state(), np.empty((periods, len(WITHOUT)))

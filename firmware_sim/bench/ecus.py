@@ -1,4 +1,5 @@
-"""The ECU in C for a run, selected by name: on this machine, or as the firmware of an emulated microcontroller."""
+"""The ECU in C for a run, selected by name: compiled for this machine, or as the firmware of an emulated
+microcontroller."""
 
 from collections.abc import Mapping
 from importlib import import_module
@@ -14,11 +15,11 @@ C: Final = "c"
 MCU: Final = "mcu"
 """Name of the ECU that is the whole firmware of an emulated board with a Cortex-M7."""
 CLOCKS_MHZ: Final = (1.0, 10_000.0)
-"""Range of accepted clocks in MHz. A slower core takes seconds for a step; no core is faster."""
+"""Range of accepted clocks in MHz. A core with a slower clock takes seconds for a step; no core has a faster clock."""
 
 
 def check_ecu(kind: str, clock_mhz: float) -> None:
-    """Check the ECU's settings as far as possible without sources.
+    """Check the ECU's settings as far as possible without the C sources.
 
     Raises:
         ConfigError: the clock is outside `CLOCKS_MHZ`.
@@ -55,7 +56,7 @@ def loop_ecu(
         host = CEcu(sources, secret=secret)
         return LoopEcu(ecu=host, kind=kind, computed_by=f"C99 {precision}, {host.description}")
     check_ecu(kind, clock_mhz)
-    # The emulator is installed only with an extra.
+    # This import is inside the function, because the emulator is installed only with an extra.
     from firmware_sim.mcu.board.board_ecu import BoardEcu
 
     core = BoardEcu(sources, clock_mhz=clock_mhz, secret=secret)

@@ -1,13 +1,14 @@
 """The vehicle's checks on the jet commands that it receives: the age of their pressures, and the number of missed
 commands.
 
-A command echoes the counter of a Pressure frame. The counter repeats after 256 frames, in the classic message set after
-16, so an echo that does not change would look fresh again after that time. Each echo is therefore taken for the first
-frame with its counter that is not older than the previously echoed frame. After an interruption there is no previous
-echo; then the newest frame with that counter is taken.
+A command echoes the counter of a Pressure frame. The counter repeats after 256 frames, or after 16 frames in the
+classic message set, so an unchanged echo would look fresh again after that time. The vehicle therefore assigns each
+echo to the first frame with the echoed counter that is not older than the previously echoed frame. After an
+interruption there is no previous echo; then the vehicle assigns the echo to the newest frame with that counter.
 
-The limit of missed commands is (m, k)-firm. The ECU checks missed pressures in the same way (`ecu.fail_safe`). The ECU
-cannot see that its commands are lost, so the vehicle checks the commands itself.
+The limit of missed commands is (m, k)-firm: it is reached if m of the latest k commands are missed. The ECU checks
+missed pressures in the same way (`ecu.fail_safe`). The ECU cannot see that its commands are lost, so the vehicle checks
+the commands itself.
 """
 
 from dataclasses import dataclass, replace
@@ -19,8 +20,8 @@ from contract.config.vehicle import VehicleConfig
 
 @dataclass(frozen=True, kw_only=True)
 class EchoTracker:
-    """An immutable record of sent Pressure frames and of the last echo. Frames are numbered in the order of sending,
-    starting with the first counter.
+    """An immutable record of sent Pressure frames and of the last echo. Frames are numbered in the order of sending;
+    the first frame's number is its counter.
 
     Attributes:
         kept: sending times in ns of the latest frames, newest last; at most `counter_period` of them.
@@ -45,7 +46,7 @@ class EchoTracker:
         return replace(self, echoed=None)
 
     def received(self, counter: int) -> "EchoTracker":
-        """Record a command's echo. If the echo is not of a frame that was sent, forget the previous echo."""
+        """Record a command's echo. If the echoed frame was never sent, forget the previous echo."""
         if self.newest is None:
             return self
         oldest = self.newest - len(self.kept) + 1 if self.echoed is None else self.echoed
@@ -59,7 +60,8 @@ class EchoTracker:
 
     @property
     def sampled_ns(self) -> int | None:
-        """Sending time of the frame echoed last; None without an echo, or if it is more than a counter period old."""
+        """Sending time in ns of the frame echoed last; None without an echo, or if this frame is at least a counter
+        period old."""
         age = self.age
         return self.kept[-1 - age] if age is not None and age < len(self.kept) else None
 
@@ -73,9 +75,9 @@ class CommandLosses:
 
     Attributes:
         window: number of latest periods that are counted.
-        limit: number of missed periods among those at which control is given up.
-        missed: whether each of the latest periods under control was missed, at most `window`, oldest first; empty while
-            the ECU has no control.
+        limit: number of missed periods within the window at which the vehicle gives up control.
+        missed: whether the command was missed, for each of the latest periods under control, at most `window` periods,
+            oldest first; empty while the ECU has no control.
     """
 
     window: int
@@ -85,7 +87,7 @@ class CommandLosses:
 
     @classmethod
     def of(cls, config: VehicleConfig) -> "CommandLosses":
-        """Return a count without missed commands."""
+        """Return a count of zero missed commands, with the vehicle's window and limit."""
         return cls(window=config.loss_window, limit=config.loss_limit)
 
     def heard(self, mode: Mode) -> "CommandLosses":
@@ -100,5 +102,5 @@ class CommandLosses:
         return replace(self, missed=missed, is_latched=self.is_latched or sum(missed) >= self.limit)
 
     def cleared(self) -> "CommandLosses":
-        """Clear count and latch; the vehicle itself does not want control."""
+        """Clear count and latch, because the vehicle itself does not want control."""
         return replace(self, missed=(), is_latched=False)

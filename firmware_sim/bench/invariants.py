@@ -2,31 +2,32 @@
 
 On the bus, for every JetCommand that the ECU sends:
 
-    bus_bounds      the flow is within the action limit; it is 0 if `Enable` is off or the mode does not drive the jets
+    bus_bounds      the flow is within the action limit; the flow is 0 if `Enable` is off, and `Enable` is on only in
+                    modes that drive the jets
     bus_rate        the flow differs from the previous flow by at most `ecu.command_step`, unless it goes to 0
-    bus_age         in CONTROL the command's pressures are at most `ecu.pressure_age` old; in HOLD and DECAY they are at
-                    most as old as `ecu.hold_periods` and `ecu.decay_periods` allow
-    enable_edge     after OFF, FAULT or a restart (seen in the counter) there is no control before the ECU has received
-                    a low request and then a high one
+    bus_age         in CONTROL the command's pressures are at most `ecu.pressure_age` old; in HOLD and DECAY their
+                    largest age follows from `ecu.hold_periods` and `ecu.decay_periods`
+    enable_edge     after OFF, FAULT or a restart (visible in the counter) there is no control before the ECU has
+                    received a low request and then a high request
 
 At the jets, for the action reached at the end of every period:
 
-    jets_shut       it is 0, unless the vehicle received a command that drives the jets, and that answers recent
-                    pressures of this vehicle, in the period that decides (below), or before it within the time for
-                    which the vehicle holds the last command
-    jets_request    it is 0 if the vehicle did not want control
-    jets_losses     it is 0 after `vehicle.loss_limit` of the latest `vehicle.loss_window` periods under control had no
-                    command, until the vehicle did not want control
-    jets_bounds     it is within the action limit
-    jets_rate       it differs from the previous action by at most `vehicle.action_step`, unless it is 0
+    jets_shut       the action is 0, unless the vehicle received a command that drives the jets and answers recent
+                    pressures of this vehicle. The command must have arrived in the deciding period (below), or before
+                    this period within the time for which the vehicle keeps the last command's action
+    jets_request    the action is 0 if the vehicle did not want control
+    jets_losses     the action is 0 after `vehicle.loss_limit` of the latest `vehicle.loss_window` periods under control
+                    had no command, until the vehicle does not want control
+    jets_bounds     the action is within the action limit
+    jets_rate       the action differs from the previous action by at most `vehicle.action_step`, unless it is 0
 
-The period that decides is the action's own period; with `ecu.plan_ahead` it is the period before, and with
-`vehicle.actuator_delay` it is earlier by that number of periods. Frames that the vehicle may have refused decide
-nothing: a command that shuts the jets counts only as the next command of a stream without errors. So all checks are
-one-sided: among lost and damaged frames they may miss a violation, but they report no false one.
+The deciding period is the action's own period. With `ecu.plan_ahead` it is one period earlier, and with
+`vehicle.actuator_delay` it is earlier by that number of periods. A command that shuts the jets is considered only if
+the vehicle surely accepted it, as the next command of a stream without errors. So all checks are one-sided: if frames
+are lost or damaged, the checks may miss a violation, but they never report a false violation.
 
-`Commands` and `Jets` check values that were read from frames by any reader: the proofs in `tests/proofs/ecu` use them
-with another parser, and with further data.
+`Commands` and `Jets` check values that any parser may have read from frames: the proofs in `tests/proofs/ecu` use these
+classes with another parser, and with further data.
 """
 
 from collections import deque
@@ -52,12 +53,13 @@ T = TypeVar("T")
 
 DRIVING: Final = frozenset({Mode.CONTROL, Mode.HOLD, Mode.DECAY})
 _WANTED: Final = DRIVING | {Mode.WARMUP}
-"""Modes of an ECU that was asked for control and has no fault."""
+"""Modes of an ECU that was asked for control and has no latched fault."""
 
 AGE_TOLERANCE: Final = 0.01
-"""Tolerance of ages as a share of a period; clocks 200 ppm apart and the wait until the bus is read need far less."""
+"""Tolerance of ages as a share of a period. Two clocks that differ by 200 ppm, and the wait until the bus is read, need
+far less."""
 _LONGEST_S: Final = 1e6
-"""Length in s that means a span without end."""
+"""Length in s that replaces the infinite length of a span without end."""
 ROUNDING: Final = 1e-9
 """Tolerance for the rounding of floating-point numbers that are compared with a limit."""
 
@@ -68,7 +70,7 @@ class Violation:
 
     Attributes:
         period: number of the period in the run, from 0.
-        detail: description with the values.
+        detail: description of the violation, with the values that violate the invariant.
     """
 
     period: int
@@ -80,9 +82,9 @@ class HeardCommand(NamedTuple):
     """A command that the vehicle received without errors.
 
     Attributes:
-        wanted: whether its mode is one of an ECU that was asked for control.
-        drives: whether it is enabled, in a mode that drives the jets.
-        in_time: whether it answers pressures of this vehicle that are recent enough.
+        wanted: whether the command's mode is a mode of an ECU that was asked for control.
+        drives: whether the command is enabled, in a mode that drives the jets.
+        in_time: whether the command answers pressures of this vehicle that are recent enough.
     """
 
     counter: int
@@ -97,8 +99,8 @@ class _Period(NamedTuple):
     Attributes:
         drives: whether a command may drive the jets.
         old: whether a command would drive the jets if its pressures were not too old.
-        shuts: whether the command was the next of a stream without errors, and shuts the jets.
-        believed: whether the command was the next of a stream without errors.
+        shuts: whether the vehicle surely accepted the last command, and no command may drive the jets.
+        believed: whether the vehicle surely accepted the last command, because it continues a stream without errors.
     """
 
     drives: bool
@@ -108,7 +110,8 @@ class _Period(NamedTuple):
 
 
 class Commands:
-    """Checks of the flow rates that an ECU commands; `bus_shut` is `bus_bounds` for modes that do not drive."""
+    """Checks of the flow rates that an ECU commands. `bus_shut` is the part of `bus_bounds` on modes that do not drive
+    the jets."""
 
     def __init__(self, config: Config) -> None:
         scale = config.operating_point.flow_rate_scale
@@ -120,8 +123,8 @@ class Commands:
         return self._step * share + FLOW_RESOLUTION_M2_PER_S
 
     def broken(self, flow: float, *, enable: bool, drives: bool, share: float = 1.0) -> Iterator[tuple[str, str]]:
-        """Yield name and values of every invariant that the next command breaks. `share` is the time since the command
-        before, as a share of a period, at most 1."""
+        """Yield name and values of every invariant that the next command breaks. `share` is the time since the previous
+        command, as a share of a period, at most 1."""
         before, self.flow = self.flow, flow
         if abs(flow) > self._limit + ROUNDING:
             yield "bus_bounds", f"{flow:g} m2/s, limit {self._limit:g}"
@@ -135,8 +138,9 @@ class Commands:
 
 
 class Jets:
-    """Checks of the vehicle's jets: call `heard` at the end of each period, then `broken` for the action reached in it.
-    `oldest` is the largest age, in periods, of pressures by which the vehicle may drive the jets."""
+    """Checks of the vehicle's jets: call `heard` at the end of each period, then `broken` for the action reached in
+    this period. `oldest` is the largest age, in periods, of the pressures that a command may answer to drive the jets.
+    """
 
     def __init__(self, config: Config) -> None:
         vehicle, self._e2e_window = config.vehicle, config.bus.e2e.window
@@ -149,17 +153,17 @@ class Jets:
         self.reset()
 
     def reset(self) -> None:
-        """Start again after the vehicle was powered on."""
+        """Start again, as a vehicle does after power-on."""
         self._heard: deque[_Period] = deque(maxlen=self._decides_after + self._hold + 1)
         self._requested: deque[bool] = deque(maxlen=1 + self._late)
         self._gave_up: deque[bool] = deque([False], maxlen=1 + self._late)
-        self._silent: deque[bool] = deque(maxlen=self._loss_window)  # of periods surely under control
+        self._silent: deque[bool] = deque(maxlen=self._loss_window)  # periods surely under control
         self._counter: int | None = None
-        self._sound = 0  # periods in a row in which just the next command came
+        self._sound = 0  # periods in a row with exactly the next command
         self._action = 0.0
 
     def heard(self, commands: Sequence[HeardCommand | None], *, requested: bool) -> None:
-        """Record the commands of a period (None for one with errors), and whether the vehicle wanted control."""
+        """Record the commands of a period (None for a command with errors), and whether the vehicle wanted control."""
         last = None
         for command in commands:
             if command is None:
@@ -171,7 +175,8 @@ class Jets:
         self._sound = self._sound + 1 if len(commands) == 1 and last is not None else 0
         known = [command for command in commands if command is not None]
         drives = any(command.drives and command.in_time for command in known)
-        # The E2E state depends on the latest checks; if none of them failed, the vehicle accepts the next frame.
+        # The E2E state depends on the latest checks; if none of these checks failed, the vehicle accepts the next
+        # frame.
         believed = last is not None and self._sound > self._e2e_window
         old = any(command.drives and not command.in_time for command in known)
         self._heard.append(_Period(drives=drives, old=old, shuts=believed and not drives, believed=believed))
@@ -184,7 +189,8 @@ class Jets:
         self._gave_up.append(requested and (self._gave_up[-1] or too_many))
 
     def broken(self, action: float) -> Iterator[tuple[str, str]]:
-        """Yield name and values of every invariant that the action at the end of the latest period breaks."""
+        """Yield name and values of every invariant that the action at the end of the latest period breaks. Call `heard`
+        before."""
         before, self._action = self._action, action
         if not self._heard:
             return
@@ -198,7 +204,7 @@ class Jets:
             yield "jets_request", f"action {action:g} where control was not requested"
         if len(self._gave_up) == self._gave_up.maxlen and self._gave_up[0]:
             yield "jets_losses", f"action {action:g} after too many periods without a command"
-        # The first item is the period that decides; the others are the periods before it, newest first.
+        # The first item is the deciding period; the following items are the periods before it, newest first.
         deciding = list(self._heard)[: len(self._heard) - self._decides_after][::-1]
         for period in deciding:
             if period.drives:
@@ -213,8 +219,8 @@ class Invariants:
     """An observer that records violations of the invariants.
 
     Args:
-        hidden_ns: time by which pressures may be older than the ECU can know; see `of`.
-        jets_follow: whether the jets' actuator moves; a stuck actuator is not checked.
+        hidden_ns: time in ns by which the pressures of a command may be older than the ECU can detect; see `of`.
+        jets_follow: whether the jets' actuator moves; the jets are not checked if the actuator is stuck.
 
     Attributes:
         violations: violations so far, in the order of time.
@@ -227,12 +233,12 @@ class Invariants:
         self._hidden_ns = hidden_ns
         self.violations: list[Violation] = []
         self._period = 0
-        # State of the ECU's checks.
+        # The next fields are the state of the ECU's checks.
         self._commands = Commands(config)
         self._counters = profile_of(self._command.spec).counter_period
-        self._last_counter: int | None = None  # of its latest command
+        self._last_counter: int | None = None  # counter of the ECU's latest command
         self._was_wanted = self._low_heard = self._edge_heard = False
-        # State of the vehicle's checks.
+        # The next fields are the state of the vehicle's checks.
         self._jets = Jets(config)
         self._sampled: dict[int, tuple[int, int]] = {}  # counter of a Pressure frame: (period, time in ns)
         self._arrived: list[Frame] = []
@@ -241,17 +247,18 @@ class Invariants:
     def of(cls, config: Config, disturbances: Disturbances) -> Self:
         """Return the invariants of a run with these disturbances.
 
-        A gateway that stamps frames again, and a clock that is ahead, hide the age of pressures from the ECU: commands
-        may answer pressures that are older by that time. A buffer that is sent again without new content hides the age
-        as well, if a copy reaches the ECU before the first frame. The vehicle's jets are checked by the true age of the
-        pressures.
+        A gateway that gives delayed frames new time stamps, and an ECU clock that is ahead, hide the age of pressures
+        from the ECU: commands may answer pressures that are older by the delay or the clock's offset. A buffer that is
+        sent again without new content also hides the age of its pressures, if a copy reaches the ECU before the first
+        frame. The vehicle's jets are checked against the true age of the pressures.
         """
         hidden_s = 0.0
         for one in disturbances.items:
             if not isinstance(one, NodeFault):
                 continue
             if isinstance(one.fault, StuckAt) and not one.fault.counter_runs:
-                # Only repeated pressures matter here: on their way out of the vehicle, or into the ECU.
+                # A repeated buffer matters only if it has pressures. These are sent by the vehicle and received by the
+                # ECU, so faults at the two other places are left out.
                 if (one.node == "vehicle") == (one.fault.at == "send"):
                     hidden_s += min(one.fault.end_s - one.fault.start_s, _LONGEST_S)
             elif one.node == "ecu":
@@ -291,14 +298,15 @@ class Invariants:
         self._judge_action(sample.action)
 
     def _judge_action(self, action: float) -> None:
-        """Check the action at the end of the latest period whose frames are all known."""
+        """Check the action at the end of the latest period for which all frames are known."""
         if not self._jets_follow:
             return
         for invariant, detail in self._jets.broken(action):
             self.violations.append(Violation(period=self._period - 1, invariant=invariant, detail=detail))
 
     def _read(self, frame: Frame) -> HeardCommand | None:
-        """Parse a command at the vehicle; it is in time if its pressures were sampled recently enough."""
+        """Return a command as the vehicle receives it, or None. A command is in time if its pressures were sampled
+        recently enough."""
         command = parsed(self._command, frame)
         if command is None:
             return None
@@ -310,7 +318,7 @@ class Invariants:
             in_time=sampled is not None and self._period - sampled[0] <= self._jets.oldest,
         )
 
-    # Checks of commands on the bus.
+    # The following methods check commands on the bus.
 
     def _judge_command(self, command: JetCommand, counter: int, now_ns: int) -> None:
         flow, drives = command.flow_m2_per_s, command.mode in DRIVING

@@ -11,11 +11,12 @@ from wake.plant.sample import Sample
 
 @dataclass(frozen=True, kw_only=True)
 class SeenFrame:
-    """A frame between a node and its port; faults of the port act on the port's other side.
+    """A frame that a node passes to its port or takes from its port. Faults of the port act between the port and the
+    bus.
 
     Attributes:
-        sent: True if the node sent the frame, False if it received the frame.
-        now_ns: time of the run, independent of the frame's timestamp.
+        sent: True if the node sent the frame, False if the node received the frame.
+        now_ns: time of the run in ns, independent of the frame's timestamp.
     """
 
     node: Literal["vehicle", "ecu"]

@@ -1,6 +1,6 @@
 """Faults in the ports of a run's nodes, each described by a line of text, `NODE:FAULT`.
 
-    ecu:drop:probability=0.1@5..10       on a tenth of the ECU's frames, from 5 s until before 10 s
+    ecu:drop:probability=0.1@5..10       drops a tenth of the ECU's frames, from 5 s until before 10 s
     vehicle:burst_loss:loss=0.1,mean_burst=5
 
 NODE is the node whose port has the fault; `can_bridge.bus.faults.text` defines FAULT. Times are in s of the run.
@@ -27,7 +27,8 @@ NODES: Final = ("vehicle", "ecu")
 NONE_BEFORE: Final[Mapping[str, int]] = MappingProxyType({})
 
 LOOK_NS: Final = 1_000_000
-"""Time in ns between two calls that release frames which a fault delays: no other event on the bus may occur then."""
+"""Time in ns between two events that this module adds to the bus, so that delayed frames are released even if no other
+event occurs."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,7 +52,7 @@ def parse_node_fault(text: str) -> NodeFault:
 
 
 def check_faults(faults: Sequence[NodeFault], config: BusConfig, *, duration_s: float) -> None:
-    """Check the faults; raises ConfigError for one that could not act in a run of this length on this bus."""
+    """Check the faults. Raises ConfigError for a fault that could not act in a run of this length on this bus."""
     for one in faults:
         if one.fault.start_s >= duration_s:
             raise ConfigError(f"fault {one.text!r}: begins after the end of the run, at {duration_s:g} s")
@@ -66,7 +67,7 @@ class NodeFaults:
     """Applies the faults of a run in the ports.
 
     Args:
-        faults: faults of all nodes; those of one node in the order from bus to node.
+        faults: faults of all nodes; the faults of one node are in the order from bus to node.
         bus: bus of the run, at time 0.
         before: number of earlier faults of each node.
     """
@@ -85,11 +86,11 @@ class NodeFaults:
             self._look()
 
     def around(self, node: str, port: Bus) -> Bus:
-        """Return the node's port with its faults; the port itself if it has none."""
+        """Return the node's port wrapped in the node's faults; return the port itself if the node has no faults."""
         mine = [one.fault for one in self._faults if one.node == node]
         if not mine:
             return port
-        # A fault that is in both nodes must not hit the same frames, so the seed includes the node.
+        # Equal faults in both nodes must not hit the same frames, so the seed includes the node.
         seed = len(NODES) * self._seed + NODES.index(node)
         first = self._before.get(node, 0)
         faulty = self._ports[node] = wrap(port, mine, lambda: self._bus.now_ns, seed=seed, first=first)
@@ -110,14 +111,14 @@ class NodeFaults:
     def _look(self) -> None:
         if self._ended:
             return
-        # Each call is also an event of the bus, after which the loop checks whether the ECU has its pressures.
+        # Each call is also an event of the bus; after each event the loop checks whether the ECU has its pressures.
         for port in self._babbling:
             port.look()
         self._bus.call_at(self._bus.now_ns + LOOK_NS, self._look)
 
 
 class _Babbling(WrappedBus):
-    """A port with a babbling fault, which also sends between the node's calls; it stores the node's received frames."""
+    """A port with a babbling fault. It also sends between the node's calls and stores frames that the node receives."""
 
     def __init__(self, port: Bus) -> None:
         super().__init__(port)

@@ -1,11 +1,12 @@
 """Faults of the transducers' readings: their descriptions, and the functions that apply them.
 
-An applied fault is called in the order of time with readings in Cp, one frame (S,) or n frames (n, S). It returns the
-readings of the faulty sensors and leaves its argument unchanged. It stores its place in time, so one call for n frames
-and n calls for one frame give the same readings.
+An applied fault is called in the order of time with readings in Cp at the S sensors, either one frame, shape (S,), or n
+frames, shape (n, S). It returns the faulty readings and leaves its argument unchanged. The fault stores its place in
+time, so one call for n frames and n calls for one frame give the same readings.
 
-Levels are in global deviations: the standard deviation of all 90 pressures taken together, each about its own mean
-(paper, appendix B; the paper has no bias, drift or dead sensors). So one level means the same pressure at every sensor.
+Levels are in global deviations. The global deviation is the standard deviation of all 90 pressures taken together, each
+about its own mean (paper, appendix B; the paper has no bias, drift or dead sensors). So one level means the same
+pressure at every sensor.
 """
 
 from abc import ABC, abstractmethod
@@ -40,7 +41,7 @@ class SensorDisturbance(Span, ABC, section="sensor_disturbance"):
         """Return the function that applies the fault.
 
         Args:
-            at: places of the affected sensors.
+            at: places of the affected sensors in the readings.
             config: settings of the run.
             seed: seed of random numbers.
         """
@@ -96,7 +97,7 @@ class Bias(OneSensor, section="bias"):
 
 @dataclass(frozen=True, kw_only=True)
 class Drift(OneSensor, section="drift"):
-    """An offset on one sensor that grows linearly and then stays."""
+    """An offset on one sensor that grows linearly and then stays constant."""
 
     level: Finite[float]
     """Final offset in global deviations."""
@@ -144,7 +145,7 @@ class Swap(SensorDisturbance, section="swap"):
     """Two sensors exchange their readings."""
 
     sensors: tuple[str, ...]
-    """Two names, joined by +."""
+    """Names of the two sensors, joined by +."""
 
     @property
     def named(self) -> tuple[str, ...]:

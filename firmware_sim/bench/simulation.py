@@ -40,7 +40,8 @@ from wake.plant.drive import Drive
 from wake.plant.protocol import LoopPlant
 
 WARM_UP_PLANS: Final = 3
-"""Number of control steps on zeros before the run: ONNX Runtime allocates on first use, where an ECU would at boot."""
+"""Number of control steps with zeros as inputs before the run. ONNX Runtime allocates memory on first use; a real ECU
+would do so at boot."""
 
 
 class Simulation:
@@ -50,15 +51,16 @@ class Simulation:
 
     Args:
         config: settings of the vehicle; its operating point and control period must be those of the bundle.
-        controller: computes the bundle's control step; if None, ONNX Runtime.
-        calibration: set before the ECU's first step; if None, the ECU's own values.
+        controller: computes the bundle's control step; if None, ONNX Runtime computes it.
+        calibration: values set before the ECU's first step; if None, the ECU's own values.
         disturbances: disturbances of the run; their times are in s from its start.
-        ecu: replaces the ECU in Python, which is the only one that uses `controller`.
-        drive: the vehicle's speeds from the request for control on, with the first speed before; if None, the operating
-            point's speed. With a drive the log has its totals in place of averages.
+        ecu: replaces the ECU in Python; `controller` is then unused.
+        drive: the vehicle's speeds from the request for control on; before the request, the vehicle has the first of
+            these speeds. If None, the vehicle has the operating point's speed. With a drive the log has totals of the
+            drive in place of averages.
 
     Attributes:
-        periods: number of control periods without control, and in all.
+        periods: number of control periods without control, and total number of control periods.
     """
 
     def __init__(
@@ -81,7 +83,7 @@ class Simulation:
         sensors = bundle.manifest.sensors
         self._disturbances.check(config, sensors, duration_s=total * config.period_ns / 1e9)
         self._authentication = authentication_in_virtual_time(config.bus)
-        # Check the background traffic first: a bus that refuses it needs no ECU.
+        # The background traffic is checked first, because no ECU is needed if the bus cannot carry this traffic.
         background(config.bus.background, config.bus, [spec.frame_id for spec in message_set(config.bus).specs])
         self._ecu = self._python_ecu(bundle, controller, config) if ecu is None else ecu
         if calibration is not None:
@@ -107,8 +109,9 @@ class Simulation:
         progress: Callable[[Row, int, int], None] = lambda row, done, total: None,
         progress_without: Callable[[int, int], None] = lambda done, total: None,
     ) -> RunLog:
-        """Run on this wake from its present state; with a drive, run first without control. Raises StillwakeError if
-        the bundle is for another body, or the wake's flow cannot be disturbed or diverges.
+        """Run on this wake from its present state. With a drive, first run the whole drive without control and restore
+        the wake. Raises StillwakeError if the bundle is for another body, or if the wake's flow cannot be disturbed or
+        diverges.
 
         Args:
             wake: a plant at the start of a control period; afterwards it is at the end of the run.
@@ -117,7 +120,7 @@ class Simulation:
             ready: called with the total number of periods before the first period.
             requesting: called before the first period in which control is requested.
             progress: called with (row, periods done, total periods) after every period.
-            progress_without: called with (periods done, total periods) after every period of a drive without control.
+            progress_without: called with (periods done, total periods) after every period of the drive without control.
         """
         config, bundle = self._config, self._bundle
         self._check_body(wake.layout)
@@ -178,7 +181,7 @@ class Simulation:
         return RunLog.of(rows, lead_in, loop.totals(), metadata, wake.layout, traffic=wired.traffic(), without=without)
 
     def _check_body(self, layout: SensorLayout) -> None:
-        """Raise StillwakeError if the plant's body is neither the release's nor that of the disturbance."""
+        """Raise StillwakeError if the plant's body is neither the body of the release nor the body of a disturbance."""
         other = self._disturbances.other_body
         if other is None:
             check_sensors(self._bundle, layout)
@@ -187,7 +190,7 @@ class Simulation:
 
 
 def _check_vehicle(config: Config, requested: int) -> None:
-    """Raise StillwakeError if the bus or the actuator does not allow a run."""
+    """Raise StillwakeError if the bus or the actuator is too slow for a run."""
     if config.bus.interface != SIMULATED:
         raise BusError(
             f"bus.interface = {config.bus.interface!r}: a run is in virtual time, on the simulated bus; only "

@@ -1,4 +1,4 @@
-"""Lengths of a run: without control, under control, and the time left out of its averages."""
+"""Lengths of a run's parts: without control, under control, and the part under control that the averages leave out."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -8,9 +8,9 @@ from contract.errors import StillwakeError
 SHEDDING_TIME: Final = 5.0
 """Length in t_c of a shedding cycle of the truck's wake, from its Strouhal number of 0.2."""
 _LONGEST: Final = 1e6
-"""Longest span in t_c: a run of a day."""
+"""Longest span in t_c; it corresponds to a run of a day."""
 CYCLES: Final = 2
-"""Number of shedding cycles in the shortest span: two cycles always include a whole cycle."""
+"""Number of shedding cycles in the shortest span, so that the span includes a whole cycle at any phase."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,7 +46,8 @@ class Spans:
             )
 
     def periods(self, control_period: float) -> tuple[int, int]:
-        """Return the numbers of periods without control, and in all. Raises StillwakeError if one would be 0."""
+        """Return the number of periods without control, and the total number of periods. Raises StillwakeError if
+        `lead_in` or `controlled` is shorter than a period."""
         counts = []
         for name in ("lead_in", "controlled"):
             counts.append(round(getattr(self, name) / control_period))

@@ -1,10 +1,10 @@
 """The vehicle's side of the bus: it samples the wall pressures and drives the jets as commanded.
 
-With every period's pressures it also sends its speed, and the air's density if it is known.
+In every period the vehicle sends the pressures, its speed, and the air's density if it is known.
 
-The jets run only while the vehicle itself wants control, and only by a command that is enabled, in a mode that drives
-the jets, and computed from recent pressures. No single signal of a command decides. If too many commands are missing,
-the vehicle gives up control and withdraws its request on the bus (`heard_commands`).
+The jets run only while the vehicle itself wants control. They follow only a command that is enabled, in a mode that
+drives the jets, and computed from recent pressures. No single signal of a command is enough to drive the jets. If too
+many commands are missing, the vehicle gives up control and withdraws its request on the bus (`heard_commands`).
 """
 
 from collections.abc import Callable, Sequence
@@ -38,7 +38,7 @@ class Actuation:
 
     Attributes:
         action: action at the period's end, in U_inf W.
-        command: valid frame of the period; None if there was none.
+        command: valid command frame of the period; None if there was none.
         next_period: True if the jets follow that frame in the next period, and the previous frame in this period.
         sampled_ns: sampling time of the command's pressures; None without a command.
     """
@@ -50,20 +50,20 @@ class Actuation:
 
 
 class VehicleNode:
-    """Four transducers and the jets' driver on one CAN node. Raises ConfigError if the plant has no sensor of that
-    name, or a name occurs twice; or if only one of `bus.key` and `authentication` is given.
+    """Four transducers and the jets' driver on one CAN node. Raises ConfigError if the plant has no sensor of a given
+    name, if a name occurs twice, or if only one of `bus.key` and `authentication` is given.
 
     Args:
         sensor_names: sensors of the transducers, in the order of the bundle.
         config: operating point, E2E and fail-safe settings.
         authentication: key and freshness values of the node, with `bus.key`.
-        read: function from (Cp at the transducers (S,), time in ns) to their readings.
+        read: function from (Cp at the S transducers, shape (S,), time in ns) to their readings.
 
     Attributes:
         operating_point: operating point of the vehicle itself; initially that of `config`.
-        action_limit: action at which its jets saturate, in U_inf W; initially that of `config`.
-        stuck_at: action at which the actuator is stuck, in U_inf W; None for one that moves.
-        speed: speed of the vehicle in m/s; initially that of `config`. Pressures and jets do not scale with it.
+        action_limit: action at which the vehicle's jets saturate, in U_inf W; initially the limit in `config`.
+        stuck_at: action at which the actuator is stuck, in U_inf W; None for an actuator that moves.
+        speed: speed of the vehicle in m/s; initially the speed in `config`. Pressures and jets do not scale with it.
         stated_speed: speed that the vehicle sends, in m/s; None if it is not known. A speed outside the signal's range
             is sent as unknown.
         stated_density: density that the vehicle sends, in kg/m3; None if it is not known.
@@ -94,25 +94,26 @@ class VehicleNode:
         self._receiver = E2eReceiver(self._messages.command.spec, config.bus.e2e)
         self._key = key_of(authentication, config.bus)
         self._freshness, self._verifier = Freshness(), VerifierState()
-        self._speed_freshness = self._freshness  # each message has its own
+        self._speed_freshness = self._freshness  # each message has its own freshness value
         if authentication is not None:
             self._freshness = self._speed_freshness = authentication.freshness
             self._verifier = authentication.verifier(self._receiver.spec)
         self._losses = CommandLosses.of(config.vehicle)
         self._misses = 0
-        self._requested = False  # in the latest Pressure frame
-        self._action = 0.0  # commanded last, U_inf W
-        self._next_period = False  # by the command before
-        self._driven_to = 0.0  # in the period before, without the actuator's delay
+        self._requested = False  # request in the latest Pressure frame
+        self._action = 0.0  # action commanded last, U_inf W
+        self._next_period = False  # whether the latest command is for the next period
+        self._driven_to = 0.0  # action of the latest period, before the actuator's delay
         self._commanded = DelayLine.filled(config.vehicle.actuator_delay)
         self._echo = EchoTracker(counter_period=profile_of(self._messages.pressure.spec).counter_period)
-        # The ECU's command gate accepts pressures of this age; computing and transmission take up to one more period.
+        # The ECU's command gate accepts pressures up to an age of 1 + hold_periods + decay_periods; computing and
+        # transmission add at most one period.
         self._oldest_echo = 2 + config.ecu.hold_periods + config.ecu.decay_periods
         self.frames_sent = 0
 
     def sample(self, cp: Array, *, enable_request: bool, now_ns: int, age_ns: int = 0) -> Frame:
-        """Return the Pressure frame for the wall pressures Cp of all the plant's sensors, (n,), at the instant
-        `now_ns`.
+        """Return the Pressure frame of the instant `now_ns`. `cp` has the wall pressures Cp of all n sensors of the
+        plant, shape (n,).
 
         The frame is sent `age_ns` later. A pressure beyond the transducer's range saturates and is marked invalid; NaN
         is sent as 0. After the vehicle has given up control, the frame requests no control until `enable_request` has
@@ -137,7 +138,8 @@ class VehicleNode:
         return frame
 
     def speed_frame(self, *, now_ns: int, age_ns: int = 0) -> Frame | None:
-        """Return the VehicleSpeed frame of the instant `now_ns`, sent `age_ns` later; None while there is none."""
+        """Return the VehicleSpeed frame of the instant `now_ns`, sent `age_ns` later; None while the vehicle sends no
+        speed."""
         if not self.sends_speed:
             return None
         message = VehicleSpeed(
@@ -154,9 +156,9 @@ class VehicleNode:
     def apply_commands(self, frames: Sequence[Frame]) -> Actuation:
         """Return the jets' action after the frames of one control period.
 
-        Without a valid command the last action is held for as long as the ECU itself would hold it; then the jets shut.
-        They shut at once when the vehicle no longer wants control, or gives it up because too many commands were
-        missing. A command for the next period acts in the next period.
+        Without a valid command the vehicle keeps the last action for `ecu.hold_periods` periods, like the ECU; then the
+        jets shut. The jets shut immediately if the vehicle no longer wants control, or if it gives up control because
+        too many commands were missing. A command for the next period acts in the next period.
         """
         before = self._action
         spec = self._receiver.spec
@@ -180,8 +182,8 @@ class VehicleNode:
         if self.has_given_up or not self._requested:
             self._action = before = 0.0
         if not self._next_period and self._action != 0.0:
-            # A command for this period that follows a command for the next period omits one action, so the step is
-            # limited.
+            # Such a command skips the action of the command before, which was for the next period, so the step is
+            # limited again.
             self._action = self._in_reach_of(self._driven_to, self._action)
         self._driven_to = before if self._next_period else self._action
         return Actuation(
@@ -192,7 +194,7 @@ class VehicleNode:
         )
 
     def _driven(self, command: JetCommand) -> float:
-        """Return the action that a command leads to, in U_inf W."""
+        """Return the action, in U_inf W, to which the driver moves the jets for a command."""
         if not _drives(command) or self._is_too_old(command):
             return 0.0
         wanted = command.flow_m2_per_s / self.operating_point.flow_rate_scale
@@ -210,26 +212,27 @@ class VehicleNode:
         return _drives(command) and (age is None or age > self._oldest_echo)
 
     def _delayed(self, action: float) -> float:
-        """Return the action of `actuator_delay` periods ago; `action` is the newest."""
+        """Store the newest action; return the action of `actuator_delay` periods ago."""
         self._commanded = self._commanded.pushed(action)
         return self._commanded.in_force
 
     @property
     def foreseen_action(self) -> float:
-        """The jets' action at the end of the period whose pressures were sampled last, in U_inf W, by the commands so
-        far. A command for the next period already counts, because that period has begun."""
+        """The jets' action, in U_inf W, at the end of the period whose pressures were sampled last, according to the
+        commands so far. A command for the next period already counts, because that period has begun."""
         if self.stuck_at is not None:
             return self.stuck_at
         return self._commanded.pushed(self._action if self._requested else 0.0).in_force
 
     @property
     def has_given_up(self) -> bool:
-        """Whether too many commands were missing and the vehicle's own request has not been low since."""
+        """Whether too many commands were missing, and the vehicle's own request has not been withdrawn since then."""
         return self._losses.is_latched
 
     @property
     def accepted_freshness(self) -> tuple[int, int]:
-        """Identifier of the jet commands, and the newest freshness accepted with them; 0 without authentication."""
+        """Identifier of the jet commands, and the newest freshness value accepted with them, which is 0 without
+        authentication."""
         return self._receiver.spec.frame_id, self._verifier.freshness
 
     @property

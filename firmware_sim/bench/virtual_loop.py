@@ -1,22 +1,22 @@
 """The closed loop in virtual time: flow, bus and ECU advance together, deterministic bit for bit.
 
-In the control period that starts at t_k
+The control period that starts at t_k has these events:
 
     t_k                          the vehicle samples pressures and speed and gives them to its CAN controller
     + wait + frame time          the ECU receives the pressures and steps
     + compute time               the ECU sends the command (`ecu.compute_time_ms`, or an emulated core's time)
     + wait + frame time          the jets' driver receives the command and starts a ramp that ends at t_{k+1}
 
-The simulated bus gives waits and frame times (`can_bridge.bus.simulated`): a frame waits for the frame on the bus and
-for all frames of higher priority. Until the command arrives, rounded up to a time step of the flow, the jets stay as
-they are, so late commands act late. A command that arrives at t_{k+1} or later acts in the period of its arrival. An
+The simulated bus determines waits and frame times (`can_bridge.bus.simulated`): a frame waits for the frame on the bus
+and for all frames of higher priority. The jets keep their action until the command arrives, rounded up to a time step
+of the flow, so late commands act late. A command that arrives at t_{k+1} or later acts in the period of its arrival. An
 ECU that is still computing when its next step is due skips that step. The compute time is a setting, or the time that
-an emulated core takes for this step by the model of its pipeline; neither depends on the machine. The step's wall-clock
-time is measured separately.
+the pipeline model of an emulated core gives for this step; neither depends on the machine. The step's wall-clock time
+is measured separately.
 
-The ECU steps when a pressure frame arrives. It waits for half a period (or for one frame time, if that is longer), and
-then steps without pressures: its fail-safe counts a miss, and its command still acts in the period. A later frame is in
-the ECU's queue for the next step. The jets' driver counts a command that does not arrive as a miss.
+The ECU steps when a pressure frame arrives. If no frame arrives within half a period (or one frame time, if that is
+longer), the ECU steps without pressures: its fail-safe counts a miss, and its command still acts in the period. A frame
+that arrives later stays in the ECU's queue for the next step. The jets' driver counts a missing command as a miss.
 """
 
 import math
@@ -43,7 +43,8 @@ from wake.plant.sample import Sample
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class BusPorts:
-    """The ports through which the two nodes send and receive: of one `SimulatedBus`, or wrappers around its ports."""
+    """The ports through which the two nodes send and receive: ports of one `SimulatedBus`, or wrappers around these
+    ports."""
 
     vehicle: Bus
     ecu: Bus
@@ -66,17 +67,19 @@ def _pressure_frame_ns(config: Config) -> int:
 
 
 class VirtualLoop(NeverCopied):
-    """Runs control periods one by one. Raises BusError if a pressure frame takes a whole control period or longer.
+    """The closed loop, which runs control periods one by one. Raises BusError if a pressure frame takes a whole control
+    period or longer.
 
     Args:
         plant: the flow, at the start of a control period.
         bus: the bus, at time 0; the loop advances its time.
         clock: wall clock in s that measures the ECU's step; the loop does not depend on it.
         ecu_clock: function from a time of the run to the time on the ECU's clock, in ns.
-        step_ns: computing time of the ECU's latest step; if None, `ecu.compute_time_ms`.
+        step_ns: function that returns the computing time of the ECU's latest step in ns; if None,
+            `ecu.compute_time_ms`.
 
     Attributes:
-        planned_ns: computing times of all steps so far that computed a plan.
+        planned_ns: computing times in ns of all steps so far in which the controller planned.
     """
 
     INSTEAD: ClassVar = "bus and nodes call each other; repeat the run, which gives the same result bit for bit"
@@ -115,7 +118,7 @@ class VirtualLoop(NeverCopied):
         self.planned_ns: list[int] = []
         self._start_ns = 0
         self._busy_until_ns = 0
-        self._inbox: list[Frame] = []  # what the ECU has received since its last step
+        self._inbox: list[Frame] = []  # frames that the ECU received since its last step
         self._commands_sent = 0
         self._commands_received = 0
         self._pressures_received = 0
@@ -172,7 +175,7 @@ class VirtualLoop(NeverCopied):
         self._step_ns = self._charged if step_ns is None else step_ns
 
     def totals(self) -> BusTotals:
-        """Return the frame counts so far; a frame under way does not count as lost."""
+        """Return the frame counts so far; a frame that is still on its way does not count as lost."""
         sent = self._node.frames_sent + self._commands_sent
         arrived = self._pressures_received + self._commands_received
         rejected = self._ecu.frames_rejected + self._node.frames_rejected
@@ -181,7 +184,8 @@ class VirtualLoop(NeverCopied):
         return BusTotals(sent=sent, lost=max(sent - arrived - under_way, 0), rejected=rejected)
 
     def _pressures_came(self) -> bool:
-        """Put received frames into the ECU's inbox; returns whether pressures were among them."""
+        """Put received frames into the ECU's inbox, or drop them while the ECU boots; return whether pressures were
+        added."""
         received = self._ports.ecu.receive_all()
         if self._bus.now_ns < self._booted_ns:
             return False
@@ -206,7 +210,7 @@ class VirtualLoop(NeverCopied):
         return elapsed * 1e3
 
     def _answer(self, frames: Sequence[Frame], boots: int) -> None:
-        """Send the ECU's frames, unless the ECU was reset since their step."""
+        """Send the ECU's frames, unless the ECU was reset after the step that computed them."""
         if boots != self._boots:
             return
         for frame in frames:
@@ -215,17 +219,17 @@ class VirtualLoop(NeverCopied):
 
     @staticmethod
     def _send(port: Bus, frame: Frame) -> None:
-        """Send a frame. A frame that the bus does not accept is lost, and its receiver has to notice."""
+        """Send a frame. A frame that the bus does not accept is lost, and its receiver has to detect the loss."""
         try:
             port.send(frame)
         except BusError:
             return
 
     def _advance_plant(self, actuation: Actuation) -> None:
-        """Advance to the period's end; until a command for this period arrives, the jets stay as they are."""
+        """Advance the flow to the period's end; until a command for this period arrives, the jets keep their action."""
         if actuation.command is not None and not actuation.next_period:
             after_ns = actuation.command.timestamp_ns - self._start_ns
-            # One time step is left for the ramp.
+            # At least one time step is needed for the ramp.
             late = min(self._substeps - 1, math.ceil(after_ns * self._substeps / self._period_ns))
             if late > 0:
                 self._plant.advance_to(late)

@@ -35,13 +35,13 @@ class Disturbs(Protocol):
         """Bit errors on the bus that only one receiver sees."""
 
     def readings(self, cp: Array, now_ns: int) -> Array:
-        """Return the transducers' readings (S,) for wall pressures Cp (S,)."""
+        """Return the transducers' readings, shape (S,), for the wall pressures Cp at the S sensors, shape (S,)."""
 
     def ecu_clock(self, now_ns: int) -> int:
         """Return the time on the ECU's clock at a time of the run."""
 
     def connect(self, bus: SimulatedBus) -> Callable[[str, Bus], Bus]:
-        """Start the port faults on this bus; returns the function that puts a node's faults around its port."""
+        """Start the port faults on this bus. Returns a function that wraps a node's port in the node's faults."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -50,7 +50,7 @@ class Wired:
 
     Attributes:
         ports: ports of the simulated bus by their nodes' names, without faults.
-        waits: times that the loop's own frames wait for the bus.
+        waits: times for which the loop's own frames wait until the bus is free.
     """
 
     bus: SimulatedBus
@@ -86,10 +86,10 @@ def wire(
     Args:
         wake: a plant at the start of a control period.
         sensors: sensors of the bundle, in the order of the Pressure message.
-        authentication: key and freshness of the vehicle's node, with `bus.key`.
+        authentication: key and freshness values of the vehicle's node, with `bus.key`.
         capture: called with every frame on the bus, stamped with the end of its transmission.
         observe: called with a `Transmission` for each of these frames.
-        observer: sees the nodes' frames from outside.
+        observer: sees the frames that the nodes send and receive, and the plant, but no state of the nodes.
     """
     messages = message_set(config.bus)
     others = background(config.bus.background, config.bus, [spec.frame_id for spec in messages.specs]).messages

@@ -1,4 +1,4 @@
-"""The execution of a whole campaign: it computes the missing runs and judges every scenario."""
+"""The execution of a whole campaign: the missing runs are computed and every scenario is judged."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -27,9 +27,9 @@ class Campaign:
     """A campaign to run.
 
     Attributes:
-        scenarios: scenarios of the plan, among them the undisturbed one.
+        scenarios: scenarios of the plan, among them the undisturbed scenario.
         config: settings of all runs; each scenario may override some of them.
-        phases: number of starts per scenario, at equal parts of a shedding cycle.
+        phases: number of runs per scenario under control; they start at equal parts of a shedding cycle.
     """
 
     scenarios: tuple[Scenario, ...]
@@ -40,10 +40,10 @@ class Campaign:
     seed: int = 0
 
     def check(self) -> None:
-        """Check every scenario; raises StillwakeError that states the scenario for which no run is possible."""
+        """Check every scenario. Raises StillwakeError if a scenario allows no run; the error states the scenario."""
         period = self.config.flow.control_period
         lead_in, total = self.timing.periods(period)
-        # The last sample is taken a period before the end.
+        # The last sample is taken one period before the end of the run.
         if (latest := round((total - lead_in - 1) * period, 9)) < self.timing.settle:
             raise StillwakeError(
                 f"--settle {self.timing.settle:g}: must be at most {latest:g} with --controlled "
@@ -54,7 +54,7 @@ class Campaign:
             check_run(scenario, settings_of(scenario, self.config), self.bundle, self.timing, controller)
 
     def label(self) -> dict[str, Any]:
-        """Return the data that identify this campaign, as plain JSON; the scenarios are not among them."""
+        """Return the data that identify this campaign, as plain JSON. The data do not include the scenarios."""
         return {
             "schema": CAMPAIGN_SCHEMA,
             "version": version("stillwake"),
@@ -74,7 +74,8 @@ class Result:
 
     Attributes:
         rows: one row per scenario, in the plan's order.
-        made, kept: number of runs computed in this call, and number of runs found in the folder.
+        made: number of runs computed in this call.
+        kept: number of runs found in the folder.
     """
 
     rows: tuple[ScenarioRow, ...]
@@ -96,14 +97,14 @@ def conduct(
     progress: Callable[[int, int, str], None] = lambda done, total, name: None,
 ) -> Result:
     """Compute the missing runs of a campaign; finished runs of an earlier call are reused. Nothing is written before
-    the first run has finished. Raises StillwakeError if the folder cannot be written, there is no start, or the workers
-    fail.
+    the first run has finished. Raises StillwakeError if the folder cannot be written, a starting state cannot be
+    computed, or the workers fail.
 
     Args:
         campaign: a campaign that has passed `Campaign.check`; its folder has passed `CampaignFolder.check`.
         workers, scheduler: see `contract.side_by_side.spread`.
-        progress: called with (runs done, total runs, name of the run just finished); before the first run with zeros
-            and the present preparation.
+        progress: called with (runs done, total runs, name of the run just finished); before the first run it is called
+            with (0, 0, text on the wake that is being computed).
     """
     runs = _Runs(campaign, folder, progress)
     runs.run(workers, scheduler)
@@ -177,14 +178,14 @@ class _Runs:
         self._progress(len(self._outcomes), self._total, task.name)
 
     def claim(self) -> None:
-        """Write the campaign's label, starts and reused runs into the folder, before its first new run."""
+        """Write the campaign's label, starts and reused runs into the folder, before the first new run is written."""
         if self._claimed:
             return
         self._folder.claim(self._campaign.label())
         for plant, scenario in self._plants.items():
             keep_states(self._folder, self._starts[plant], scenario)
         for name, outcome in self._outcomes.items():
-            # A campaign that is being replaced may have had the same run; its file was deleted with that campaign.
+            # A reused run may come from a campaign that is being replaced; its file was deleted with that campaign.
             self._folder.keep(name, outcome)
         self._claimed = True
 

@@ -1,7 +1,7 @@
 """The folder of a campaign: its label, its starts, its finished runs, and its report.
 
-campaign.json           the label: settings, seed, spans and bundle; a call with different ones is refused
-starts/phase_0.npz      initial flow states of the runs; NAME.phase_0.npz: those of another body's wake
+campaign.json           the label: settings, seed, spans and bundle; a call with a different label is refused
+starts/phase_0.npz      initial flow state of the runs; NAME.phase_0.npz: initial state of scenario NAME's own plant
 runs/NAME.phase0.json   a finished run
 table.csv, figures/, report.html
 """
@@ -28,7 +28,8 @@ class CampaignFolder:
         self._label_file, self._runs = path / "campaign.json", path / "runs"
 
     def start(self, phase: int, scenario: str = "") -> Path:
-        """Return the file of the flow state at which a phase starts; with `scenario`, of that scenario's own plant."""
+        """Return the file of the flow state at which a phase starts. With `scenario`, the state belongs to the plant of
+        that scenario; without it, to the plant of all other scenarios."""
         return self.path / "starts" / f"{scenario and scenario + '.'}phase_{phase}.npz"
 
     def check(self, label: Mapping[str, Any], *, overwrite: bool) -> None:
@@ -37,7 +38,8 @@ class CampaignFolder:
 
         Args:
             label: the data that identify the campaign, as plain JSON.
-            overwrite: whether another campaign may be replaced; other files never are.
+            overwrite: whether another campaign may be replaced; files that do not belong to a campaign are never
+                replaced.
         """
         check_writable(self.path, folder=True)
         if not self.path.exists() or not any(self.path.iterdir()):
@@ -54,7 +56,7 @@ class CampaignFolder:
             )
 
     def claim(self, label: Mapping[str, Any]) -> None:
-        """Write the label; delete the files of another campaign, which `check` has allowed."""
+        """Write the label; delete the files of another campaign, whose replacement `check` has allowed."""
         if self._label() != _plain(label):
             for folder in ("starts", "runs", "figures"):
                 shutil.rmtree(self.path / folder, ignore_errors=True)
@@ -64,7 +66,7 @@ class CampaignFolder:
             temporary.write_text(json.dumps(label, indent=2, sort_keys=True) + "\n", encoding="utf-8")
 
     def outcome(self, name: str, key: str) -> RunOutcome | None:
-        """Return the finished run of that name; None if there is none, or its key differs."""
+        """Return the finished run of that name; None if there is no such run, or its key differs."""
         kept = load(self._run(name))
         return kept if kept is not None and kept.key == key else None
 
@@ -82,7 +84,7 @@ class CampaignFolder:
         return self._runs / f"{name}.json"
 
     def _label(self) -> dict[str, Any] | None:
-        """Read the label; None if it is missing or cannot be read."""
+        """Return the label in the folder; None if it is missing or cannot be read."""
         try:
             label: Any = json.loads(self._label_file.read_text(encoding="utf-8"))
         except (OSError, ValueError, RecursionError):
@@ -91,5 +93,5 @@ class CampaignFolder:
 
 
 def _plain(label: Mapping[str, Any]) -> Any:
-    """Return the label as it is after writing to JSON and reading back."""
+    """Return the label in the form that it has after it was written to JSON and read back."""
     return json.loads(json.dumps(label))

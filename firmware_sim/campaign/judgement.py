@@ -1,4 +1,5 @@
-"""The judgement of a campaign, one row per scenario: whether it is safe and useful, and the spread over the phases."""
+"""The judgement of a campaign, one row per scenario: whether its outcome is safe and useful, and the spread over the
+starting phases."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -13,7 +14,7 @@ from firmware_sim.runs.statistics import rounded
 
 
 class Use(StrEnum):
-    """Classes of benefit of the controller under a disturbance."""
+    """Classes of the controller's benefit under a disturbance."""
 
     USEFUL = "useful"
     MARGINAL = "marginal"
@@ -34,7 +35,7 @@ class PhaseOutcomes:
 
     @property
     def reduction(self) -> float:
-        """Reduction of the wall's mean drag in percent; NaN if a run is missing."""
+        """Reduction of the wall's mean drag by control in percent; NaN if a run did not finish."""
         if self.under.figures is None or self.free.figures is None:
             return nan
         return 100.0 * (1.0 - self.under.figures.Cd / self.free.figures.Cd)
@@ -48,7 +49,7 @@ class PhaseOutcomes:
 
 @dataclass(frozen=True, kw_only=True)
 class Spread:
-    """Mean, minimum and maximum over the phases."""
+    """Mean, minimum and maximum over the starting phases."""
 
     mean: float
     least: float
@@ -66,9 +67,10 @@ class ScenarioRow:
     """The outcome of one scenario.
 
     Attributes:
-        safe: whether every phase finished without a violated invariant.
-        reduction: reduction of wall drag in percent, relative to the same phase without control.
-        lost: difference to the undisturbed scenario's mean reduction, in percentage points.
+        safe: whether the runs from all starting phases finished without a violated invariant.
+        reduction: reduction of wall drag in percent, relative to the run from the same starting phase without control.
+        lost: mean reduction of the undisturbed scenario minus the mean reduction of this scenario, in percentage
+            points.
     """
 
     scenario: Scenario
@@ -88,7 +90,8 @@ class ScenarioRow:
 
     @property
     def in_control(self) -> float:
-        """Share of the periods with requested control in which the controller planned, in percent, over all phases."""
+        """Percentage of the control periods with requested control in which the controller planned, over all starting
+        phases."""
         requested = self._total("requested")
         return 100.0 * self._total("in_control") / requested if requested else nan
 
@@ -113,7 +116,8 @@ class ScenarioRow:
 
     @property
     def reasons(self) -> dict[str, int]:
-        """Number of control periods without control by the ECU's reason, over all phases; most frequent first."""
+        """Number of control periods without control for each reason that the ECU gave, over all starting phases; the
+        most frequent reason comes first."""
         count: Counter[str] = Counter()
         for service in self._services:
             count.update(service.reasons)
@@ -154,7 +158,8 @@ class ScenarioRow:
         }
 
     def _spread(self, name: str, *, free: bool = False) -> Spread:
-        """Return the spread of one field of `MeanFigures`, under control or, with `free`, without control."""
+        """Return the spread of one field of `MeanFigures` over the runs under control or, with `free`, without
+        control."""
         found = [(phase.free if free else phase.under).figures for phase in self.phases]
         return Spread.of([nan if one is None else float(getattr(one, name)) for one in found])
 
@@ -170,8 +175,8 @@ def judged(scenarios: Sequence[Scenario], phases: Mapping[str, Sequence[PhaseOut
     """Return the rows in the plan's order.
 
     Args:
-        scenarios: scenarios of the plan, among them the undisturbed one.
-        phases: outcomes by scenario; the number of phases is equal for all scenarios.
+        scenarios: scenarios of the plan, among them the undisturbed scenario.
+        phases: outcomes of each scenario by its name; the number of starting phases is equal for all scenarios.
     """
     undisturbed = Spread.of([phase.reduction for phase in phases[UNDISTURBED]]).mean
     return tuple(_row(one, tuple(phases[one.name]), undisturbed) for one in scenarios)

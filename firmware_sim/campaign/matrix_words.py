@@ -1,4 +1,4 @@
-"""A campaign as text: its plan and its rows for the terminal and the report, and as CSV for programs."""
+"""A campaign as text: plan and rows for the terminal and the report, and rows as CSV for other programs."""
 
 import csv
 from collections.abc import Sequence
@@ -39,14 +39,14 @@ def criteria_text(criteria: Criteria) -> str:
 
 
 MATRIX_HEADS: Final = ("scenario", "safe", "use", "less drag, %", "mean |Cl|", "in control, %", "latched")
-"""Column heads of `cells`."""
+"""Column heads for the texts that `cells` returns."""
 
 
 def cells(row: ScenarioRow) -> tuple[str, ...]:
     """Return the cells of a row as text, in the order of `MATRIX_HEADS`."""
     return (
         row.scenario.name,
-        "safe" if row.safe else "UNSAFE",  # a word needs no colour
+        "safe" if row.safe else "UNSAFE",  # in capitals, because the terminal may have no colour
         row.use.value,
         spread(row.reduction, ".1f"),
         spread(row.abs_Cl, ".2f"),
@@ -56,7 +56,7 @@ def cells(row: ScenarioRow) -> tuple[str, ...]:
 
 
 def spread(value: Spread, style: str) -> str:
-    """Format as "mean (minimum to maximum)"; the mean alone if all phases are equal or there is only one."""
+    """Format as "mean (minimum to maximum)", or the mean alone if the values of all starting phases are equal."""
     mean, least, most = (number(one, style) for one in (value.mean, value.least, value.most))
     return mean if least == most else f"{mean} ({least} to {most})"
 

@@ -1,4 +1,4 @@
-"""The outcome of one run of a campaign: its figures, violated invariants, and short series."""
+"""The outcome of one run of a campaign: its figures, its violated invariants, and short series."""
 
 import json
 from collections.abc import Mapping
@@ -17,9 +17,9 @@ _SCHEMA: Final = "stillwake-campaign-run/1"
 COURSE: Final = ("t", "Cd", "Cl", "action")
 """Names of the stored series, which have one value per control period."""
 DECIMALS: Final = 6
-"""Decimals of stored series: a tenth of the resolution of an action on the bus."""
+"""Number of decimals of stored series; their step is a tenth of the resolution of an action on the bus."""
 MOST_KEPT: Final = 20
-"""Largest number of violations stored as text; all of them are counted."""
+"""Largest number of violations that are stored as text; all violations are counted."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,7 +40,7 @@ class KeptCourse:
 
 @dataclass(frozen=True, kw_only=True)
 class MeanFigures:
-    """Means over the averaged periods, with equal weights; coefficients as in `Sample`."""
+    """Means over the averaged periods, each with the same weight; the coefficients are defined in `Sample`."""
 
     Cd: float
     abs_Cl: float
@@ -49,13 +49,13 @@ class MeanFigures:
 
     @classmethod
     def over(cls, course: KeptCourse, from_t: float) -> "MeanFigures":
-        """Average from an instant, in the time of the series, to the end.
+        """Average from `from_t`, in the time of the series, to the end.
 
         The runs with and without control are averaged over the same instants and start in the same phase of shedding,
-        so both averages cut off the same part of a cycle.
+        so both averages leave out the same part of a cycle.
         """
         t = np.array(course.t)
-        kept = t >= from_t - 1e-9  # what sums of spans may differ by from the sample's instant
+        kept = t >= from_t - 1e-9  # allows for rounding in sums of spans
         cd, cl, action = (np.array(getattr(course, name))[kept] for name in ("Cd", "Cl", "action"))
         return cls(
             Cd=float(cd.mean()),
@@ -70,12 +70,13 @@ class RunService:
     """Counts of the ECU and the bus in a run under control.
 
     Attributes:
-        requested: control periods with requested control, without those in which the window was still filling.
-        in_control: number of those periods in which the controller planned.
+        requested: number of control periods with requested control, without the periods in which the window was still
+            filling.
+        in_control: number of the requested periods in which the controller planned.
         latches: number of times that the ECU latched a fault.
-        reasons: number of control periods without control, by the reason that the ECU gave.
+        reasons: number of control periods without control, for each reason that the ECU gave.
         frames_sent, frames_lost, frames_rejected: counts of pressure frames and commands.
-        violations: number of violated invariants.
+        violations: number of violations of invariants.
     """
 
     requested: int
@@ -95,9 +96,9 @@ class RunOutcome:
 
     Attributes:
         key: hash of everything that the run depends on.
-        figures, course: None for a run that did not finish.
-        service: None for a run without control or one that did not finish.
-        failure: reason why the run did not finish; "" if it did.
+        figures, course: means and series of the run; None for a run that did not finish.
+        service: counts of a run under control; None for a run without control, or for a run that did not finish.
+        failure: reason why the run did not finish; "" if it finished.
     """
 
     key: str
@@ -108,7 +109,7 @@ class RunOutcome:
 
 
 def save(path: Path, outcome: RunOutcome) -> None:
-    """Write as JSON, completely or not at all; equal outcomes give equal bytes."""
+    """Write the outcome as JSON, completely or not at all; equal outcomes give equal bytes."""
     content = {"schema": _SCHEMA, **asdict(outcome)}
     with replacing(path) as temporary:
         temporary.write_text(json.dumps(content, sort_keys=True) + "\n", encoding="utf-8")

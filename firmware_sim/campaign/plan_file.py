@@ -12,9 +12,9 @@
     criteria = { useful = 0.5 }
 
 A scenario with `each` expands to several scenarios: one for each value or, with `each = "sensors"`, one for each sensor
-of the release. In its texts `{each}` is the value, `{base_sensor}` the release's first sensor on the base, `{sensor_1}`
-and so on its sensors, `{after:20}` the instant 20 t_c after the request for control, in s of the run, and
-`{seconds:20}` the length of 20 t_c in s.
+of the release. The texts of a scenario may use these names: `{each}` is the value; `{base_sensor}` is the release's
+first sensor on the base; `{sensor_1}`, `{sensor_2}` and so on are the release's sensors; `{after:20}` is the instant
+20 t_c after the request for control, in s of the run; `{seconds:20}` is the length of 20 t_c in s.
 """
 
 import re
@@ -34,12 +34,12 @@ BUILT_IN: Final = ("paper", "sensors", "bus", "flow")
 """Names of the files in `plans/`, in the plan's order."""
 MOST_SCENARIOS: Final = 1000
 _SENSORS: Final = "sensors"
-"""Value of `each` that means the release's sensors."""
+"""Value of `each` for which a scenario is repeated for each sensor of the release."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class _ScenarioForm:
-    """The form of a scenario in a file."""
+    """The format of a scenario in a file."""
 
     name: str
     sentence: str
@@ -51,7 +51,8 @@ class _ScenarioForm:
 
 @dataclass(frozen=True, kw_only=True)
 class _GroupForm:
-    """The form of a group in a file. Each scenario is parsed separately, so that an error can state its name."""
+    """The format of a group in a file. Each scenario is parsed separately, so that an error can state the scenario's
+    name."""
 
     title: str
     scenario: list[dict[str, Any]]
@@ -59,15 +60,15 @@ class _GroupForm:
 
 @dataclass(frozen=True, kw_only=True)
 class _PlanForm:
-    """The form of a whole file; `criteria` holds for all scenarios without their own criteria."""
+    """The format of a whole file; `criteria` applies to all scenarios without their own criteria."""
 
     group: list[_GroupForm]
     criteria: Criteria = field(default_factory=Criteria)
 
 
 def whole_plan(users: Sequence[Path], place: Place) -> tuple[Scenario, ...]:
-    """Return the built-in scenarios, then those of the user's files. Raises ConfigError that states the file and its
-    error: an unknown, missing, mistyped or meaningless entry."""
+    """Return the built-in scenarios, then the scenarios of the user's files. Raises ConfigError for an unknown,
+    missing, mistyped or meaningless entry; the error states the file."""
     folder = files("firmware_sim.campaign").joinpath("plans")
     sources: list[Traversable] = [*(folder.joinpath(f"{name}.toml") for name in BUILT_IN), *users]
     scenarios = tuple(one for source in sources for one in read_plan(source, place))
@@ -78,7 +79,7 @@ def whole_plan(users: Sequence[Path], place: Place) -> tuple[Scenario, ...]:
 
 
 def read_plan(source: Traversable, place: Place) -> tuple[Scenario, ...]:
-    """Read the scenarios of one file; raises ConfigError as `whole_plan` does."""
+    """Read the scenarios of one file; raises ConfigError for an invalid entry, like `whole_plan`."""
     tree = read_toml(source, "plan")
     try:
         plan = typed(tree, _PlanForm)

@@ -1,4 +1,5 @@
-"""A campaign as one self-contained HTML page with matrix, curves, and a section per group; its table and figures."""
+"""A campaign as one self-contained HTML page, with a matrix, curves and a section for each group, and the files of its
+table and figures."""
 
 from datetime import date
 from itertools import groupby
@@ -36,7 +37,7 @@ _USED: Final = ("operating_point", "flow", "bus", "ecu", "vehicle")
 
 
 def write_report(folder: CampaignFolder, campaign: Campaign, result: Result, day: date) -> None:
-    """Write page, table and figures into the folder; each replaces an older file only when it is complete."""
+    """Write page, table and figures into the folder; each new file replaces an older file only when it is complete."""
     matrix_words.write_csv(folder.table, result.rows)
     pictures = {name: pages.png_of(figure) for name, figure in result_figures.figures_of(result.rows).items()}
     for name, png in pictures.items():

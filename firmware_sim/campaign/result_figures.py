@@ -2,8 +2,8 @@
 
 The colours are those of Okabe and Ito, which colour-blind readers can distinguish; the marks differ as well.
 
-The figures show the paper's own loop under noise and delay (section 3.3 and appendix B) only where the paper's text has
-numbers: for noise, and for the delays in between, it has pictures alone.
+The paper's own loop under noise and delay (section 3.3 and appendix B) is shown only where the paper's text states
+numbers. For noise, and for the other delays, the paper has only pictures.
 """
 
 import re
@@ -21,9 +21,10 @@ from firmware_sim.campaign.scenario import UNDISTURBED
 
 PAPERS_UNCONTROLLED_CD: Final = 1.051
 PAPERS_DELAYED_CD: Final = {0: 0.918, 12: 0.950}
-"""The paper's mean Cd under control for an actuator delay in control periods, with compensation (appendix B)."""
+"""The paper's mean Cd under control for each actuator delay in control periods, with compensation (appendix B)."""
 PAPERS_NOISE: Final = "consistent drag reduction across all tested noise levels"
-"""The paper's words on noise of 10 to 90 % of the global deviation; it gives no numbers (appendix B)."""
+"""The paper's words on noise of 10 to 90 % of the global deviation (appendix B); the paper gives no numbers for this
+noise."""
 
 
 def papers_reduction_percent(Cd: float) -> float:
@@ -43,14 +44,15 @@ _DPI: Final = 100
 
 @dataclass(frozen=True, kw_only=True)
 class Curve:
-    """Scenarios that differ in one number; a point is (number, row)."""
+    """Scenarios that differ in one number; each point is (number, row)."""
 
     label: str
     points: tuple[tuple[float, ScenarioRow], ...]
 
 
 def curve(rows: Sequence[ScenarioRow], label: str, pattern: str) -> Curve:
-    """Collect the scenarios whose name matches; the pattern's group is the number, and the undisturbed one is at 0."""
+    """Collect the scenarios whose name matches `pattern`. The pattern's group is a scenario's number; the undisturbed
+    scenario has the number 0."""
     found = []
     for row in rows:
         match = re.fullmatch(pattern, row.scenario.name)
@@ -62,10 +64,10 @@ def curve(rows: Sequence[ScenarioRow], label: str, pattern: str) -> Curve:
 
 
 def figures_of(rows: Sequence[ScenarioRow]) -> dict[str, Figure]:
-    """Return all figures by file name: curves with at least two points, and the overview."""
+    """Return all figures by file name: the curves that have at least two points, and the overview."""
     noise = curve(rows, "this loop", r"noise_(\d+\.?\d*)")
     delays = curve(rows, "compensated", r"delay_(\d+)"), curve(rows, "not compensated", r"delay_(\d+)_uncompensated")
-    # For noise, the paper gives a number only for the loop without noise.
+    # For noise, the paper gives a number only for the undisturbed loop.
     undisturbed = {0: PAPERS_DELAYED_CD[0]}
     found = {
         "noise": curves_figure([noise], "sensor noise / global deviations", "paper", undisturbed),
@@ -78,7 +80,7 @@ def figures_of(rows: Sequence[ScenarioRow]) -> dict[str, Figure]:
 def curves_figure(
     curves: Sequence[Curve], xlabel: str, papers: str, Cd_by_number: Mapping[int, float]
 ) -> Figure | None:
-    """Plot drag reduction and mean |Cl| against the scenarios' number, with the paper's points; returns None if no
+    """Plot drag reduction and mean |Cl| against the scenarios' number, with the paper's points; return None if no
     curve has two points.
     """
     curves = [one for one in curves if len(one.points) > 1]
@@ -107,7 +109,7 @@ def curves_figure(
 
 
 def overview_figure(rows: Sequence[ScenarioRow]) -> Figure:
-    """Plot drag reduction and mean |Cl| of every scenario, with the spread over the phases."""
+    """Plot drag reduction and mean |Cl| of every scenario, with the spread over the starting phases."""
     height = 0.9 + 0.24 * len(rows)
     figure = Figure(figsize=(_WIDTH, height), dpi=_DPI)
     left, right = figure.subplots(1, 2, sharey=True, gridspec_kw={"width_ratios": (3, 2), "wspace": 0.06})
@@ -137,7 +139,7 @@ def overview_figure(rows: Sequence[ScenarioRow]) -> Figure:
 
 
 def _draw(axes: Axes, one: Curve, name: str, colour: str, mark: str) -> None:
-    """Draw the means, and bars from the minimum to the maximum of the phases."""
+    """Draw the means, and bars from the minimum to the maximum over the starting phases."""
     points = [(x, getattr(row, name)) for x, row in one.points]
     known = [(x, value) for x, value in points if isfinite(value.mean)]
     x = [place for place, _ in known]

@@ -1,4 +1,4 @@
-"""One run of a campaign, in any process: the loop under its disturbances, or the flow without control."""
+"""One run of a campaign, in any process: the closed loop under its disturbances, or the flow without control."""
 
 from collections import Counter
 from collections.abc import Iterable
@@ -25,9 +25,9 @@ from wake.truck.truck_wake import TruckWake
 
 
 def run_task(task: RunTask, bundle: Bundle, start: State) -> RunOutcome:
-    """Run a task from a start. The outcome depends on the arguments alone; the caller fills in its key.
+    """Run a task from a starting state. The outcome depends on the arguments alone; the caller fills in its key.
 
-    An exception in a run does not end the campaign: the outcome records it as a result.
+    An exception in a run does not end the campaign: the outcome records the exception as a result.
     """
     try:
         return _under_control(task, bundle, start) if task.controlled else _free(task, bundle, start)
@@ -40,7 +40,7 @@ def run_task(task: RunTask, bundle: Bundle, start: State) -> RunOutcome:
 def check_run(
     scenario: Scenario, config: Config, bundle: Bundle, timing: Spans, controller: RunnableController
 ) -> None:
-    """Check a scenario; raises ConfigError that states the scenario if no run is possible with it."""
+    """Check a scenario. Raises ConfigError if the scenario allows no run; the error states the scenario."""
     try:
         Simulation(
             bundle,
@@ -54,7 +54,7 @@ def check_run(
 
 
 def flow_disturbances(texts: Iterable[str]) -> tuple[str, ...]:
-    """Return the texts of the disturbances that act on the flow, which they also do without control."""
+    """Return the texts of the disturbances that act on the flow; these act in the runs without control as well."""
     disturbances = Disturbances.parse(texts)
     return tuple(
         text

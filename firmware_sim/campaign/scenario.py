@@ -10,9 +10,10 @@ from typing import Final
 from contract.errors import ConfigError
 
 UNDISTURBED: Final = "undisturbed"
-"""Name of the scenario with which all others are compared; every plan has it."""
+"""Name of the scenario with which all other scenarios are compared; every plan contains it."""
 UNCONTROLLED: Final = "uncontrolled"
-"""Name of the runs without control in the undisturbed flow; with a scenario's name before it, in its flow."""
+"""Name of the runs without control in the undisturbed flow. With a scenario's name before it, it is the name of the
+runs without control in that scenario's flow."""
 _NAME: Final = re.compile(r"[a-z0-9][a-z0-9_.]*")
 LONGEST_NAME: Final = 80
 """Largest number of characters of a name, which is also part of a file name."""
@@ -24,9 +25,9 @@ class Criteria:
     scenario. Raises ConfigError for a share that is not finite, or for shares in the wrong order.
 
     Attributes:
-        useful: smallest share of the undisturbed drag reduction for "useful".
-        marginal: the outcome is "marginal" above this share, otherwise "none".
-        abs_Cl: largest mean |Cl| for "useful", as a share of its value without control: a drag reduction with a larger
+        useful: smallest drag reduction for "useful", as a share of the undisturbed scenario's drag reduction.
+        marginal: above this share of that reduction the outcome is "marginal", otherwise "none".
+        abs_Cl: largest mean |Cl| for "useful", as a share of its value without control. A drag reduction with a larger
             side force is of no use.
     """
 
@@ -80,7 +81,7 @@ class Place:
 
     Attributes:
         sensors: sensors of the release, in its order.
-        base_sensor: the first of them on the base; None if there is none.
+        base_sensor: the release's first sensor on the base; None if no sensor is on the base.
         enabled_s: time of the request for control, in s of the run.
         t_c_s: convective time in s.
     """
@@ -91,16 +92,17 @@ class Place:
     t_c_s: float
 
     def seconds(self, span: float) -> float:
-        """Convert a span in t_c to s."""
+        """Convert a span from t_c to s."""
         return span * self.t_c_s
 
     def after(self, span: float) -> float:
-        """Return the instant `span` t_c after the request for control, in s of the run."""
+        """Return the instant that is `span` t_c after the request for control, in s of the run."""
         return self.enabled_s + self.seconds(span)
 
 
 def check_names(scenarios: Sequence[Scenario]) -> None:
-    """Check the names; raises ConfigError if two scenarios have one name, or the undisturbed scenario is missing."""
+    """Check the names. Raises ConfigError if two scenarios have the same name, or the undisturbed scenario is
+    missing."""
     seen: dict[str, Scenario] = {}
     for one in scenarios:
         if (other := seen.setdefault(one.name, one)) is not one:
@@ -110,8 +112,8 @@ def check_names(scenarios: Sequence[Scenario]) -> None:
 
 
 def selected(scenarios: Sequence[Scenario], globs: Sequence[str]) -> tuple[Scenario, ...]:
-    """Return the scenarios whose name matches a pattern, and the undisturbed one, in the plan's order; all scenarios
-    without patterns. Raises ConfigError if a pattern matches no scenario."""
+    """Return the scenarios whose name matches a pattern, and the undisturbed scenario, in the plan's order; without
+    patterns, return all scenarios. Raises ConfigError if a pattern matches no scenario."""
     for glob in globs:
         if not any(fnmatchcase(one.name, glob) for one in scenarios):
             raise ConfigError(f"--only {glob!r}: no scenario has a matching name; --list shows the names")

@@ -1,4 +1,4 @@
-"""Starts of runs: the developed wake in several shedding phases, so that no figure depends on a single phase."""
+"""Starts of runs: the developed wake at several shedding phases, so that no figure depends on a single phase."""
 
 import hashlib
 from collections.abc import Callable, Sequence
@@ -15,7 +15,8 @@ from wake.truck.truck_wake import TruckWake
 
 
 def phases_apart(phases: int, config: Config) -> list[int]:
-    """Return the control periods from the developed wake to each phase: equal parts of its shedding cycle."""
+    """Return, for each starting phase, its distance from the developed wake in control periods; the phases divide a
+    shedding cycle into equal parts."""
     cycle = 1.0 / config.forcing.base_frequency
     return [round(number * cycle / phases / config.flow.control_period) for number in range(phases)]
 
@@ -27,12 +28,12 @@ def starting_states(
     scenario: str = "",
     progress: Callable[[float, float], None] = lambda t, total: None,
 ) -> tuple[State, ...]:
-    """Return the states of all phases, with their clocks at zero and the jets shut. They are read from the folder, or
-    computed, which takes minutes for a body other than the truck. Raises PlantError if there is no developed wake for
-    the settings.
+    """Return the flow states of all starting phases, with their clocks at zero and the jets shut. They are read from
+    the folder, or computed, which takes minutes for a body other than the truck. Raises PlantError if there is no
+    developed wake for the settings.
 
     Args:
-        scenario: the scenario that has this plant; empty for the plant of all scenarios.
+        scenario: the scenario that has this plant; empty for the plant of all other scenarios.
         progress: called with (time, total time) in t_c while another body's wake develops.
     """
     kept = [_kept(folder.start(number, scenario), config) for number in range(phases)]
@@ -43,18 +44,19 @@ def starting_states(
 
 
 def keep_states(folder: CampaignFolder, states: Sequence[State], scenario: str = "") -> None:
-    """Write the states of all phases to the files that `starting_states` reads."""
+    """Write the states of all starting phases to the files that `starting_states` reads."""
     for number, state in enumerate(states):
         save_state(folder.start(number, scenario), state)
 
 
 def digest_of(state: State) -> str:
-    """Return the hash of the flow in hex."""
+    """Return the SHA-256 of the flow state in hex."""
     return hashlib.sha256(state.flat.tobytes()).hexdigest()
 
 
 def _kept(file: Path, config: Config) -> State | None:
-    """Read a state; None if there is none for this plant: the scenario may have had another body earlier."""
+    """Return the state in the file; None if the file is missing or holds the state of another plant, since the scenario
+    may have had another body earlier."""
     try:
         state = load_state(file)
         if state.origin is not None:

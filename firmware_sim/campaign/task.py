@@ -1,4 +1,4 @@
-"""One run of a campaign as a value that any process can execute, and its hash."""
+"""One run of a campaign as a value that any process can execute, and the hash of this value."""
 
 import hashlib
 import json
@@ -19,8 +19,8 @@ _SETTINGS: Final = ("operating_point", "bus", "ecu", "vehicle", "flow.reynolds",
 PlantKey = tuple[FlowConfig, BodyConfig]
 
 MARGIN_PERIODS: Final = 2
-"""Number of periods without control beyond the controller's window: the first frame only starts the end-to-end check.
-"""
+"""Number of periods without control that a run needs beyond the length of the controller's window, because the first
+frame only starts the end-to-end check."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,10 +28,10 @@ class RunTask:
     """One run.
 
     Attributes:
-        name: name of the run's file, from scenario and phase.
+        name: name of the run's file, formed from scenario and phase.
         controlled: whether control is requested; otherwise the flow runs without the loop.
-        config: settings, with the plant's body, which may differ from the release's.
-        phase: number of the start.
+        config: settings, with the plant's body, which may differ from the body of the release.
+        phase: number of the starting phase.
     """
 
     name: str
@@ -44,7 +44,7 @@ class RunTask:
 
     @property
     def plant(self) -> PlantKey:
-        """Key of the plant, by which its starts are found."""
+        """Key under which the starts of the run's plant are stored."""
         return plant_of(self.config)
 
     def key(self, bundle_digest: str, start_digest: str, version: str) -> str:
@@ -63,13 +63,14 @@ class RunTask:
 
 
 def plant_of(config: Config) -> PlantKey:
-    """Return the settings that a start has to match."""
+    """Return the settings that a starting state has to match."""
     return config.flow, config.body
 
 
 def settings_of(scenario: Scenario, config: Config) -> Config:
-    """Return the campaign's settings with those of the scenario and the body of its plant. Raises ConfigError that
-    states the scenario if one of its settings is unknown, wrong, or not allowed in a scenario."""
+    """Return the campaign's settings, overridden by the scenario's settings, with the body of the scenario's plant.
+    Raises ConfigError if a setting of the scenario is unknown, wrong, or not allowed in a scenario; the error states
+    the scenario."""
     try:
         loaded = loading.load(None, scenario.settings, base=config)
         plant = Disturbances.parse(scenario.disturb).plant(loaded.config)

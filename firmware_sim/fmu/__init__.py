@@ -1,1 +1,1 @@
-"""FMI 3.0: the ECU in C, and the plant, as FMUs for co-simulation in other tools."""
+"""FMUs for co-simulation in other tools: the ECU in C, and the plant."""

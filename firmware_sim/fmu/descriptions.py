@@ -1,4 +1,5 @@
-"""The descriptions in an FMU's file: `modelDescription.xml` by FMI 3.0 and 2.0, the bus terminal, its manifest."""
+"""The descriptions in an FMU's file: `modelDescription.xml` in FMI 3.0 and 2.0, the bus terminal, and the manifest of
+the bus standard."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Final
@@ -10,11 +11,11 @@ from firmware_sim.fmu.ecu_variables import CONTINUOUS, ENUMERATIONS, IDENTIFIER,
 from firmware_sim.fmu.kinds import FmuKind
 
 TERMINAL: Final = "CanChannel"
-"""Name of the bus terminal."""
+"""Name of the bus terminal in the FMU."""
 LS_BUS: Final = "org.fmi-standard.fmi-ls-bus"
 _MIME: Final = f'application/{LS_BUS}.can; version="1.0.0"'
 _RX_BYTES, _TX_BYTES = 8192, 16384
-"""Sizes of the buffers in `ecu/c/fmu/sw_fmu.h`."""
+"""Sizes in bytes of the buffers for received and sent data in `ecu/c/fmu/sw_fmu.h`."""
 _TYPES_2: Final[Mapping[str, str]] = {"Float64": "Real", "UInt32": "Integer"}
 _add = ElementTree.SubElement
 
@@ -22,7 +23,7 @@ _add = ElementTree.SubElement
 def model_description(
     variables: Sequence[Variable], token: str, bundle: Bundle, config: Config, kind: FmuKind
 ) -> ElementTree.Element:
-    """Return `modelDescription.xml` by FMI 3.0. It contains no time, so the same release and vehicle give the same
+    """Return `modelDescription.xml` in FMI 3.0. It contains no date, so the same release and vehicle give the same
     bytes."""
     name, period = bundle.manifest.name, repr(config.period_ns / 1e9)
     root = ElementTree.Element(
@@ -77,8 +78,9 @@ def model_description(
 
 
 def _list_terminal(listed: ElementTree.Element, first: int, kind: FmuKind) -> dict[str, str]:
-    """Add the terminal's clocks and binaries; returns their value references, which follow those of the table."""
-    names = ("Rx_Clock", "Rx_Data", "Tx_Clock", "Tx_Data")  # as in ecu/c/fmu/bus/sw_fmu_events.c
+    """Add the terminal's clocks and binaries to the list of variables. Returns their value references, which follow the
+    value references of the table."""
+    names = ("Rx_Clock", "Rx_Data", "Tx_Clock", "Tx_Data")  # same order as in ecu/c/fmu/bus/sw_fmu_events.c
     references = {name: str(first + i) for i, name in enumerate(names)}
 
     def added(tag: str, name: str, causality: str, **more: str) -> ElementTree.Element:
@@ -98,7 +100,7 @@ def _list_terminal(listed: ElementTree.Element, first: int, kind: FmuKind) -> di
 
 
 def bus_files() -> dict[str, bytes]:
-    """Return the files of a bus terminal, by their paths in the FMU."""
+    """Return the files that a bus terminal needs, by their paths in the FMU."""
     root = ElementTree.Element("fmiTerminalsAndIcons", fmiVersion="3.0")
     facts = {"terminalKind": "org.fmi-ls-bus.network-terminal", "matchingRule": "org.fmi-ls-bus.transceiver"}
     terminal = _add(_add(root, "Terminals"), "Terminal", facts, name=TERMINAL, description="The vehicle's CAN bus")
@@ -125,7 +127,7 @@ def bus_files() -> dict[str, bytes]:
 
 
 def as_fmi2(about: ElementTree.Element, sources: Sequence[str] = ()) -> ElementTree.Element:
-    """Return the description by FMI 2.0 of an FMU that has one by FMI 3.0; `sources` are its files of C."""
+    """Convert a description from FMI 3.0 to FMI 2.0; `sources` are the names of the FMU's C files."""
     facts = {name: value for name, value in about.attrib.items() if name not in ("fmiVersion", "instantiationToken")}
     root = ElementTree.Element("fmiModelDescription", facts, fmiVersion="2.0", guid=about.get("instantiationToken", ""))
     kind = _copied(root, about, "CoSimulation")
@@ -160,7 +162,7 @@ def as_fmi2(about: ElementTree.Element, sources: Sequence[str] = ()) -> ElementT
 
 
 def _copied(root: ElementTree.Element, about: ElementTree.Element, title: str) -> ElementTree.Element:
-    """Copy a section; an empty one if there is none."""
+    """Copy a section of `about` into `root`; add an empty section if `about` does not have it."""
     found = about.find(title)
     copy = _add(root, title, {} if found is None else dict(found.attrib))
     copy.extend([] if found is None else found)
@@ -173,6 +175,6 @@ def _indices(about: ElementTree.Element, title: str, places: Mapping[str, str]) 
 
 
 def xml_bytes(root: ElementTree.Element) -> bytes:
-    """Return a document as indented XML with its declaration."""
+    """Return a document as indented XML with an XML declaration."""
     ElementTree.indent(root)
     return bytes(ElementTree.tostring(root, encoding="UTF-8", xml_declaration=True)) + b"\n"

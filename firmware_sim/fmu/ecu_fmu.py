@@ -1,4 +1,4 @@
-"""The ECU in C as one FMU, compiled and with its sources, for any tool that imports FMI 3.0 or 2.0."""
+"""The ECU in C as one FMU, with its compiled library and its sources, for any tool that imports FMI 3.0 or 2.0."""
 
 import hashlib
 import platform
@@ -22,12 +22,13 @@ from firmware_sim.fmu.ecu_variables import IDENTIFIER, ecu_variables, wrapper_se
 from firmware_sim.fmu.kinds import WITH_SIGNALS, FmuKind
 
 PLATFORM: Final = f"{platform.machine()}-{sys.platform}"
-"""Name of the platform in FMI 3.0, such as x86_64-linux."""
+"""Name of this machine's platform in FMI 3.0, such as x86_64-linux."""
 WINDOWS_64: Final = "x86_64-windows"
 PLATFORMS_2: Final = {"x86_64-linux": "linux64", "x86_64-darwin": "darwin64", WINDOWS_64: "win64"}
-"""Names of platforms in FMI 2.0; others have their names in FMI 3.0."""
+"""Names of platforms in FMI 2.0, by their names in FMI 3.0; other platforms have the same name in both versions."""
 FLAGS: Final = ("-O3", "-ffp-contract=off", "-fPIC", "-shared", "-fvisibility=hidden", "-Wl,--no-undefined")
-"""Flags of the compiler. -march is absent because an FMU is used on other machines; no decision depends on it."""
+"""Flags of the compiler. -march is absent because an FMU may run on other machines than this one; no decision of the
+ECU depends on this flag."""
 _FLAGS_WINDOWS: Final = ("-target", f"{WINDOWS_64}-gnu", "-O3", "-ffp-contract=off", "-shared", "-s")
 _SETTINGS: Final = "sw_fmu_settings.h"
 _DAY: Final = (1980, 1, 1, 0, 0, 0)
@@ -37,13 +38,14 @@ def ecu_fmu(
     ecu: Mapping[str, bytes], wrapper: Mapping[str, bytes], bundle: Bundle, config: Config, kind: FmuKind = WITH_SIGNALS
 ) -> bytes:
     """Return the FMU's file; equal arguments and an equal compiler give equal bytes. Raises LibraryError if there is no
-    compiler, or it rejects the sources; ConfigError if a time is not shorter than the control period.
+    compiler, or the compiler rejects the sources; ConfigError if step offset or compute time is not shorter than the
+    control period.
 
     Args:
         ecu: sources of a library with the ECU and its settings (`ecu.in_c.c_ecu.ecu_sources`).
         wrapper: sources of the wrapper (`ecu.c.sources.fmu_sources`).
-        bundle: verified release that both are made from.
-        config: settings of the vehicle that the ECU is compiled for.
+        bundle: verified release from which both sources are made.
+        config: settings of the vehicle for which the ECU is compiled.
     """
     sources = library_sources(ecu) | dict(wrapper)
     variables = ecu_variables(bundle.manifest.sensors, config, bus=kind.bus)
@@ -63,7 +65,8 @@ def ecu_fmu(
 
 
 def binaries(sources: Mapping[str, bytes], kind: FmuKind) -> dict[str, bytes]:
-    """Return the compiled sources by their paths in the FMU: for this machine, and for Windows if the kind has it."""
+    """Return the compiled libraries by their paths in the FMU: for this machine and, if the kind asks for it, for
+    Windows."""
     made = {PLATFORM: (host_compiler(), FLAGS, "so")}
     if kind.windows:
         zig = zig_compiler()
@@ -80,7 +83,7 @@ def binaries(sources: Mapping[str, bytes], kind: FmuKind) -> dict[str, bytes]:
 
 
 def platform_of(name: str, kind: FmuKind) -> str:
-    """Return the folder of a platform's binaries."""
+    """Return the name of the folder with a platform's library."""
     return PLATFORMS_2.get(name, name) if kind.fmi2 else name
 
 
@@ -92,7 +95,7 @@ def _check_times(config: Config) -> None:
 
 
 def zipped(contents: Mapping[str, bytes]) -> bytes:
-    """Return a zip file with these contents, whose bytes depend on nothing else."""
+    """Return a zip file with these contents; its bytes depend only on the contents."""
     file = BytesIO()
     with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
         for name, content in contents.items():

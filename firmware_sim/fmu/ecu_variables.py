@@ -1,6 +1,6 @@
 """The variables of the ECU's FMU, each with the DBC signal that carries it.
 
-A variable's place in the list is its value reference. The list is written as the table that the wrapper in C uses
+A variable's place in the list is its value reference. The list is written as a table for the wrapper in C
 (`ecu/c/fmu/sw_fmu.c`), and as `modelDescription.xml` (`firmware_sim.fmu.descriptions`).
 """
 
@@ -29,7 +29,7 @@ SI_UNITS: Final[Mapping[str, Mapping[str, str]]] = {
 ENUMERATIONS: Final[Mapping[str, type[IntEnum]]] = {"Mode": Mode, "Reason": Reason}
 _C_TYPES: Final = {"Float64": "FLOAT64", "UInt32": "UINT32", "Boolean": "BOOLEAN", "Enumeration": "INT64"}
 _C_TYPES_2: Final = _C_TYPES | {"UInt32": "INT32", "Enumeration": "INT32"}
-"""Types in the wrapper for FMI 2.0, which has one whole number."""
+"""Types in the wrapper for FMI 2.0, which has only one integer type."""
 _SIGNAL: Final = re.compile(r"^ SG_ (\w+) : (\d+)\|(\d+)@1([+-]) ", re.MULTILINE)
 
 
@@ -43,13 +43,14 @@ air_density    | speed.AirDensity       | Float64     | kg/m3  | 0  | 0 where it
 send_pressures |                        | Boolean     |        | 1  | Whether this period's frame with pressures comes
 send_speed     |                        | Boolean     |        | 1  | Whether this period's frame with the speed comes
 """
-"""Inputs: name, message and signal of a `MessageSet`, FMI 3.0 type, unit or enumeration, start, description."""
+"""Inputs. The columns are name, message and signal of a `MessageSet`, FMI 3.0 type, unit or enumeration, start value,
+and description."""
 _BUS: Final = """
 bus_notifications |  | Boolean | | 0 | Whether the bus confirms frames and tells errors and lost arbitration
 step_offset       |  | Float64 | s | 0 | From the start to the ECU's first step; shorter than a control period
 compute_time      |  | Float64 | s | 0 | From a step to the ECU's frames; shorter than a control period
 """
-"""Parameters of an FMU with a bus terminal, in the same columns."""
+"""Parameters of an FMU with a bus terminal; the table has the same columns as the table of the inputs."""
 _OUTPUTS: Final = """
 flow_command   | command.Flow           | Float64     | m2/s   |    | Jet flow rate per unit span to be reached
 next_period    | command.NextPeriod     | Boolean     |        |    | Reached in the next control period, not in this
@@ -81,7 +82,8 @@ class Variable(NamedTuple):
 def ecu_variables(sensors: Sequence[str], config: Config, *, bus: bool = False) -> list[Variable]:
     """Return all variables in the order of their value references; `sensors` has the order of the Pressure message.
 
-    An output whose signal the message set lacks is left out. With `bus`, frames take the place of the inputs.
+    An output is left out if the message set lacks its signal. With `bus`, the FMU receives frames, so the parameters of
+    the bus replace the inputs.
     """
     starts = {
         "vehicle_speed": config.operating_point.speed,
@@ -131,14 +133,15 @@ def wrapper_settings(variables: Sequence[Variable], token: str, config: Config, 
 
 
 def _first_of_each(variables: Sequence[Variable]) -> dict[str, int]:
-    """Return the value reference of each input and parameter by name; for inputs of all sensors, the first one's by the
-    common name."""
+    """Return the value reference of each input and parameter by its name. For an input that exists for each sensor,
+    return the value reference of the first sensor's input under the common part of the name."""
     numbered = reversed([*enumerate(variables)])
     return {item.name.partition(".")[0]: i for i, item in numbered if item.causality in ("input", "parameter")}
 
 
 def _signals(messages: MessageSet) -> dict[str, dict[str, tuple[int, int, int]]]:
-    """Return (first bit, number of bits, whether signed) of signals by message of the set and name in the DBC."""
+    """Return (first bit, number of bits, whether signed) of each signal, by the message's name in the message set and
+    the signal's name in the DBC."""
     blocks, found = dbc_bytes().decode("utf-8").split("\nBO_ "), {}
     for message, spec in zip(("pressure", "speed", "command", "status"), messages.specs, strict=True):
         block = next(item for item in blocks if item.startswith(f"{spec.frame_id} {spec.name}:"))

@@ -1,4 +1,4 @@
-"""The kinds of FMU, and their names in front of a file's name."""
+"""The kinds of FMU, and their names, which are written before the name of an FMU's file."""
 
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -11,13 +11,14 @@ FMU_SUFFIX: Final = ".fmu"
 
 @dataclass(frozen=True, kw_only=True)
 class FmuKind:
-    """A kind of FMU; without any of these it has signals, by FMI 3.0, for this machine.
+    """A kind of FMU. By default the FMU exchanges signals, in FMI 3.0, and is compiled for this machine.
 
     Attributes:
-        bus: a CAN bus terminal, FMI-LS-BUS 1.0, in place of signals.
-        triggered: its Tx_Clock is a triggered output in place of a countdown, for importers with fixed steps.
-        fmi2: FMI 2.0 in place of 3.0.
-        windows: also compiled for Windows on x86-64.
+        bus: whether the FMU has a CAN bus terminal (FMI-LS-BUS 1.0) in place of signals.
+        triggered: whether the terminal's Tx_Clock is a triggered output in place of a countdown, for importers with
+            fixed steps.
+        fmi2: whether the FMU uses FMI 2.0 in place of 3.0.
+        windows: whether the FMU is also compiled for Windows on x86-64.
     """
 
     bus: bool = False
@@ -27,12 +28,12 @@ class FmuKind:
 
     @property
     def sources(self) -> tuple[str, ...]:
-        """The folders of sources around the ECU, in `ecu/c/fmu`."""
+        """The folders in `ecu/c/fmu` whose sources the FMU needs around the ECU."""
         return ("bus" if self.bus else "signals", *(["fmi2"] if self.fmi2 else []))
 
     @property
     def words(self) -> str:
-        """The kind in words."""
+        """The kind as text for a user."""
         return f"FMI {'2.0' if self.fmi2 else '3.0'} co-simulation{', CAN bus by FMI-LS-BUS 1.0' if self.bus else ''}"
 
 
@@ -41,8 +42,8 @@ FMU_KINDS: Final = tuple(field.name for field in fields(FmuKind))
 
 
 def kind_and_path(text: str, names: tuple[str, ...] = FMU_KINDS) -> tuple[FmuKind, Path]:
-    """Return the kind and the path in `KIND,KIND:FILE` or `FILE`. Raises OutputError for a kind that does not exist or
-    is none of `names`, for kinds that exclude each other, and for a file without the right ending."""
+    """Return the kind and the path in `KIND,KIND:FILE` or `FILE`. Raises OutputError for a kind that is not in `names`,
+    for kinds that exclude each other, and for a file whose name has the wrong ending."""
     before, colon, after = text.rpartition(":")
     chosen = [name.strip() for name in before.split(",")] if colon and len(before) > 1 else []
     path = Path(after if chosen else text)

@@ -1,5 +1,5 @@
-"""The plant as an FMU: a script for `pythonfmu3` with its settings, which runs in the importing tool's Python, and a
-binary that checks the calls before it."""
+"""The plant as an FMU: settings, a script for `pythonfmu3` that runs in the importing tool's Python, and a binary that
+checks each call before the script receives it."""
 
 import json
 import shutil
@@ -20,16 +20,16 @@ from firmware_sim.fmu.kinds import WITH_SIGNALS, FmuKind
 
 _SETTINGS: Final = "sw_plant_settings.h"
 BEHIND: Final = "pythonfmu.so"
-"""Name of the binary of `pythonfmu3` in the FMU, as it is stated in the binary that checks the calls."""
+"""Name that the binary of `pythonfmu3` has in the FMU; the binary that checks the calls loads it by this name."""
 _DESCRIPTION: Final = "modelDescription.xml"
 
 
 def plant_fmu(
     config: Config, front: Mapping[str, bytes], start: Path | None = None, kind: FmuKind = WITH_SIGNALS
 ) -> bytes:
-    """Return the FMU's file, after creating the plant once as a check. Raises PlantError if the start is of another
-    plant, or the plant is not stable; LibraryError if there is no compiler, or `pythonfmu3` has no binary for this
-    machine; ModuleNotFoundError if it is not installed (extra fmu).
+    """Return the FMU's file, after creating the plant once as a check. Raises PlantError if the start is a state of
+    another plant, or the plant is not stable; LibraryError if there is no compiler, or `pythonfmu3` has no binary for
+    this machine; ModuleNotFoundError if `pythonfmu3` is not installed (extra fmu).
 
     Args:
         config: whole configuration; flow, body and operating point are used.
@@ -66,7 +66,8 @@ def plant_fmu(
 
 
 def _settings(about: ElementTree.Element) -> bytes:
-    """Return `sw_plant_settings.h` from the FMU's description; the value references of the inputs are consecutive."""
+    """Return `sw_plant_settings.h`, made from the FMU's description; the value references of the inputs must be
+    consecutive."""
     variables = about.findall("ModelVariables/*")
     inputs = [int(item.get("valueReference", "")) for item in variables if item.get("causality") == "input"]
     assert inputs == list(range(inputs[0], inputs[-1] + 1))

@@ -1,8 +1,9 @@
-"""The plant behind FMI 3.0: `pythonfmu3` copies this file into the FMU and runs it in the importing tool's Python.
+"""The plant as a slave of FMI 3.0: `pythonfmu3` copies this file into the FMU and runs it in the importing tool's
+Python.
 
-The project's timing convention holds. Control periods begin at start, start + period and so on. In each, the jets ramp
-from their present flow to the flow requested at its beginning, and the inflow ramps to the vehicle's speed in the same
-way. Outputs are those at the end of the latest period: a communication step computes the periods that end in it.
+Control periods begin at start, start + period and so on. In each period, the jets ramp from their present flow to the
+flow requested at the period's beginning, and the inflow ramps to the vehicle's speed in the same way. A communication
+step computes the periods that end within the step. The outputs are the values at the end of the latest period.
 
 Invalid calls are refused before they reach this class (`ecu/c/fmu/plant`).
 """
@@ -38,7 +39,7 @@ class StillwakePlant(Fmi3Slave):  # type: ignore[misc]
     """The wake of `stillwake run` from its start, in engineering units of the operating point.
 
     Args:
-        resources: folder with `SETTINGS`, a whole configuration, and optionally `START`.
+        resources: folder with `SETTINGS`, a whole configuration, and optionally `START`, the initial flow state.
     """
 
     def __init__(self, **kwargs: Any) -> None:
@@ -52,10 +53,10 @@ class StillwakePlant(Fmi3Slave):  # type: ignore[misc]
         self._sample = self._wake.sample()
         self.time, self.jet_flow, self.vehicle_speed = 0.0, 0.0, config.operating_point.speed
         self.default_experiment = DefaultExperiment(start_time=0.0, step_size=config.period_ns / 1e9)
-        self._speed = self.vehicle_speed  # of the stream now
+        self._speed = self.vehicle_speed  # present speed of the inflow, m/s
         self._start: float | None = None
-        self._done = 0  # control periods
-        self._asked: tuple[float, float] | None = None  # of jets and stream, once the period that runs has begun
+        self._done = 0  # number of control periods computed
+        self._asked: tuple[float, float] | None = None  # (jet flow, speed) of the period that has begun
         pressure = config.operating_point.dynamic_pressure
         self.register_units([Unit("Pa", kg=1, m=-1, s=-2), Unit("m/s", m=1, s=-1), Unit("m2/s", m=2, s=-1)])
         self.register_units([Unit("s", s=1), Unit("t_c")])
@@ -79,7 +80,8 @@ class StillwakePlant(Fmi3Slave):  # type: ignore[misc]
         self.register_variable(Float64(name, variability=Fmi3Variability.continuous, **facts), nested=False)
 
     def do_step(self, current_time: float, step_size: float) -> Fmi3StepResult:
-        """Compute all control periods that end in this step; times are compared to the microsecond."""
+        """Compute all control periods that end in this step; times that differ by at most a microsecond count as
+        equal."""
         if self._start is None:
             self._start = current_time
         period_s, self.time = self._config.period_ns / 1e9, current_time + step_size
@@ -108,14 +110,14 @@ class StillwakePlant(Fmi3Slave):  # type: ignore[misc]
         self._speed = after
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # The outputs' getters are bound to this object, so a copy has to create its own.
+        # The outputs' getters are bound to this object, so a copy has to create its own getters.
         return partial(StillwakePlant, **self._made_with), (), self._get_fmu_state()
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self._set_fmu_state(state)
 
     def _get_fmu_state(self) -> dict[str, Any]:
-        """Return the state for `_set_fmu_state`, which is stored only in memory."""
+        """Return the state for `_set_fmu_state`; this state is stored only in memory."""
         return {"wake": self._wake.state(), "own": {name: getattr(self, name) for name in _OWN}}
 
     def _set_fmu_state(self, state: dict[str, Any]) -> None:

@@ -13,12 +13,13 @@ from firmware_sim.latency.measured import Quantiles
 from firmware_sim.latency.stages import Stage
 
 COUNTS: Final = ("misses", "misses_ours")
-"""Counts over a whole run that a budget may limit: all misses, and the misses beyond those of the idle loop."""
+"""Counts over a whole run that a budget may limit: all misses, and the number of misses in excess of the idle loop's
+misses."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class StageLimits:
-    """Upper limits of a stage's latency in ms; None for no limit."""
+    """Upper limits of the figures of a stage's latency, in ms; None for no limit."""
 
     p50_ms: float | None = None
     p99_ms: float | None = None
@@ -33,7 +34,7 @@ _Form: Final[Any] = make_dataclass(
         *((stage.value, StageLimits, field(default=StageLimits())) for stage in Stage),
     ],
 )
-"""The form of the whole file."""
+"""The format of the whole file."""
 
 
 _Budget = Mapping[str, float]
@@ -55,12 +56,13 @@ class KeptLimit(NamedTuple):
 
     @property
     def is_kept(self) -> bool:
-        """Whether the limit is met; a stage that did not occur does not meet its limit."""
+        """Whether the measured value is within the limit; False for a stage that did not occur."""
         return self.measured is not None and self.measured <= self.allowed
 
 
 def read_budget(path: Path) -> _Budget:
-    """Read the budget from a file. Raises ConfigError if it cannot be read, a limit is invalid, or there is none."""
+    """Read the budget from a file. Raises ConfigError if the file cannot be read, or if a limit is invalid or all
+    limits are missing."""
     tree = read_toml(path, "budget")
     try:
         form = typed(tree, _Form)

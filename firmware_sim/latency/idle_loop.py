@@ -1,4 +1,4 @@
-"""The idle baseline: a process with the deadlines and privileges of the ECU that does nothing when it wakes.
+"""The idle baseline: a process that wakes with the ECU's deadlines and privileges, and then does nothing.
 
     python -m firmware_sim.latency.idle_loop FILE PERIOD_NS PERIODS
 
@@ -30,13 +30,14 @@ class IdleStage(IntEnum):
     """Columns of the idle loop's table; times are CLOCK_MONOTONIC in ns."""
 
     PERIOD = 0
-    """Index of the period; skipped periods are counted."""
+    """Index of the period; skipped periods are included in the numbering."""
     SCHEDULED = 1
     WOKE = 2
 
 
 def run(period_ns: int, is_stopped: Callable[[], bool], *, longest: int) -> StageTimes:
-    """Sleep from deadline to deadline until stopped, or for `longest` periods; returns the table of `IdleStage`."""
+    """Sleep from deadline to deadline until stopped, or for `longest` periods; return the table with the columns
+    `IdleStage`."""
     table = StageTimes(IdleStage, longest)
     deadlines = Deadlines(period_ns=period_ns, due_ns=now_ns() + period_ns)
     for _ in range(longest):
@@ -58,7 +59,8 @@ def between(rows: Times, begin_ns: int, end_ns: int) -> Times:
 
 
 def lateness(rows: Times, period_ns: int) -> Array:
-    """Return the time from each scheduled instant to waking up in ns; a period left out counts to the next wake-up."""
+    """Return the time in ns from each scheduled instant to the wake-up. The time of a skipped period lasts until the
+    next wake-up."""
     numbers = np.arange(rows[0, IdleStage.PERIOD], rows[-1, IdleStage.PERIOD] + 1)
     own = rows[np.searchsorted(rows[:, IdleStage.PERIOD], numbers)]
     before = own[:, IdleStage.PERIOD] - numbers
@@ -75,7 +77,7 @@ def main(arguments: Sequence[str]) -> None:
         stopped.append(number)
 
     signal.signal(signal.SIGTERM, stop)
-    # Ctrl-C in a terminal reaches all its processes; the parent process decides when this process ends.
+    # Ctrl-C in a terminal reaches all its processes, but the parent process decides when this process ends.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     with taken(_WANTED) as privileges:
         sys.stdout.write(f"{in_words(privileges)}\n")

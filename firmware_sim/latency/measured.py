@@ -1,4 +1,4 @@
-"""The evaluation of one run: quantiles of every stage and of the idle loop, misses, and a verdict in one line."""
+"""The evaluation of one run: quantiles of every stage and of the idle loop, misses, and a verdict of one line."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -16,13 +16,15 @@ from firmware_sim.latency.running import Recorded
 from firmware_sim.latency.stages import Periods, Stage, Times, joined
 
 LEFT_CONTROL: Final = 5
-"""Number of periods in a row without a plan that count as loss of control; one or two lost frames cause fewer."""
+"""Number of periods in a row without a plan at which control counts as lost; one or two lost frames cause fewer such
+periods."""
 NEEDED_FOR_P99_9: Final = 1_000
-"""Number of values below which the 99.9th percentile by nearest rank is the maximum."""
+"""Smallest number of values for which the nearest-rank 99.9th percentile may differ from the maximum."""
 
 
 class Quantiles(NamedTuple):
-    """Percentiles of one stage in ms. They are measured values without interpolation; None if there are no values."""
+    """Percentiles of one stage's latency in ms. They are measured values without interpolation; None if there are no
+    values."""
 
     p50: float | None
     p99: float | None
@@ -32,11 +34,12 @@ class Quantiles(NamedTuple):
 
     @classmethod
     def of(cls, values_ns: Array) -> Self:
-        """Compute percentiles of latencies in ns, (n,). NaN (no such stage) is left out; infinity counts."""
+        """Compute the percentiles of n latencies in ns, shape (n,). NaN means that the stage did not occur and is left
+        out; infinity is included."""
         values = values_ns[~np.isnan(values_ns)]
         if not len(values):
             return cls(None, None, None, None, 0)
-        # The nearest rank is the smallest value that at least this share of all values does not exceed.
+        # The method gives the nearest rank: the smallest value that at least this share of the values does not exceed.
         p50, p99, p99_9, most = np.quantile(values, [0.5, 0.99, 0.999, 1.0], method="inverted_cdf") / 1e6
         return cls(float(p50), float(p99), float(p99_9), float(most), len(values))
 
@@ -47,7 +50,7 @@ class MeasuredRun:
 
     Attributes:
         name: name of the controller in tables: "onnx" or "c".
-        idle: rows of `IdleStage` for the time of the run.
+        idle: rows of the idle loop's table (`IdleStage`) during the run.
     """
 
     name: str
@@ -59,7 +62,7 @@ class MeasuredRun:
 
     @classmethod
     def of(cls, recorded: Recorded, *, name: str, about: str, period_ns: int, counter_period: int) -> Self:
-        """Evaluate a run; raises StillwakeError if its tables hold no usable periods."""
+        """Evaluate a run; raises StillwakeError if its tables contain no usable periods."""
         periods = joined(recorded.vehicle, recorded.ecu, period_ns=period_ns, counter_period=counter_period)
         begin = periods.origin_ns
         # One more period is added on each side, because the idle loop may sleep across the first or last instant.
@@ -71,17 +74,17 @@ class MeasuredRun:
 
     @property
     def misses(self) -> int:
-        """Number of commands that had not arrived by their boundary."""
+        """Number of commands that had not arrived by the end of their period."""
         return len(self.periods.missed)
 
     @property
     def without_plan(self) -> int:
-        """Number of periods whose command arrived by its boundary but is not from a plan."""
+        """Number of periods whose command arrived by the end of the period but is not from a plan."""
         return int(self._without_plan.sum())
 
     @property
     def left_control(self) -> bool:
-        """Whether the ECU lost control for several periods: such a run does not measure the controller."""
+        """Whether the ECU lost control for several periods in a row; such a run does not measure the controller."""
         gaps = np.flatnonzero(np.diff(np.concatenate([[0], self._without_plan.astype(int), [0]]))).reshape(-1, 2)
         return bool(len(gaps)) and int((gaps[:, 1] - gaps[:, 0]).max()) >= LEFT_CONTROL
 
@@ -93,17 +96,17 @@ class MeasuredRun:
 
     @cached_property
     def idle_late(self) -> Array:
-        """Lateness of each period of the idle loop after its deadline, in ns."""
+        """Delay in ns of each wake-up of the idle loop after its deadline."""
         return lateness(self.idle, self.periods.period_ns)
 
     @property
     def idle_misses(self) -> int:
-        """Number of periods in which the idle loop was late by the slack or more; 0 for a loop without slack."""
+        """Number of periods in which the idle loop was late by `slack_ns` or more; 0 if there is no slack."""
         return int((self.idle_late >= self.slack_ns).sum()) if self.slack_ns > 0.0 else 0
 
     @property
     def slack_ns(self) -> float:
-        """Part of a period that is left after the median latency; NaN if no command answered."""
+        """Time in ns from the median arrival of the command to the end of the period; NaN if no command answered."""
         answers = self.periods.stages[Stage.ALL]
         answers = answers[np.isfinite(answers)]
         return self.periods.period_ns - float(np.median(answers)) if len(answers) else float("nan")
@@ -115,12 +118,12 @@ class MeasuredRun:
 
     @property
     def is_too_noisy(self) -> bool:
-        """Whether an idle loop would have missed boundaries as well."""
+        """Whether the idle loop was late by more than the slack, so that it would have missed commands as well."""
         return self.idle_misses > 0
 
     @property
     def verdict(self) -> str:
-        """First line of a report."""
+        """The first line of a report."""
         total = len(self.periods)
         missed = f"{self.misses} of {total} commands missed their boundary."
         line = missed if self.misses else f"All {total} commands arrived by their boundary."
@@ -136,7 +139,7 @@ class MeasuredRun:
         )
 
     def figures(self) -> dict[str, Any]:
-        """Return the figures for a results file; latencies in ms, None if there is none or it is infinite."""
+        """Return the figures for a results file. Latencies are in ms; None if there is no latency or it is infinite."""
         idle = Quantiles.of(self.idle_late)
         return {
             "about": self.about,

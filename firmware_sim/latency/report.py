@@ -1,4 +1,4 @@
-"""The latency of a run for readers: rows of its tables, and the page of the report folder with its figure."""
+"""The latency of a run for readers: rows of its tables, and the page of the report folder with a figure."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from math import isinf
@@ -18,7 +18,8 @@ BINS: Final = 120
 
 
 def histogram_figure(runs: Sequence[MeasuredRun]) -> Figure:
-    """Plot histograms: above, from the sampling instant to the command; below, the idle loop's lateness."""
+    """Plot two histograms: the upper histogram shows the time from the sampling instant to the command, the lower one
+    the idle loop's delays."""
     figure = Figure(figsize=(_WIDTH, 5.6), dpi=110, layout="constrained")
     above, below = figure.subplots(2, 1, sharex=True)
     period_ms = runs[0].periods.period_ns / 1e6
@@ -34,7 +35,7 @@ def histogram_figure(runs: Sequence[MeasuredRun]) -> Figure:
         axes.hist(values_of, bins=bins, histtype="stepfilled", alpha=0.6, label=labels)
         axes.set_title(title, fontsize=10, loc="left")
         axes.set(ylabel="periods", yscale="log", xlim=(0.0, bins[-1]))
-        axes.set_ylim(0.7, None)  # a single period is to be seen
+        axes.set_ylim(0.7, None)  # so that a bar of a single period is visible
         axes.grid(alpha=0.25)
         axes.legend(fontsize=8, loc="upper right")
     below.set_xlabel("ms")
@@ -59,14 +60,14 @@ LABELS: Final[Mapping[Stage, str]] = {
 
 
 def stage_rows(run: MeasuredRun) -> Iterator[tuple[str, ...]]:
-    """Yield a row for each stage, and one for the idle loop; times in ms."""
+    """Yield a row for each stage, and a row for the idle loop; times are in ms."""
     for stage, quantiles in run.latencies.items():
         yield (LABELS[stage], *_cells(quantiles), str(run.misses) if stage is Stage.ALL else "")
     yield ("idle loop of the same run", *_cells(Quantiles.of(run.idle_late)), str(run.idle_misses))
 
 
 def notes(run: MeasuredRun) -> Iterator[str]:
-    """Yield the notes that a reader of the rows needs."""
+    """Yield the notes that a reader needs to understand the rows."""
     periods = len(run.periods)
     yield f"{run.about}; {periods} periods of {run.periods.period_ns / 1e6:g} ms, {run.periods.planned} with a plan."
     if periods < NEEDED_FOR_P99_9:
@@ -76,14 +77,15 @@ def notes(run: MeasuredRun) -> Iterator[str]:
 
 
 def budget_rows(verdicts: Sequence[KeptLimit]) -> Iterator[tuple[str, ...]]:
-    """Yield rows of limit, allowed value, measured value, and whether the limit is met."""
+    """Yield, for each limit, a row with its name, allowed value, measured value, and whether the limit is met."""
     for verdict in verdicts:
         measured = "did not happen" if verdict.measured is None else f"{verdict.measured:.4g}"
         yield verdict.name, f"{verdict.allowed:g}", measured, "yes" if verdict.is_kept else "NO"
 
 
 def write_report(folder: Path, runs: Sequence[MeasuredRun], budgets: Sequence[Sequence[KeptLimit]]) -> None:
-    """Write page and figure into an existing folder. `budgets` has each run's compared limits, or none."""
+    """Write page and figure into an existing folder. `budgets` has a list of compared limits for each run; the list is
+    empty without a budget."""
     histogram_figure(runs).savefig(folder / "histogram.png")
     lines = [f"{run.name}: {run.verdict}\n" for run in runs]
     lines += ["# Latency of the control loop\n", "![how often which latency](histogram.png)\n"]

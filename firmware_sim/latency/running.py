@@ -19,13 +19,14 @@ from firmware_sim.latency.idle_loop import IdleStage
 from firmware_sim.latency.stages import Times
 
 READY_S: Final = 120.0
-"""Longest time in s for the ECU to open the bundle, compile a library and warm up; a busy machine needs 30 s."""
+"""Longest time in s that the ECU may take to open the bundle, compile a library and warm up; a busy machine needs 30
+s."""
 END_S: Final = 30.0
-"""Longest time in s for a process to write its table after it was asked to end."""
+"""Longest time in s that a process may take to write its table after it was asked to end."""
 OVERTIME: Final = 2.0
-"""Multiple of the run's length after which the run fails if the vehicle has not ended."""
+"""Multiple of the run's length after which a run fails because the vehicle has not ended."""
 START_S: Final = 60.0
-"""Longest time in s for the vehicle to start."""
+"""Longest time in s that the vehicle may take to start."""
 
 
 ECU, VEHICLE, IDLE = "ecu", "vehicle", "idle"
@@ -38,8 +39,8 @@ class Recorded:
 
     Attributes:
         vehicle, ecu, idle: rows of `VehicleStage`, `EcuStage` and `IdleStage`.
-        privileges: privileges granted to the idle loop, as text.
-        fault: the line of the ECU's log that states its last fault.
+        privileges: text that states the privileges granted to the idle loop.
+        fault: line of the ECU's log that states its last fault.
     """
 
     vehicle: Times
@@ -50,7 +51,8 @@ class Recorded:
 
 
 def longest_run(periods: int, period_ns: int) -> int:
-    """Return the number of periods after which ECU and idle loop end by themselves, if no process ends them."""
+    """Return the number of periods after which the ECU and the idle loop end by themselves, if no process has ended
+    them before."""
     return round(OVERTIME * periods + (START_S + END_S) * 1e9 / period_ns)
 
 
@@ -63,12 +65,12 @@ def recorded(
     period_ns: int,
     progress: Callable[[int], None],
 ) -> Recorded:
-    """Run until the vehicle's process ends, and write tables and logs into the folder. Raises BusError with a process's
-    last line if it ended too early or did not end; StillwakeError if a table cannot be read.
+    """Run until the vehicle's process ends, and write tables and logs into the folder. Raises BusError if a process
+    ended too early or did not end, with the last line that it printed; StillwakeError if a table cannot be read.
 
     Args:
         folder: existing folder for the tables and the processes' output.
-        ecu, vehicle: commands without `--stage-times`; the ECU reports to $NOTIFY_SOCKET when it is ready.
+        ecu, vehicle: commands without `--stage-times`; the ECU must report to $NOTIFY_SOCKET when it is ready.
         periods: number of periods of the vehicle's run.
         progress: called with the number of periods done, about twice a second.
     """
@@ -123,19 +125,20 @@ def _wait(
 
 
 class _Child:
-    """A process with a log in the folder; it ends at the latest with the context."""
+    """A process with a log in the folder; leaving the context ends the process if it still runs."""
 
     def __init__(self, name: str, command: Sequence[str], folder: Path, *, notify: str | None = None) -> None:
         self.name = name
         self._log = folder / f"{name}.log"
         environment = {key: value for key, value in os.environ.items() if key not in ("NOTIFY_SOCKET", "WATCHDOG_USEC")}
-        # Numerical libraries' threads wait by spinning and would take processor time from the other processes.
+        # The threads of numerical libraries wait by spinning, which would take processor time from the other processes.
         environment |= {"OMP_NUM_THREADS": "1", "PYTHONUNBUFFERED": "1"}
         if notify is not None:
             environment["NOTIFY_SOCKET"] = notify
         try:
             with self._log.open("wb") as log:
-                # The process has its own group: Ctrl-C ends only this process, which then ends the others in order.
+                # The process has its own group, so Ctrl-C ends only the present process, which then ends its child
+                # processes in order.
                 self.process = subprocess.Popen(
                     command, stdin=subprocess.DEVNULL, stdout=log, stderr=log, env=environment, process_group=0
                 )
@@ -175,7 +178,8 @@ class _Child:
 
 @contextmanager
 def _notify_socket() -> Iterator[tuple[str, socket.socket]]:
-    """Open the socket on which the ECU reports that it is ready (sd_notify(3)); yields its address and this end."""
+    """Open the socket on which the ECU reports that it is ready (sd_notify(3)); yield the socket's address and the
+    receiving end."""
     with (
         tempfile.TemporaryDirectory(prefix="stillwake-") as folder,
         socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as ours,
@@ -186,7 +190,7 @@ def _notify_socket() -> Iterator[tuple[str, socket.socket]]:
 
 
 def _wait_until_ready(notified: socket.socket, child: _Child) -> None:
-    """Wait until the process is ready; raises BusError if it ends before, or is not ready within READY_S."""
+    """Wait until the process is ready; raises BusError if it ends before that, or is not ready within READY_S."""
     deadline = time.monotonic() + READY_S
     while time.monotonic() < deadline:
         readable, _, _ = select.select([notified], [], [], 0.2)

@@ -1,9 +1,9 @@
 """The stages of each control period, from the sampling of the pressures to the command that answers them.
 
 The pressure counter in the frames joins the tables of vehicle and ECU. Every time is measured from the scheduled
-instant, and no period is left out because a node slept through it: its pressures count as answered when those of a
-later period are answered. Otherwise a loop that stalls would count one slow period in place of many (Tene's
-"coordinated omission").
+instant. A period that a node slept through is not left out: its pressures count as answered when the pressures of a
+later period are answered. If such periods were left out, a loop that stalls for many periods would count only one slow
+period (Tene's "coordinated omission").
 """
 
 from collections.abc import Mapping
@@ -23,42 +23,47 @@ Times = NDArray[np.int64]
 
 
 class Stage(StrEnum):
-    """The stages of one period's pressures, in order."""
+    """The stages through which the pressures of one period pass, in order."""
 
     SAMPLE = "sample"
-    """The time from the scheduled instant to the sample, that is, the vehicle's own lateness."""
+    """The time from the scheduled instant to the sample. This time is the vehicle's own lateness."""
     BUS_TO_ECU = "bus_to_ecu"
     """The time from the sample to the receipt of the Pressure frame by the ECU's receive thread."""
     WAIT = "wait"
-    """The time from that receipt to the deadline of the step that takes the frame: it absorbs jitter of the bus."""
+    """The time from the receipt of the Pressure frame to the deadline of the step that uses the frame; this time
+    absorbs jitter of the bus."""
     RECEIVE = "receive"
-    """The time from the deadline, or a frame that arrives later, to the controller's call: wake-up, checks, window."""
+    """The time from the deadline, or from the receipt of a frame that arrives after it, to the controller's call:
+    wake-up, checks, window."""
     PLAN = "plan"
-    """The time for encoder and optimiser."""
+    """The time that encoder and optimiser take."""
     GATE = "gate"
-    """The time from the plan to the finished frames: command gate, fail-safe, protection."""
+    """The time from the plan to the finished frames, in which command gate, fail-safe and protection run."""
     BUS_TO_VEHICLE = "bus_to_vehicle"
     """The time from the end of the step to the receipt of the JetCommand frame by the vehicle."""
     ALL = "all"
-    """The time from the scheduled sampling instant to the first command that answers these or newer pressures. Only
-    commands that the vehicle used count, which is the newest in each period. The command is due at the next sampling
-    instant. A period without a plan has this time only if its command missed that instant."""
+    """The time from the scheduled sampling instant to the first command that answers these or newer pressures. Only the
+    commands that the vehicle used are considered: the newest command in each period. The command is due at the next
+    sampling instant. A period without a plan has this time only if its command missed that instant."""
     ACTUATE = "actuate"
-    """The time from the next sampling instant to the jets' driver using the command."""
+    """The time from the next sampling instant until the jets' driver uses the command."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Periods:
-    """Consecutive control periods, including those that a node left out. Times are in ns from `origin_ns`.
+    """Consecutive control periods, n in number, including periods that a node left out. Times are in ns from
+    `origin_ns`.
 
     Attributes:
         period_ns: time from one sampling instant to the next.
-        first: number of the first period, as the vehicle counts.
+        first: number of the first period in the vehicle's numbering.
         origin_ns: scheduled instant of the first period, CLOCK_MONOTONIC.
-        scheduled: sampling instants, (n,).
-        answered: arrival of the first command that answers these or newer pressures, (n,); infinite if there is none.
-        stages: latencies, (n,); NaN where the stage did not occur.
-        stalls: latencies of a stage in the periods that its node left out, (m,), measured to its next occurrence.
+        scheduled: sampling instants, shape (n,).
+        answered: arrival of the first command that answers the period's pressures or newer pressures, shape (n,);
+            infinite if there is no such command.
+        stages: latencies of each stage, shape (n,); NaN where the stage did not occur.
+        stalls: latencies of a stage in the m periods that its node left out, shape (m,), measured to the stage's next
+            occurrence.
         planned: number of periods with their own plan.
     """
 
@@ -76,7 +81,7 @@ class Periods:
 
     @property
     def missed(self) -> Index:
-        """Indices of the periods whose command had not arrived by its boundary."""
+        """Indices of the periods whose command had not arrived by the end of the period."""
         return np.flatnonzero(self.answered > self.scheduled + self.period_ns)
 
     def values(self, stage: Stage) -> Array:
@@ -86,11 +91,11 @@ class Periods:
 
 def joined(vehicle: Times, ecu: Times, *, period_ns: int, counter_period: int) -> Periods:
     """Join the tables, from the first period with a plan to the last period that has ended. Raises StillwakeError if
-    the tables are of different runs, or there was no plan.
+    the tables are from different runs, or there was no plan.
 
     Args:
-        vehicle: rows of `VehicleStage`, (k, stages).
-        ecu: rows of `EcuStage`, (l, stages).
+        vehicle: k rows with the columns `VehicleStage`, shape (k, stages).
+        ecu: l rows with the columns `EcuStage`, shape (l, stages).
         counter_period: number of values of a Pressure frame's E2E counter before it repeats.
     """
     sent = vehicle[vehicle[:, VehicleStage.SAMPLED] > 0]
@@ -125,7 +130,8 @@ def joined(vehicle: Times, ecu: Times, *, period_ns: int, counter_period: int) -
     stages[Stage.BUS_TO_VEHICLE][own[took_command]] = (command[rows] - ended)[took_command]
     answered = np.minimum.accumulate(command[::-1])[::-1][grid.row]
     scheduled = (grid.scheduled - origin).astype(float)
-    # An answer without a plan is quick: an ECU that is not in control must not appear fast.
+    # The ECU answers quickly without a plan; these answers are left out, so that an ECU that is not in control does not
+    # appear fast.
     counts = np.isfinite(stages[Stage.PLAN]) | (answered > scheduled + period_ns)
     stages[Stage.ALL] = np.where(counts, answered - scheduled, np.nan)
     return Periods(
@@ -144,12 +150,12 @@ def joined(vehicle: Times, ecu: Times, *, period_ns: int, counter_period: int) -
 
 
 class _Grid(NamedTuple):
-    """Every period of the vehicle, with or without a row in its table.
+    """All n periods of the vehicle, with or without a row in its table.
 
     Attributes:
-        scheduled: sampling instants, CLOCK_MONOTONIC in ns, (n,).
-        row: row of the period, or of the next period that was not left out, (n,).
-        is_own: whether the row belongs to the period itself, (n,).
+        scheduled: sampling instants, CLOCK_MONOTONIC in ns, shape (n,).
+        row: row of the period, or of the next period that was not left out, shape (n,).
+        is_own: whether the row belongs to the period itself, shape (n,).
     """
 
     scheduled: Times
@@ -167,7 +173,8 @@ class _Grid(NamedTuple):
 
 
 def _rows_by_counter(sent: Times, counters: Times, arrived: Times, counter_period: int) -> Index:
-    """Return for each counter the vehicle's latest row with it that was sent before the arrival; -1 for none."""
+    """Return for each counter the vehicle's latest row that has this counter and was sent before the arrival; -1 if
+    there is no such row."""
     own, sampled = sent[:, VehicleStage.PRESSURE_COUNTER], sent[:, VehicleStage.SAMPLED]
     newest = np.searchsorted(sampled, arrived, side="right") - 1
     back = newest - (own[newest] - counters) % counter_period
@@ -181,7 +188,8 @@ def _rows_by_counter(sent: Times, counters: Times, arrived: Times, counter_perio
 
 
 def _steps_by_frame(frames: int, frame_of: Index) -> Index:
-    """Return the ECU's first step that used each of the vehicle's frames; -1 if there is none."""
+    """Return, for each of the vehicle's frames, the ECU's first step that used the frame; -1 if there is no such
+    step."""
     steps = np.full(frames, -1)
     taken = np.flatnonzero(frame_of >= 0)[::-1]
     steps[frame_of[taken]] = taken
@@ -197,7 +205,8 @@ def _fill(
     step: Index,
     period_ns: int,
 ) -> None:
-    """Fill in the stages of the periods at `own`, from the vehicle's rows and the ECU's steps (-1 for no step)."""
+    """Fill in the stages of the periods at the indices `own`, from the vehicle's rows and the ECU's steps (-1 for no
+    step)."""
     stages[Stage.SAMPLE][own] = sent[:, VehicleStage.SAMPLED] - scheduled
     acted = sent[:, VehicleStage.ACTUATED] > 0
     after_boundary = sent[:, VehicleStage.ACTUATED] - scheduled - period_ns
@@ -214,13 +223,15 @@ def _fill(
 
 
 def _until_next(grid: _Grid, sampled: Times) -> Array:
-    """Return the time from the scheduled instant of each period that the vehicle left out to its next sample, (m,)."""
+    """Return, for each of the m periods that the vehicle left out, the time in ns from its scheduled instant to the
+    next sample, shape (m,)."""
     out = ~grid.is_own
     return (sampled[grid.row[out]] - grid.scheduled[out]).astype(float)
 
 
 def _ecu_stalls(took: Times, *, first_row: int, end_ns: int) -> Array:
-    """Return the time from the deadline of each period that the ECU left out to its next step, (m,)."""
+    """Return, for each of the m periods that the ECU left out, the time in ns from its deadline to the ECU's next step,
+    shape (m,)."""
     rows = took[max(first_row, 0) :]
     rows = rows[rows[:, EcuStage.SCHEDULED] <= end_ns]
     stalls = []

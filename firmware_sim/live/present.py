@@ -22,7 +22,7 @@ from firmware_sim.runs.reasons import BECAUSE
 from wake.pictures.drawing import outline
 
 _DIGITS: Final = 5
-"""Decimals of plotted values: finer than a pixel of any curve."""
+"""Number of decimals of plotted values, which is finer than a pixel of any curve."""
 
 
 def hello(
@@ -47,10 +47,10 @@ def hello(
             "precision": manifest.precision,
             "signer": "" if bundle.signer is None else bundle.signer.fingerprint,
         },
-        "run": run.number,  # counts the plant's starts; k and t begin again with each
+        "run": run.number,  # number of the plant's start; k and t begin at 0 in each run
         "period_ms": config.period_ns / 1e6,
         "convective_time_s": config.operating_point.convective_time,
-        "control_period": config.flow.control_period,  # t_c
+        "control_period": config.flow.control_period,  # in t_c
         "action_limit": config.flow.action_limit,
         "horizon": manifest.mpc.horizon,
         "delay_steps": config.ecu.delay_steps,
@@ -64,54 +64,56 @@ def hello(
         ],
         "used": list(manifest.sensors),  # in the order of the Pressure message
         "body": outline(config.body).tolist(),
-        "jets": [[base, slot], [base, -slot]],  # upper and lower
+        "jets": [[base, slot], [base, -slot]],  # upper slot, lower slot
         "view": list(run.view),  # x and y limits of the picture
-        "raster": list(run.raster),  # its width and height; empty where the plant has no field
+        "raster": list(run.raster),  # width and height of the picture; empty without a flow field
         "states": [mode.name for mode in OperatingMode],
         "reasons": {reason.name: text for reason, text in BECAUSE.items()},
-        **{f"{what}s": list(found) for what, found in choices.items()},  # controllers and plants
+        **{f"{what}s": list(found) for what, found in choices.items()},  # keys: controllers and plants
         "sliders": {name: asdict(slider) for name, slider in SLIDERS.items()},
         "weights": asdict(manifest.mpc.weights),
         "weight_slider": asdict(WEIGHT),
         "settings": asdict(settings),
-        "kept": kept,  # periods that a page should keep
+        "kept": kept,  # number of periods that a page should store
     }
 
 
 def periods(run: int, new: Iterable[LivePeriod], base: Index) -> LiveMessage:
-    """Return the message with new periods, a list per `PERIOD_COLUMNS`; `base` are the base sensors' indices."""
+    """Return the message with new periods, as one list for each name in `PERIOD_COLUMNS`; `base` has the indices of the
+    base sensors."""
     rows = [[_number(value) for value in _values(period, base)] for period in new]
     columns = [list(column) for column in zip(*rows, strict=True)]
     return {"type": "periods", "run": run, "columns": dict(zip(PERIOD_COLUMNS, columns, strict=True))}
 
 
 def now(run: LiveRun, latest: LivePeriod, seen: SeenState, *, fps: float, paused: bool, losses: int) -> LiveMessage:
-    """Return the message on the latest period; `losses` is the number of periods in which lost frames count."""
+    """Return the message on the latest period; `losses` is the number of latest periods in which lost frames are
+    counted."""
     fail_safe, forces = run.state.fail_safe, run.ecu.ecu.trace.forces
     planned = forces is not None and latest.planned_ns is not None
-    # The plan's first entry acts in the latest period, so its effect is in the sample at that period's end.
+    # The plan's first entry acts during the latest period, so its effect is in the sample at the end of this period.
     return {
         "type": "now",
         "run": run.number,
         "k": latest.k,
         "t": latest.row.sample.t,
         "time_s": run.time_s(latest.k),
-        "state": seen.state,  # of `OperatingMode`, or UNPOWERED or BOOT
+        "state": seen.state,  # name of an `OperatingMode`, or UNPOWERED or BOOT
         "reason": Reason(seen.reason).name,
         "misses": fail_safe.misses,
-        "lost": min(fail_safe.lost.bit_count(), losses),  # of the latest loss_window periods
+        "lost": min(fail_safe.lost.bit_count(), losses),  # number among the latest loss_window periods
         "set_aside": list(seen.set_aside),
         "given_up": seen.given_up,
         "plan": _rounded(run.state.memory.plan) if planned else [],
-        "plan_from": latest.k + 1,  # row in whose action and forces the first entry would be seen
+        "plan_from": latest.k + 1,  # period whose sample shows the first entry's effect
         "forecast": _rounded(forces) if planned else [],  # Cd and Cl for the same periods
-        "cp": _rounded(latest.row.sample.Cp),  # at all sensors
-        "read": [_number(value) for value in _rounded(run.disturbances.read)],  # by the transducers
+        "cp": _rounded(latest.row.sample.Cp),  # pressures at all sensors of the body
+        "read": [_number(value) for value in _rounded(run.disturbances.read)],  # readings of the transducers
         "uncontrolled_Cd": run.drag.uncontrolled,
         "drag_Cd": run.drag.now,
         "reduction_percent": run.drag.reduction_percent,
-        "fps": fps,  # control periods a second, by the wall clock
-        "real_time": fps * run.period_ns / 1e9,  # virtual seconds a second
+        "fps": fps,  # control periods per second of the wall clock
+        "real_time": fps * run.period_ns / 1e9,  # virtual seconds per second of the wall clock
         "paused": paused,
         "computed_by": "" if seen.state == UNPOWERED else run.ecu.computed_by,
     }
@@ -132,7 +134,7 @@ def _values(period: LivePeriod, base: Index) -> list[float]:
 
 
 def _number(value: float) -> float | None:
-    """Return the value rounded, and None for NaN or infinity, which JSON does not have."""
+    """Return the rounded value, or None for NaN or infinity, which JSON does not have."""
     if isinstance(value, int):
         return value
     return round(value, 9) if isfinite(value) else None

@@ -1,7 +1,9 @@
-"""The live loop as an object: its driver steps it period by period, applies viewers' requests and fetches new messages.
+"""The live loop as an object: its driver computes it period by period, applies viewers' requests and fetches new
+messages.
 
-The object has no socket, process or thread, and only the clock that it is given, so its driver decides when a period
-passes. The loop is that of a run (`firmware_sim.bench.simulation`): with unchanged settings it gives the same rows.
+The object has no socket, process or thread, and its clock is an argument, so its driver decides when a period passes.
+The loop is the same as the loop of a run (`firmware_sim.bench.simulation`): with unchanged settings it gives the same
+rows.
 """
 
 import time
@@ -32,23 +34,23 @@ from wake.plant.protocol import LoopPlant
 OFF: Final = "off"
 """Name of the choice without a controller."""
 _PACE: Final = 50
-"""Number of latest periods from whose wall-clock times the periods per second are computed."""
+"""Number of latest periods over which the number of periods per second is measured by the wall clock."""
 _SELDOM: Final = 5
 """Number of periods from one bus table to the next."""
 
 
 class LiveSession(NeverCopied):
-    """One loop and its viewers' settings. Raises StillwakeError if plant or ECU cannot be created, or do not fit each
-    other, the bundle or the vehicle.
+    """One loop and its viewers' settings. Raises StillwakeError if plant or ECU cannot be created, or if they do not
+    fit each other, the bundle or the vehicle.
 
     Args:
         config: settings of the vehicle; its operating point and control period must be those of the bundle.
-        wake: returns a plant at its start, for the plant's name.
-        ecu: returns an ECU just powered on, for the controller's name; called once for each name.
-        ahead: returns, for a controller's name, a function that prepares its ECU, if that takes seconds; otherwise
-            None.
-        controllers, plants: the choices, with the reason for each that is missing.
-        settings: initial settings, without regard to their request for control, which follows after `lead_in`.
+        wake: function from the plant's name to a plant at its start.
+        ecu: function from the controller's name to an ECU that has just been powered on; called once for each name.
+        ahead: function from the controller's name to a function that prepares the ECU, if this takes seconds; otherwise
+            to None.
+        controllers, plants: the choices; a choice that is missing states the reason.
+        settings: initial settings; their request for control is ignored, because control is requested after `lead_in`.
         lead_in: time in t_c from a start to the automatic request for control.
         kept: number of latest periods that a page should store, and that are stored until `messages` is called.
         clock: wall clock in s.
@@ -117,7 +119,8 @@ class LiveSession(NeverCopied):
         self._now_due = True
 
     def before(self, request: object) -> Callable[[], None] | None:
-        """Return a function that prepares the requested ECU in a thread; None if it is ready or cannot be chosen."""
+        """Return a function that prepares the requested ECU in a thread; None if the ECU is ready or cannot be
+        chosen."""
         try:
             action, value = asked(request)
             if action != "set":
@@ -129,7 +132,7 @@ class LiveSession(NeverCopied):
         return self._ahead(after.controller)
 
     def handle(self, request: object) -> LiveAnswer:
-        """Apply a viewer's request between two periods; it may be any JSON value."""
+        """Apply a viewer's request, which may be any JSON value, between two periods."""
         answer: LiveAnswer = {}
         try:
             self._do(asked(request), answer)
@@ -176,7 +179,8 @@ class LiveSession(NeverCopied):
         return self._settings.changed(given, self._bundle.manifest.sensors, self._own, self._limits)
 
     def _apply(self, after: LiveSettings, *, enable: bool | None) -> None:
-        """Apply other settings from the next period on. Raises StillwakeError if impossible; nothing changes then."""
+        """Apply other settings from the next period on. Raises StillwakeError if this is impossible; then nothing
+        changes."""
         before, run = self._settings, self._run
         self._check_choices(after)
         if after.plant != before.plant:
@@ -206,7 +210,8 @@ class LiveSession(NeverCopied):
             run.power_on()
 
     def _clear(self) -> str:
-        """Reset all but request, controller and plant, and clear latched faults by a new request; returns a note."""
+        """Reset all settings except request, controller and plant, and clear latched faults with a new request; return
+        a note."""
         self._apply(self._settings.without_faults, enable=None)
         text = "cleared"
         if self._run.state.sensors.set_aside is not None and not self._run.is_off:
@@ -226,13 +231,14 @@ class LiveSession(NeverCopied):
         self._paused, self._now_due = value, True
         self._ticks.clear()
 
-    # Starts of the plant.
+    # The following methods start the plant.
 
     def _start(self, settings: LiveSettings) -> None:
-        """Begin at the plant's start with these settings. Raises StillwakeError if impossible; nothing changes then."""
+        """Begin at the plant's start with these settings. Raises StillwakeError if this is impossible; then nothing
+        changes."""
         is_off = settings.controller == OFF
         wake = self._wake(settings.plant)
-        # This check has to come before `_ecu`, which may reset the running ECU.
+        # This check must come before `_ecu`, which may reset the running ECU.
         check_sensors(self._bundle, wake.layout)
         run = LiveRun(
             number=self._runs + 1,
@@ -259,7 +265,8 @@ class LiveSession(NeverCopied):
         self._now_due = False
 
     def _ecu(self, controller: str, settings: LiveSettings, *, powered_on: bool = False) -> LoopEcu:
-        """Return the ECU with the weights of these settings; it may be the running ECU."""
+        """Return the ECU with the weights of these settings; the running ECU is returned if it is the ECU of this
+        controller."""
         if controller not in self._made:
             made = self._make_ecu(controller)
             self._made[controller] = made, made.ecu.state
@@ -270,7 +277,7 @@ class LiveSession(NeverCopied):
         return ecu
 
     def _check_choices(self, settings: LiveSettings) -> None:
-        """Check controller, plant and disturbances; raises ConfigError for one that cannot be chosen here."""
+        """Check controller, plant and disturbances; raises ConfigError if a choice is not possible in this session."""
         Disturbances.parse(settings.disturbances).check(self._config, self._bundle.manifest.sensors, duration_s=inf)
         for name, choices in self._choices.items():
             wanted = getattr(settings, name)
@@ -280,7 +287,7 @@ class LiveSession(NeverCopied):
             if found["missing"]:
                 raise ConfigError(f"{name} {wanted!r}: {found['missing']}")
 
-    # Messages on the present state.
+    # The following methods create messages on the present state.
 
     def _present(self, latest: LivePeriod) -> list[LiveMessage | bytes]:
         run = self._run

@@ -15,12 +15,12 @@ from contract.errors import ConfigError
 _TRUE: Final = ("clear", "power_cycle", "restart")
 ACTIONS: Final = ("set", "pause", *_TRUE)
 """Actions of a request. set: change values with `LiveSettings.changed`. pause: pause or continue. clear: reset
-everything but request, controller and plant, and re-arm after a latched fault. power_cycle: restart the ECU. restart:
-begin again at the plant's start."""
+everything except request, controller and plant, and re-arm after a latched fault. power_cycle: restart the ECU.
+restart: begin again at the plant's start."""
 
 
 class Asked(NamedTuple):
-    """One of `ACTIONS`; its value is a dict for set, otherwise a bool."""
+    """An action from `ACTIONS` with its value, which is a dict for set, otherwise a bool."""
 
     action: str
     value: Any
@@ -47,7 +47,8 @@ CONTROLLERS: Final = ("python", "c", "mcu", "off")
 """Names of the controllers: the ECU in Python with the release's ONNX graph; the ECU in C on this machine; the ECU in C
 on an emulated microcontroller; an ECU without supply."""
 PLANTS: Final = ("wake", "recording")
-"""Names of the plants: the flow solver, whose pressures respond to the jets, and recorded pressures, which do not."""
+"""Names of the plants: the flow solver, whose pressures respond to the jets, and recorded pressures, which do not
+respond."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,8 +56,8 @@ class Slider:
     """Bounds of a number.
 
     Attributes:
-        least, greatest: inclusive bounds.
-        step: step of the slider; any value within the bounds is accepted.
+        least, greatest: smallest and largest accepted value.
+        step: step of the slider on the page; any value within the bounds is accepted.
     """
 
     least: float
@@ -72,7 +73,7 @@ SLIDERS: Final = {
     "delay_ms": Slider(least=0.0, greatest=200.0, step=5.0, unit="ms longer to the jets"),
 }
 WEIGHT: Final = Slider(least=0.0, greatest=LARGEST_WEIGHT, step=0.01, unit="")
-"""Slider of every cost weight, with the bounds of a calibration."""
+"""Slider of every cost weight, with the bounds that a calibration has."""
 _SENSORS: Final = ("dead", "biased")
 _CHOICES: Final = {"controller": CONTROLLERS, "plant": PLANTS}
 _SWITCHES: Final = ("enable", "babble")
@@ -85,13 +86,13 @@ class LiveSettings:
     Attributes:
         enable: whether the vehicle wants control.
         noise: standard deviation of the noise on every transducer, in global deviations.
-        dead: sensor that reads Cp 0; empty for none.
-        biased: sensor with the bias; empty for none.
+        dead: sensor that reads Cp 0; empty for no sensor.
+        biased: sensor with the bias; empty for no sensor.
         bias: bias in global deviations.
         loss: share of the Pressure frames that the ECU does not receive.
-        delay_ms: additional delay of jet commands to the vehicle.
+        delay_ms: additional delay of jet commands on their way to the vehicle, in ms.
         babble: whether a node sends continuously at the highest priority.
-        weights: cost weights; if None, those of the release.
+        weights: cost weights; if None, the weights of the release.
     """
 
     enable: bool = False
@@ -113,9 +114,9 @@ class LiveSettings:
         out-of-range value.
 
         Args:
-            given: new values by attribute; weights as a mapping by name, or None for the release's.
-            own, limits: calibration and limits of the release: values of the weights that are not given, and bounds of
-                the others.
+            given: new values by attribute; weights as a mapping by name, or None for the weights of the release.
+            own: calibration of the release.
+            limits: bounds that the release sets for the weights.
         """
         known = {item.name for item in fields(self)}
         if unknown := sorted(set(given) - known):
@@ -129,7 +130,7 @@ class LiveSettings:
 
     @property
     def without_faults(self) -> Self:
-        """The settings with the same request, controller and plant, and all other values reset."""
+        """The settings with the present request, controller and plant, and the default of every other value."""
         return type(self)(enable=self.enable, controller=self.controller, plant=self.plant)
 
     @property
@@ -163,7 +164,7 @@ def _checked(name: str, value: Any, sensors: Sequence[str]) -> Any:
 
 def _within(name: str, value: Any, slider: Slider) -> float:
     is_number = isinstance(value, int | float) and not isinstance(value, bool)
-    # The comparison is false for NaN, and infinity and very large integers are outside the bounds.
+    # The comparison is false for NaN; infinity and very large integers are outside the bounds.
     if not (is_number and slider.least <= value <= slider.greatest):
         raise ConfigError(f"live setting {name} = {value!r}: must be in {slider.least:g}..{slider.greatest:g}")
     return float(value)
@@ -178,7 +179,7 @@ def _weights(given: Any, now: Calibration, limits: CalibrationLimits) -> CostWei
 
 
 def changes(before: LiveSettings, now: LiveSettings, own: CostWeights, controllers: Mapping[str, str]) -> Iterator[str]:
-    """Yield a text for each changed setting; `own` has the release's weights, `controllers` the labels by name."""
+    """Yield a text for each changed setting; `own` has the weights of the release, `controllers` the labels by name."""
     all_frames = "all pressure frames reach the ECU"
     percent, late = f"{100 * now.loss:g} %", f"{now.delay_ms:g} ms late"
     bias_before, bias = ((one.biased and (one.biased, one.bias)) for one in (before, now))

@@ -37,13 +37,14 @@ def _library() -> ctypes.CDLL:
 
 
 class BlockCounter:
-    """Counts from its creation on. Create it before the core first runs, because code translated earlier runs without a
-    hook. Raises McuError if there is no compiler for the hook, or Unicorn does not accept it.
+    """A counter of executed basic blocks, which counts from its creation on. Create it before the core first runs,
+    because code that was translated earlier runs without a hook. Raises McuError if there is no compiler for the hook,
+    or Unicorn does not accept the hook.
 
     Args:
         core: Unicorn's core.
         origin, size: address of the memory with the code, and its size in bytes.
-        pipeline: model of a block's cycles, applied when a block is first seen.
+        pipeline: model of a block's cycles, applied when a block is first counted.
     """
 
     def __init__(self, core: Any, origin: int, size: int, pipeline: Pipeline) -> None:
@@ -71,12 +72,13 @@ class BlockCounter:
         self._counts[:] = 0
 
     def total(self) -> tuple[int, int]:
-        """Return instructions and modelled cycles since `start`."""
+        """Return the numbers of instructions and modelled cycles since `start`."""
         blocks = list(self.blocks())
         return sum(instructions for _, instructions, _ in blocks), sum(cycles for _, _, cycles in blocks)
 
     def blocks(self) -> Iterator[tuple[int, int, int]]:
-        """Yield address, instructions and modelled cycles of each block that ran since `start`, over all its runs."""
+        """Yield address, instructions and modelled cycles of each block that ran since `start`; both numbers are sums
+        over all its runs."""
         places = np.flatnonzero(self._counts)
         found = zip(places.tolist(), self._counts[places].tolist(), self._sizes[places].tolist(), strict=True)
         for place, count, size in found:

@@ -17,7 +17,8 @@ LINKER_SCRIPT: Final = "cortex_m7.ld"
 NO_COMPILER: Final = f"the compiler is missing: {install('mcu')}"
 # Contraction within an expression, as C allows it, gives the same results on every target with fused operations.
 COMMON: Final = ("-O2", "-ffp-contract=on", "-g0")
-# Loops that benefit are unrolled in the sources; if the compiler unrolled all, that would take 21 KiB of flash.
+# The sources already unroll the loops that benefit; if the compiler unrolled all loops, that would take 21 KiB of
+# flash.
 BARE: Final = (
     "-target", "thumb-freestanding-eabihf", "-fno-unroll-loops",
     "-ffreestanding", "-fno-unwind-tables", "-fno-asynchronous-unwind-tables",
@@ -25,9 +26,9 @@ BARE: Final = (
 )  # fmt: skip
 BOARD_SCRIPT: Final = "sw_board.ld"
 EQUIPMENT: Final = "sw_board_equipment.h"
-"""Header with a board's data from production; the header in a library has no loader."""
+"""Header with the data that production writes for a board; the version in an exported library enables no loader."""
 BUS_KEY: Final = "sw_board_bus_key.h"
-"""Header with the key of the bus from production; the header in a library has no key."""
+"""Header with the key of the bus that production writes; the version in an exported library has no key."""
 
 
 def compile_for_cortex_m7(
@@ -36,12 +37,12 @@ def compile_for_cortex_m7(
     *,
     core: Core = CORTEX_M7,
 ) -> bytes:
-    """Compile a library's control step with start-up code and linker script; returns an ELF file. Raises McuError if
-    the sources do not compile, or `ziglang` is not installed.
+    """Compile a library's control step with start-up code and linker script; return an ELF file. Raises McuError if the
+    sources do not compile, or `ziglang` is not installed.
 
     Args:
-        core: the core, which must have the same memories.
-        board: files added to the firmware's; a file of the same name replaces the firmware's.
+        core: core to compile for; it must have the same memories as the Cortex-M7.
+        board: files added to the firmware's files; a file of the same name replaces the firmware's file.
     """
     folder = files("firmware_sim").joinpath("mcu/c")
     firmware = {item.name: item.read_bytes() for item in folder.iterdir()}
@@ -53,12 +54,12 @@ def compile_for_cortex_m7(
 
 
 def compile_board(sources: Mapping[str, bytes], own: Mapping[str, bytes] | None = None) -> bytes:
-    """Compile the whole firmware of a board, including its vector table; returns an ELF file. Raises LibraryError for a
+    """Compile the whole firmware of a board, including its vector table; return an ELF file. Raises LibraryError for a
     library without a board; McuError if the sources do not compile, or `ziglang` is not installed.
 
     Args:
-        sources: sources of a library with its ECU, and those of the board by their paths in the library's folder.
-        own: files that replace those of the same name, such as a header of equipment that enables the loader.
+        sources: sources of a library with its ECU, and sources of the board by their paths in the library's folder.
+        own: files that replace files of the same name, such as a header of equipment that enables the loader.
     """
     contents = board_files(sources, own)
     with tempfile.TemporaryDirectory() as place:
@@ -85,13 +86,13 @@ def _flags(script: str, core: Core) -> tuple[str, ...]:
 
 
 def compile_block_counter(output: Path) -> None:
-    """Compile the hook that counts basic blocks (`firmware_sim.mcu.block_counter`); raises McuError."""
+    """Compile the hook that counts basic blocks (`firmware_sim.mcu.block_counter`); raises McuError if this fails."""
     source = files("firmware_sim").joinpath("mcu/c_host/block_counter.c").read_bytes()
     _compile({"block_counter.c": source}, output, ("-O2", "-fPIC", "-shared"))
 
 
 def compile_replay(sources: Mapping[str, bytes], program: Path) -> None:
-    """Compile the example program for this machine; raises McuError as `compile_for_cortex_m7`."""
+    """Compile the example program for this machine; raises McuError in the same cases as `compile_for_cortex_m7`."""
     _compile(sources, program, (*COMMON, "-march=native"))
 
 

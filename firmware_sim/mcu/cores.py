@@ -1,4 +1,4 @@
-"""The cores for which libraries are compiled and modelled."""
+"""The cores for which libraries are compiled and execution times are modelled."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -10,7 +10,7 @@ class Core:
 
     Attributes:
         cpu: name of the core for the compiler.
-        clocks_mhz: clocks for which times are computed.
+        clocks_mhz: clocks in MHz for which times are computed.
         dual_issue: whether its pipeline issues two instructions per cycle (`firmware_sim.mcu.pipeline`).
     """
 

@@ -14,7 +14,7 @@ _BITS: Final = 32
 
 @dataclass(frozen=True, kw_only=True)
 class ElfSegment:
-    """Bytes to load at an address."""
+    """Bytes of a program, and the address to which they are loaded."""
 
     address: int
     content: bytes
@@ -26,8 +26,8 @@ class Firmware:
 
     Attributes:
         segments: contents of the flash before the start.
-        sections: size in bytes by name.
-        symbols: address by name.
+        sections: size of each section in bytes, by the section's name.
+        symbols: address of each symbol, by the symbol's name.
     """
 
     segments: tuple[ElfSegment, ...]

@@ -1,4 +1,4 @@
-"""A Cortex-M7 in Unicorn: its memories, calls of functions, counts of executed blocks, and the stack depth."""
+"""A Cortex-M7 in Unicorn: its memories, calls of its functions, counts of executed blocks, and the stack depth."""
 
 from collections.abc import Sequence
 from typing import Any, ClassVar, Final
@@ -62,8 +62,8 @@ class EmulatedCore(NeverCopied):
         self._core.mem_write(address, content)
 
     def call(self, function: str, *arguments: int) -> int:
-        """Run a function to its return, as a debugger does, and return its result. Raises McuError if it does something
-        impossible for the core, such as an access outside its memories."""
+        """Run a function to its return, as a debugger does, and return its result. Raises McuError if the function does
+        something that is impossible for the core, such as an access outside its memories."""
         kept = self._core.context_save()
         for number, value in enumerate(arguments):
             self._core.reg_write(arm_const.UC_ARM_REG_R0 + number, value)
@@ -83,11 +83,11 @@ class EmulatedCore(NeverCopied):
         return self.peek(FLASH, FLASH_BYTES)
 
     def paint_stack(self) -> None:
-        """Mark the whole stack as untouched."""
+        """Fill the stack with a pattern that marks it as untouched."""
         self.poke(self._stack[0], bytes([_UNTOUCHED]) * self._stack[1])
 
     def stack_depth(self) -> int:
-        """Return the bytes of stack touched since `paint_stack`."""
+        """Return the number of bytes of the stack that were touched since `paint_stack`."""
         stack = self.peek(*self._stack)
         return len(stack) - next((i for i, byte in enumerate(stack) if byte != _UNTOUCHED), len(stack))
 
@@ -100,7 +100,7 @@ class EmulatedCore(NeverCopied):
 
 
 class Machine(EmulatedCore):
-    """A core for calls of its functions. The stack is a separate memory, so that an overflow is detected."""
+    """A core whose functions are called one by one. The stack is a separate memory, so that an overflow is detected."""
 
     def __init__(self, firmware: Firmware) -> None:
         stack = (_STACK, _STACK_BYTES)
@@ -117,7 +117,7 @@ class Machine(EmulatedCore):
         return self.peek(self.symbol(symbol), size)
 
     def stack_used(self, function: str) -> int:
-        """Call a function and return the bytes of stack that it touches."""
+        """Call a function and return the number of bytes of the stack that the call touches."""
         self.paint_stack()
         self.call(function)
         return self.stack_depth()

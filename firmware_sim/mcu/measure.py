@@ -1,4 +1,5 @@
-"""The measurement of a library on an emulated Cortex-M7 and on this host: the same rows, and the core's needs."""
+"""The measurement of a library on an emulated Cortex-M7 and on this host with the same rows, and the time and memory
+that the core needs."""
 
 import subprocess
 import tempfile
@@ -29,18 +30,19 @@ MCU_PHASES: Final = ("compile", "emulate", "run on this host", "count cycles")
 
 @dataclass(frozen=True, kw_only=True)
 class Measurement:
-    """The needs of a control step on the core when all iterations run.
+    """The time and memory that a control step needs on the core when all iterations run.
 
     Attributes:
-        precision, program_sha256: those of the library.
-        flash_bytes, ram_bytes, stack_bytes: memory; RAM is the linked RAM plus the stack.
-        multiply_accumulates: number of products of weights, from the networks' sizes.
-        instructions: exact number of executed instructions, the same in every such step.
+        precision, program_sha256: precision of the library, and SHA-256 of its program.
+        flash_bytes, ram_bytes, stack_bytes: bytes of memory; RAM is the linked RAM plus the stack.
+        multiply_accumulates: number of products with weights, computed from the networks' sizes.
+        instructions: exact number of executed instructions, which is the same in every step with all iterations.
         cycles: modelled cycles (`firmware_sim.mcu.pipeline`).
-        one_per_cycle_ms, modelled_ms: time by clock in MHz, at one instruction per cycle and by the model.
+        one_per_cycle_ms: time in ms for each clock in MHz, if every instruction took one cycle.
+        modelled_ms: time in ms for each clock in MHz, with the modelled cycles.
         steps: number of control steps compared with the host.
         identical: whether all outputs were equal bit for bit.
-        action_difference, cost_difference: largest differences.
+        action_difference, cost_difference: largest differences of action and cost between core and host.
     """
 
     precision: str
@@ -87,11 +89,12 @@ def measure(
     phase: Callable[[str], None] = lambda begun: None,
 ) -> Measurement:
     """Compile, run and compare a library. Raises LibraryError if a setting is missing in the library's header; McuError
-    with the reason if the rows are too few, or the library does not compile or run.
+    with the reason if there are too few rows, or the library does not compile or run.
 
     Args:
         sources: files of the library.
-        rows: pressures Cp and the action commanded one step before, (n, S+1); at least one window of rows.
+        rows: n rows with the pressures Cp at the S sensors and the action commanded one step before, shape (n, S+1); n
+            is at least the length of the window.
         core: core to compile for and to model; the emulated core is a Cortex-M7.
         phase: called with each of `MCU_PHASES` when it begins.
     """
@@ -131,22 +134,23 @@ def measure(
 
 
 def flash_bytes(firmware: Firmware) -> int:
-    """Return the bytes of flash for code and for all data that are read from flash or copied from it."""
+    """Return the number of bytes of flash for code and for all data that are read from flash or copied from it."""
     return sum(firmware.sections.get(name, 0) for name in (".vectors", ".text", ".hot", ".rodata", ".data"))
 
 
 def linked_ram(firmware: Firmware) -> int:
-    """Return the bytes of RAM without the stack."""
+    """Return the number of bytes of RAM without the stack."""
     return sum(firmware.sections.get(name, 0) for name in (".hot", ".data", ".bss"))
 
 
 def _replay(machine: Machine, rows: ProgramRows, window: int, horizon: int) -> ProgramRows:
-    """Return (action, cost) for every row from the first full window on."""
+    """Return the action and the cost for every row from the first full window on."""
     machine.call("mcu_reset")
     answers = []
     for i, row in enumerate(rows, start=1):
         machine.write("mcu_row", row.astype("<f4").tobytes())
-        # The host's example program does not answer before the window is full, either.
+        # The example program on the host does not answer before the window is full either, so the answers can be
+        # compared.
         if (status := machine.call("mcu_step" if i >= window else "mcu_push")) != 0:
             raise McuError(f"row {i}: {REFUSALS[status]}")
         if i >= window:
@@ -166,10 +170,10 @@ def _on_host(sources: Mapping[str, bytes], rows: ProgramRows) -> ProgramRows:
 
 
 def verdicts(modelled_ms: Mapping[str, float], period: float) -> Iterator[tuple[str, str]]:
-    """Yield (label, verdict) for people: the control period, then one for each clock.
+    """Yield (label, verdict) as text for users: the control period, then a verdict for each clock.
 
     Args:
-        modelled_ms: time of a control step by clock in MHz (`firmware_sim.mcu.measure.Measurement.modelled_ms`).
+        modelled_ms: time of a control step in ms, by clock in MHz (`firmware_sim.mcu.measure.Measurement.modelled_ms`).
         period: control period in ms.
     """
     yield "control period", f"{period:g} ms (from the settings; it is not in the library)"

@@ -1,22 +1,23 @@
-"""The cycles of a basic block on a Cortex-M7 or a Cortex-M4: models of their pipelines, and the effects they leave out.
+"""The cycles of a basic block on a Cortex-M7 or a Cortex-M4: models of their pipelines, and the effects that the models
+leave out.
 
-Arm publishes no cycle counts for the Cortex-M7, so these are assumptions:
+Arm publishes no cycle counts for the Cortex-M7, so its model makes these assumptions:
 
-- Instructions issue in order, up to two per cycle, when both are ready. At most one of a pair may multiply, use the
-  floating-point unit, store, or branch. Two single loads may form a pair; a double load takes both load ports. The
-  second instruction of a pair may write a register that the first one reads.
-- A result can be used one cycle later if it is from the integer unit, two after a load or a multiplication (one by an
-  accumulator), three if it is from the floating-point unit, four after a fused multiply-add. Divisions take 14 cycles
-  and block their unit.
-- A block that ends in a branch takes one cycle more; branches are predicted correctly.
-- Every memory access is a hit: code in instruction TCM or cache, workspace and the dynamics' weights in data TCM, all
-  other constants in a warm data cache.
+- Instructions issue in order, up to two per cycle, when both are ready. At most one instruction of a pair may multiply,
+  use the floating-point unit, store, or branch. Two single loads may form a pair; a double load takes both load ports.
+  The second instruction of a pair may write a register that the first one reads.
+- A result can be used one cycle later if it is from the integer unit, two cycles later after a load or a multiplication
+  (one cycle if an accumulator uses it), three cycles later if it is from the floating-point unit, and four cycles later
+  after a fused multiply-add. Divisions take 14 cycles and block their unit.
+- A block that ends in a branch takes one more cycle; branches are predicted correctly.
+- Every memory access is a hit: code is in instruction TCM or cache, workspace and the dynamics' weights are in data
+  TCM, and all other constants are in a warm data cache.
 
 A Cortex-M4 issues one instruction per cycle, from memories without wait states (Arm's table of its cycles, DDI 0439):
 
-- A load takes two cycles, or one directly after a load or store; a double or multiple load or store takes one cycle per
-  word and one more. A fused multiply-add takes three cycles, a division 14, every other instruction one.
-- A block that ends in a branch takes two cycles more.
+- A load takes two cycles, or one cycle directly after a load or store. A double or multiple load or store takes one
+  cycle per word and one more. A fused multiply-add takes three cycles, a division 14, and every other instruction one.
+- A block that ends in a branch takes two more cycles.
 """
 
 from dataclasses import dataclass
@@ -36,18 +37,18 @@ _FUSED: Final = ("vfm", "vfnm", "vmla", "vmls", "vnml")
 
 @dataclass(frozen=True, kw_only=True)
 class Block:
-    """A basic block's instructions and modelled cycles."""
+    """The instructions of a basic block, and their modelled cycles."""
 
     instructions: int
     cycles: int
 
 
 class Pipeline:
-    """A disassembler that models the blocks of code.
+    """A disassembler that models the cycles of basic blocks.
 
     Args:
         code, origin: contents of a memory, and its address.
-        dual_issue: True for the pipeline of a Cortex-M7, False for that of a Cortex-M4.
+        dual_issue: True for the pipeline of a Cortex-M7, False for the pipeline of a Cortex-M4.
     """
 
     def __init__(self, code: bytes, origin: int, *, dual_issue: bool = True) -> None:
@@ -57,7 +58,7 @@ class Pipeline:
         self._disassembler.detail = True
 
     def block(self, address: int, size: int) -> Block:
-        """Model the block of `size` bytes at an address."""
+        """Model the block of `size` bytes at `address`."""
         start = address - self._origin
         listing = list(self._disassembler.disasm(self._code[start : start + size], address))
         return Block(instructions=len(listing), cycles=self._cycles(listing))
@@ -120,12 +121,12 @@ def _fits(issued: list[str], kind: str) -> bool:
 
 @cache
 def _kind(mnemonic: str) -> tuple[str, int, int]:
-    """Return class, latency, and cycles at the issue stage."""
+    """Return class, latency in cycles, and number of cycles at the issue stage."""
     name = mnemonic.split(".")[0]
     if name.startswith(_DIVIDE):
         return "divide", _DIVIDE_CYCLES, 1
     if name.startswith(_MANY):
-        # These instructions move two words per cycle; the longest ones in the firmware move about eight words.
+        # These instructions move two words per cycle; the longest of them in the firmware move about eight words.
         return "many", 2, 1 if name == "strd" else 4
     if name.startswith("ldrd"):
         return "double", 2, 1
@@ -147,7 +148,7 @@ def _kind(mnemonic: str) -> tuple[str, int, int]:
 
 
 def _accumulators(instruction: Any) -> set[int]:
-    """Return the registers that a multiply-accumulate adds to; they are needed one cycle later than its factors."""
+    """Return the registers to which a multiply-accumulate adds; these are needed one cycle later than its factors."""
     operands = [int(operand.reg) for operand in instruction.operands]
     if instruction.mnemonic.startswith(("smlal", "umlal")):
         return set(operands[:2])

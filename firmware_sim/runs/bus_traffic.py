@@ -10,13 +10,13 @@ from can_bridge.wire.message_sets import MessageSet
 
 @dataclass(frozen=True, kw_only=True)
 class NodeErrors:
-    """A node's CAN controller at the end of the run.
+    """The state of a node's CAN controller at the end of the run.
 
     Attributes:
         state: name of a `can_bridge.bus.interface.BusState`.
-        tx_errors, rx_errors: its error counters.
-        bus_off: number of times that it went bus-off.
-        refused: number of frames that it could not send, because its queue was full or it was bus-off.
+        tx_errors, rx_errors: transmit and receive error counters of the controller.
+        bus_off: number of times that the controller went bus-off.
+        refused: number of frames that the controller could not send, because its queue was full or it was bus-off.
     """
 
     state: str
@@ -27,7 +27,7 @@ class NodeErrors:
 
     @classmethod
     def of(cls, health: BusHealth, refused: int) -> "NodeErrors":
-        """Create the record from the controller's report."""
+        """Create the record from the controller's report and the number of refused frames."""
         return cls(**{**asdict(health), "state": health.state.name}, refused=refused)
 
 
@@ -38,9 +38,9 @@ class BusTraffic:
     Attributes:
         load: share of the time in which the bus was not free, 0 to 1.
         frames: number of all frames on the bus.
-        error_frames: number of attempts that were destroyed, or that no node acknowledged.
-        longest_wait_ms: for each of the project's messages that was sent: longest time from a frame's entry into the
-            send queue to the start of its successful transmission.
+        error_frames: number of attempts to send that were destroyed, or that no node acknowledged.
+        longest_wait_ms: longest wait of a frame, for each of the project's messages that was sent. The wait lasts from
+            the frame's entry into the send queue to the start of its successful transmission.
     """
 
     load: float

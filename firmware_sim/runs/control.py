@@ -1,4 +1,5 @@
-"""The evaluation of whether the controller was in control while control was requested, and the reason if not."""
+"""The evaluation of whether the controller was in control while control was requested, and of the reason if it was
+not."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -12,7 +13,7 @@ from firmware_sim.runs.run_log import RunLog
 from firmware_sim.runs.statistics import Flags, planned_steps
 
 SKIPPED: Final = "SKIPPED"
-"""Name used like a mode's name for a period that the ECU left out because it was still computing."""
+"""Name of a period that the ECU skipped because it was still computing; used in place of a mode's name."""
 
 KEYS_DIFFER: Final = "Frames arrived, but none was authentic: do both nodes have the same key (bus.key)?"
 
@@ -23,9 +24,9 @@ class LatchedFault:
 
     Attributes:
         reason: name of a `can_bridge.wire.messages.Reason`.
-        t: start of the period in t_c.
-        period: index of the period in the run's series.
-        after_enable: number of control periods since the request for control.
+        t: start of the period of the fault, in t_c.
+        period: index of the period of the fault in the run's series.
+        after_enable: number of control periods from the request for control to the fault.
     """
 
     reason: str
@@ -36,12 +37,12 @@ class LatchedFault:
 
 @dataclass(frozen=True, kw_only=True)
 class RunControl:
-    """The control periods in which control was requested.
+    """Counts of the control periods in which control was requested.
 
     Attributes:
-        requested: number of these periods.
-        modes: number of them by the ECU's mode, or SKIPPED.
-        warm_up: number of periods at their start in which the controller's window was still filling.
+        requested: number of periods with requested control.
+        modes: number of these periods for each mode of the ECU, or SKIPPED.
+        warm_up: number of periods from the request on in which the controller's window was still filling.
         fault: first latched fault; None if there was none.
         shut: share of the requested time in which the jets were shut, 0 to 1.
     """
@@ -76,7 +77,7 @@ def control(log: RunLog) -> RunControl:
     faulted = np.flatnonzero(modes == Mode.FAULT)
     warm = np.flatnonzero(np.array(names) != Mode.WARMUP.name)
     still = log.series["action"][log.enabled_at :] == 0.0
-    # The jets cannot have moved before the first sample, so it does not count.
+    # The first sample is not counted, because the jets cannot have moved before it.
     shut = float(still[1:].mean()) if len(still) > 1 else 1.0
     return RunControl(
         requested=len(names),
@@ -98,7 +99,8 @@ def set_aside(log: RunLog) -> list[tuple[str, int]]:
 
 
 def trouble(log: RunLog) -> str | None:
-    """Return a sentence on why control was not held, to be read before any figure; None if it was held."""
+    """Return a sentence on why the controller was not in control throughout, to be read before any figure; None if it
+    was."""
     held = control(log)
     if held.held:
         return None
@@ -127,7 +129,8 @@ def _not_held(log: RunLog, found: RunControl) -> str:
 
 
 def held_while_averaged(log: RunLog, averaged: Flags) -> bool:
-    """Return whether the controller planned in all periods (n,) of the controlled averages, and no fault latched."""
+    """Return whether the controller planned in all averaged periods under control, and no fault latched. `averaged`
+    marks these periods, shape (n,) for n periods of the run."""
     return bool(planned_steps(log)[averaged].all()) and control(log).fault is None
 
 

@@ -11,15 +11,15 @@ from firmware_sim.runs.run_log import WITHOUT, RunLog
 from firmware_sim.runs.statistics import planned_steps, rounded
 
 _SLOW: Final = 0.1
-"""Share of the design speed below which |Cl| in units of the present dynamic pressure is not counted."""
+"""Share of the design speed below which |Cl|, in units of the present dynamic pressure, is not counted."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class DriveTotals:
-    """Totals of a drive, from the end of the settling time after the request for control.
+    """Totals of a drive, from the end of the settling time after the request for control to the end of the drive.
 
-    Energies are in kJ per km of road, for each metre of the vehicle's height, because the flow is two-dimensional. The
-    number is also the mean force along the road in N/m.
+    Energies are in kJ per km of road, for each metre of the vehicle's height, because the flow is two-dimensional. An
+    energy in these units equals the mean force along the road in N per metre of height.
 
     Attributes:
         mean_speed_m_per_s, distance_m: speed and distance of the counted part.
@@ -27,9 +27,9 @@ class DriveTotals:
         jets_kJ_per_km: energy that the jets give to the flow; negative if they take energy.
         net_kJ_per_km, net_kJ_per_km_without: energy against the drag of wall, slots and jet momentum together, plus the
             jets' energy, with and without control.
-        reduction_percent, net_reduction_percent: reductions of these two energies.
-        abs_Cl, abs_Cl_without: mean of |Cl| in units of the present speed's dynamic pressure.
-        in_control_percent: share of periods in control; the energies are those of all periods.
+        reduction_percent, net_reduction_percent: reductions by control of the wall's energy and of the net energy.
+        abs_Cl, abs_Cl_without: mean of |Cl| in units of the present speed's dynamic pressure, with and without control.
+        in_control_percent: percentage of the periods in control; the energies include all periods.
     """
 
     name: str
@@ -52,11 +52,12 @@ class DriveTotals:
 
 
 def drive_totals(log: RunLog) -> DriveTotals | None:
-    """Compute the totals of a run on a drive; returns None for any other run, and for a run without averages."""
+    """Compute the totals of a run on a drive. Returns None for a run without a drive, and for a run without
+    averages."""
     run, t = log.metadata, log.series["t"]
     if run.drive is None or not run.averages or log.enabled_at >= len(t):
         return None
-    # Times are sums of periods with rounding errors, which are far below half a period.
+    # Times are sums of periods; their rounding errors are far below half a period.
     counted = t >= t[log.enabled_at] + run.settle - 0.5 * run.config.flow.control_period
     series = {name: values[counted] for name, values in log.series.items()}
     point, speed, ledger = run.config.operating_point, series["speed"], ledger_of(series)
@@ -67,7 +68,7 @@ def drive_totals(log: RunLog) -> DriveTotals | None:
         return float(np.trapezoid(values, seconds))
 
     distance = integral(speed)
-    per_km = 1.0 / distance if distance > 0.0 else np.nan  # N m a metre of road is kJ a km
+    per_km = 1.0 / distance if distance > 0.0 else np.nan  # N m per m of road equals kJ per km
     drag, without, net_without = (
         per_km * integral(scale * force * speed) for force in (ledger.Cd, *(series[name] for name in WITHOUT[:2]))
     )

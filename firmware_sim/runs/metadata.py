@@ -28,7 +28,7 @@ class RunOrigin:
 
     Attributes:
         day: date of the run, YYYY-MM-DD.
-        command: words of the command line that started it; empty if no command line did.
+        command: words of the command line that started the run; empty if no command line started it.
         flow: initial state of the plant.
     """
 
@@ -44,8 +44,9 @@ class RunOrigin:
 
 @dataclass(frozen=True, kw_only=True)
 class InjectedFault:
-    """A disturbance of a run. `acted` is the number of times it acted: for a port's fault as that fault counts, for bit
-    errors the number of disturbed attempts, for all others the number of periods."""
+    """A disturbance of a run. `acted` is the number of times that the disturbance acted. For a fault in a port, the
+    fault itself counts; for bit errors, `acted` is the number of disturbed attempts to send; for all other
+    disturbances, it is the number of periods."""
 
     text: str
     acted: int
@@ -58,7 +59,8 @@ class RunEcu:
     Attributes:
         kind: python, c or mcu.
         clock_mhz: clock of an emulated core; None if `ecu.compute_time_ms` is the compute time.
-        modelled_ms: median of the emulated core's modelled time for a step with a plan; None without an emulated core.
+        modelled_ms: median of the times that the emulated core takes, in its model, for a step with a plan; None
+            without an emulated core.
         modelled_ms_max: largest of these times.
     """
 
@@ -69,7 +71,7 @@ class RunEcu:
 
     @classmethod
     def of(cls, kind: str, clock_mhz: float | None, planned_ns: Sequence[int]) -> "RunEcu":
-        """Create the record from the compute times of all steps that planned."""
+        """Create the record from the compute times of all steps in which the controller planned."""
         if clock_mhz is None or not planned_ns:
             return cls(kind=kind, clock_mhz=clock_mhz)
         milliseconds = [item / 1e6 for item in planned_ns]
@@ -83,16 +85,16 @@ class RunMetadata:
     Attributes:
         controller: name, precision and digest of the bundle.
         digest: full digest of the bundle.
-        computed_by: runtime of the control step.
+        computed_by: runtime that computes the control step.
         signer: fingerprint of the key that signed the bundle; None for an unsigned bundle.
-        sensors: names in the order of the Pressure message.
+        sensors: names of the sensors, in the order of the Pressure message.
         mpc: settings of the optimiser in the bundle.
-        weights: cost weights that were in force.
+        weights: cost weights that the ECU used.
         budget_ms: longest allowed time from a pressure frame to the answer.
         averages: whether averages were requested.
         settle: time in t_c after the request for control that the controlled averages leave out.
         faults: disturbances in the order given; empty for an undisturbed run.
-        drive: name of the vehicle's drive; None for a run at one speed.
+        drive: name of the vehicle's drive; None for a run at a constant speed.
     """
 
     controller: str
@@ -117,8 +119,8 @@ class RunMetadata:
 
     @classmethod
     def of(cls, bundle: Bundle, config: Config, *, calibration: Calibration, **others: Any) -> "RunMetadata":
-        """Create the metadata of a run in this process. `calibration` is that of the ECU after the run, and its weights
-        and bounds are recorded. `others` are the attributes that do not follow from these arguments."""
+        """Create the metadata of a run in this process. `calibration` is the ECU's calibration after the run; its
+        weights and bounds are recorded. `others` are the attributes that do not follow from the other arguments."""
         manifest = bundle.manifest
         mpc = replace(manifest.mpc, weights=calibration.weights)
         ran = with_calibration(replace(config, mpc=mpc), calibration)
@@ -141,12 +143,13 @@ class RunMetadata:
 
     @property
     def changed_weights(self) -> dict[str, tuple[float, float]]:
-        """Values (in force, in the bundle) of every cost weight that differs from the bundle's, by name."""
+        """Values (used in the run, in the bundle) of every cost weight that differs from the bundle's weight, by
+        name."""
         ours, bundles = asdict(self.weights), asdict(self.mpc.weights)
         return {name: (ours[name], bundles[name]) for name in ours if ours[name] != as_float32(bundles[name])}
 
     def to_tree(self) -> dict[str, Any]:
-        """Return nested plain values, which `from_tree` accepts."""
+        """Return the metadata as nested plain values, which `from_tree` accepts."""
         status = {name: int(value) for name, value in self.status._asdict().items()}
         return {**asdict(self), "status": status, "versions": dict(self.versions)}
 
@@ -158,11 +161,12 @@ class RunMetadata:
 
 
 _UNUSED: Final = ("forcing", "model", "train", "mpc")
-"""Sections of the settings that a run does not use; the bundle has its own `mpc`."""
+"""Sections of the settings that a run does not use; in place of `mpc`, a run uses the settings in the bundle."""
 
 
 def settings_of(run: RunMetadata) -> dict[str, str]:
-    """Return every setting of a run by its dotted name in TOML; `mpc` is the bundle's with the weights in force."""
+    """Return every setting of a run by its dotted name in TOML; `mpc` has the bundle's settings with the weights of the
+    run."""
     used = {name: value for name, value in loading.to_tree(run.config).items() if name not in _UNUSED}
     tree = run.to_tree()
     built = tree["mpc"] | {"weights": tree["weights"]}

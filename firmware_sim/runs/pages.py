@@ -1,4 +1,4 @@
-"""Self-contained HTML pages from the templates next to this file: no page refers to another file."""
+"""Self-contained HTML pages, rendered from the templates of a package; no page refers to another file."""
 
 import base64
 import io
@@ -25,12 +25,14 @@ def templates(package: str) -> Environment:
 
 
 def render(template: str, package: str = "firmware_sim.runs", **values: object) -> str:
-    """Return the page made from a template. Texts among the values are escaped; a missing value is an error."""
+    """Return the page that a template gives with these values. Texts among the values are escaped; a missing value is
+    an error."""
     return templates(package).get_template(template).render(values)
 
 
 def write(target: Path, template: str, package: str = "firmware_sim.runs", **values: object) -> Path:
-    """Write the page of `render`, completely or not at all, and return its path. Raises StillwakeError on failure."""
+    """Write the page that `render` returns, completely or not at all, and return the page's path. Raises StillwakeError
+    on failure."""
     page = render(template, package, **values)
     with replacing(target) as temporary:
         temporary.write_text(page, encoding="utf-8", errors="backslashreplace")

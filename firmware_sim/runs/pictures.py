@@ -1,4 +1,4 @@
-"""A run as one picture, and its spans of constant mode."""
+"""A run as one picture, and its sequence of spans with a constant mode."""
 
 import io
 from itertools import pairwise
@@ -37,7 +37,8 @@ def overview_figure(log: RunLog, uncontrolled: bytes, controlled: bytes) -> Figu
 
 
 def mode_spans(log: RunLog) -> list[tuple[str, int, int]]:
-    """Return (mode, first period, period after the last) of every span of one mode, in order; SKIPPED is a mode."""
+    """Return (mode, first period, period after the last) of every span with one mode, in order of time; SKIPPED counts
+    as a mode."""
     names = np.array(mode_names(log))
     edges = [0, *(np.flatnonzero(names[1:] != names[:-1]) + 1).tolist(), len(names)]
     return [(str(names[first]), first, after) for first, after in pairwise(edges) if after > first]

@@ -1,4 +1,4 @@
-"""Texts on what an ECU does, and why its jets may not follow the controller, for readers without knowledge of it."""
+"""Texts for readers who do not know the ECU: what it does, and why its jets may not follow the controller."""
 
 from collections.abc import Mapping
 from typing import Final

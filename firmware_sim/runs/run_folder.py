@@ -10,11 +10,12 @@ class RunFolder:
     """The files that `stillwake run` writes.
 
     Attributes:
-        series: `firmware_sim.runs.run_log.RunLog`.
+        series: file of `firmware_sim.runs.run_log.RunLog`.
         frames: every frame on the bus, in candump's format.
-        summary: `firmware_sim.runs.summary.whole_summary` as JSON.
-        uncontrolled_picture, controlled_picture: vorticity at the end of the time without control, and of the run.
-        wake: `firmware_sim.runs.wake_stills.WakeStills`; missing in folders of earlier versions.
+        summary: result of `firmware_sim.runs.summary.whole_summary` as JSON.
+        uncontrolled_picture: vorticity at the end of the time without control.
+        controlled_picture: vorticity at the end of the run.
+        wake: file of `firmware_sim.runs.wake_stills.WakeStills`; missing in folders of earlier versions.
     """
 
     def __init__(self, path: Path) -> None:
@@ -25,8 +26,8 @@ class RunFolder:
         self.controlled_picture = path / "vorticity_controlled.png"
 
     def check_free(self, *, overwrite: bool) -> None:
-        """Check the folder; raises StillwakeError if it cannot be written, holds other files, or holds a run without
-        `overwrite`. OpenFOAM's developed start may be in it without a run."""
+        """Check the folder. Raises StillwakeError if the folder cannot be written, holds other files, or holds a run
+        and `overwrite` is False. A folder that holds only OpenFOAM's developed start is accepted."""
         check_writable(self.path, folder=True)
         there = {item.name for item in self.path.iterdir()} if self.path.is_dir() else set()
         holds_a_run = {self.series.name, self.summary.name} & there

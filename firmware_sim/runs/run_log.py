@@ -26,10 +26,10 @@ from wake.plant.sample import Sample
 _SCHEMA: Final = "stillwake-run/3"
 
 WALL: Final = "wall_Cp"
-"""Name of the series of Cp at the bundle's sensors, (n, S), in the order of the bundle."""
+"""Name of the series of Cp at the S sensors of the bundle, in the bundle's order; shape (n, S) for n periods."""
 
 WITHOUT: Final = ("without_Cd", "without_Cd_net", "without_Cl")
-"""Names of a drive's series without control, (n,) each, from the same flow with its jets shut."""
+"""Names of the series of a drive's flow with the jets shut, for comparison; each has the shape (n,) for n periods."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -41,11 +41,11 @@ class Row:
         command: action that the ECU sent for this sample, in U_inf W; NaN if it skipped the step.
         predicted_Cd, predicted_Cl: the controller's forecast for the next sample; NaN without a plan.
         mode: `can_bridge.wire.messages.Mode` of the ECU after its latest step.
-        reason: `can_bridge.wire.messages.Reason` for not being in control, after the same step.
-        step_ms: wall-clock time of the ECU's step on this machine; NaN if it skipped the step.
+        reason: `can_bridge.wire.messages.Reason` for which the ECU was not in control after this step.
+        step_ms: wall-clock time of the ECU's step on this machine; NaN if the ECU skipped the step.
         age_ms: virtual time from the sampling of the pressures to the arrival of the command that answers them; NaN if
             no command arrived in this period.
-        set_aside: sensors that the controller does not use; bit i is the bundle's sensor i.
+        set_aside: sensors that the controller does not use; bit i is sensor i of the bundle.
         speed: speed of the vehicle at the period's start, in m/s; NaN if it is not known.
     """
 
@@ -61,7 +61,7 @@ class Row:
     speed: float = np.nan
 
     def columns(self, layout: SensorLayout = sensors.TRUCK) -> dict[str, float]:
-        """Return the row's numbers by the names in `COLUMNS`; base Cp is the mean over the plant's base sensors."""
+        """Return the row's numbers under the names in `COLUMNS`; base Cp is the mean over the plant's base sensors."""
         sampled = {name: getattr(self.sample, name) for name in _SAMPLED}
         return {
             **sampled,
@@ -73,7 +73,8 @@ class Row:
 _SAMPLED: Final = ("t", *LEDGER_FIELDS, "Uy_probe", "action")
 _EXCHANGED: Final = tuple(item.name for item in fields(Row) if item.name != "sample")
 COLUMNS: Final = (*_SAMPLED, "base_Cp", *_EXCHANGED)
-"""Names of the series of a run, one value per row: from the plant's sample, and from bus and ECU."""
+"""Names of the series of a run, which have one value per row. Some come from the plant's sample, the others from the
+bus and the ECU."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -90,8 +91,8 @@ class RunLog:
     """A finished run.
 
     Attributes:
-        series: the arrays named in `COLUMNS`, (n,) each; `WALL`, (n, S), if the sensors were recorded; and `WITHOUT`
-            for a drive.
+        series: arrays for the n periods of the run: each name in `COLUMNS`, shape (n,); `WALL`, shape (n, S) for S
+            sensors, if the sensors were recorded; each name in `WITHOUT`, shape (n,), for a drive.
         enabled_at: index of the first row with requested control.
     """
 
@@ -113,7 +114,7 @@ class RunLog:
         traffic: BusTraffic,
         without: Mapping[str, Array] | None = None,
     ) -> "RunLog":
-        """Create the log from its rows; `without` has the series of `WITHOUT`."""
+        """Create the log from its rows; `without` has the series that `WITHOUT` lists."""
         columns = [row.columns(layout) for row in rows]
         series = {name: np.array([item[name] for item in columns], dtype=float) for name in COLUMNS}
         series |= without or {}
@@ -174,7 +175,7 @@ def load(path: Path) -> RunLog:
 
 
 def _check(log: RunLog) -> None:
-    """Raise ValueError for impossible times, modes or reasons."""
+    """Raise ValueError if times, modes or reasons have impossible values."""
     t = log.series["t"]
     for name in ("t", "Cd", "Cl", "action"):
         if not np.isfinite(log.series[name]).all():

@@ -1,8 +1,8 @@
 """Figures of a run: averages without and with control, and the ECU's latency.
 
 Averages are over whole shedding cycles (`wake.truck.averages`). Before control the cycles are found from the lift's
-zero crossings. Under control the average is over as many cycles of the same length as fit between the end of the
-settling time and the last sample.
+zero crossings. Under control, cycles have the length that they have without control; the average is over the largest
+number of whole cycles that fit between the end of the settling time and the last sample.
 """
 
 from dataclasses import dataclass
@@ -18,19 +18,19 @@ from firmware_sim.runs.run_log import RunLog
 from wake.truck.averages import CycleAverage, over_cycles, over_last_cycles
 
 Flags = npt.NDArray[np.bool_]
-"""One truth value per control period, (n,)."""
+"""One truth value per control period, shape (n,) for n periods."""
 
 _ROUNDING: Final = 1e-9
-"""Largest rounding error in t_c between a sum of two spans and a sample's time."""
+"""Largest rounding error in t_c by which a sum of two spans may differ from a sample's time."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Regime:
-    """Time averages over one part of a run; coefficients as in `contract.ledger.DragLedger`.
+    """Time averages over one part of a run; the coefficients are defined in `contract.ledger.DragLedger`.
 
     Attributes:
         cycles: number of whole shedding cycles in the average.
-        duration: length of these cycles in t_c.
+        duration: total length of these cycles in t_c.
         frequency: frequency of these cycles, per t_c.
     """
 
@@ -53,8 +53,9 @@ class Averages:
     """The averages of both parts of a run.
 
     Attributes:
-        before, under: averages without and with control.
-        averaged: (n,), whether a control period counts in `under`.
+        before: averages without control.
+        under: averages with control.
+        averaged: whether each of the run's n control periods counts in `under`, shape (n,).
     """
 
     before: Regime
@@ -63,13 +64,13 @@ class Averages:
 
     @property
     def reduction_percent(self) -> float:
-        """Reduction of the wall's mean drag in percent."""
+        """Reduction of the wall's mean drag by control, in percent."""
         return 100.0 * (1.0 - self.under.Cd / self.before.Cd)
 
 
 @dataclass(frozen=True)
 class NoAverages:
-    """A run without averages; `why` is the reason as a sentence."""
+    """The result for a run without averages; `why` is the reason as a sentence."""
 
     why: str
 
@@ -88,7 +89,8 @@ class Latency:
 
 
 def averages(log: RunLog) -> Averages | NoAverages:
-    """Compute the averages: before the request for control, and from the end of the settling time to the end."""
+    """Compute the averages of two parts of a run: before the request for control, and from the end of the settling time
+    to the end of the run."""
     if not log.metadata.averages:
         return NoAverages("No averages were requested.")
     if log.metadata.drive is not None:
@@ -112,13 +114,14 @@ def averages(log: RunLog) -> Averages | NoAverages:
 
 
 def planned_steps(log: RunLog) -> Flags:
-    """Return the periods in which the controller planned, (n,)."""
+    """Return whether the controller planned in each of the n periods, shape (n,)."""
     # A period that the ECU skipped has no step time, but still has the mode of the previous period.
     return np.asarray((log.series["mode"] == Mode.CONTROL) & np.isfinite(log.series["step_ms"]))
 
 
 def latency(log: RunLog) -> Latency:
-    """Compute the latency over the periods in which the controller planned; NaN if there was none."""
+    """Compute the latency over the periods in which the controller planned; its times are NaN if there were no such
+    periods."""
     planned = log.series["step_ms"][planned_steps(log)]
     if not len(planned):
         return Latency(p50=np.nan, p90=np.nan, p99=np.nan, max=np.nan, steps=0, over_budget=0)
@@ -128,13 +131,14 @@ def latency(log: RunLog) -> Latency:
 
 
 def actuator_delay_ms(log: RunLog) -> float:
-    """Return the delay of the jets after a command's arrival, in virtual ms."""
+    """Return the delay of the jets' action after a command's arrival, in virtual ms."""
     config = log.metadata.config
     return config.vehicle.actuator_delay * config.period_ns / 1e6
 
 
 def sample_to_jets_ms(log: RunLog) -> float:
-    """Return the longest time from the sampling of pressures to the jets' action, in virtual ms; NaN for none."""
+    """Return the longest time from the sampling of pressures to the jets' action, in virtual ms; NaN if no command
+    arrived."""
     ages = log.series["age_ms"][np.isfinite(log.series["age_ms"])]
     return float(ages.max()) + actuator_delay_ms(log) if len(ages) else float("nan")
 
@@ -158,7 +162,7 @@ def _regime(log: RunLog, part: slice, average: CycleAverage) -> Regime:
 
 
 def rounded(value: float | None) -> float | None:
-    """Round to six decimals for JSON; None for NaN, infinity and None."""
+    """Round a value to six decimals for JSON; return None for NaN, infinity and None."""
     if value is None or not np.isfinite(value):
         return None
     return value if isinstance(value, int) else round(value, 6)

@@ -12,7 +12,7 @@ from firmware_sim.runs.statistics import NoAverages, averages, latency, rounded,
 
 
 def summary(log: RunLog) -> dict[str, Any]:
-    """Return the measured figures, as in `stillwake run --json`. A missing figure is null.
+    """Return the measured figures that `stillwake run --json` prints. A missing figure is null.
 
     `reduction_percent` is null unless the controller was in control for the whole averaged time.
     """

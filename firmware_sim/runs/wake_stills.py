@@ -1,6 +1,8 @@
-"""The recorded wake of a run: a still of its levels every few control periods, small enough to store with every run.
+"""The recorded wake of a run: a still picture of its levels every few control periods, small enough to store with every
+run.
 
-Stills are lossy WebP in grey, level + 128, which every browser can decode for the report's page.
+Stills are lossy WebP pictures in grey. The grey value is the level + 128, and every browser can decode them for the
+report's page.
 """
 
 import io
@@ -25,7 +27,7 @@ from wake.pictures.level_picture import LevelPicture, Levels
 
 _SCHEMA: Final = "stillwake-wake/1"
 MOST_STILLS: Final = 640
-"""Largest number of stills in a recording, about 2 MB; a longer run has larger intervals between its stills."""
+"""Largest number of stills in a recording, about 2 MB; in a longer run the intervals between the stills are longer."""
 MIDDLE: Final = 128
 """Grey value of level 0."""
 _WEBP: Final = {"quality": 85, "method": 2}
@@ -35,11 +37,11 @@ _SAME_TIME: Final = 1e-6
 
 @dataclass(frozen=True, kw_only=True)
 class Scene:
-    """The common data of all stills.
+    """The data that all stills of a run share.
 
     Attributes:
-        view: x and y limits in W.
-        size: width and height in pixels.
+        view: x and y limits of the pictures in W.
+        size: width and height of the pictures in pixels.
         sensors: x and y in W of all wall sensors, by name.
     """
 
@@ -59,9 +61,9 @@ class WakeStills:
     """Stills of a run.
 
     Attributes:
-        k: period of the run at whose start each still was taken, (n,), increasing.
-        t: time of each still in t_c, (n,).
-        stills: (n,) WebP files.
+        k: number of the period at whose start each of the n stills was taken, shape (n,), increasing.
+        t: time of each still in t_c, shape (n,).
+        stills: the n stills as WebP files.
     """
 
     scene: Scene
@@ -70,14 +72,14 @@ class WakeStills:
     stills: tuple[bytes, ...]
 
     def levels(self, index: int) -> Levels:
-        """Return the levels of a still, (height, width), within the loss of the codec."""
+        """Return the levels of a still, shape (height, width); the lossy codec changes them slightly."""
         with Image.open(io.BytesIO(self.stills[index])) as still:
             grey = np.asarray(still.convert("L"), dtype=np.int16)
         return np.asarray(np.clip(grey - MIDDLE, -127, 127), dtype=np.int8)
 
 
 class WakeRecorder:
-    """A recorder of stills while a run is under way."""
+    """A recorder that takes stills during a run."""
 
     def __init__(self, scene: Scene, periods: int) -> None:
         self._scene = scene
@@ -85,7 +87,8 @@ class WakeRecorder:
         self._kept: list[tuple[int, float, bytes]] = []
 
     def record(self, k: int, t: float, levels: Callable[[], Levels]) -> None:
-        """Record a still at the start of period k, time t in t_c, if one is due; only then are the levels computed."""
+        """Record a still at the start of period k, at time t in t_c, if a still is due; the levels are computed only
+        then."""
         if k % self._every == 0:
             self._kept.append((k, t, encode(levels())))
 
@@ -100,7 +103,7 @@ class WakeRecorder:
 
 
 def encode(levels: Levels) -> bytes:
-    """Encode levels (height, width) as a still."""
+    """Encode levels of shape (height, width) as a still."""
     buffer = io.BytesIO()
     grey = np.asarray(levels.astype(np.int16) + MIDDLE, dtype=np.uint8)
     Image.fromarray(grey).save(buffer, format="WEBP", **_WEBP)
@@ -108,7 +111,7 @@ def encode(levels: Levels) -> bytes:
 
 
 def save(path: Path, wake: WakeStills) -> None:
-    """Write as .npz; `path` is a temporary file of `contract.atomic.replacing`."""
+    """Write the stills as .npz; `path` is a temporary file of `contract.atomic.replacing`."""
     header = json.dumps({"schema": _SCHEMA, **asdict(wake.scene)})
     with path.open("wb") as file:
         np.savez_compressed(
@@ -122,8 +125,8 @@ def save(path: Path, wake: WakeStills) -> None:
 
 
 def load(path: Path, log: RunLog) -> WakeStills:
-    """Read a file written by `save` for this run. Raises StillwakeError if the file is damaged, of another schema, or
-    its times differ from the series'."""
+    """Read a file written by `save` for this run. Raises StillwakeError if the file is damaged or of another schema, or
+    if its times differ from the times of the run's series."""
     try:
         data = read_npz(path)
         header = strict_json.decode(data.text("header").encode())

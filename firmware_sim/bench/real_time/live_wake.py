@@ -1,8 +1,8 @@
 """The built-in solver in a separate process, one control period ahead of the bus.
 
-At a sampling instant the action of the next period is known, because an ECU that plans ahead sends it early. So the
-solver has a whole period to reach the next sampling instant. If the solver is late, that instant has no pressures, and
-the flow's time falls behind the clock by a period.
+At a sampling instant the action of the next period is known, because an ECU that plans ahead sends this action early.
+So the solver has a whole period to reach the next sampling instant. If the solver is late, the vehicle sends no
+pressures at that instant, and the flow's time falls behind the clock by a period.
 
 The computing time of a control period on this machine is measured before the start.
 """
@@ -30,12 +30,12 @@ from wake.plant.drive import Drive
 from wake.truck.truck_wake import TruckWake
 
 _PERIODS: Final = 20
-"""Number of control periods that are timed."""
+"""Number of control periods whose computing time is measured before the start."""
 _ROOM: Final = 0.9
-"""Share of a control period that the solver may take; pressure transfer and other processes need the rest."""
+"""Largest share of a control period that the solver may take; pressure transfer and other processes need the rest."""
 COARSE: Final = (0.75, 15)
-"""Refinement and time steps per control period of the fastest plant found on which the shipped controller acts as on
-the default grid (docs/explanation/solver.md)."""
+"""Refinement, and time steps per control period, of the fastest plant that was found on which the shipped controller
+acts as on the default grid (docs/explanation/solver.md)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -78,7 +78,8 @@ class Speed:
 def measured(
     wake: TruckWake, periods: int = _PERIODS, clock: Callable[[], float] = time.perf_counter
 ) -> tuple[float, ...]:
-    """Measure the wall time in ms of control periods without jets, with sampling; then restore the wake's state."""
+    """Measure the wall time in ms of each of `periods` control periods, with sampling and with the jets shut; then
+    restore the wake's state."""
     begin = wake.state()
     times = []
     for _ in range(periods):
@@ -99,13 +100,14 @@ class LiveWake(NeverCopied):
 
     Args:
         start: file with the initial state; if None, the shipped state, interpolated to the grid in use.
-        progress: called with (t_c done, t_c in all) while the start settles.
-        drive: speeds of the inflow from the first period on; `config.flow` must have the time steps for them.
+        progress: called with (t_c done, total t_c) while the start settles.
+        drive: speeds of the inflow from the first period on; the time steps in `config.flow` must be short enough for
+            them.
 
     Attributes:
         layout: sensors of the body.
         description: solver, grid and time step.
-        speed: computing time, measured before the start.
+        speed: computing time of a control period, measured before the start.
     """
 
     INSTEAD: ClassVar = "its solver is a process; start another wake"
@@ -118,7 +120,8 @@ class LiveWake(NeverCopied):
         drive: Drive | None = None,
     ) -> None:
         self.layout = layout_of(config.body)
-        # The process is not forked: a fork would copy the locks of this process's threads in their present state.
+        # The process is spawned, not forked: a fork would copy this process's locks, some of which its threads may
+        # hold.
         context = multiprocessing.get_context("spawn")
         self._pipe, theirs = context.Pipe()
         self._process = context.Process(target=_run, args=(theirs, config, start, drive), name="live-wake", daemon=True)
@@ -178,8 +181,9 @@ class LiveWake(NeverCopied):
 
 
 def _run(pipe: Connection, config: Config, start: Path | None, drive: Drive | None) -> None:
-    """Run in the process: settle, then compute a control period for every action received."""
-    # A terminal or a service may signal all its processes; the vehicle ends this process after its own last frames.
+    """Run in the process: settle, then compute one control period for each received action."""
+    # A terminal or a service manager may send a signal to all processes of the vehicle. This process ignores the
+    # signal, because the vehicle ends it after its own last frames.
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, signal.SIG_IGN)
     stay_ordinary()
@@ -203,5 +207,5 @@ def _run(pipe: Connection, config: Config, start: Path | None, drive: Drive | No
     except StillwakeError as error:
         send(error)
     except (EOFError, BrokenPipeError, ConnectionResetError):
-        # The vehicle has closed the pipe.
+        # The pipe is closed when the vehicle ends.
         return

@@ -1,4 +1,4 @@
-"""Sources of pressures: the protocol that the loop needs of a flow, and the replay of a recording."""
+"""Sources of pressures: the interface of a flow that the loop uses, and the replay of a recording."""
 
 from typing import Protocol
 
@@ -12,16 +12,18 @@ from contract.sensor_layout import SensorLayout
 
 
 class Pressures(Protocol):
-    """A flow in real time; `description` states in a few words whether its pressures respond to the jets."""
+    """A flow in real time; `description` says in a few words whether its pressures respond to the jets."""
 
     layout: SensorLayout
     description: str
 
     def sampled(self) -> Array | None:
-        """Return Cp (sensors,) at the present sampling instant; None if the flow has not reached it yet."""
+        """Return Cp, shape (sensors,), at the present sampling instant; None if the flow has not reached this instant
+        yet."""
 
     def drive(self, action: float) -> None:
-        """Ramp the jets from this sampling instant to `action`, in U_inf W, at the next instant."""
+        """Ramp the jets from their action at this sampling instant to `action`, in U_inf W, at the next sampling
+        instant."""
 
 
 class Replay:
@@ -32,8 +34,8 @@ class Replay:
         episode: name of the episode; if None, the first episode without a controller, preferably without jets.
 
     Attributes:
-        layout, description: those of the recording; see `Pressures`.
-        rounds: number of times the recording started again; the pressures jump each time.
+        layout, description: sensors and description of the recording; see `Pressures`.
+        rounds: number of times that the recording started again; the pressures jump each time.
     """
 
     def __init__(self, dataset: Dataset, episode: str | None = None) -> None:

@@ -26,11 +26,11 @@ from firmware_sim.bench.vehicle_node import VehicleNode
 from wake.plant.drive import Drive
 
 LEAD_IN_NS: Final = 50_000_000
-"""Time from the start of the loop to its first sampling instant."""
+"""Time in ns from the start of the loop to its first sampling instant."""
 _ROOM: Final = 4096
-"""Largest number of frames stored in a period: a second of a full classic bus."""
+"""Largest number of frames that are stored in a period: the number in a second on a fully loaded classic bus."""
 WRITTEN_EVERY: Final = 500
-"""Number of periods between two writes of the freshness file: ten seconds at 20 ms."""
+"""Number of periods between two writes of the freshness file: 500 periods of 20 ms are ten seconds."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,7 +39,7 @@ class Course:
 
     Attributes:
         periods: number of periods; None for an endless run.
-        enable_after_s: time of the first request for control; None for no request.
+        enable_after_s: time in s of the first request for control; None for no request.
         stage_times: file for the stage times, written at the end.
         freshness: file that counts the node's power cycles, with `bus.key`.
         frames: measurement of the frames that the vehicle sent and accepted.
@@ -69,7 +69,7 @@ def run_vehicle(
     """Run until `course` ends or `is_stopped` is true; then withdraw the request for control on the bus.
 
     Args:
-        sensors: names, in the order of the Pressure message.
+        sensors: names of the sensors, in the order of the Pressure message.
         report: called with lines for the user, from this thread.
 
     Raises:
@@ -83,9 +83,9 @@ def run_vehicle(
     times = None
     if course.stage_times is not None:
         times = StageTimes(VehicleStage) if course.periods is None else StageTimes(VehicleStage, course.periods)
-    bus.receive_all()  # what came before the run
-    # A frame arrives when the receive thread has it. So a step of the computer's date has no effect, and the wait in
-    # the kernel counts as transmission time.
+    bus.receive_all()  # drops the frames that arrived before the run
+    # The arrival of a frame is the instant at which the receive thread reads it, on a clock that a change of the
+    # computer's date does not affect. So the wait in the kernel counts as transmission time.
     inbox = Inbox(lambda frame: clock.now_ns(), room=_ROOM)
     with ExitStack() as stack:
         report(f"real time: {in_words(stack.enter_context(taken(course.wanted)))}")

@@ -28,11 +28,11 @@ class Durations:
         self._total += 1
 
     def quantile_ms(self, share: float) -> float:
-        """Return the time that this share of the times does not exceed (nearest rank, rounded down to 10 us); 1.0 gives
-        the largest, and NaN is returned without times."""
+        """Return the nearest-rank quantile in ms, rounded down to 10 us: the time that a share of the times does not
+        exceed. A share of 1.0 gives the largest time; NaN is returned if no times were added."""
         if self._total == 0:
             return nan
-        # 0.07 * 100 is 7.000000000000001 in binary; rounding keeps the rank from growing.
+        # In binary, 0.07 * 100 is 7.000000000000001; without rounding, the rank would be 8.
         rank = max(1, ceil(round(share * self._total, 6)))
         return int(np.searchsorted(np.cumsum(self._counts), rank)) * RESOLUTION_NS / 1e6
 
@@ -43,19 +43,19 @@ class VehicleFigures:
 
     Attributes:
         periods: number of periods begun.
-        left_out: periods that the vehicle did not begin, because it was late by more than half a period.
-        unsampled: periods without pressures, because the live wake was late.
-        commands: valid jet commands received.
-        misses: periods without a valid command, counted from the first valid command on.
-        at_once: commands for the period in which they arrived.
-        unsent: pressure frames that the bus did not accept.
+        left_out: number of periods that the vehicle did not begin, because it was late by at least half a period.
+        unsampled: number of periods without pressures, because the live wake was late.
+        commands: number of valid jet commands received.
+        misses: number of periods without a valid command, counted from the first valid command on.
+        at_once: number of commands that act in the period in which they arrived.
+        unsent: number of pressure frames that the bus did not accept.
         ages: times from the sampling of a command's pressures to the command's arrival.
         lateness: delays of the sampling after its scheduled instant.
         modes: number of commands in each mode.
         latest_mode: mode of the newest command.
-        ended: periods whose commands are known.
-        squares: sum of the squared actions of those periods.
-        largest: largest magnitude of an action.
+        ended: number of periods that have ended, so that their commands are known.
+        squares: sum of the squared actions of the ended periods, in (U_inf W)^2.
+        largest: largest magnitude of an action, in U_inf W.
     """
 
     periods: int = 0
@@ -75,11 +75,11 @@ class VehicleFigures:
 
     @property
     def rms_action(self) -> float:
-        """Root mean square of the action over all ended periods, in U_inf W; NaN before the first has ended."""
+        """Root mean square of the action over all ended periods, in U_inf W; NaN before the first period has ended."""
         return sqrt(self.squares / self.ended) if self.ended else nan
 
     def acted(self, action: float) -> None:
-        """Count the action of one more period."""
+        """Count the action of a period that has ended."""
         self.ended += 1
         self.squares += action * action
         self.largest = max(self.largest, abs(action))

@@ -1,7 +1,8 @@
-"""A vehicle in real time: at every sampling instant the jets act on the latest command, and pressures are sent.
+"""A vehicle in real time: at every sampling instant it sends the pressures, and its jets follow the latest command.
 
 Period k begins at the absolute instant t_k. A frame that arrived before t_k belongs to period k - 1, even if this
-process woke late. The jets' driver, `VehicleNode`, makes the same checks as in virtual time: they count in periods.
+process woke late. The jets' driver, `VehicleNode`, makes the same checks as in virtual time, because the checks count
+periods.
 """
 
 from collections.abc import Callable
@@ -23,11 +24,12 @@ from firmware_sim.bench.real_time.vehicle_counts import VehicleFigures
 from firmware_sim.bench.vehicle_node import Actuation, VehicleNode
 
 UNSENT_LIMIT: Final = 50
-"""Number of frames in a row that the bus may refuse before it counts as lost: a second at 20 ms."""
+"""Number of frames refused in a row at which the bus counts as lost: 50 periods of 20 ms are a second."""
 FAREWELL: Final = 3
-"""Number of last periods without a request: one more than the number of lost frames that the ECU tolerates."""
+"""Number of periods without a request for control at the end of a run: one more than the number of lost frames that the
+ECU tolerates."""
 LONGEST_FAREWELL: Final = 10
-"""Largest number of periods at the end, if the live wake has no pressures for some of them."""
+"""Largest number of periods at the end of a run, if the live wake has no pressures for some of them."""
 
 
 class Sends(Protocol):
@@ -38,11 +40,11 @@ class Sends(Protocol):
 
 
 class VehicleLoop:
-    """Runs periods one by one.
+    """The vehicle's loop, which runs periods one by one.
 
     Args:
-        stage_times: record of stage times to fill; None for none.
-        now_ns, sleep_until: the clock that deadlines and inbox use.
+        stage_times: record of stage times to fill; None for no record.
+        now_ns, sleep_until: functions of the clock that deadlines and inbox use.
 
     Attributes:
         heard: frames received since this attribute was last set, for a message about missing commands.
@@ -74,8 +76,8 @@ class VehicleLoop:
         self.heard = Heard()
 
     def period(self, *, enable_request: bool) -> None:
-        """Wait for the next sampling instant and run its period. Raises BusError if the bus has accepted no frame for
-        UNSENT_LIMIT periods; PlantError if the live wake failed."""
+        """Wait for the next sampling instant and run its period. Raises BusError if the bus has refused UNSENT_LIMIT
+        frames in a row; PlantError if the live wake failed."""
         due_ns = self._next_instant()
         if self._has_begun:
             self._end_period(due_ns)
@@ -84,7 +86,7 @@ class VehicleLoop:
         self._deadlines = self._deadlines.after(self._now_ns())
 
     def finish(self) -> None:
-        """Wait for the end of the last period, whose command counts; then shut the jets and withdraw the request."""
+        """Wait for the end of the last period and apply its command; then shut the jets and withdraw the request."""
         due_ns = self._next_instant()
         if self._has_begun:
             self._end_period(due_ns)
@@ -97,7 +99,8 @@ class VehicleLoop:
             due_ns = self._next_instant()
 
     def _next_instant(self) -> int:
-        """Wait for the next sampling instant; leave out every instant that is missed by half a period or more."""
+        """Wait for the next sampling instant and return its time; skip every instant for which this process is late by
+        half a period or more."""
         while True:
             due_ns, latest_ns = self._deadlines.due_ns, self._deadlines.period_ns // 2
             self._sleep_until(due_ns)
@@ -150,7 +153,7 @@ class VehicleLoop:
             self.figures.unsampled += is_noted
             return False
         sampled_ns = self._now_ns()
-        # The pressures belong to the instant that was due; the delay of this process is the frame's age.
+        # The pressures belong to the scheduled instant, so the delay of this process is the age in the frame.
         frame = self._node.sample(
             np.asarray(cp), enable_request=enable_request, now_ns=due_ns, age_ns=max(0, sampled_ns - due_ns)
         )
@@ -178,7 +181,7 @@ class VehicleLoop:
         try:
             self._bus.send(frame)
         except BusError:
-            return  # the pressures count what the bus does not take
+            return  # frames that the bus refuses are counted for pressures only
 
     def _note(self, stage: VehicleStage, value: int) -> None:
         if self._stage_times is not None:

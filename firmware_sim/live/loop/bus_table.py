@@ -15,11 +15,12 @@ from firmware_sim.live.loop.messages import LiveMessage
 from firmware_sim.runs.bus_traffic import NodeErrors
 
 ROWS: Final = 64
-"""Largest number of rows; the identifiers of the lowest priority are left out."""
+"""Largest number of rows; if there are more identifiers, those with the lowest priority are left out."""
 _UNKNOWN: Final = "unknown"
-"""Name shown for a message that is in none of the project's message sets."""
+"""Name shown for a message that is not in the message set of the bus."""
 _BABBLER: Final = "babbler"
-"""Sender shown for messages that neither node defines: a babbling node is simulated at the port of one node."""
+"""Sender shown for a message that neither node defines, because a babbling node is simulated at the port of one of the
+nodes."""
 _NS: Final = 10**9
 
 
@@ -28,8 +29,8 @@ class _Row:
     sender: str
     count: int = 0
     last_ns: int = 0
-    seen: int = 0  # in this period
-    lately: deque[int] = field(default_factory=deque)  # of the latest periods
+    seen: int = 0  # number of frames in the present period
+    lately: deque[int] = field(default_factory=deque)  # number of frames in each of the latest periods
     in_second: int = 0
 
 
@@ -41,7 +42,8 @@ class BusTable:
         self._periods = max(1, round(_NS / config.period_ns))
         self._rows: dict[tuple[int, bool], _Row] = {}
         self._activity: deque[BusActivity] = deque(maxlen=self._periods + 1)
-        # No node has a receiver for these messages that can be read, so the table checks them itself.
+        # The nodes have no receivers for these messages whose state can be read, so the table checks the messages
+        # itself.
         specs = messages.speed.spec, messages.status.spec
         self._listeners = {spec.frame_id: E2eReceiver(spec, config.bus.e2e) for spec in specs}
         self._heard: dict[int, list[Frame]] = {frame_id: [] for frame_id in self._listeners}
@@ -83,7 +85,7 @@ class BusTable:
             **{frame_id: listener.state for frame_id, listener in self._listeners.items()},
         }
         passed_ns = last.now_ns - first.now_ns
-        # The first period has no earlier period to compare with.
+        # In the first period there is no earlier period for a difference.
         load = (last.busy_ns - first.busy_ns) / passed_ns if passed_ns else last.load
         chosen = sorted(self._rows)[:ROWS]
         return {
@@ -112,7 +114,7 @@ class BusTable:
             "rate_hz": row.in_second / seconds if seconds else None,
             "age_ms": (now_ns - row.last_ns) / 1e6,
             "e2e": "" if state is None else (state.window[-1] if state.window else FrameCheck.NO_NEW_DATA).name,
-            "e2e_state": "" if state is None else state.stream.name,  # NODATA, INIT, VALID, INVALID
+            "e2e_state": "" if state is None else state.stream.name,  # NODATA, INIT, VALID or INVALID
             "errors": 0 if state is None else sum(state.counts) - sum(map(state.count, GOOD)),
-            "limit_ms": self._period_ns / 1e6 if ours else None,  # cycle time by the DBC
+            "limit_ms": self._period_ns / 1e6 if ours else None,  # cycle time in the DBC
         }

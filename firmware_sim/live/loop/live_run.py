@@ -1,4 +1,4 @@
-"""One run of the live loop from a start of its plant, stepped period by period, with disturbances and observation."""
+"""One run of the live loop from a start of its plant, computed period by period, with disturbances and observation."""
 
 from collections import deque
 from collections.abc import Sequence
@@ -39,12 +39,12 @@ class ControlRequest:
 
     Attributes:
         lead_in: number of periods after which control is requested.
-        rearm_frames: good frames in a row that the ECU needs before a request clears a latched fault.
+        rearm_frames: number of good frames in a row that the ECU needs before a request clears a latched fault.
         wanted: whether control is wanted.
-        waits: whether the lead-in still runs; it ends early when a viewer asks for control.
-        rearming: whether the request is held low until a rise can take effect.
+        waits: whether the lead-in is not over yet; it ends early when a viewer asks for control.
+        rearming: whether the request stays low until the ECU will accept a rise.
         helped_until: period up to which a new request clears latched faults without a viewer's action.
-        first: period of the first request for control; None before it.
+        first: period of the first request for control; None before this request.
     """
 
     lead_in: int
@@ -56,7 +56,7 @@ class ControlRequest:
     first: int | None = None
 
     def set(self, wanted: bool) -> None:
-        """Set whether a viewer wants control."""
+        """Set whether a viewer wants control; this ends the lead-in."""
         self.wanted, self.waits, self.rearming = wanted, False, False
 
     def rearm(self, fail_safe: FailSafe, *, given_up: bool) -> bool:
@@ -66,7 +66,8 @@ class ControlRequest:
         return self.rearming
 
     def begins(self, k: int) -> bool:
-        """Return whether the lead-in ends with period k, and then request control; call this once per period."""
+        """End the lead-in if period k is after it, and then request control; return whether the lead-in ended. Call
+        this once per period."""
         if not (self.waits and k >= self.lead_in):
             return False
         self.wanted, self.waits = True, False
@@ -78,7 +79,7 @@ class ControlRequest:
         Args:
             fail_safe: state of the ECU's fail-safe after the previous period.
             is_up: whether the ECU has booted.
-            given_up: whether the vehicle has given up control, until its own request is low.
+            given_up: whether the vehicle has given up control; this ends when the vehicle's own request is low.
         """
         if self.rearming and is_up and not given_up and self._may_rise(fail_safe):
             self.rearming = False
@@ -90,7 +91,7 @@ class ControlRequest:
         return requested
 
     def _may_rise(self, fail_safe: FailSafe) -> bool:
-        """Return whether the ECU has seen the request low and will accept a rise."""
+        """Return whether the ECU has received a low request and will accept a rise."""
         if fail_safe.enable_request:
             return False
         if fail_safe.mode is OperatingMode.FAULT:
@@ -124,7 +125,8 @@ class DragMeans:
         self._samples.append((sample.t, sample.Cd, sample.Cl))
 
     def update(self, *, without_control: bool) -> None:
-        """Update the averages; with `without_control` also the mean before the sample at which control is requested."""
+        """Update the averages; with `without_control`, the stored samples are from the time without control, and their
+        mean is updated too."""
         if without_control:
             t, drag, lift = np.array(self._samples, dtype=float).T
             try:
@@ -136,21 +138,22 @@ class DragMeans:
         needed = int(1.0 / (self._frequency * self._period)) + 3
         latest = np.array([self._samples[at] for at in range(-min(needed, len(self._samples)), 0)], dtype=float)
         try:
-            # The data are shorter than two cycles, so this averages over one cycle.
+            # The data are shorter than two cycles, so the average is over one cycle.
             self.now = float(over_last_cycles(latest[:, 0], self._frequency).mean(latest[:, 1]))
         except PlantError:
             self.now = None
 
     @property
     def reduction_percent(self) -> float | None:
-        """Reduction of the present mean drag relative to that without control, in percent; None if one is missing."""
+        """Reduction in percent of the present mean drag relative to the mean drag without control; None if one of the
+        two means is missing."""
         if self.uncontrolled is None or self.now is None:
             return None
         return 100.0 * (1.0 - self.now / self.uncontrolled)
 
 
 BOOT_S: Final = 0.2
-"""Virtual time in s from power-on to the ECU's first step, as the default of `reset`."""
+"""Virtual time in s from power-on to the ECU's first step; it equals the default of the disturbance `reset`."""
 _FOR_GOOD_NS: Final = 10**18
 _AVERAGES_EVERY: Final = 5
 """Number of periods from one update of the averages to the next."""
@@ -158,7 +161,8 @@ _AVERAGES_EVERY: Final = 5
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LivePeriod:
-    """One control period. `planned_ns` is the virtual computing time of a step that planned; None without a plan."""
+    """One control period. `planned_ns` is the virtual computing time in ns of a step with a plan; None without a
+    plan."""
 
     k: int
     row: Row
@@ -174,15 +178,16 @@ class LiveRun:
         wake: a plant at the start of a control period.
         lead_in: number of periods after which control is requested without a viewer's action.
         kept: number of latest periods whose drag is stored.
-        authentication: key and freshness of the vehicle's node, with `bus.key`.
+        authentication: key and freshness values of the vehicle's node, with `bus.key`.
 
     Attributes:
-        number, wake, ecu: as given; the ECU can be exchanged.
+        number, wake, ecu: values of these arguments; `exchange` replaces the ECU.
         k: number of the next period, which lasts `period_ns` in virtual time.
         drag, bus_table: averages and bus table for viewers.
-        view, raster: limits of the pictures in W, and their pixels; empty for a plant without a flow field.
+        view: limits of the pictures in W; empty for a plant without a flow field.
+        raster: width and height of the pictures in pixels; empty for a plant without a flow field.
         picture: flow at the start of the latest period; None for a plant without a flow field.
-        latest: latest period; None before the first.
+        latest: latest period; None before the first period.
         state: state of the ECU after the latest period.
     """
 
@@ -257,8 +262,8 @@ class LiveRun:
         self.ecu = ecu
 
     def help(self) -> bool:
-        """Clear latched faults, and faults that will latch because of earlier disturbances, by a new request; returns
-        whether the request is withdrawn for this.
+        """Clear latched faults, and faults that will latch because of earlier disturbances, with a new request. Returns
+        whether the request is withdrawn for this purpose.
 
         If the ECU has set a sensor aside, the ECU restarts, so that it uses the sensor again.
         """
@@ -269,7 +274,7 @@ class LiveRun:
         return self.request.rearm(self.state.fail_safe, given_up=self.node.has_given_up)
 
     def power_on(self) -> None:
-        """Start the ECU; if it has its supply, the supply is interrupted for a moment."""
+        """Start the ECU. If the ECU is running, this interrupts its supply for a moment."""
         self._reset(round(BOOT_S * 1e9))
         self.is_off = False
 
@@ -282,7 +287,7 @@ class LiveRun:
         """Return the state after the latest period."""
         state, mode = self.state, self.state.fail_safe.mode.name
         aside = state.sensors.set_aside
-        # The trace of an ECU that did not step is from an earlier step, so it is ignored.
+        # If the ECU did not step, its trace is from an earlier step and is ignored.
         gate = Intervention(0) if self.is_off or not self._loop.ecu_is_up else self.ecu.ecu.trace.interventions
         return SeenState(
             state=UNPOWERED if self.is_off else mode if self._loop.ecu_is_up else BOOT,
@@ -294,7 +299,7 @@ class LiveRun:
         )
 
     def set_disturbances(self, texts: tuple[str, ...]) -> None:
-        """Apply only these disturbances from the next period on. Faults caused by a new one stay latched."""
+        """Apply only these disturbances from the next period on. Faults that a new disturbance causes stay latched."""
         if self.disturbances.set(texts, self.k):
             self.request.helped_until = 0
 

@@ -1,15 +1,15 @@
 """The types of the messages between the running loop and a viewer, and the format of the picture.
 
 The loop sends on one channel: JSON messages, each with its `type`, and pictures of the flow as bytes (`pack_field`). A
-viewer sends on a separate channel, one request per message, and gets one answer to each.
+viewer sends on a separate channel, one request per message, and gets one answer to each request.
 
     hello, periods, now   `firmware_sim.live.present`
     bus                   `firmware_sim.live.loop.bus_table`
-    events                `run`, and new `items`: increasing number n, time_s, t, text, and the kind: "set" by a viewer,
-                          "state" of the ECU, "vehicle", "bus", "loop"
-    settings              `settings`, a `LiveSettings`; sent after every change
-    loop                  `state` of the loop's process: starting, running, busy (for some seconds) or ended;
-                          `text`, one line on the present work, or why the loop ended. It is the first message
+    events                `run`, and new `items`, each with an increasing number n, time_s, t, text, and the kind: "set"
+                          (by a viewer), "state" (of the ECU), "vehicle", "bus" or "loop"
+    settings              `settings`, a `LiveSettings`; this message is sent after every change
+    loop                  `state` of the loop's process: starting, running, busy (for some seconds) or ended; `text`:
+                          one line on the present work, or the reason if the loop ended. It is the first message
 
 A viewer needs only the latest `loop`, `hello`, `now`, `bus`, `settings` and picture, but all `periods` and `events`.
 At `hello` a viewer discards all earlier data, which belong to another run or are sent again. NaN and infinity are null.
@@ -31,12 +31,14 @@ PERIOD_COLUMNS: Final = (
 
 LiveMessage = dict[str, Any]
 Request = dict[str, Any]
-"""A viewer's request: an `id`, which is repeated in the answer, and one of `firmware_sim.live.settings.ACTIONS`."""
+"""A viewer's request: an `id`, which is repeated in the answer, and an action from
+`firmware_sim.live.settings.ACTIONS`."""
 LiveAnswer = dict[str, Any]
-"""An answer: the request's `id`; `error`, one line, if nothing was changed; `note`, a report of the change."""
+"""An answer to a request. It has the request's `id`; `error`, one line, if nothing was changed; and `note`, a text
+about the change."""
 Choice = dict[str, Any]
-"""A controller or plant: `name`, `label`, and `missing`, which is null or states in one line why it cannot be chosen.
-"""
+"""A controller or plant that a viewer may choose: `name`, `label`, and `missing`, which is null or one line on why it
+cannot be chosen."""
 
 
 class FieldPicture(NamedTuple):

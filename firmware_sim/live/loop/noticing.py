@@ -1,4 +1,4 @@
-"""Changes in ECU, vehicle and bus from one period to the next as text for viewers, and the latest events."""
+"""Texts for viewers on the changes in ECU, vehicle and bus from one period to the next, and the latest events."""
 
 from collections.abc import Iterator, Mapping
 from typing import Final, NamedTuple
@@ -12,7 +12,7 @@ from firmware_sim.runs.reasons import BECAUSE, DOES
 
 UNPOWERED: Final = "UNPOWERED"
 BOOT: Final = "BOOT"
-"""States in addition to those of `OperatingMode`: the ECU has no supply (UNPOWERED), or it boots (BOOT)."""
+"""States in addition to the names of `OperatingMode`: the ECU has no supply (UNPOWERED), or it boots (BOOT)."""
 
 _DOES: Final[Mapping[str, str]] = {
     UNPOWERED: "no supply: the ECU is silent",
@@ -95,7 +95,8 @@ def _transition(before: SeenState, now: SeenState) -> str:
 KEPT: Final = 500
 """Largest number of events stored until they are fetched."""
 QUIET_S: Final = 1.0
-"""Virtual s before an event is repeated; then one event states the number of repetitions, and the time doubles."""
+"""Virtual time in s for which repetitions of an event are only counted. Then one event states the number of
+repetitions, and the time doubles."""
 _LONGEST_S: Final = 16.0
 
 
@@ -124,7 +125,7 @@ class EventLog:
         self._publish(kind, text, time_s, t)
 
     def pass_to(self, time_s: float, t: float) -> None:
-        """Advance the time, and add an event for each group of repeated events whose quiet time has ended."""
+        """Advance the time, and add an event for each repeated event whose time for counting has ended."""
         for text, repeated in list(self._repeated.items()):
             if time_s - repeated.since_s < repeated.quiet_s:
                 continue
@@ -135,11 +136,11 @@ class EventLog:
                 self._repeated[text] = _Repeated(repeated.kind, time_s, min(2.0 * repeated.quiet_s, _LONGEST_S))
 
     def new_run(self) -> None:
-        """Start again at time 0."""
+        """Forget repeated events, because the time starts again at 0."""
         self._repeated = {}
 
     def new(self) -> list[LiveMessage]:
-        """Return the events since the last call, at most the latest `KEPT`."""
+        """Return the events since the last call, at most the newest `KEPT` events."""
         items, self._new = self._new, []
         return items
 

@@ -1,12 +1,12 @@
 """Disturbances that are switched on and off while the loop runs, each from one control period to another.
 
-A disturbance that is switched on acts as in a run that has the same text with this time. Each item is its own
-`firmware_sim.bench.disturbing.Disturbing`, whose random sequences are numbered after those of all earlier items. The
-items of the transducers, and of each node's port, keep the order in which the settings name them: when one item
-changes, all items after it end and begin again.
+A disturbance that is switched on acts as in a run whose disturbance has the same text and begins at the same time. Each
+item is its own `firmware_sim.bench.disturbing.Disturbing`, whose random sequences are numbered after the sequences of
+all earlier items. The items of the transducers, and the items of each node's port, have the order in which the settings
+list them: when one item changes, all items after it end and begin again.
 
-A port's item that has ended passes frames on and is removed `LINGER_S` later, so that frames it still delays reach the
-node in order.
+An item in a port that has ended passes frames on. It is removed `LINGER_S` later, so that frames that it still delays
+reach the node in order.
 """
 
 from collections import Counter
@@ -29,7 +29,7 @@ from firmware_sim.bench.run_faults import NODES, NodeFault
 
 
 class Plug:
-    """A bus that passes everything on to the bus beneath, which can be exchanged."""
+    """A bus that passes everything on to the bus `beneath`, which can be exchanged."""
 
     def __init__(self, beneath: Bus) -> None:
         self.beneath = beneath
@@ -44,7 +44,8 @@ class Plug:
 
 
 class SwitchedPort(WrappedBus):
-    """A node's port with layers, which are added and removed while the bus runs; the first is closest to the bus."""
+    """A node's port with layers, which are added and removed while the bus runs; the first layer is closest to the
+    bus."""
 
     def __init__(self, port: Bus) -> None:
         self._plugs: list[Plug] = []
@@ -55,14 +56,15 @@ class SwitchedPort(WrappedBus):
         return len(self._plugs)
 
     def put(self, layer: Callable[[Bus], Bus]) -> Plug:
-        """Add a layer around the present layers; returns the plug by which it can be removed."""
+        """Add a layer around the present layers; return the plug with which `take_out` removes the layer."""
         plug = Plug(self._top.beneath)
         self._top.beneath = layer(plug)
         self._plugs.append(plug)
         return plug
 
     def take_out(self, plug: Plug) -> None:
-        """Remove the layer above this plug; frames that it holds are lost. Raises ValueError for a foreign plug."""
+        """Remove the layer above this plug; frames that this layer still delays are lost. Raises ValueError if the plug
+        is not in this port."""
         place = self._plugs.index(plug)
         above = self._plugs[place + 1] if place + 1 < len(self._plugs) else self._top
         above.beneath = plug.beneath
@@ -70,12 +72,12 @@ class SwitchedPort(WrappedBus):
 
 
 LINGER_S: Final = 1.0
-"""Virtual time in s before an ended item is removed: five times the longest delay that can be set."""
+"""Virtual time in s from the end of an item to its removal: five times the longest delay that can be set."""
 
 
 @dataclass(kw_only=True, eq=False)
 class _Item:
-    """A disturbance; `text` is its description without a time, `end` the first period in which it no longer acts."""
+    """A disturbance. `text` is its description without a time; `end` is the first period in which it no longer acts."""
 
     text: str
     group: str
@@ -92,7 +94,7 @@ class SwitchedDisturbances:
         sensors: names of the transducers' sensors, in order.
 
     Attributes:
-        read: (S,) latest readings of the transducers; NaN before the first.
+        read: latest readings of the S transducers, shape (S,); NaN before the first readings.
     """
 
     corrupts = None
@@ -130,8 +132,9 @@ class SwitchedDisturbances:
         return around
 
     def set(self, texts: Sequence[str], k: int) -> bool:
-        """Apply only these disturbances, texts without times, from control period k on, which the bus has not reached
-        yet. Returns whether a disturbance begins. Raises ConfigError for a text that describes none."""
+        """Apply only these disturbances, given as texts without times, from control period k on, which the bus must not
+        have reached yet. Returns whether a disturbance begins. Raises ConfigError for a text that describes no
+        disturbance."""
         assert self._bus is not None
         new: list[tuple[str, str]] = []
         for group in ("sensors", *NODES):
@@ -149,7 +152,7 @@ class SwitchedDisturbances:
         return bool(new)
 
     def period_over(self, k: int) -> None:
-        """Remove the ended items that have nothing left to pass on after period k."""
+        """Remove the ended items that delay no more frames after period k."""
         linger = round(LINGER_S * NS / self._config.period_ns)
         for item in [one for one in self._lingering if one.end + linger <= k + 1]:
             self._lingering.remove(item)
@@ -174,7 +177,8 @@ class SwitchedDisturbances:
 
     def _end(self, item: _Item, k: int) -> None:
         item.end = k
-        # The running disturbance reads this object to check whether it is active; its end was unknown at its start.
+        # The running disturbance reads its end from this object. The object is frozen, and its end was unknown at its
+        # start.
         object.__setattr__(item.span, "end_s", k * self._config.period_ns / NS)
         self._items.remove(item)
         if item.plugs:

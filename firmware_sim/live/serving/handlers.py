@@ -1,8 +1,8 @@
 """The server's answers: the page and its files, the two sockets, and the check of access.
 
-A browser sends requests to a server on this machine for any page that makes them. Two checks refuse such pages: the
-request's Origin must be this server's, and the request's Host must be as well, in case the owner of another name points
-it to this machine (DNS rebinding).
+A browser sends requests to a server on this machine for any page that makes them. Two checks refuse the requests of
+foreign pages. The request's Origin must be this server. The request's Host must be this server too, because the owner
+of another host name may point this name to this machine (DNS rebinding).
 """
 
 import asyncio
@@ -30,7 +30,8 @@ TOKEN_BYTES: Final = 24
 
 @dataclass(frozen=True, kw_only=True)
 class PageAccess:
-    """Rules of access to one server. Every request must show the token; a server on loopback has no token."""
+    """Rules of access to one server. Every request must contain the token, unless the server is on loopback, where it
+    has no token."""
 
     token: str | None
 
@@ -40,8 +41,8 @@ class PageAccess:
         return cls(token=None if is_loopback(address) else token_urlsafe(TOKEN_BYTES))
 
     def refusal(self, *, host: str, origin: str | None, token: str | None) -> str | None:
-        """Return the reason for refusing a request; None if it is allowed. `origin` is None if the request has none, as
-        from a program that is not a browser."""
+        """Return the reason for which a request is refused; None if it is allowed. `origin` is None if the request has
+        no Origin, as a request from a program that is not a browser."""
         if self.token is None and not is_loopback(_name(host)):
             return "this server answers only to localhost"
         if origin is not None and origin.lower().partition("://")[2] != host.lower():
@@ -68,7 +69,7 @@ def _name(host: str) -> str:
 
 
 LONGEST_REQUEST: Final = 16 * 1024
-"""Largest size of a message in bytes; a longer message ends its connection."""
+"""Largest size of a message in bytes; the server closes a connection that sends a longer message."""
 
 
 def check(text: str | bytes) -> LiveAnswer | None:
@@ -98,15 +99,15 @@ def _refuse(constant: str) -> None:
 
 MOST_VIEWERS: Final = 32
 BATCHES_A_SECOND: Final = 30.0
-"""Largest number of message batches per second to a viewer; a viewer would not see more."""
+"""Largest number of message batches per second to a viewer; a person would not notice more."""
 SEND_BUFFER: Final = 256 * 1024
-"""Size in bytes of the machine's send buffer for a viewer; the data in it delay the view."""
+"""Size in bytes of the operating system's send buffer for a viewer; the data in this buffer delay the view."""
 STALLED_S: Final = 30.0
 """Time in s after which the connection of a viewer that accepts no message is closed."""
 MOST_UNANSWERED: Final = 8
 """Largest number of unanswered requests of one viewer."""
 TRY_AGAIN_LATER: Final = 1013
-"""Status code of a closed WebSocket (IANA's registry of RFC 6455)."""
+"""Status code with which the server closes a WebSocket if there are too many viewers (IANA's registry of RFC 6455)."""
 _HEADERS: Final = {
     "Content-Security-Policy": "default-src 'self'; img-src 'self' data: blob:; base-uri 'none'; form-action 'none'; "
     "frame-ancestors 'none'; object-src 'none'",
@@ -138,12 +139,13 @@ class ServedPage:
 
     @property
     def cookie(self) -> str:
-        """Name of the cookie with the token. It differs between servers, because ports share their cookies."""
+        """Name of the cookie with the token. The name differs between servers, because a browser shares cookies between
+        the ports of a host."""
         return f"stillwake-{sha256((self.access.token or '').encode()).hexdigest()[:12]}"
 
 
 class Guarded(RequestHandler):
-    """A handler that first refuses the requests that `PageAccess` refuses."""
+    """A handler that refuses a request if `PageAccess` gives a reason."""
 
     def initialize(self, served: ServedPage, **_others: Any) -> None:
         self.served = served
@@ -171,7 +173,8 @@ class Guarded(RequestHandler):
         self.finish(f"{status_code}: {self._reason}\n")
 
     def log_exception(self, typ: Any, value: Any, tb: Any) -> None:
-        # tornado's log would have the address with the token. When the server ends, unsent answers are cancelled.
+        # The log of tornado would contain the address with the token. Cancelled answers are normal when the server
+        # ends.
         if not isinstance(value, HTTPError | asyncio.CancelledError):
             _log.error("%s %s", self.request.method, self.request.path, exc_info=(typ, value, tb))
 
@@ -184,7 +187,7 @@ class PageFiles(Guarded, StaticFileHandler):
         StaticFileHandler.initialize(self, path, default_filename)
 
     def get_content_type(self) -> str:
-        # The machine's own table of file types may have any entries.
+        # The file types are fixed here, because the operating system's table of file types may have any entries.
         return _TYPES.get(Path(self.absolute_path or "").suffix.lower(), "application/octet-stream")
 
     def set_extra_headers(self, path: str) -> None:
@@ -197,10 +200,10 @@ class PageFiles(Guarded, StaticFileHandler):
 
 
 class Socket(Guarded, WebSocketHandler):
-    """Common part of both sockets."""
+    """The common part of both sockets."""
 
     def shown_token(self) -> str | None:
-        # The cookie does not count here, because a browser sends it with the requests of any page.
+        # The cookie is not accepted here, because a browser sends it with the requests of any page.
         return self.get_query_argument("token", None)
 
     def check_origin(self, origin: str) -> bool:
@@ -215,11 +218,11 @@ class Socket(Guarded, WebSocketHandler):
         return getattr(self.ws_connection, "stream", None)
 
     async def send(self, message: str | bytes) -> None:
-        """Send a message, and wait until the machine has accepted it.
+        """Send a message, and wait until the operating system has accepted it.
 
         Raises:
-            WebSocketClosedError: the viewer has left, or its connection is closed because it accepted nothing for too
-                long.
+            WebSocketClosedError: the viewer has left, or its connection was closed because it accepted no message for
+                too long.
         """
         # `asyncio.timeout` is not used, because it would cancel the connection's write.
         sent = asyncio.ensure_future(self.write_message(message, binary=isinstance(message, bytes)))
@@ -232,7 +235,8 @@ class Socket(Guarded, WebSocketHandler):
 
 
 class StreamSocket(Socket):
-    """The stream from the loop to one viewer: one message is under way; then the newest data follow."""
+    """The stream from the loop to one viewer. Each message is sent when the previous message was accepted, and has the
+    newest data at that time."""
 
     _sending: "asyncio.Task[None] | None" = None
 
@@ -245,7 +249,7 @@ class StreamSocket(Socket):
         self._sending = asyncio.create_task(self._send())
 
     def on_message(self, message: str | bytes) -> None:
-        """Ignore messages: this channel has none from viewers."""
+        """Ignore messages, because a viewer has nothing to send on this channel."""
 
     def on_close(self) -> None:
         self.served.viewers.discard(self)
@@ -273,7 +277,8 @@ class StreamSocket(Socket):
 
 
 class ControlSocket(Socket):
-    """Requests of one viewer, and an answer to each. Until a viewer reads its answers, no requests are read."""
+    """The requests of one viewer, with an answer to each. While a viewer does not read its answers, the server reads no
+    requests."""
 
     def open(self, *_arguments: str) -> None:
         super().open()

@@ -26,22 +26,26 @@ if TYPE_CHECKING:
     from firmware_sim.live.session import LiveSession
 
 _IDLE_S: Final = 0.02
-"""Time in s between two steps of a session that computes no periods, for example because it is paused."""
+"""Time in s between two steps of a session that computes no periods, for example a paused session."""
 
 
 MakeSession = Callable[[Callable[[str], None]], "LiveSession"]
-"""Function that creates the session in the loop's process; its argument shows viewers a line on the present work."""
+"""Function that creates the session in the loop's process; its argument is a function that shows viewers a line on the
+present work."""
 
 
 def run(pipe: Connection, make: MakeSession, *, fast: bool) -> None:
     """Run the process until the pipe is closed or the session fails.
 
-    The process sends pairs: ("messages", list), ("answer", (number, Answer)) and, last, ("ended", error). It receives
-    pairs of a number and a request as JSON. `fast` states whether a period may take less time than on a vehicle.
+    The process sends pairs: ("messages", list), ("answer", (number, Answer)) and, as the last pair, ("ended", error).
+    It receives pairs of a number and a request as JSON. `fast` states whether a period may take less time than on a
+    vehicle.
     """
-    # The handler exits directly: an exception within a callback of the interpreter would only be printed.
+    # The handler exits directly, because an exception that is raised within a callback of the interpreter would only be
+    # printed.
     signal.signal(signal.SIGTERM, lambda *_: os._exit(0))
-    # The process was started with SIGINT and SIGTERM blocked; SIGINT (Ctrl-C) stays blocked.
+    # The process was started with SIGINT and SIGTERM blocked. SIGINT (Ctrl-C) stays blocked, because the server ends
+    # the process.
     signal.pthread_sigmask(signal.SIG_UNBLOCK, (signal.SIGTERM,))
     outbox = Outbox(pipe)
     try:
@@ -70,7 +74,7 @@ def _step(session: "LiveSession", pipe: Connection, outbox: "Outbox", *, fast: b
                 period_s = message["period_ms"] / 1e3
         has_stepped = any(not isinstance(message, bytes) and message["type"] == "periods" for message in new)
         now = time.monotonic()
-        # A late period is not made up for, because the wake would then appear to run faster.
+        # The loop does not catch up after a late period, because the wake would then appear to run faster.
         due = max(due + (0.0 if fast else period_s), now) if has_stepped else now + _IDLE_S
         requests.go_on()
         while pipe.poll(max(0.0, due - time.monotonic())):
@@ -79,7 +83,7 @@ def _step(session: "LiveSession", pipe: Connection, outbox: "Outbox", *, fast: b
 
 
 class Requests:
-    """The handling of requests between two periods: at once, or one after its ECU was prepared in a thread."""
+    """Handles requests between two periods. If a request needs another ECU, a thread prepares this ECU first."""
 
     def __init__(self, session: "LiveSession", outbox: "Outbox") -> None:
         self._session, self._outbox = session, outbox
@@ -124,15 +128,16 @@ class Requests:
 
 
 class Outbox:
-    """A sender of messages to the server, from any thread. A thread of the server does nothing but receive. If the
-    server has ended, nothing is sent; the loop notices this when it reads the pipe."""
+    """A sender of messages to the server, from any thread. Sending does not wait for the server's work, because a
+    thread of the server only receives. If the server has ended, nothing is sent; the loop detects this when it reads
+    the pipe."""
 
     def __init__(self, pipe: Connection) -> None:
         self._pipe, self._lock = pipe, Lock()
         self._state: LiveMessage = {}
 
     def send(self, kind: str, content: object) -> None:
-        """Send one of the pairs of `run`."""
+        """Send one of the pairs that `run` describes."""
         with self._lock, suppress(OSError):
             self._pipe.send((kind, content))
 
@@ -154,19 +159,19 @@ def _that_travels(error: Exception) -> Exception:
 
 
 _LONGEST_END_S: Final = 3.0
-"""Time in s that the process has for ending before it is terminated, and then killed."""
+"""Time in s that the process has to end by itself, before it is terminated, and again before it is killed."""
 
 
 class LoopProcess:
     """A session that runs in another process, from `start` to `end`.
 
     Args:
-        make: creates the session in that process; can be pickled.
+        make: creates the session in the other process; can be pickled.
         fast: whether a period may take less time than on a vehicle.
         hear: called with new messages, in a separate thread.
-        answered: called with a request's number and its answer, in that thread.
-        ended: called once, in that thread, with the reason if the process ended without a request: a StillwakeError, or
-            another error of the session.
+        answered: called with a request's number and its answer, in the thread of `hear`.
+        ended: called once, in the thread of `hear`, if the process ended without a request to end. Its argument is the
+            reason: a StillwakeError, or another error of the session.
     """
 
     def __init__(
@@ -179,7 +184,8 @@ class LoopProcess:
         ended: Callable[[Exception], None],
     ) -> None:
         self._hear, self._answered, self._ended = hear, answered, ended
-        # The process is not forked: a fork would copy the locks of this process's threads in their present state.
+        # The process is spawned, not forked: a fork would copy this process's locks, some of which its threads may
+        # hold.
         context = multiprocessing.get_context("spawn")
         self._pipe, theirs = context.Pipe()
         self._process = context.Process(
@@ -191,9 +197,11 @@ class LoopProcess:
 
     def start(self) -> None:
         """Start the process."""
-        # Starting the resource tracker unblocks these signals, so it starts before they are blocked.
+        # Starting the resource tracker unblocks SIGINT and SIGTERM, so the tracker starts before these signals are
+        # blocked.
         resource_tracker.ensure_running()
-        # Ctrl-C goes to all processes of a terminal, but this process has to end by its pipe, even while it starts.
+        # Ctrl-C reaches all processes of a terminal, but the new process must end only when its pipe closes, even while
+        # it starts.
         before = signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT, signal.SIGTERM))
         try:
             self._process.start()
@@ -211,11 +219,13 @@ class LoopProcess:
             raise StillwakeError("the loop has ended") from error
 
     def end(self) -> None:
-        """End the process, which may have ended already, and wait for it. No messages are passed on afterwards."""
+        """End the process, which may have ended already, and wait until it has ended. No messages are passed on
+        afterwards."""
         if self._process.pid is None:
             return
         self._is_wanted = False
-        # Closing the pipe is not enough: the reading thread keeps it open. The process takes a shutdown as the end.
+        # Closing the pipe is not enough, because the reading thread has it open. The process ends when its pipe is shut
+        # down.
         with suppress(OSError), socket.socket(fileno=os.dup(self._pipe.fileno())) as both:
             both.shutdown(socket.SHUT_RDWR)
         self._thread.join()
@@ -248,7 +258,7 @@ class LoopProcess:
 
 
 def how(status: int | None) -> str:
-    """Describe how a process ended, from its exit code in `multiprocessing`."""
+    """Describe how a process ended, given its exit code in `multiprocessing`."""
     if status is None or status >= 0:
         return f"with status {status}"
     return f"by {signal.Signals(-status).name}"

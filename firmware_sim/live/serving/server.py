@@ -1,4 +1,4 @@
-"""The server of the live page: it opens a port, runs the loop, and ends both."""
+"""The server of the live page: it opens a port, runs the loop, and closes both at the end."""
 
 import asyncio
 import errno
@@ -31,18 +31,19 @@ _PAGE: Final = Path(str(files("firmware_sim.live").joinpath("page")))
 LOCALHOST: Final = "127.0.0.1"
 PORT: Final = 8765
 LOOK_S: Final = 0.1
-"""Time in s between two checks whether to stop."""
+"""Time in s between two calls of `is_stopped`."""
 PING_S: Final = 20.0
 """Time in s between two WebSocket pings to a viewer."""
 _IDLE_S: Final = 10.0
 """Time in s after which a connection without a complete request is closed."""
 MOST_CONNECTIONS: Final = 128
-"""Largest number of connections: two of each viewer, and the same number for loading files. This is half of the file
-descriptors that any system allows a process."""
+"""Largest number of connections: two for each viewer, and an equal number for loading files. It is half of the number
+of file descriptors that any system allows a process."""
 
 
 def application(supervisor: Supervisor, access: PageAccess, *, stalled_s: float = STALLED_S) -> Application:
-    """Return the web application with its addresses. `stalled_s` is a viewer's longest time to accept a message."""
+    """Return the web application with its addresses. `stalled_s` is the longest time in s that a viewer may take to
+    accept a message."""
     served = ServedPage(supervisor=supervisor, access=access, stalled_s=stalled_s)
     own: dict[str, Any] = {"served": served}
     return Application(
@@ -54,7 +55,7 @@ def application(supervisor: Supervisor, access: PageAccess, *, stalled_s: float 
         ],
         default_handler_class=NotFound,
         default_handler_args=own,
-        # Addresses are not logged, because they have the token.
+        # Addresses are not logged, because they contain the token.
         log_function=lambda handler: None,
         websocket_max_message_size=LONGEST_REQUEST,
         websocket_ping_interval=PING_S,
@@ -62,7 +63,8 @@ def application(supervisor: Supervisor, access: PageAccess, *, stalled_s: float 
 
 
 class BoundedServer(HTTPServer):
-    """A server with limits for clients that have shown no token: number of connections, their time, and bytes."""
+    """A server that limits clients before they have shown a token: the number of connections, their time, and their
+    bytes."""
 
     def initialize(self, application: Application, *, idle_s: float = _IDLE_S) -> None:  # type: ignore[override]
         super().initialize(
@@ -75,7 +77,7 @@ class BoundedServer(HTTPServer):
         self._open: list[IOStream] = []
 
     def handle_stream(self, stream: IOStream, address: tuple[Any, ...]) -> None:
-        """Handle one more connection, or close it if there are too many."""
+        """Handle one more connection; close it if there are too many connections."""
         self._open = [one for one in self._open if not one.closed()]
         if len(self._open) >= MOST_CONNECTIONS:
             stream.close()
@@ -109,8 +111,8 @@ async def serve(
         address: address to listen on; if it is not this machine's loopback, requests need a token.
         port: port number; 0 for any free port.
         fast: whether a period may take less time than on a vehicle.
-        ready: called with the page's address as soon as it can be opened.
-        report: called with each line on the work that viewers wait for, from any thread.
+        ready: called with the page's address as soon as the page can be opened.
+        report: called, from any thread, with each line on work for which viewers have to wait.
 
     Raises:
         StillwakeError: the port or the address cannot be used, or the loop fails shortly after its start.
@@ -125,7 +127,8 @@ async def serve(
     try:
         while not is_stopped() and not loop.done():
             await asyncio.wait([loop], timeout=LOOK_S)
-        # A stop signal may reach all processes of a service, so the loop may end before `is_stopped` is true.
+        # A stop signal may reach all processes of a service, so the loop may have ended shortly before `is_stopped` is
+        # true.
         await asyncio.sleep(0.0 if is_stopped() else LOOK_S)
     finally:
         server.stop()

@@ -1,7 +1,7 @@
 """The supervision of the loop for its viewers: its process, its messages, and the requests that wait for an answer.
 
 The hub stores the newest value of each stream, and ring buffers of the periods and events, once for all viewers. A
-`Viewer` stores only its position in the streams, so a slow viewer costs no more than a fast one.
+`Viewer` stores only its position in the streams, so a slow viewer needs no more memory than a fast viewer.
 """
 
 import asyncio
@@ -20,17 +20,20 @@ from firmware_sim.live.serving.process import LoopProcess, MakeSession
 
 PICTURE: Final = "picture"
 STREAMS: Final = ("loop", "hello", "settings", "events", "periods", "now", "bus", PICTURE)
-"""The order in which a viewer gets the streams: `hello` states the run to which the streams after it belong."""
+"""The order in which a viewer gets the streams. `hello` comes early, because it states the run to which the following
+streams belong."""
 MOST_ROWS: Final = 500
-"""Largest number of periods, or events, in one message, so that a new viewer waits only for a small message."""
+"""Largest number of periods, or of events, in one message, so that a new viewer does not have to wait for a large
+message."""
 KEPT_EVENTS: Final = 500
 KEPT_PERIODS: Final = 3000
-"""Number of periods stored until a `hello` gives another number."""
+"""Number of stored periods until a `hello` sets another number."""
 _OF_A_RUN: Final = ("now", "bus", PICTURE)
 
 
 class Hub:
-    """Stores the loop's messages, and returns those after a count. Threads may share it."""
+    """A store of the loop's messages, which several threads may use. It returns the messages that are newer than a
+    given count."""
 
     def __init__(self) -> None:
         self._lock = Lock()
@@ -46,7 +49,7 @@ class Hub:
                 self._keep(message)
 
     def after(self, stream: str, count: int) -> tuple[LiveMessage | bytes | None, int]:
-        """Return the new content of a stream since a count, or None; and the stream's present count."""
+        """Return the content of a stream that is newer than `count`, or None, and the stream's present count."""
         with self._lock:
             if stream == "periods":
                 rows, count = self._periods.after(count, MOST_ROWS)
@@ -87,14 +90,15 @@ class Viewer:
         self._counts = dict.fromkeys(STREAMS, 0)
 
     def take(self, stream: str) -> LiveMessage | bytes | None:
-        """Return what this viewer has not yet received of one of `STREAMS`; None if there is nothing.
+        """Return the content of a stream (one of `STREAMS`) that this viewer has not yet received; None if there is
+        nothing new.
 
-        For a stream of latest values this is the newest value; for periods and events it is the oldest `MOST_ROWS` that
-        the hub still has.
+        For a stream of latest values the content is the newest value. For periods and events it is the oldest
+        `MOST_ROWS` entries that the hub still has.
         """
         message, self._counts[stream] = self._hub.after(stream, self._counts[stream])
         if stream == "hello" and message is not None:
-            # A page starts again at a `hello`, so it also needs the data of the new run that were sent before.
+            # A page starts again at a `hello`, so it also needs the data of the new run that it has already received.
             self._counts |= dict.fromkeys(STREAMS[STREAMS.index("hello") + 1 :], 0)
         return message
 
@@ -120,7 +124,7 @@ class Ring:
         """Return at most `most` items with numbers above `count`, oldest first, and the number of the last returned
         item.
 
-        Items that the ring no longer has are skipped.
+        Items that are no longer in the ring are skipped.
         """
         first = self._count - len(self._items)
         begin = max(count, first)
@@ -134,18 +138,20 @@ def _periods(run: int, rows: list[tuple[float | None, ...]]) -> LiveMessage:
 
 
 SHORT_LIFE_S: Final = 20.0
-"""Shortest time in s that a loop has to run to be started again; an earlier failure would repeat."""
+"""Shortest time in s for which a loop must have run to be started again; a loop that failed earlier would fail
+again."""
 MOST_WAITING: Final = 32
-"""Largest number of requests of all viewers that the loop has not answered yet."""
+"""Largest number of requests, of all viewers together, that the loop has not answered yet."""
 STARTING: Final = "the loop starts; the first time, the flow solver is compiled, which takes a minute"
 
 
 class Supervisor:
-    """The supervisor of one loop. Everything but `hub` is for use in one event loop.
+    """The supervisor of one loop. Only `hub` may be used outside the event loop.
 
     Args:
         fast: whether a period may take less time than on a vehicle.
-        report: called with each line on the work that viewers wait for, and on why the loop ended; from any thread.
+        report: called, from any thread, with each line on work for which viewers have to wait, and with the reason if
+            the loop ends.
     """
 
     def __init__(
@@ -169,7 +175,7 @@ class Supervisor:
         """Start the loop, and start it again after a failure, until this task is cancelled; then end the loop.
 
         Raises:
-            Exception: the error of a loop that ended shortly after its start.
+            Exception: error of a loop that ended shortly after its start.
         """
         self._events = asyncio.get_running_loop()
         self._sender = ThreadPoolExecutor(1, thread_name_prefix="requests")
@@ -203,11 +209,11 @@ class Supervisor:
             self._process = None
             for number in list(self._waiting):
                 self._settle(number, {"error": "the loop has ended"})
-            # This call blocks on purpose: when the task is cancelled, the process must have ended before this returns.
+            # This call blocks on purpose, because the process must have ended when a cancelled task returns.
             process.end()
 
     async def ask(self, request: str) -> LiveAnswer:
-        """Return the loop's answer to a request in JSON; wait until the loop has answered."""
+        """Return the loop's answer to a request in JSON, after waiting for it."""
         process = self._process
         if process is None:
             return {"error": "the loop has ended"}
@@ -226,7 +232,7 @@ class Supervisor:
 
     @contextmanager
     def watched(self) -> Iterator[asyncio.Event]:
-        """Yield an event that is set whenever the hub has something new."""
+        """Yield an event that is set whenever the hub has new content."""
         event = asyncio.Event()
         self._watching.add(event)
         try:
@@ -243,12 +249,13 @@ class Supervisor:
             if message["type"] == "loop" and message["text"]:
                 self._report(message["text"])
             if message["type"] == "hello" and self._why:
-                # The stored events begin with this `hello`, so the end of the loop before is added again for later
-                # viewers. Its number is below all numbers of the session, because a page expects increasing numbers.
+                # The stored events begin with this `hello`, so the event that the previous loop ended is added again
+                # for later viewers. Its number is below all numbers of the session, because a page expects increasing
+                # numbers.
                 item = {"n": -1, "time_s": 0.0, "t": 0.0, "kind": "loop", "text": self._why}
                 self.hub.put([{"type": "events", "run": message["run"], "items": [item]}])
                 self._why = ""
-        # At most one wake-up waits in the event loop, however many messages arrive.
+        # At most one wake-up waits in the event loop, whatever the number of messages.
         if not self._is_waking:
             self._is_waking = True
             self._later(self._wake)

@@ -1,9 +1,9 @@
 """The board: a core with its memories and registers, from power-on to the loss of its supply, in virtual time.
 
-The firmware runs from its reset vector until it sleeps (`wfi`); the board's time then passes from outside. No interrupt
-is served: the firmware masks interrupts, and a pending interrupt ends its sleep. A board is one power cycle; its flash
-contents are given to the next one. The memory map is that of an STM32H743, with the registers of `flash_controller`,
-`can_controller` and `small_parts`.
+The firmware runs from its reset vector until it sleeps (`wfi`); then the caller advances the board's time. No interrupt
+handler runs: the firmware masks interrupts, and a pending interrupt ends its sleep. A board exists for one power cycle;
+its flash contents are given to the board of the next power cycle. The memory map is that of an STM32H743, with the
+registers of `flash_controller`, `can_controller` and `small_parts`.
 """
 
 import struct
@@ -33,7 +33,7 @@ BANK_BYTES: Final = SECTOR * SECTORS
 DTCM, DTCM_BYTES = 0x2000_0000, 128 * 1024
 SRAM, SRAM_BYTES = 0x2400_0000, 512 * 1024
 BACKUP, BACKUP_BYTES = 0x3880_0000, 4096
-"""SRAM that a battery supplies: its contents outlive a power cycle."""
+"""Address and size in bytes of the SRAM that a battery supplies; its contents survive a power cycle."""
 _STACK_BYTES: Final = 16 * 1024
 _PAGE: Final = 4096
 _COUNTER, _RANDOM, _CAN, _FLASH, _CORE = 0x5C00_8000, 0x4802_1800, 0x4000_A000, 0x5200_2100, 0xE000_E000
@@ -51,14 +51,14 @@ class Board(EmulatedCore):
     Args:
         firmware: program in the first bank of flash.
         bank: second bank of flash, changed in place; if None, an erased bank.
-        now_ns: initial value of the counter.
+        now_ns: initial value of the counter in ns.
         times: times of flash operations.
         cut_at: number of the flash operation, counted from 1, in which the supply fails; 0 for never.
         seed: seed of the random numbers and of the contents of a torn word.
-        backup: contents of the SRAM that the battery supplied.
+        backup: initial contents of the SRAM that the battery supplies.
 
     Attributes:
-        counter, can, flash: its peripherals.
+        counter, can, flash: peripherals of the board.
         blocks: counts of instructions and cycles.
     """
 
@@ -122,9 +122,10 @@ class Board(EmulatedCore):
             raise self._raised.pop()
 
     def _guarded(self, work: Callable[[], object]) -> int:
-        """Call a register's function. Its exceptions stop the emulation and are raised again after it."""
+        """Call a register's function. Its exceptions stop the emulation, and `_execute` raises them again
+        afterwards."""
         if self._raised:
-            # The core executes a few more instructions before it stops; they have no effect.
+            # The core executes a few more instructions before it stops; these instructions must have no effect.
             return 0
         try:
             shown = work()
@@ -135,7 +136,7 @@ class Board(EmulatedCore):
             return 0
 
     def _registers_of(self, part: Part, shift: int) -> tuple[Any, ...]:
-        """Return the functions that Unicorn calls for a page of registers, the first of them at offset `shift`."""
+        """Return the functions that Unicorn calls for a page of registers; the first register is at offset `shift`."""
 
         def read(_core: Any, offset: int, size: int, _data: Any) -> int:
             if part is self.flash:
@@ -176,10 +177,10 @@ class Board(EmulatedCore):
                 self._core.mem_write(BANK + page, bytes(bank.content[page : page + _PAGE]))
 
     def _exchange_pages(self) -> None:
-        """Map pages with an unreadable word to functions of this class, and other pages to memory.
+        """Map each page with an unreadable word to functions of this class, and every other page to memory.
 
-        Hooks on every read of a memory would slow down the emulator. The mapping does not change while a flash
-        operation is under way.
+        Hooks on every read of a memory would slow down the emulator. The mapping does not change during a flash
+        operation.
         """
         if self.flash.is_at_work:
             return
@@ -194,7 +195,7 @@ class Board(EmulatedCore):
         self._bad_pages = set(self._bad_wanted)
 
     def _close(self) -> None:
-        """Protect the bank against reads while an operation is under way, so that such a read is noticed."""
+        """Protect the bank against reads during a flash operation, so that such a read is detected."""
         if self.flash.is_at_work and not self._is_closed:
             self._is_closed = True
             self._protect(unicorn_const.UC_PROT_NONE)
@@ -227,7 +228,7 @@ class Board(EmulatedCore):
 
 
 def _whole(offset: int, size: int) -> int:
-    """Return the offset of a register; raises McuError for an access that is not to one whole register."""
+    """Return the offset of a register; raises McuError unless the access covers exactly one register."""
     if size != 4 or offset % 4:
         raise McuError(f"a register is accessed with {size} bytes at {offset:#x}: must be 4, aligned")
     return offset

@@ -7,8 +7,8 @@ TXBTO; elements of up to 64 bytes with XTD, FDF and BRS. An access to any other 
 
 A frame takes the time of its bits, including stuff bits and intermission, at the rates of the timing registers. After
 its end the next frame is sent: the frame with the lowest identifier among the dedicated buffers and the FIFO's oldest
-element. No other node is on this bus. While the controller is bus-off, frames wait. There is no recovery time here,
-because the bus that gives the error counters has it.
+element. No other node is on this bus. While the controller is bus-off, frames wait. The recovery time is not modelled
+here, because the bus that supplies the error counters models it.
 """
 
 import struct
@@ -30,7 +30,8 @@ _RXF0S, _RXF0A, _TXFQS, _TXBRP, _TXBAR, _TXBCR, _TXBTO = 0xA4, 0xA8, 0xC4, 0xCC,
 _DBTP, _NBTP, _GFC, _SIDFC, _XIDFC, _XIDAM, _RXF0C, _TXBC = 0x0C, 0x1C, 0x80, 0x84, 0x88, 0x90, 0xA0, 0xC0
 _PLAIN: Final = {_DBTP, _NBTP, 0x20, 0x48, 0x54, 0x5C, _GFC, _SIDFC, _XIDFC, _XIDAM, _RXF0C, 0xBC, _TXBC, 0xC8}
 _PROTECTED: Final = _PLAIN - {0x54, 0x5C}
-"""Registers that store written values (`_PLAIN`), and those of them that are only written with CCE (`_PROTECTED`)."""
+"""Registers that store written values (`_PLAIN`), and those of these registers that can be written only with CCE
+(`_PROTECTED`)."""
 _INIT, _CCE = 1, 2
 _RF0N, _RF0L, _BO = 1, 8, 1 << 25
 _XTD, _FDF, _BRS = 1 << 30, 1 << 21, 1 << 20
@@ -42,11 +43,11 @@ class CanController:
     """The registers and the message RAM of a CAN controller.
 
     Args:
-        clock: returns the board's time in ns.
+        clock: function that returns the board's time in ns.
 
     Attributes:
-        init_reads_late: number of reads of CCCR in which INIT still reads as set after it was cleared, because the
-            change has to pass to another clock.
+        init_reads_late: number of reads of CCCR for which INIT still reads as set after the firmware cleared it. In the
+            hardware the change has to pass to another clock domain.
     """
 
     def __init__(self, clock: Callable[[], int]) -> None:
@@ -61,7 +62,7 @@ class CanController:
 
     @property
     def bit_rates(self) -> tuple[float, float]:
-        """Nominal and data bits per second, from the timing registers."""
+        """Nominal and data bit rate in bits per second, from the timing registers."""
         nominal, data = self._kept[_NBTP], self._kept[_DBTP]
         quanta = (nominal & 127) + (nominal >> 8 & 255) + 3, (data >> 4 & 15) + (data >> 8 & 31) + 3
         divider = (nominal >> 16 & 511) + 1, (data >> 16 & 31) + 1
@@ -73,14 +74,15 @@ class CanController:
         return min(self._kept[_RXF0C] >> 16 & 127, 64) - self._level
 
     def surround(self, health: BusHealth) -> None:
-        """Take the bus's error counters; every new bus-off sets INIT."""
+        """Set the error counters that the bus reports; every new bus-off sets INIT."""
         self._went_off += max(health.bus_off - self._health.bus_off, 0)
         self._health = health
         self._go_off()
 
     def receive(self, frame: Frame) -> None:
-        """Receive a frame from the bus; drop it if no filter accepts it or there is no room."""
-        # INIT after a bus-off does not refuse a frame: the bus brought it before the bus-off or after the recovery.
+        """Receive a frame from the bus. Drop the frame if no filter accepts it or FIFO 0 is full."""
+        # After a bus-off, INIT does not refuse a frame, because the bus delivers frames only before the bus-off or
+        # after the recovery.
         if (self._control & _INIT and not self._went_off) or not self._accepts(frame):
             return
         self._interrupts |= _RF0N
@@ -98,14 +100,16 @@ class CanController:
         self._level += 1
 
     def taken(self, until_ns: int) -> list[Frame]:
-        """Return the frames sent since the last call, up to `until_ns`, oldest first, stamped with their ends."""
+        """Return the frames sent since the last call, up to `until_ns`, oldest first; each is stamped with the end of
+        its transmission."""
         self._sending.progress(until_ns)
         left = [replace(frame, timestamp_ns=end_ns) for frame, end_ns in self._sending.left]
         self._sending.left.clear()
         return left
 
     def handed_over(self) -> list[Frame]:
-        """Return all waiting frames at once, stamped with their times of sending, for a bus modelled elsewhere."""
+        """Return all waiting frames at once, each stamped with the time when the firmware sent it. Use this for a bus
+        that is modelled elsewhere."""
         self._sending.progress(_EVER_NS)
         left = [frame for frame, _ in self._sending.left]
         self._sending.left.clear()
@@ -118,7 +122,8 @@ class CanController:
         return self._read(offset)
 
     def write(self, offset: int, value: int) -> None:
-        """Write a register or a word of the message RAM; raises McuError for one not modelled, or protected."""
+        """Write a register or a word of the message RAM; raises McuError for a register that is not modelled or is
+        protected."""
         if offset >= MESSAGE_RAM:
             self._ram[offset - MESSAGE_RAM : offset - MESSAGE_RAM + 4] = value.to_bytes(4, "little")
         elif offset == _CCCR:
@@ -171,7 +176,7 @@ class CanController:
         return self._went_off > 0 or self._health.state is BusState.BUS_OFF
 
     def _go_off(self) -> None:
-        """Set INIT if the controller went bus-off. The hardware does so once per bus-off, before its recovery."""
+        """Set INIT if the controller went bus-off. The hardware sets INIT once per bus-off, before its recovery."""
         if self._went_off:
             self._control |= _INIT
             self._interrupts |= _BO
@@ -218,5 +223,5 @@ class CanController:
         return not self._kept[_GFC] >> 4 & 2
 
     def _time_stamp(self, at_ns: int) -> int:
-        """Return the time stamp of 16 bits for a time."""
+        """Return the 16-bit time stamp for a time in ns."""
         return int(at_ns * self.bit_rates[0] // 1_000_000_000) & 0xFFFF if self._kept[_NBTP] else 0

@@ -1,11 +1,13 @@
 """The second bank of an STM32H743's flash with its controller (RM0433, section 4), as far as the firmware uses it.
 
 A sector of 128 KiB is erased as a whole. A word of 32 bytes is programmed once, by eight stores of four bytes that fill
-the write buffer. Each word has its own error-correcting code. A word that was programmed twice, or while the supply
-failed, has neither intended value: its set bits are those that both writes left set, or some of them, and a read finds
-an error that cannot be corrected. Such a read is a bus fault, unless the core ignores bus faults at that moment.
+the write buffer. Each word has its own error-correcting code. A word becomes unreadable if it is programmed twice, or
+if the supply fails while it is programmed. After a second programming, a bit is set only if both writes left it set.
+After a failure of the supply, some bits that the write should have cleared may still be set. A read of an unreadable
+word finds an error that cannot be corrected. Such a read is a bus fault, unless the core ignores bus faults at that
+moment.
 
-During an operation SR2 shows BSY and QW. Time passes with each read of SR2, so that a core that polls it makes
+During an operation SR2 shows BSY and QW. Time passes with each read of SR2, so that a core that polls SR2 makes
 progress. A core that reads the bank during an operation stalls until the operation has ended: the two banks work in
 parallel, but one bank does one operation at a time. Beginning an operation before the previous one has ended is an
 error.
@@ -29,19 +31,20 @@ _KEYS: Final = (0x4567_0123, 0xCDEF_89AB)
 _LOCK, _PG, _SER, _START = 1, 2, 4, 1 << 7
 _BSY, _WBNE, _QW = 1, 2, 4
 _LOOK_NS: Final = 5_000
-"""Time in ns for a read of SR2 during an operation: less than any operation, but few reads end a long one."""
+"""Time in ns that a read of SR2 takes during an operation. It is shorter than any operation, but long enough that few
+reads end a long operation."""
 _PGSERR, _STRBERR, _INCERR, _DBECCERR = (1 << bit for bit in (18, 19, 21, 26))
 _ERRORS: Final = 0x0FFF_0000
 
 
 class PowerCut(Exception):  # noqa: N818
-    """The supply failed in the middle of a flash operation."""
+    """An error that ends a power cycle, because the supply failed in the middle of a flash operation."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class FlashTimes:
-    """Times of flash operations in ns. The defaults are typical values of an STM32H743 from its datasheet (DS12110,
-    flash memory programming, parallelism of 64 bits); the datasheet's largest values are at most twice as long."""
+    """Times of flash operations in ns. The defaults are typical values from the datasheet of an STM32H743 (DS12110,
+    flash memory programming, parallelism of 64 bits); the largest values in the datasheet are at most twice as long."""
 
     erase_ns: int = 1_000_000_000
     word_ns: int = 100_000
@@ -68,7 +71,7 @@ class FlashBank:
 
     @classmethod
     def unpack(cls, packed: bytes) -> "FlashBank":
-        """Read the result of `pack`; raises McuError for another size."""
+        """Read the result of `pack`; raises McuError if it has another size."""
         bank, words = cls(), SECTOR * SECTORS // WORD
         if len(packed) != words * (WORD + 1) or max(packed[:words]) > 2:
             raise McuError(f"a flash of {len(packed)} bytes: must be {words * (WORD + 1)}, as a board left it")
@@ -88,9 +91,9 @@ class FlashController:
         seed: seed of the contents of a torn word.
 
     Attributes:
-        operations: number of operations so far: erased sectors and programmed words.
+        operations: number of operations so far; an erased sector or a programmed word is one operation.
         erasures: number of erased sectors so far.
-        stalled_ns: total time for which the core stalled in reads of the bank.
+        stalled_ns: total time in ns for which the core stalled in reads of the bank.
     """
 
     def __init__(
@@ -113,7 +116,7 @@ class FlashController:
         self.operations = 0
 
     def read(self, offset: int) -> int:
-        """Read a register of the bank's block."""
+        """Read a register of the controller of this bank."""
         at_work = _BSY | _QW if self.is_at_work else 0
         known = {0x0C: self._control, 0x10: self._status | at_work | (_WBNE if self._buffer else 0), 0x60: self._fault}
         if offset not in known:
@@ -123,7 +126,8 @@ class FlashController:
         return known[offset]
 
     def write(self, offset: int, value: int) -> None:
-        """Write a register. Raises PowerCut; McuError for a register or an operation that is not modelled."""
+        """Write a register. Raises PowerCut if the supply fails; McuError for a register or an operation that is not
+        modelled."""
         if offset == 0x04:
             right = self._keys < len(_KEYS) and value == _KEYS[self._keys]
             # A wrong key locks the register until the next reset.
@@ -143,7 +147,7 @@ class FlashController:
             raise McuError(f"flash controller: no register to write at {offset:#x}")
 
     def store(self, offset: int, data: bytes) -> None:
-        """Store four bytes in the write buffer; a full buffer is programmed. Raises PowerCut."""
+        """Store four bytes in the write buffer; a full buffer is programmed. Raises PowerCut if the supply fails."""
         word = offset // WORD * WORD
         if self._control & _LOCK or not self._control & _PG or len(data) != 4:
             self._status |= _PGSERR
@@ -164,12 +168,12 @@ class FlashController:
         return self._counter.now_ns < self._until_ns
 
     def stall(self) -> None:
-        """Pass time to the end of the present operation, because the core reads the bank."""
+        """Advance the time to the end of the present operation, because the core reads the bank."""
         self.stalled_ns += max(self._until_ns - self._counter.now_ns, 0)
         self._counter.now_ns = max(self._counter.now_ns, self._until_ns)
 
     def reset(self) -> None:
-        """Reset the core; a sector that was being erased then has undefined contents."""
+        """Reset the core; if a sector was being erased, its contents are undefined afterwards."""
         if self.is_at_work and self._erasing >= 0:
             self._change_sector(self._erasing, self._random.randbytes(SECTOR), 2)
 
@@ -200,7 +204,7 @@ class FlashController:
             raise PowerCut
 
     def _begins(self, takes_ns: int) -> bool:
-        """Begin an operation; returns whether the supply fails in it."""
+        """Begin an operation of `takes_ns`; return whether the supply fails in this operation."""
         if self.is_at_work:
             raise McuError("flash controller: an operation begins before the last operation has ended")
         self._until_ns = self._counter.now_ns + takes_ns

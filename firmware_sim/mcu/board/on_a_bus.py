@@ -1,4 +1,4 @@
-"""An emulated board on a real bus: its time follows the wall clock, and stops while a step is emulated."""
+"""An emulated board on a real bus: the board's time follows the wall clock, and stops while a step is emulated."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -30,11 +30,13 @@ def equipment_header(root: PublicKey, access_key: bytes, vehicle: bytes, hardwar
 
 
 LONGEST_UNSEEN_NS: Final = 20_000_000
-"""Longest time of the board, in ns, between two reads of the bus, however long the emulation takes."""
+"""Longest time in ns by which the board's time advances between two reads of the bus, even if the emulation takes
+longer."""
 
 
 def read_bank(path: Path) -> FlashBank:
-    """Read the flash from a file, or return an erased one without a file; raises McuError if it cannot be read."""
+    """Read the flash from a file; return an erased bank if the file does not exist. Raises McuError if the file cannot
+    be read."""
     try:
         return FlashBank.unpack(path.read_bytes()) if path.exists() else FlashBank()
     except OSError as error:
@@ -54,13 +56,14 @@ def serve(
     bus failed; McuError if the core stopped.
 
     Args:
-        wait: waits for a moment between two reads of the bus.
+        wait: function that waits for a moment between two reads of the bus.
     """
     kept, before_ns = ecu.board.flash.bank.pack() if path.exists() else b"", clock_ns()
     until_ns = ecu.board.counter.now_ns
     while not is_stopped():
         now_ns = clock_ns()
-        # The time of flash operations is part of the board's time, so it is not added.
+        # `until_ns` follows the wall clock alone. Flash operations advance the board's own counter, so their time is
+        # not added here.
         until_ns, before_ns = until_ns + min(now_ns - before_ns, LONGEST_UNSEEN_NS), now_ns
         frames = [replace(frame, timestamp_ns=ecu.board.counter.now_ns) for frame in bus.receive_all()]
         for frame in ecu.advance(until_ns, frames):

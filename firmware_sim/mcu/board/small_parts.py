@@ -10,11 +10,12 @@ _BFHFNMIGN: Final = 1 << 8
 
 
 class SystemReset(Exception):  # noqa: N818
-    """The firmware asked for a reset."""
+    """An error that ends a power cycle, because the firmware requested a reset."""
 
 
 class Counter:
-    """Arm's generic counter (CNTReadBase: CNTCV) at 1 GHz, followed by a compare value that ends the core's sleep.
+    """Arm's generic counter (CNTReadBase: CNTCV) at 1 GHz, followed by a compare register whose value ends the core's
+    sleep.
 
     Attributes:
         now_ns, compare_ns: values of the counter and of the compare register.
@@ -39,7 +40,8 @@ class Counter:
 
 
 class RandomNumbers:
-    """The random number generator of an STM32H743 (RNG: CR with RNGEN, SR with DRDY, DR), with a seed."""
+    """The random number generator of an STM32H743 (RNG: CR with RNGEN, SR with DRDY, DR); its numbers follow from a
+    seed."""
 
     def __init__(self, seed: int) -> None:
         self._random, self._control = random.Random(seed), 0

@@ -1,4 +1,4 @@
-"""The sending side of an M_CAN: dedicated buffers, the FIFO, and the frame in transmission, in virtual time."""
+"""The sending part of an M_CAN: dedicated buffers, the FIFO, and the frame in transmission, in virtual time."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -24,14 +24,15 @@ class TransmitBuffers:
     """The transmit elements by number; the FIFO's elements follow the dedicated buffers.
 
     Args:
-        element: returns the frame in an element.
-        duration_ns: returns the time of a frame's transmission, until the next frame may begin.
+        element: function that returns the frame in an element.
+        duration_ns: function that returns the time in ns from the start of a frame until the next frame may begin.
 
     Attributes:
         dedicated, size: numbers of dedicated buffers and of FIFO elements.
-        pending, transmitted: one bit per element: waiting to be sent; sent since the last request to send it.
+        pending: one bit per element that is set while the element waits to be sent.
+        transmitted: one bit per element that is set if the element was sent since the last request to send it.
         put: number of the FIFO's next free element.
-        is_on: whether the controller takes part in the bus; if not, it begins no frame.
+        is_on: whether the controller takes part in the bus; if False, it begins no frame.
         left: sent frames, in order.
     """
 
@@ -56,7 +57,7 @@ class TransmitBuffers:
         return self.size - (self.pending >> self.dedicated).bit_count()
 
     def ask(self, bits: int, now_ns: int) -> None:
-        """Request the transmission of elements with their present contents."""
+        """Request the transmission of the elements in `bits` with their present contents."""
         self.progress(now_ns)
         for index in range(self.dedicated + self.size):
             if bits >> index & 1:
@@ -68,14 +69,14 @@ class TransmitBuffers:
         self.transmitted &= ~bits
 
     def cancel(self, bits: int, now_ns: int) -> None:
-        """Cancel elements, except the one in transmission."""
+        """Cancel the elements in `bits`, except an element in transmission."""
         self.progress(now_ns)
         if self._wire is not None:
             bits &= ~(1 << self._wire.element)
         self._drop(bits)
 
     def switch(self, now_ns: int, *, is_on: bool) -> None:
-        """Switch the controller on or off the bus. At switching off, a frame in transmission waits again."""
+        """Switch the controller on or off the bus. If it is switched off, a frame in transmission waits again."""
         self.progress(now_ns)
         if is_on and not self.is_on:
             self._free_ns = max(self._free_ns, now_ns)

@@ -1,1 +1,1 @@
-"""The page of a run with the data for its script, the comparison of runs, and a run as a measurement."""
+"""The page of a run with the data for its script, the comparison of runs, and a run as a measurement file."""

@@ -1,4 +1,5 @@
-"""The comparison of runs as one self-contained HTML page: figures and their differences, settings, and wakes."""
+"""The comparison of runs as one self-contained HTML page: figures and their differences, settings, and pictures of the
+wakes."""
 
 import os
 from collections.abc import Mapping, Sequence
@@ -18,10 +19,10 @@ from firmware_sim.runs.run_tables import headline
 from firmware_sim.runs.summary import summary
 
 _MOST: Final = 6
-"""Largest number of runs on a page; more curves cannot be distinguished."""
+"""Largest number of runs on a page; the curves of more runs could not be distinguished."""
 NONE: Final = "\N{EN DASH}"
 _SAME: Final = "="
-"""Sign for a difference that is zero in the number format."""
+"""Sign for a difference that the number format shows as zero."""
 
 _FIGURES: Final = (
     ("mean Cd (wall), uncontrolled", "Cd_uncontrolled", ".4f"),
@@ -45,7 +46,8 @@ _FIGURES: Final = (
 
 
 class Cell(NamedTuple):
-    """A figure of one run as text, and its difference from the first run's figure: `_SAME` for zero, empty for none."""
+    """A figure of one run as text, and its difference from the first run's figure. The difference is `_SAME` for zero,
+    and empty for the first run or if a figure is missing."""
 
     value: str
     difference: str
@@ -74,7 +76,7 @@ def figure_rows(logs: Sequence[RunLog]) -> list[tuple[str, list[Cell]]]:
 
 
 def differing(logs: Sequence[RunLog]) -> list[tuple[str, list[str]]]:
-    """Return (property, one text per run) for every property of the runs that is not equal in all of them."""
+    """Return (property, one text per run) for every property that differs between the runs."""
     made = [_made_with(log) for log in logs]
     names = list(dict.fromkeys(name for one in made for name in one))
     rows = [(name, [one.get(name, NONE) for one in made]) for name in names]

@@ -29,7 +29,8 @@ _FORBIDDEN: Final = ("</script", "</style", "<!--")
 
 @dataclass(frozen=True, kw_only=True)
 class Inlined:
-    """The parts for a template. `policy` is the content security policy: no other address, only these scripts."""
+    """The parts for a template. `policy` is the content security policy, which allows only these scripts and no other
+    address."""
 
     policy: str
     styles: Markup
@@ -37,7 +38,8 @@ class Inlined:
 
 
 def inlined(main: str) -> Inlined:
-    """Return the widgets of the live page, and the script `main` from this package's folder `page`."""
+    """Return the styles and scripts of the live page's widgets, with the script `main` from this package's folder
+    `page`."""
     scripts = [_text(*place) for place in (*_WIDGETS, (*_OWN, main))]
     hashes = " ".join(f"'sha256-{_digest(script)}'" for script in scripts)
     return Inlined(
@@ -48,7 +50,7 @@ def inlined(main: str) -> Inlined:
 
 
 def as_json(values: Any) -> Markup:
-    """Return values as JSON for a script element of type application/json; no text in it can end the element."""
+    """Return values as JSON for a script element of type application/json; no text in the values can end it."""
     text = json.dumps(values, allow_nan=False, separators=(",", ":"))
     return Markup(text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026"))
 

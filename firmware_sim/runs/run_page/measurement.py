@@ -1,4 +1,5 @@
-"""A run as a measurement: frames and signals, the series that no frame has, events, and pictures of the wake."""
+"""A run as a measurement file: frames and signals, the series that are in no frame, events, and pictures of the
+wake."""
 
 import io
 from collections import Counter
@@ -28,12 +29,12 @@ RUN: Final = "Run"
 _NO_UNIT: Final = {"1": "", "name": ""}
 _BODY: Final = (209, 209, 209)
 _QUALITY: Final = 90
-"""Quality of JPEG, the picture format that Foxglove and Rerun both show."""
+"""JPEG quality of the pictures; Foxglove and Rerun both show this format."""
 
 
 def write_run(path: Path, folder: RunFolder) -> Counter[str]:
-    """Write a measurement of a finished run; return the numbers of frames without channels, by name. Raises
-    StillwakeError if the folder does not hold a run, a file is damaged, or the measurement cannot be written."""
+    """Write a finished run as a measurement file; return the numbers of frames without channels, by name. Raises
+    StillwakeError if the folder does not hold a run, a file is damaged, or the measurement file cannot be written."""
     log = run_log.load(folder.series)
     return write_measurement(
         path,
@@ -45,7 +46,7 @@ def write_run(path: Path, folder: RunFolder) -> Counter[str]:
 
 
 def run_group(log: RunLog) -> ChannelGroup:
-    """Return the series of a run as channels, at the starts of its periods in s of the run."""
+    """Return the series of a run as channels; their times are the starts of the periods, in s of the run."""
     point = log.metadata.config.operating_point
     channels = [
         NamedChannel(

@@ -39,7 +39,7 @@ def read_run(folder: RunFolder) -> ReadRun:
 def write_report(folder: RunFolder, target: Path | None = None) -> Path:
     """Write the page of a run into its folder, or to `target`, and return its path. Raises StillwakeError if the folder
     does not hold a run, one of its files is damaged, or the page cannot be written."""
-    # Importing here saves a second elsewhere: this module imports all of python-can's readers.
+    # The import is inside the function, because this module imports all of python-can's readers, which takes a second.
     from firmware_sim.runs.run_page.bus_messages import BUS_HEADS, bus_rows
 
     run = read_run(folder)
@@ -66,8 +66,8 @@ def write_report(folder: RunFolder, target: Path | None = None) -> Path:
 
 
 def wake_of(folder: RunFolder, log: RunLog) -> WakeStills | None:
-    """Read the recorded wake; None for a folder of an earlier version. Raises StillwakeError if the file is damaged, or
-    its times differ from the series'."""
+    """Read the recorded wake; return None for a folder of an earlier version. Raises StillwakeError if the file is
+    damaged, or its times differ from the times of the series."""
     return wake_stills.load(folder.wake, log) if folder.wake.exists() else None
 
 
@@ -80,7 +80,7 @@ def write_picture(folder: RunFolder, target: Path) -> None:
     check_suffix(target)
     run = read_run(folder)
     kind = target.suffix[1:].lower()
-    # PDF has its own metadata fields; PNG and SVG have a description.
+    # PDF has a fixed set of metadata fields; PNG and SVG have a description.
     described = {"Subject" if kind == "pdf" else "Description": f"stillwake bundle {run.log.metadata.digest}"}
     with replacing(target) as temporary:
         overview_figure(run.log, run.uncontrolled, run.controlled).savefig(temporary, format=kind, metadata=described)

@@ -26,7 +26,8 @@ class Disturbed(NamedTuple):
 
     Attributes:
         what: text of the disturbance without its time.
-        first, after: first period in which it may act, and the period after the last.
+        first: first period in which the disturbance may act.
+        after: period after the last period in which the disturbance may act.
     """
 
     what: str
@@ -35,7 +36,7 @@ class Disturbed(NamedTuple):
 
     @property
     def sensor(self) -> tuple[str, str] | None:
-        """Sensor and kind of a disturbance of one sensor; None for every other disturbance."""
+        """Sensor and kind of the disturbance if it acts on one sensor; otherwise None."""
         match = _SENSOR.match(self.what)
         return None if match is None else (match[2], match[1])
 
@@ -59,7 +60,7 @@ def _period(log: RunLog, seconds: str) -> int | None:
 
 
 MOST_EVENTS: Final = 400
-"""Largest number of events on a page; a bus that loses frames may change the mode very often."""
+"""Largest number of events on a page; on a bus that loses frames, the mode may change very often."""
 
 _DOES: Final = {**DOES, SKIPPED: "the ECU was still computing, and skipped the period"}
 
@@ -69,7 +70,7 @@ class RunEvent(NamedTuple):
 
     Attributes:
         period: index of the period in the run's series.
-        kind: "set" for an event from outside, "state" for one of the ECU.
+        kind: "set" for an event from outside, "state" for an event of the ECU.
     """
 
     period: int
@@ -78,7 +79,7 @@ class RunEvent(NamedTuple):
 
 
 def events(log: RunLog) -> list[RunEvent]:
-    """Return the first `MOST_EVENTS` events in order."""
+    """Return the first `MOST_EVENTS` events in order of time."""
     happened = sorted([*_set(log), *_states(log)], key=lambda event: event.period)
     if len(happened) <= MOST_EVENTS:
         return happened
@@ -112,12 +113,13 @@ def _states(log: RunLog) -> Iterator[RunEvent]:
 
 _COLUMNS: Final = ("t", "Cd", "Cl", "base_Cp", "action", "mode", "step_ms", "speed")
 _DIGITS: Final = 5
-"""Number of decimals: finer than any screen shows."""
+"""Number of decimals, which is finer than any screen shows."""
 _BINS: Final = 60
 
 
 def run_data(log: RunLog, wake: WakeStills | None, name: str) -> dict[str, Any]:
-    """Return the data for `firmware_sim/runs/run_page/page`, JSON without NaN; `wake` is None without stills."""
+    """Return the data for the scripts in `firmware_sim/runs/run_page/page`, as JSON without NaN; `wake` is None if no
+    stills were recorded."""
     config, means = log.metadata.config, averages(log)
     return {
         "name": name,
