@@ -17,7 +17,11 @@ MOST_MODULES = 15
 MOST_C_MODULES = 25
 """In a folder: the ECU's has as many, by the names of its twin's modules."""
 MOST_LINES = {
+<<<<<<< HEAD
     "source": 65_958, "benchmarks": 5_570, "tests": 57_093, "own C": 15_454, "JavaScript": 2_748, "docs": 2_281,
+=======
+    "source": 65_898, "benchmarks": 5_570, "tests": 57_143, "own C": 15_454, "JavaScript": 2_748, "docs": 2_281,
+>>>>>>> misra
     "examples": 2_019,
 }  # fmt: skip
 """Of Python, but for C and JavaScript without the code of others; a ratchet, lowered with every line that goes."""
