@@ -113,7 +113,7 @@ def ended(process: subprocess.Popen[str], number: int) -> tuple[int, str, str]:
     return process.returncode, out, err
 
 
-def test_can_logger_and_our_monitor_hear_all_that_send_and_can_player_send(tmp_path: Path, bus: Bus) -> None:
+def test_can_logger_and_our_monitor_hear_all_that_send_and_can_player_send(cli, tmp_path: Path, bus: Bus) -> None:
     output, made = tmp_path / "got.blf", write(tmp_path / "sent.asc", PERIODS)
     logging = (sys.executable, "-m", "can.logger", *bus.theirs, "-f", str(output))
     with running(*logging) as logger, running(*bus.ours, "monitor", *BUS) as monitor:
@@ -129,11 +129,9 @@ def test_can_logger_and_our_monitor_hear_all_that_send_and_can_player_send(tmp_p
         code, out, err = ended(monitor, signal.SIGINT)
     assert (code, err) == (0, "")
     assert f"{len(made) + 50} frames, " in out
-    decoded = subprocess.run(
-        [*bus.ours, "decode", str(output), "--summary"], check=True, capture_output=True, text=True, timeout=PATIENCE_S
-    )
-    assert re.search(rf"Pressure +{PERIODS + 50} ", decoded.stdout), decoded.stdout
-    assert re.search(rf"JetCommand +{PERIODS} .* 0 OK {PERIODS}\b", decoded.stdout), decoded.stdout
+    decoded = cli("can", "decode", output, "--summary").out
+    assert re.search(rf"Pressure +{PERIODS + 50} ", decoded), decoded
+    assert re.search(rf"JetCommand +{PERIODS} .* 0 OK {PERIODS}\b", decoded), decoded
 
 
 def screen_of(command: Sequence[str], awaited: bytes) -> tuple[int, str]:
