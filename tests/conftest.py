@@ -46,6 +46,10 @@ settings.load_profile("whole")
 SIGNING_KEY = Ed25519PrivateKey.from_private_bytes(bytes(32))
 """Of the bundles that tests sign; the tests that need it make it of the same bytes."""
 
+PROGRAM = "import sys; sys.modules['asammdf'] = None; from stillwake.__main__ import main; main()"
+STILLWAKE = (sys.executable, "-c", PROGRAM)
+"""In a process of its own; without asammdf, which python-can imports for MF4 files in more time than all else takes."""
+
 
 def pytest_collection_finish() -> None:
     """What the tests imported lives to the end: the collector need not look through it again and again."""
