@@ -1,6 +1,7 @@
 """What more than one room's tests need."""
 
 import gc
+import os
 import shutil
 import sys
 from base64 import b64decode
@@ -8,7 +9,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import date
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
     import typer
 
     from export.release.gated import Gated
+    from tests.ecu.in_c.exported import Exported
     from wake.truck.state import State
     from wake.truck.surface import Surface
     from wake.truck.truck_wake import TruckWake
@@ -43,6 +45,10 @@ settings.load_profile("whole")
 
 SIGNING_KEY = Ed25519PrivateKey.from_private_bytes(bytes(32))
 """Of the bundles that tests sign; the tests that need it make it of the same bytes."""
+
+PROGRAM = "import sys; sys.modules['asammdf'] = None; from stillwake.__main__ import main; main()"
+STILLWAKE = (sys.executable, "-c", PROGRAM)
+"""In a process of its own; without asammdf, which python-can imports for MF4 files in more time than all else takes."""
 
 
 def pytest_collection_finish() -> None:
@@ -92,23 +98,52 @@ def shared_builds(request, tmp_path_factory) -> Iterator[SharedBuilds]:
     builds = SharedBuilds(tmp_path_factory.mktemp("builds") if cache is None else cache.mkdir("c_builds"))
     with pytest.MonkeyPatch.context() as patch:
         for module in MODULES:
-            patch.setattr(f"{module}.compile_c", builds.compile_c)
+            patch.setattr(f"{module}.compile_c", builds.quick)
         yield builds
+
+
+def shared(factory: pytest.TempPathFactory, name: str, make: Callable[[Path], object]) -> Path:
+    """A folder that one process of the session fills for all of them; never written to afterwards."""
+    root = factory.getbasetemp().parent if "PYTEST_XDIST_WORKER" in os.environ else factory.getbasetemp()
+    with FileLock(root / f"{name}.lock"):
+        if not (root / name).exists():
+            make(unfinished := factory.mktemp(name))
+            unfinished.rename(root / name)
+    return root / name
 
 
 @pytest.fixture(scope="session")
 def random_release(tmp_path_factory) -> Path:
     """A bundle that is one in every respect but that nobody trained it: int8, the paper's window, small otherwise."""
-    return _random_release(tmp_path_factory.mktemp("release") / "bundle", window=ModelConfig().window)
+    return shared(tmp_path_factory, "random", partial(_random_release, window=ModelConfig().window)) / "bundle"
 
 
 @pytest.fixture(scope="session")
 def short_release(tmp_path_factory) -> Path:
     """The same with a window of four rows, whose controller acts from the fourth step on."""
-    return _random_release(tmp_path_factory.mktemp("short") / "bundle", window=4)
+    return shared(tmp_path_factory, "short", partial(_random_release, window=4)) / "bundle"
 
 
-def _random_release(path: Path, window: int) -> Path:
+@pytest.fixture(scope="session")
+def release(tmp_path_factory) -> "Exported":
+    """A small release with its C library; never written to."""
+    from contract.release import bundle
+    from tests.ecu.in_c.exported import Exported, exported
+
+    root = shared(tmp_path_factory, "exported", exported)
+    return Exported(bundle.load(root / "bundle"), root / "bundle", root / "c")
+
+
+@pytest.fixture(scope="session")
+def sources(release) -> dict[str, bytes]:
+    """Of its ECU in C."""
+    from ecu.in_c.c_ecu import ecu_sources
+    from tests.ecu.in_c.exported import CONFIG
+
+    return ecu_sources(release.folder, release.bundle, CONFIG)
+
+
+def _random_release(folder: Path, window: int) -> None:
     from examples.random_programs import random_program
     from export.gates.quantisation import QuantisationLimits
     from export.int8.rounded_program import rounded_to_nearest
@@ -120,8 +155,7 @@ def _random_release(path: Path, window: int) -> Path:
     program = random_program(1, model=model, mpc=MpcConfig(horizon=8))
     lowered = lower(rounded_to_nearest(program), calibration=(), with_library=False)
     limits = QuantisationLimits(rms_action_error=0.05, max_cost_gap=1.0)
-    write_random(path, gate(lowered, random_windows(program, 20), limits))
-    return path
+    write_random(folder / "bundle", gate(lowered, random_windows(program, 20), limits))
 
 
 def write_random(path: Path, gated: "Gated") -> None:

@@ -14,6 +14,7 @@ of the int8 library overflows. Rules that do not fit into the table are in C and
 import hashlib
 from collections.abc import Iterator, Mapping
 from itertools import pairwise
+from math import prod
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -76,7 +77,7 @@ def limits_in(members: Mapping[str, Member], layout: Mapping[str, str]) -> Itera
             continue
         # Constants of outputs are interleaved in groups of eight, other constants one by one.
         run = 1 if sides[-1] == len(each) else sides[-1]
-        count, size = int(np.prod(sides)), np.dtype(dtype).itemsize
+        count, size = prod(sides), np.dtype(dtype).itemsize
         if len(each) == 1:
             yield Limits(name, dtype, place, count, 1, 0, *each[0])
             continue
@@ -243,7 +244,7 @@ def arrays_in(payload: bytes, layout: Mapping[str, str]) -> dict[str, npt.NDArra
     """Return every array of a payload by the names of struct and array, such as "weights.window_mean"."""
     found = {}
     for name, (kind, sides, place) in members_in(layout).items():
-        values = np.frombuffer(payload, np.dtype(kind).newbyteorder("<"), int(np.prod(sides)), place)
+        values = np.frombuffer(payload, np.dtype(kind).newbyteorder("<"), prod(sides), place)
         found[name] = values.reshape(sides)
     return found
 

@@ -23,7 +23,7 @@ from ecu.in_c.c_settings import ecu_settings
 from ecu.in_c.compiler import zig_compiler
 from tests.browser import PHONE, Visit, chromium, visit
 from tests.docs.test_site import SITE
-from tests.ecu.in_c.exported import CONFIG, exported
+from tests.ecu.in_c.exported import CONFIG
 
 pytestmark = [
     pytest.mark.browser,
@@ -82,10 +82,10 @@ def browser():
 
 
 @pytest.fixture(scope="module")
-def small(tmp_path_factory):
+def small(release, tmp_path_factory):
     """Sources of a small release for a range of speeds, the folder of its page, and its sensors."""
     root = tmp_path_factory.mktemp("site")
-    release = exported(root).serving(SpeedRange(slowest=0.6, fastest=1.4))
+    release = release.serving(SpeedRange(slowest=0.6, fastest=1.4))
     sources = ecu_sources(release.folder, release.bundle, CONFIG)
     write_page(root / "try", sources, release.bundle, CONFIG)
     return sources, root, release.bundle.manifest.sensors

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Sequence
 from itertools import count
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -19,9 +18,6 @@ from contract.controller.interface import ControlStep
 from contract.release.checks import Bundle
 from contract.release.manifest import Manifest, Scaling
 from ecu.ecu import Ecu
-
-if TYPE_CHECKING:
-    from tests.ecu.in_c.exported import Exported
 
 WINDOW, HORIZON = 4, 5
 
@@ -149,20 +145,3 @@ def bench_of() -> Callable[..., Bench]:
 @pytest.fixture
 def bench() -> Bench:
     return make_bench()
-
-
-@pytest.fixture(scope="session")
-def release(tmp_path_factory) -> "Exported":
-    """A small release with its C library; never written to."""
-    from tests.ecu.in_c.exported import exported
-
-    return exported(tmp_path_factory.mktemp("exported"))
-
-
-@pytest.fixture(scope="session")
-def sources(release) -> dict[str, bytes]:
-    """Of its ECU in C."""
-    from ecu.in_c.c_ecu import ecu_sources
-    from tests.ecu.in_c.exported import CONFIG
-
-    return ecu_sources(release.folder, release.bundle, CONFIG)

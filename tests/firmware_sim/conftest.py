@@ -1,5 +1,5 @@
-"""The small release and the bench of the ECU's own tests."""
+"""The bench of the ECU's own tests."""
 
-from tests.ecu.conftest import bench, bench_of, bundle_of, recording_controller, release, sources
+from tests.ecu.conftest import bench, bench_of, bundle_of, recording_controller
 
-__all__ = ["bench", "bench_of", "bundle_of", "recording_controller", "release", "sources"]
+__all__ = ["bench", "bench_of", "bundle_of", "recording_controller"]

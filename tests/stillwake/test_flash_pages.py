@@ -4,7 +4,6 @@ import os
 import re
 import shlex
 import subprocess
-import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -13,6 +12,7 @@ from typing import Any, Final
 
 import pytest
 
+from tests.conftest import STILLWAKE
 from tests.ecu.daemon.driving import PATIENCE_S
 
 ROOT: Final = Path(__file__).resolve().parents[2]
@@ -34,7 +34,7 @@ def lines_of(page: str, heading: str = "") -> list[list[str]]:
 def ecu(arguments: list[str]) -> Iterator[None]:
     """The page's other terminal, once the ECU runs."""
     path = os.pathsep.join((str(ROOT), os.environ.get("PYTHONPATH", "")))
-    command = [sys.executable, "-m", "stillwake", *arguments]
+    command = [*STILLWAKE, *arguments]
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, env=os.environ | {"PYTHONPATH": path}) as popen:
         assert popen.stderr is not None
         said = popen.stderr

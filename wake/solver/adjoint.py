@@ -66,6 +66,7 @@ class FlowAdjoint(CopiedWhole):
         )
         kernels.clear_walls(bar.u, bar.v, walls)
         flow, work = Flow.of(start, solver.grid.shape), self._work
+        work.flat[:] = start
         adjoint_kernels.back_stages(
             bars,
             slot_bar,

@@ -6,8 +6,6 @@ over the same runs. All kernels but convection are linear. Convection is quadrat
 velocity at the rate's instant and nothing else.
 """
 
-from typing import NamedTuple
-
 import numpy as np
 from numba import njit
 
@@ -16,44 +14,28 @@ from wake.solver.boundary import GhostMap
 from wake.solver.kernels import Domain, Fields, Rates, Runs, Spacing, Walls, advance_stage
 
 
-class _Across(NamedTuple):
-    """Coefficients along y; those of neighbours outside the domain are zero.
-
-    Attributes:
-        half: 1 / (2 dy), by padded column of u, (ny + 2,).
-        north, south: diffusion towards the neighbours of a u-face, (ny + 2,).
-        self_u: minus the sum of north and south, (ny + 2,).
-        below, above: shares of the columns of u on both sides of a v-face, (ny + 1,).
-        north_v, south_v, self_v: diffusion coefficients for v, like those for u, (ny + 1,).
-        half_c, rdyc: 1 / (2 dyc) and 1 / dyc, (ny + 1,).
-    """
-
-    half: Array
-    north: Array
-    south: Array
-    self_u: Array
-    below: Array
-    above: Array
-    north_v: Array
-    south_v: Array
-    self_v: Array
-    half_c: Array
-    rdyc: Array
-
-
 @njit(cache=True, nogil=True)
-def _across(dy: Array, dyc: Array, nu: float) -> _Across:
+def _across(dy: Array, dyc: Array, nu: float) -> tuple[Array, Array]:
+    """Return coefficients along y, where those of neighbours outside the domain are zero.
+
+    By padded column of u, (4, ny + 2): 1 / (2 dy); diffusion to the north and to the south, and minus their sum. By row
+    of v, (7, ny + 1): shares of the columns of u below and above a v-face; diffusion to the north and to the south, and
+    minus their sum; 1 / (2 dyc) and 1 / dyc.
+    """
     real, ny = dy.dtype.type, len(dy)
     one, half = real(1.0), real(0.5)
-    rdyc = one / dyc
-    half_u, north, south = np.zeros(ny + 2, dy.dtype), np.zeros(ny + 2, dy.dtype), np.zeros(ny + 2, dy.dtype)
-    half_u[1:-1], north[1:-1], south[1:-1] = half / dy, nu / dy * rdyc[1:], nu / dy * rdyc[:-1]
-    below, above, north_v, south_v = np.zeros_like(dyc), np.zeros_like(dyc), np.zeros_like(dyc), np.zeros_like(dyc)
-    below[1:-1], above[1:-1] = half * dy[:-1] * rdyc[1:-1], half * dy[1:] * rdyc[1:-1]
-    north_v[1:-1], south_v[1:-1] = nu * rdyc[1:-1] / dy[1:], nu * rdyc[1:-1] / dy[:-1]
-    return _Across(
-        half_u, north, south, -(north + south), below, above, north_v, south_v, -(north_v + south_v), half * rdyc, rdyc
-    )
+    u, v = np.zeros((4, ny + 2), dy.dtype), np.zeros((7, ny + 1), dy.dtype)
+    for j in range(ny + 1):
+        v[6, j] = one / dyc[j]
+        v[5, j] = half * v[6, j]
+    for j in range(ny):
+        u[0, j + 1], u[1, j + 1], u[2, j + 1] = half / dy[j], nu / dy[j] * v[6, j + 1], nu / dy[j] * v[6, j]
+        u[3, j + 1] = -(u[1, j + 1] + u[2, j + 1])
+    for j in range(1, ny):
+        v[0, j], v[1, j] = half * dy[j - 1] * v[6, j], half * dy[j] * v[6, j]
+        v[2, j], v[3, j] = nu * v[6, j] / dy[j], nu * v[6, j] / dy[j - 1]
+        v[4, j] = -(v[2, j] + v[3, j])
+    return u, v
 
 
 @njit(cache=True, nogil=True, fastmath={"contract"})
@@ -67,24 +49,22 @@ def back_rates(bar: Fields, gained: Rates, u: Array, v: Array, nu: float, spacin
     real, nx, ny = u.dtype.type, u.shape[0] - 2, u.shape[1] - 2
     half, nu = real(0.5), real(nu)
     dx, dxc = spacing.dx, spacing.dxc
-    y = _across(spacing.dy, spacing.dyc, nu)
-    hy, north, south, below, above, cy = y.half, y.north, y.south, y.below, y.above, y.rdyc
-    nv, sv, hc = y.north_v, y.south_v, y.half_c
-    south_upper, self_u, self_v, below_upper, sv_upper = south[2:], y.self_u[1:-1], y.self_v[1:-1], below[1:], sv[2:]
+    yu, yv = _across(spacing.dy, spacing.dyc, nu)
+    hy, north, south, self_u = yu[0], yu[1], yu[2], yu[3][1:-1]
+    below, above, nv, sv, self_v, hc, cy = yv[0], yv[1], yv[2], yv[3], yv[4][1:-1], yv[5], yv[6]
+    south_upper, below_upper, sv_upper = south[2:], below[1:], sv[2:]
     # Coefficients by x-face i: 1 / dxc, diffusion to both sides, shares of both cells. Coefficients by cell: 1 / (2
     # dx), diffusion to both sides. The arrays have one more entry before the first and after the last index.
-    rdxc, west, east = np.zeros(nx + 3, u.dtype), np.zeros(nx + 3, u.dtype), np.zeros(nx + 3, u.dtype)
-    left, right = np.zeros(nx + 3, u.dtype), np.zeros(nx + 3, u.dtype)
-    hrx, west_v, east_v = np.zeros(nx + 3, u.dtype), np.zeros(nx + 3, u.dtype), np.zeros(nx + 3, u.dtype)
+    x = np.zeros((8, nx + 3), u.dtype)
+    rdxc, west, east, left, right, hrx, west_v, east_v = x[0], x[1], x[2], x[3], x[4], x[5], x[6], x[7]
     for i in range(1, nx + 1):
         r = real(1.0) / dxc[i]
         rdxc[i], west[i], east[i] = r, nu / dx[i - 1] * r, nu / dx[i] * r
         left[i], right[i] = half * dx[i - 1] * r, half * dx[i] * r
     for i in range(nx):
         hrx[i], west_v[i], east_v[i] = half / dx[i], nu / dxc[i] / dx[i], nu / dxc[i + 1] / dx[i]
-    shares, shifts = np.zeros((2, ny + 1), u.dtype), np.zeros((2, ny + 1), u.dtype)
-    through, crossing, part = np.zeros(ny + 1, u.dtype), np.zeros(ny + 1, u.dtype), np.zeros(ny + 1, u.dtype)
-    inner = np.zeros(ny, u.dtype)
+    rows = np.zeros((8, ny + 1), u.dtype)
+    shares, shifts, through, crossing, part, inner = rows[0:2], rows[2:4], rows[4], rows[5], rows[6], rows[7]
     for i in range(nx + 2):
         # The terms beyond the first and last row have coefficients of zero; index -1 is the last entry.
         back, ahead = max(i - 1, 0), min(i + 1, nx + 1)
@@ -220,17 +200,23 @@ def back_stages(
         bar: sensitivities after the stages; overwritten with those before the stages.
         slot_bar: (3, m); receives the sensitivities of the slots' velocities at each stage's end.
         start: the flow at the step's start.
-        work, rates, second: finite; overwritten.
+        work: a copy of `start`; overwritten.
+        rates, second: finite; overwritten.
         a, step, slot_velocity, wind, gained, domain: arguments as in the forward kernel.
     """
-    work.u[:], work.v[:], work.p[:] = start.u, start.v, start.p
-    advance_stage(work, rates, a[0], step[0], slot_velocity[0], wind[0], gained[0], domain)
-    second.u[:], second.v[:] = work.u, work.v
-    advance_stage(work, rates, a[1], step[1], slot_velocity[1], wind[1], gained[1], domain)
+    # Loops with one call, and no assignment of an array to a slice: either would double the time of compiling this.
+    for k in range(2):
+        advance_stage(work, rates, a[k], step[k], slot_velocity[k], wind[k], gained[k], domain)
+        for source, target in ((work.u, second.u), (work.v, second.v)):
+            for i in range(source.shape[0] if k == 0 else 0):
+                for j in range(source.shape[1]):
+                    target[i, j] = source[i, j]
     # From here on the arrays of the rates hold the rates' sensitivities.
-    _back_stage(bar, slot_bar[2], rates, work.u, work.v, 0.0, step[2], domain)
-    _back_stage(bar, slot_bar[1], rates, second.u, second.v, a[2], step[1], domain)
-    _back_stage(bar, slot_bar[0], rates, start.u, start.v, a[1], step[0], domain)
+    u, v, a_next = work.u, work.v, 0.0
+    for k in range(2, -1, -1):
+        _back_stage(bar, slot_bar[k], rates, u, v, a_next, step[k], domain)
+        a_next = a[k]
+        u, v = (second.u, second.v) if k == 2 else (start.u, start.v)
 
 
 @njit(cache=True, nogil=True)

@@ -282,7 +282,9 @@ def _solve_half(
     """Solve in place: `field` holds the right-hand side before and phi after the call."""
     _product(field, q, rhs)
     if links.shape[0] > 0:
-        first[:] = rhs
+        for i in range(rhs.shape[0]):
+            for k in range(rhs.shape[1]):
+                first[i, k] = rhs[i, k]
         _tridiagonal(first, pivot, coupling)
         _gather(first, links, q, jump)
         _times(cap, jump, against)

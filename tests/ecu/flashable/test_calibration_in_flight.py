@@ -27,7 +27,7 @@ from tests.can_bridge.uds.addresses import COMMAND_ID, XCP_RESPONSE_ID
 from tests.ecu.conftest import RecordingController
 from tests.ecu.flashable.vehicle_ecu import UNCHECKED, Rig, image, provision, shipped
 from tests.ecu.in_c.exported import CONFIG as IN_C
-from tests.ecu.in_c.exported import exported
+from tests.ecu.in_c.exported import Exported
 
 VALUES = struct.Struct("<10fI")
 READ, READ_STORED = b"\x22\xfd\x10", b"\x22\xfd\x12"
@@ -194,9 +194,9 @@ def test_nothing_is_stored_for_a_release_whose_slot_is_being_written(rig: Rig) -
 
 
 @pytest.mark.compiler
-def test_uds_and_xcp_calibrate_the_ecu_in_c(tmp_path: Path) -> None:
+def test_uds_and_xcp_calibrate_the_ecu_in_c(release: Exported, tmp_path: Path) -> None:
     """Through the same link as the ECU in Python: the limits are of its release, the bytes are those of its struct."""
-    release, made = exported(tmp_path / "release"), list[CEcu]()
+    made = list[CEcu]()
 
     def in_c(bundle: Bundle, controller: Controller, config: Config, authentication: None) -> CEcu:
         made.append(CEcu(ecu_sources(release.folder, release.bundle, config), flags=("-O1", "-ffp-contract=off")))

@@ -41,13 +41,13 @@ SANITISED = ("-O1", "-ffp-contract=off", "-fsanitize=undefined,float-cast-overfl
 SHIM = Path(__file__).with_name("c").joinpath("estimate.c").read_bytes()
 
 
-def random_network(seed: int = 0, width: int = 64) -> EstimatorNetwork:
+def random_network(seed: int = 0, width: int = 64, rows: int = WINDOW) -> EstimatorNetwork:
     """One of the shipped one's shape, whose layers keep the size of what they are given."""
     rng = np.random.default_rng(seed)
-    sizes = (WINDOW * 5 + 4, width, width, 4)
+    sizes = (rows * 5 + 4, width, width, 4)
     layers = [(rng.normal(size=(b, a)) * np.sqrt(2 / a), rng.normal(size=b) / 4) for a, b in pairwise(sizes)]
     mean, std = np.array([-0.29, -0.36, -0.41, -0.37, 0.0]), np.array([0.18, 0.22, 0.24, 0.27, 0.03])
-    return EstimatorNetwork(window=WINDOW, mean=mean, std=std, layers=layers)
+    return EstimatorNetwork(window=rows, mean=mean, std=std, layers=layers)
 
 
 NETWORK = random_network()

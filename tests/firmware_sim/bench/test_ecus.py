@@ -111,10 +111,10 @@ def test_the_command_runs_the_core_and_needs_the_library_of_a_bundle_of_ones_own
 
 def test_lockstep_finds_another_ecu(release, sources):
     """One whose controller plans for other weights: its states and its commands differ, and the fields are named."""
-    other = CEcu(sources, compiler=zig_compiler(), flags=ZIG)
+    own, other = CEcu(sources), CEcu(sources)
     other.calibrate(replace(other.calibration, weights=replace(other.calibration.weights, lift=9.0)))
     check_ecu(C, 0.0)  # its clock is the host's
-    both = Lockstep(host(sources).ecu, other)
+    both = Lockstep(own, other)
     run(release, LoopEcu(ecu=both, kind=C, computed_by="a test"))
     assert both.differing_states > 0
     assert both.differing_frames > 0

@@ -22,7 +22,7 @@ from contract.config.vehicle import BusConfig
 from contract.release.manifest import SpeedRange
 from ecu.c.sources import fmu_sources
 from ecu.in_c.c_ecu import CEcu, ecu_sources
-from ecu.in_c.compiler import compile_c, host_compiler
+from ecu.in_c.compiler import host_compiler
 from firmware_sim.fmu.ecu_fmu import FLAGS, ecu_fmu
 from tests.each import each
 from tests.ecu.in_c.exported import CONFIG, Exported
@@ -53,7 +53,7 @@ def fmu_of(release, tmp_path_factory):
     return made
 
 
-def test_the_file_is_sound_the_same_again_and_compiles_from_its_own_sources(fmu_of, tmp_path):
+def test_the_file_is_sound_the_same_again_and_compiles_from_its_own_sources(fmu_of, shared_builds, tmp_path):
     path, _ = fmu_of()
     assert validate_fmu(str(path)) == []
     assert path.read_bytes() == fmu_of()[0].read_bytes()
@@ -63,7 +63,7 @@ def test_the_file_is_sound_the_same_again_and_compiles_from_its_own_sources(fmu_
     named = {item.get("name") for item in built.iter("SourceFile")}
     files = {item.name: item.read_bytes() for item in (tmp_path / "sources").iterdir()}
     assert named == {name for name in files if name.endswith(".c")}
-    compile_c(files, tmp_path / "again.so", compiler=host_compiler(), flags=FLAGS)
+    shared_builds.quick(files, tmp_path / "again.so", compiler=host_compiler(), flags=FLAGS)
     assert (tmp_path / "again.so").read_bytes() == next((tmp_path / "binaries").rglob("*.so")).read_bytes()
 
 

@@ -17,7 +17,7 @@ from firmware_sim.bench.spans import Spans
 from firmware_sim.fmu.ecu_fmu import ecu_fmu
 from firmware_sim.fmu.kinds import FmuKind
 from firmware_sim.fmu.plant_fmu import plant_fmu
-from tests.ecu.in_c.exported import CONFIG, exported
+from tests.ecu.in_c.exported import CONFIG
 from tests.firmware_sim.fmu.imported import Imported, Imported2, check_order_of_calls
 from wake.plant.drive import Drive
 from wake.plants import own_wake
@@ -36,9 +36,8 @@ def plant_path(tmp_path_factory):
     return path
 
 
-def test_both_fmus_together_are_the_own_loop_to_the_bit(plant_path, tmp_path):
+def test_both_fmus_together_are_the_own_loop_to_the_bit(plant_path, release, tmp_path):
     """Inputs are set from outputs, then both step: a command for the next period acts in it."""
-    release = exported(tmp_path)
     sources = ecu_sources(release.folder, release.bundle, CONFIG)
     (tmp_path / "ecu.fmu").write_bytes(ecu_fmu(sources, fmu_sources("signals"), release.bundle, CONFIG))
     assert validate_fmu(str(plant_path)) == []

@@ -9,7 +9,7 @@ from udsoncan.client import Client
 from can_bridge.flashing.access_level import Level
 from can_bridge.isotp.endpoint import Endpoint
 from can_bridge.tester.asking import Asking
-from can_bridge.tester.sequence import Flashed
+from can_bridge.tester.sequence import End, Flashed
 from can_bridge.tester.transfer import bring
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import message_set
@@ -174,7 +174,7 @@ class BoardLine(Line):
     def provision(self, keys: bytes, image: bytes) -> None:
         """A key list and a first release for a fresh board."""
         bring(Asking(Client(self), key=KEY.answer, clock=self.time.clock, sleep=self.time.sleep), keys)
-        self.flash(image)
+        assert self.flash(image).end is End.CONFIRMED
 
     def flash(self, image: bytes) -> Flashed:
         """The tester's whole sequence."""

@@ -103,6 +103,7 @@ def test_every_frame_and_state_is_the_hosts(sources):
         board.step(now_ns, [], fault=Reason.NO_RELEASE)
 
 
+@pytest.mark.proofs  # two more builds; the ECU in C is held to the one in Python at speeds, and the board to C
 @fuses
 def test_at_other_speeds_they_are_as_well(release):
     serving = release.serving(SpeedRange(slowest=0.8, fastest=1.2))

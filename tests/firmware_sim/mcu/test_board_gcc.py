@@ -11,7 +11,6 @@ import pytest
 from can_bridge.bus.interface import BusHealth
 from can_bridge.wire.messages import Mode
 from ecu.in_c.c_ecu import CEcu
-from ecu.in_c.compiler import zig_compiler
 from firmware_sim.mcu.board.board_ecu import BoardEcu
 from firmware_sim.mcu.elf import Firmware, read_elf
 from tests.can_bridge.flashing.releases import keys
@@ -39,8 +38,7 @@ def built_by_its_rules(folder: Path) -> Firmware:
 def test_built_without_a_warning_it_sends_the_hosts_frames_and_does_so_again_once_flashed(release, sources, tmp_path):
     folder, node = shutil.copytree(release.folder, tmp_path / "c"), Built(release)
     board = BoardEcu(sources, firmware=built_by_its_rules(folder))
-    host = CEcu(sources, compiler=zig_compiler(), flags=("-O2", "-ffp-contract=off"))
-    decided = []
+    host, decided = CEcu(sources), []
     for now_ns, frames in Feed().periods(WINDOW + 30, lost=(LOST, LOST + 1, LOST + 2), damaged=(LOST + 4,)):
         step_both(board, host, now_ns, frames, BusHealth())
         decided.append((board.trace.mode, board.trace.action))

@@ -5,7 +5,6 @@ import os
 import signal
 import socket
 import subprocess
-import sys
 import threading
 from collections.abc import Callable, Iterator
 from configparser import RawConfigParser
@@ -20,6 +19,7 @@ from contract.config.tree import Config
 from contract.config.vehicle import BusConfig
 from ecu.real_time.privileges import PRIORITY
 from ecu.real_time.stage_times import EcuStage, load
+from tests.conftest import STILLWAKE
 from tests.ecu.daemon.driving import PATIENCE_S, Vehicle
 
 ROOT = Path(__file__).parents[3]
@@ -102,7 +102,7 @@ def test_from_its_start_to_a_signal(vehicle: Vehicle, short_release: Path, tmp_p
         log.open("w") as stderr,
         subprocess.Popen(
             # More late steps than the window holds, of which a busy machine has many, never latch.
-            [sys.executable, "-m", "stillwake", "ecu", *words, "--set", "ecu.deadline_misses=11"],
+            [*STILLWAKE, "ecu", *words, "--set", "ecu.deadline_misses=11"],
             stderr=stderr,
             env=os.environ | environment,
             # Shells start background jobs deaf to Ctrl-C, and a test may run in one.

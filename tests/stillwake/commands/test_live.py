@@ -4,7 +4,6 @@ import importlib.util
 import signal
 import socket
 import subprocess
-import sys
 import urllib.request
 from contextlib import nullcontext
 from dataclasses import replace
@@ -21,6 +20,7 @@ from ecu.stepped import LoopEcu
 from stillwake.parts import live_parts
 from stillwake.parts.live_parts import COMPILING, MAKING, Ecus, controllers, plants
 from stillwake.parts.releases import open_release
+from tests.conftest import STILLWAKE
 
 PATIENCE_S = 120.0
 
@@ -83,9 +83,7 @@ def test_errors_are_one_line_and_leave_nothing(all_refused):
 @pytest.mark.processes
 def test_it_serves_a_loop_and_ends_both_processes():
     words = ("live", "--port", "0", "--plant", "recording", "--bundle", str(BUNDLE))
-    process = subprocess.Popen(
-        [sys.executable, "-m", "stillwake", *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    )
+    process = subprocess.Popen([*STILLWAKE, *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     assert process.stdout is not None
     try:
         url = next(line.strip() for line in process.stdout if line.startswith("http"))
