@@ -1,9 +1,9 @@
 """Compiled inner loops of the adjoint: the transposes of `wake.solver.kernels`, linearised about a flow.
 
 A bar marks a sensitivity: the derivative of a scalar of later flows with respect to a value. Each kernel takes the
-sensitivities of its forward kernel's outputs and adds to the sensitivities of its inputs, in the same padded arrays and
-over the same runs. All kernels but convection are linear. Convection is quadratic, so a rate's transpose needs the
-velocity at the rate's instant and nothing else.
+sensitivities of its forward kernel's outputs and adds to the sensitivities of that kernel's inputs, in equally padded
+arrays and over equal runs of faces. All kernels but convection are linear. Convection is quadratic, so the transpose of
+a rate needs only the velocity at the rate's instant.
 """
 
 from typing import NamedTuple
@@ -17,13 +17,13 @@ from wake.solver.kernels import Domain, Fields, Rates, Runs, Spacing, Walls, adv
 
 
 class _Across(NamedTuple):
-    """Coefficients along y; those of neighbours outside the domain are zero.
+    """Coefficients along y; coefficients of neighbours outside the domain are zero.
 
     Attributes:
         half: 1 / (2 dy), by padded column of u, (ny + 2,).
         north, south: diffusion towards the neighbours of a u-face, (ny + 2,).
         self_u: minus the sum of north and south, (ny + 2,).
-        below, above: shares of the columns of u on both sides of a v-face, (ny + 1,).
+        below, above: weights of the columns of u on both sides of a v-face, (ny + 1,).
         north_v, south_v, self_v: diffusion coefficients for v, like those for u, (ny + 1,).
         half_c, rdyc: 1 / (2 dyc) and 1 / dyc, (ny + 1,).
     """
@@ -58,10 +58,10 @@ def _across(dy: Array, dyc: Array, nu: float) -> _Across:
 
 @njit(cache=True, nogil=True, fastmath={"contract"})
 def back_rates(bar: Fields, gained: Rates, u: Array, v: Array, nu: float, spacing: Spacing) -> None:
-    """Carry the sensitivities `gained` of du/dt and dv/dt, zero on faces that are not open, to u, v and p.
+    """Propagate the sensitivities `gained` of du/dt and dv/dt, zero on faces that are not open, to u, v and p.
 
     Every entry gathers its contributions to its neighbours' rates, row by row in x; scattering from each rate takes
-    twice as long. A loop uses at most eight arrays, because the compiler does not vectorise loops with more.
+    twice as long. A loop uses at most eight arrays, because the compiler does not vectorise loops with more arrays.
     """
     gu, gv = gained.u, gained.v
     real, nx, ny = u.dtype.type, u.shape[0] - 2, u.shape[1] - 2
@@ -71,8 +71,9 @@ def back_rates(bar: Fields, gained: Rates, u: Array, v: Array, nu: float, spacin
     hy, north, south, below, above, cy = y.half, y.north, y.south, y.below, y.above, y.rdyc
     nv, sv, hc = y.north_v, y.south_v, y.half_c
     south_upper, self_u, self_v, below_upper, sv_upper = south[2:], y.self_u[1:-1], y.self_v[1:-1], below[1:], sv[2:]
-    # Coefficients by x-face i: 1 / dxc, diffusion to both sides, shares of both cells. Coefficients by cell: 1 / (2
-    # dx), diffusion to both sides. The arrays have one more entry before the first and after the last index.
+    # The coefficients by x-face i are 1 / dxc, diffusion to both sides, and weights of both cells. The coefficients by
+    # cell are 1 / (2 dx) and diffusion to both sides. The arrays have one more entry before the first and after the
+    # last index.
     rdxc, west, east = np.zeros(nx + 3, u.dtype), np.zeros(nx + 3, u.dtype), np.zeros(nx + 3, u.dtype)
     left, right = np.zeros(nx + 3, u.dtype), np.zeros(nx + 3, u.dtype)
     hrx, west_v, east_v = np.zeros(nx + 3, u.dtype), np.zeros(nx + 3, u.dtype), np.zeros(nx + 3, u.dtype)
@@ -172,8 +173,8 @@ def back_edges(u: Array, v: Array) -> None:
 
 @njit(cache=True, nogil=True, fastmath={"contract"})
 def _back_step(q: Array, bar: Array, step: float, a: float, runs: Index, pad_i: int, pad_j: int) -> None:
-    """Compute q = a q + step bar on the open faces: the sensitivities of a stage's rates, from the stage's own step
-    (step bar) and from the next stage (a q)."""
+    """Compute q = a q + step bar on the open faces. The result is the sensitivities of a stage's rates; step bar comes
+    from the stage's own step and a q from the next stage."""
     step, a = q.dtype.type(step), q.dtype.type(a)
     for r in range(runs.shape[0]):
         i, j0, j1 = runs[r, 0] + pad_i, runs[r, 1] + pad_j, runs[r, 2] + pad_j
@@ -217,10 +218,10 @@ def back_stages(
     """Apply the transpose of `wake.solver.kernels.stages` for its three stages, from the flow at the step's start.
 
     Args:
-        bar: sensitivities after the stages; overwritten with those before the stages.
-        slot_bar: (3, m); receives the sensitivities of the slots' velocities at each stage's end.
+        bar: sensitivities after the stages; overwritten with the sensitivities before the stages.
+        slot_bar: (3, m); receives the sensitivities of the velocities on the slots' m faces at each stage's end.
         start: the flow at the step's start.
-        work, rates, second: finite; overwritten.
+        work, rates, second: arrays of finite numbers; overwritten.
         a, step, slot_velocity, wind, gained, domain: arguments as in the forward kernel.
     """
     work.u[:], work.v[:], work.p[:] = start.u, start.v, start.p
