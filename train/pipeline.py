@@ -34,7 +34,7 @@ from train.selection.ranking import GIVEN, Ranking, SensorChoice, check_count
 from train.selection.shap_ranking import ShapRanker, rank
 
 THREADS: Final = "torch_threads"
-"""Key in a model's `versions`: the number of torch's threads, or all numbers if it changed during the training."""
+"""Key in a model's `versions` for the number of torch's threads, or all numbers if it changed during the training."""
 
 
 def train_all(
@@ -58,7 +58,7 @@ def train_all(
     Args:
         progress: called from every phase; see `train.fitting.progress.Progress`.
         device: "cpu" or "cuda".
-        resume: continue an interrupted run of the same settings and recording; if False, start over.
+        resume: continue an interrupted run with equal settings and recording; if False, start over.
         chosen: names of the slim encoder's sensors; None uses the method `config.train.selection`.
         threads: number of torch's threads, stated in the model's `versions`; the caller's number is restored.
         notice: called with a line for every training episode that is too short, and if the number of threads has
@@ -78,7 +78,7 @@ def train_all(
         model_folder.check_free(output)
         recording = dataset.read(dataset_path)
         layout = recording.layout
-        # Everything that later phases would refuse is checked here, before the first phase takes minutes.
+        # Settings that later phases would refuse are checked here, before the first phase takes minutes.
         _check_selection(config, layout, chosen)
         refuse_unfit(findings(recording, config, choosing=chosen is None), str(dataset_path))
         for line in left_out(recording, config):
@@ -137,7 +137,7 @@ def deployed(
     slim = distil(teacher.encoder, rows, indices, config, progress=progress, checkpoints=checkpoints)
     if not config.model.is_slimmed:
         return slim.cpu(), None
-    # The latents are those of the vehicle's encoder, not of the teacher.
+    # The latents come from the vehicle's encoder, not from the teacher.
     latents = encode_all(slim, rows.with_sensors(indices))
     lessons = teach(teacher, latents, rows, scaling, config, progress=progress)
     predictor = distil_predictor(lessons, config.model, config.train, progress=progress, checkpoints=checkpoints)
@@ -164,7 +164,7 @@ def _checkpoints(output: Path, identity: Identity, resume: bool) -> Checkpoints:
 def _choice(
     encoder: Encoder, rows: Rows, config: Config, checkpoints: Checkpoints, progress: Progress
 ) -> tuple[tuple[str, ...], SensorChoice]:
-    """Return the chosen sensors, and how they were chosen."""
+    """Return the chosen sensors, and the method of their choice."""
     settings, path = config.train, checkpoints.path(Phase.SELECT)
     if settings.selection == "shap":
         ranking = _ranking(encoder, rows, config, checkpoints, progress)

@@ -1,7 +1,9 @@
-"""Training of the network that estimates each of a controller's pressures from the others, for the ECU's sensor check.
+"""Training of the network that estimates each of a controller's pressures from the other pressures, for the ECU's
+sensor check.
 
-It learns from the recording's "train" episodes and their mirror images. During training, noise is added to the
-readings, and some rows repeat the row before, as on an ECU that loses frames, so that the estimator tolerates both.
+The network learns from the recording's "train" episodes and their mirror images. During training, noise is added to the
+readings, and some rows repeat the row before, as on an ECU that loses frames, so that the estimator tolerates noise and
+lost frames.
 """
 
 from collections.abc import Callable, Sequence
@@ -19,18 +21,19 @@ from contract.recording.dataset import Dataset
 from train.fitting.threads import torch_threads
 
 _WIDTHS: Final = (64, 64)
-"""Widths of the hidden layers. 192 gives slightly smaller residuals, but does not fit into a microcontroller."""
+"""Widths of the hidden layers. A width of 192 gives slightly smaller residuals, but does not fit into a
+microcontroller."""
 EPOCHS: Final = 60.0
 BATCH: Final = 1024
 LEARNING_RATE: Final = 3e-3
 NOISE: Final = 0.5
-"""Largest noise, in global deviations of pressure. Levels are squared uniform draws, so little noise is frequent."""
+"""Largest noise, in global deviations of pressure. Levels are squared uniform draws, so low noise is frequent."""
 HELD: Final = 0.4
-"""Largest share of rows that repeat the row before."""
+"""Largest fraction of rows that repeat the row before."""
 GUST: Final = 0.15
-"""Largest relative difference between the air speed and the speed that scales the pressures, in half of the windows.
-Trained without it, a gust of a tenth leaves mean residuals of 0.07 in Cp, four standard deviations of healthy sensors;
-trained with it, 0.009 (held-out episodes of the shipped recording, pressures times 1.21)."""
+"""Largest relative difference, in half of the windows, between the air speed and the speed that scales the pressures.
+Without this difference in training, a gust of a tenth leaves mean residuals of 0.07 in Cp, four standard deviations of
+healthy sensors; with it, 0.009 (held-out episodes of the shipped recording, pressures times 1.21)."""
 WEIGHT_DECAY: Final = 1e-3
 SEED: Final = 0
 """Random seed of initial weights, draws and noise; its value is arbitrary."""
@@ -88,7 +91,8 @@ def _fit(
     starts = torch.tensor(
         np.concatenate([b + np.arange(len(item) - window + 1) for b, item in zip(begins, learned, strict=True)])
     )
-    # Views that exchange sensors need no training: after the exchange their windows are ordinary windows.
+    # Views in which sensors are exchanged need no training, because after the exchange their windows are ordinary
+    # windows.
     hidden = torch.zeros(sensors + sensors * (sensors - 1) // 2, sensors)
     for flags, view in zip(hidden, views(sensors), strict=False):
         flags[list(view.left_out)] = 1.0
@@ -120,20 +124,22 @@ def _fit(
 
 
 def _inputs(seen: Tensor, hidden: Tensor) -> Tensor:
-    """Return the network's input, (B, L (S+1) + S), from windows (B, L, S+1) and flags (B, S)."""
+    """Return the network's input, (B, L (S+1) + S), from B windows of S sensors and the action, (B, L, S+1), and flags
+    (B, S)."""
     kept = torch.cat([1.0 - hidden, torch.ones(len(hidden), 1)], dim=1)
     return torch.cat([(seen * kept[:, None]).flatten(1), hidden], dim=1)
 
 
 def _blown(seen: Tensor, middle: Tensor, generator: torch.Generator) -> Tensor:
-    """Rescale windows (B, L, S+1) as if the air's dynamic pressure differed; `middle` (S,) is the mean."""
+    """Rescale B windows of S sensors, (B, L, S+1), as if the air's dynamic pressure differed; `middle` (S,) is the
+    mean."""
     share, is_blown = torch.rand(2, len(seen), 1, 1, generator=generator)
     factor = torch.square(1.0 + GUST * (2.0 * share - 1.0) * (is_blown < 0.5))
     return torch.cat([factor * (seen[:, :, :-1] + middle) - middle, seen[:, :, -1:]], dim=2)
 
 
 def _disturbed(seen: Tensor, unit: Tensor, generator: torch.Generator) -> Tensor:
-    """Return windows (B, L, S+1) with noise on the readings and with repeated rows."""
+    """Return B windows of S sensors, (B, L, S+1), with noise on the readings and with repeated rows."""
     batch, length, columns = seen.shape
     level = NOISE * torch.square(torch.rand(batch, 1, 1, generator=generator))
     readings = seen[:, :, :-1] + level * unit * torch.randn(batch, length, columns - 1, generator=generator)

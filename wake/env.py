@@ -23,9 +23,9 @@ from wake.truck.truck_wake import TruckWake
 Observation = npt.NDArray[np.float32]
 
 LEDGER: Final = ("t", *LEDGER_FIELDS, "Uy_probe", "action", "Cd_slot", "Cd_net")
-"""The fields of `wake.plant.sample.Sample` that `info` holds: all but the pressures."""
+"""The fields of `wake.plant.sample.Sample` that `info` contains: all fields but the pressures."""
 _SILENCE_S: Final = 3.0
-"""Time in s after which a reset reports that the solver is being compiled; otherwise a reset takes less."""
+"""Time in s after which a reset reports that the solver is being compiled; a reset without compilation takes less."""
 
 
 class TruckWakeEnv(CopiedWhole, gymnasium.Env[Observation, npt.NDArray[np.float32]]):
@@ -36,17 +36,18 @@ class TruckWakeEnv(CopiedWhole, gymnasium.Env[Observation, npt.NDArray[np.float3
     truncated in every later step.
 
     At every step `info` holds the drag ledger, with the names and units of `wake.plant.sample.Sample`: time, wall
-    force, slot force, jet momentum, jet power, their net, the wake probe and the action in force. `clipped` says
-    whether this step's action was clipped to the bound; `clipped_count` counts the clipped actions in this episode.
+    force, slot force, jet momentum, jet power, the net of the forces, the wake probe and the action in force. `clipped`
+    states whether this step's action was clipped to the bound; `clipped_count` counts the clipped actions in this
+    episode.
 
     `reset` starts at a random phase of the shedding cycle: between 0 and `max_phase_steps` uncontrolled control periods
-    after the start. The same seed gives the same phase, and so, with the same actions, the same trajectory bit for bit
-    with any number of threads. Computed phases are stored, so only the first resets take time. Options of `reset`:
+    after the start. Equal seeds give equal phases, and so, with equal actions, equal trajectories bit for bit with any
+    number of threads. Computed phases are stored, so only the first resets take time. Options of `reset`:
 
     - `phase_steps`: the phase in control periods, in place of a random phase;
     - `start`: a `wake.truck.state.State` to start from, at a control period's start.
 
-    A copy (`copy.copy` or `copy.deepcopy`, with the same result) or a pickle, taken at any time, is an independent
+    A copy (`copy.copy` or `copy.deepcopy`, with equal results) or a pickle, taken at any time, is an independent
     environment. It continues bit for bit like the original: flow, actions, episode, and random generators.
 
     Args:
@@ -129,7 +130,7 @@ class TruckWakeEnv(CopiedWhole, gymnasium.Env[Observation, npt.NDArray[np.float3
             raise gymnasium.error.ResetNeeded("call reset before step")
         commanded = _single_value(action)
         limit = self.plant.config.action_limit
-        # Rounding to float32 can move the bound itself up by one ulp; such an action is not clipped.
+        # Rounding to float32 can move the bound by one ulp; an action at the rounded bound is not clipped.
         clipped = bool(abs(commanded) > np.float32(limit))
         sample = self.plant.advance(float(np.clip(commanded, -limit, limit)))
         self._step_count += 1
@@ -138,8 +139,8 @@ class TruckWakeEnv(CopiedWhole, gymnasium.Env[Observation, npt.NDArray[np.float3
         return self._observe(sample), -sample.Cd, False, truncated, self._info(sample, clipped)
 
     def render(self) -> npt.NDArray[np.uint8] | None:
-        """Draw vorticity, jets as arrows, and the observed sensors coloured by Cp: (341, 1100, 3). Returns None without
-        a render mode. Raises gymnasium.error.ResetNeeded before the first reset."""
+        """Draw vorticity, jets as arrows, and the observed sensors coloured by Cp. Returns an RGB image (341, 1100, 3),
+        or None without a render mode. Raises gymnasium.error.ResetNeeded before the first reset."""
         if self.render_mode is None:
             return None
         if self._step_count is None:
@@ -149,12 +150,12 @@ class TruckWakeEnv(CopiedWhole, gymnasium.Env[Observation, npt.NDArray[np.float3
         return self._picture.pixels()
 
     def share_phases(self, other: "TruckWakeEnv") -> None:
-        """Store the phases of the start together with another environment of the same settings and start. Of the two,
-        one at a time may be reset."""
+        """Share the stored phases of the start with another environment of equal settings and start. Only one of the
+        two environments may be reset at a time."""
         self._phases = other._phases
 
     def __getstate__(self) -> dict[str, Any]:
-        # A copy draws its own plant, and builds its picture when it is first asked to render.
+        # A copy draws its own plant, and builds its picture when the copy is first asked to render.
         return self.__dict__ | {"_picture": None}
 
     def _start(self, options: Mapping[str, Any]) -> State:

@@ -31,11 +31,12 @@ def open_plant(
     requested for a body other than the truck, is not installed, or fails.
 
     Args:
-        name: stillwake's solver from its shipped start, adapted to the grid if `flow.refinement` differs; or OpenFOAM.
+        name: stillwake's solver or OpenFOAM. stillwake's shipped start is adapted to the grid if `flow.refinement`
+            differs.
         output: run folder; OpenFOAM's case is there during the run, and its developed start is stored there.
         duration: duration of the run, t_c; OpenFOAM needs it in advance.
         progress: called with (time, total) while a start develops in OpenFOAM or settles on another grid.
-        start: a state of stillwake's solver as the start; its clock is set to zero and its jets are shut.
+        start: file of the state in which stillwake's solver starts; the clock is set to zero and the jets are shut.
     """
     if name == "wake":
         yield own_wake(config, progress, start=start)
@@ -61,7 +62,7 @@ def open_plant(
 def own_wake(
     config: Config, progress: Callable[[float, float], None] = lambda t, total: None, *, start: Path | None = None
 ) -> TruckWake:
-    """Return the developed wake of stillwake's solver at t = 0; arguments and errors as for `open_plant`."""
+    """Return the developed wake of stillwake's solver at t = 0. Arguments and errors are as for `open_plant`."""
     wake = TruckWake(config.flow, body=config.body)
     state = _start(start, config)
     if start is None and state.origin is not None and state.origin.shape != wake.grid.shape:

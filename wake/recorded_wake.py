@@ -13,21 +13,23 @@ from contract.sensor_layout import SensorLayout
 from wake.plant.sample import Sample
 
 _SAME_PERIOD: Final = 1e-6
-"""Largest difference between two control periods that count as equal, in t_c: rounding of the times in a recording."""
+"""Largest difference in t_c between two control periods that count as equal. It covers the rounding of the times in a
+recording."""
 
 
 class RecordedWake:
     """A `wake.plant.protocol.LoopPlant` that does not respond to the jets.
 
     The first row follows the last row; all series jump there, while the time continues. A force that was not recorded
-    is NaN. The action is the jets', not the recorded action. Raises PlantError for another control period.
+    is NaN. The action of a sample is the present run's, not the recorded action. Raises PlantError for another control
+    period.
 
     Args:
         flow: the clock; its control period must be the recording's.
 
     Attributes:
         answers_jets: False.
-        description: the episode's name and length, and that it does not respond to the jets.
+        description: the episode's name and length, and the statement that it does not respond to the jets.
         rounds: number of completed passes through the episode.
     """
 
@@ -62,8 +64,8 @@ class RecordedWake:
         )
 
     def advance_to(self, substep: int, action: float | None = None) -> None:
-        """See `wake.plant.protocol.Plant.advance_to`; the jets reach the action, without effect on the flow. Raises
-        PlantError for a substep that is over, or of another period."""
+        """Advance as `wake.plant.protocol.Plant.advance_to` does; the jets reach the action, without effect on the
+        flow. Raises PlantError for a substep that is over, or belongs to another period."""
         last = self._flow.substeps
         if not self._substep < substep <= last:
             raise PlantError(f"cannot advance to substep {substep} of {last} from substep {self._substep}")

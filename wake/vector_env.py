@@ -26,10 +26,10 @@ Actions = npt.NDArray[np.float32]
 class TruckWakeVectorEnv(CopiedWhole, SyncVectorEnv):
     """N independent `wake.env.TruckWakeEnv`, whose flows advance at the same time on the machine's cores.
 
-    Each environment's observations, rewards, `info` and episodes are to the bit those of a single one with the same
-    seed and actions. `reset` takes one seed, for seed, seed + 1 and so on, or a list with one seed or None for each;
-    its options are those of `TruckWakeEnv.reset`, for all environments, and `reset_mask`, a Boolean array that selects
-    the environments to reset. All environments share the stored phases of the start.
+    Each environment's observations, rewards, `info` and episodes equal, bit for bit, those of a single environment with
+    equal seed and actions. `reset` takes one seed, for seed, seed + 1 and so on, or a list with one seed or None for
+    each environment. Its options are those of `TruckWakeEnv.reset`, for all environments, and `reset_mask`, a Boolean
+    array that selects the environments to reset. All environments share the stored phases of the start.
 
     A copy or a pickle, taken at any time between two steps, is an independent environment that continues bit for bit.
     `wake.vector_env.BatchTape(env)` differentiates the batch.
@@ -72,8 +72,8 @@ class TruckWakeVectorEnv(CopiedWhole, SyncVectorEnv):
         return tuple(cast(TruckWakeEnv, env.unwrapped) for env in self.envs)
 
     def step(self, actions: Actions) -> tuple[Any, ...]:
-        """Ramp the jets of each wake to its action, (N, 1), over one control period. Raises as `TruckWakeEnv.step`
-        does, after all flows have advanced."""
+        """Ramp the jets of each wake to its action over one control period; `actions` is (N, 1). Raises as
+        `TruckWakeEnv.step` does, after all flows have advanced."""
         waits = self._autoreset_envs if self.autoreset_mode == AutoresetMode.NEXT_STEP else np.zeros(self.num_envs)
         moving = [
             (env, action)
@@ -101,7 +101,7 @@ class TruckWakeVectorEnv(CopiedWhole, SyncVectorEnv):
         return self.__dict__ | {"_pool": None}
 
     def _begun(self, work: Callable[..., T], arguments: Iterable[tuple[Any, ...]]) -> list[Future[T]]:
-        """Return the calls when all have ended: an error of one must leave no flow that still advances."""
+        """Return the calls when all of them have ended, so that after an error in one call no flow still advances."""
         if self._pool is None:
             self._pool = ThreadPoolExecutor(self._threads, thread_name_prefix="wake")
         begun = [self._pool.submit(work, *each) for each in arguments]
@@ -131,15 +131,15 @@ def _one(settings: dict[str, Any]) -> _Ahead:
 
 
 class BatchTape(CopiedWhole):
-    """The tapes of all wakes of a vector environment (`wake.truck.tape.Tape`), which move together on its threads. They
-    move the flows without the environment's episodes. A copy has its own environment.
+    """The tapes of all wakes of a vector environment (`wake.truck.tape.Tape`), which move together on the environment's
+    threads. The tapes advance the flows without the environment's episodes. A copy has its own environment.
 
     Args:
         env: at the beginning of control periods, after `reset`.
         memory_mb: limit of the stored data of all tapes, in 10^6 bytes.
 
     Attributes:
-        tapes: one for each wake, with its sensitivities to the start (`Tape.bar`).
+        tapes: one tape for each wake, with its sensitivities to the start (`Tape.bar`).
     """
 
     def __init__(self, env: TruckWakeVectorEnv, memory_mb: float = 2000.0) -> None:
@@ -147,13 +147,13 @@ class BatchTape(CopiedWhole):
         self.tapes = [Tape(wake.plant, memory_mb / env.num_envs) for wake in env.wakes]
 
     def advance(self, actions: Array) -> list[Sample]:
-        """Advance each flow by a period to its action, (N,). Raises PlantError as `Tape.advance` does."""
+        """Advance each of the N flows by a period to its action, (N,). Raises PlantError as `Tape.advance` does."""
         pairs = zip(self.tapes, map(float, actions), strict=True)
         return self._env.at_once(Tape.advance, pairs)
 
     def back(self, weights: Sequence[Sample]) -> Array:
-        """Go back by a period; return the sensitivities to the actions of this period, (N,). `weights` are those of
-        each wake's sample, as for `Tape.back`."""
+        """Go back by a period; return the sensitivities to the actions of this period, (N,). `weights` holds weights
+        for each wake's sample, as for `Tape.back`."""
         return np.array(self._env.at_once(Tape.back, zip(self.tapes, weights, strict=True)))
 
     def restart(self) -> None:

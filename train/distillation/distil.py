@@ -20,11 +20,12 @@ from train.samples.rows import Rows
 from train.samples.sampler import SegmentSampler, add_sensor_noise
 
 _CHUNK = 1024
-"""Number of windows that are encoded together; their gates fit into the processor's cache."""
+"""Number of windows that are encoded together; at this number the gates fit into the processor's cache."""
 
 
 def encode_all(encoder: Encoder, rows: Rows) -> Tensor:
-    """Compute the latents of every full window, (n, N_z), one per row; NaN for the first L - 1 rows of an episode."""
+    """Compute the latents of every full window, one for each of n rows, (n, N_z); NaN for the first L - 1 rows of an
+    episode."""
     window = encoder.window
     with torch.no_grad():
         parts = []
@@ -49,18 +50,19 @@ def distil(
 ) -> Encoder:
     """Train an encoder on the chosen sensors to reproduce the teacher's latents.
 
-    The first passes read the recording as a stream, in which 64 samples cost little more than one window. The other
+    The first passes read the recording as a stream, in which 64 samples cost little more than one window. The later
     passes read windows, as on the vehicle. Returns the slim encoder in evaluation mode, on the device of `rows`.
 
     Args:
         rows: samples with all sensors' columns.
-        chosen: (N,) indices of the sensors, in the order of the slim encoder's inputs.
+        chosen: (N,) indices of the N sensors, in the order of the slim encoder's inputs.
     """
     settings, device = config.train, rows.inputs.device
     target = encode_all(teacher, rows)
     slim_rows = rows.with_sensors(chosen)
     noise = slim_rows.noise(settings.sensor_noise)
-    # Windows are drawn one by one: without an unroll and with few inputs, sharing would save nothing.
+    # Windows are drawn one by one, because without an unroll and with few inputs, sharing computations between windows
+    # would save nothing.
     sampler = SegmentSampler(
         slim_rows, window=config.model.window, ahead=0, segment=1, batch_size=settings.batch_size, seed=settings.seed
     )

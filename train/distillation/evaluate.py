@@ -31,9 +31,9 @@ class ForceError:
 
 @dataclass(frozen=True, kw_only=True)
 class RolloutError:
-    """L1/sigma after `horizon` steps of the dynamics with the recorded actions.
+    """Values of L1/sigma after `horizon` steps of the dynamics with the recorded actions.
 
-    `latent` compares with the same encoder's latents at that time, averaged over dimensions with the sigma of each.
+    `latent` compares with the encoder's own latents at that time, averaged over dimensions with the sigma of each.
     `drag` and `lift` compare the decoded forces with the recorded forces.
     """
 
@@ -112,7 +112,7 @@ def evaluate(
 def evaluate_latents(
     latents: Tensor, predictor: Predictor | WakeModel, rows: Rows, *, window: int, horizons: Sequence[int] = HORIZONS
 ) -> EncoderMetrics:
-    """Compute the figures of latents (n, N_z), one for each row, NaN for rows before an episode's first full window.
+    """Compute the figures of n latents (n, N_z), one for each row; rows before an episode's first full window are NaN.
 
     Every window of every episode counts; a roll-out starts from every window that is followed by the longest horizon.
     Raises DatasetError if no episode is long enough for a window and the longest horizon, or a force is constant.
@@ -139,7 +139,8 @@ def evaluate_latents(
 
 
 def latent_error(latents: Tensor, reference: Tensor) -> float:
-    """Compute L1/sigma of an encoder's latents (n, N_z) against another's, averaged over dimensions; NaN is skipped."""
+    """Compute L1/sigma of an encoder's n latents (n, N_z) against another encoder's latents, averaged over dimensions;
+    NaN is skipped."""
     full = ~reference[:, 0].isnan()
     error = (latents[full] - reference[full]).abs().mean(dim=0) / _sigma(reference[full])
     return error.mean().item()
@@ -162,7 +163,8 @@ def _sigma(values: Tensor) -> Tensor:
 
 
 def rollout_starts(rows: Rows, window: int, longest: int) -> Tensor:
-    """Return indices (m,) of window ends followed by `longest` rows of the episode; raises DatasetError without any."""
+    """Return the m indices (m,) of window ends that are followed by `longest` rows of their episode. Raises
+    DatasetError if there are none."""
     starts = [
         torch.arange(span.start + window - 1, span.stop - longest)
         for span in rows.spans()

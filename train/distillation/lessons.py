@@ -1,11 +1,13 @@
-"""The lessons of a narrower predictor: roll-outs of the trained predictor, its forces, and the gradient of its cost.
+"""The lessons of a narrower predictor: roll-outs of the trained predictor, their forces, and the gradient of the
+controller's cost.
 
 The teacher gives a roll-out for any actions, not only for recorded actions. A quarter of the lessons use the actions
-recorded after their start, a quarter the actions recorded elsewhere. Half are plans during a descent of the teacher's
-cost: they begin with recorded actions and take steps against the cost's gradient, like the optimiser's plans.
+recorded after their start, and a quarter use actions recorded elsewhere. The remaining half are plans during a descent
+of the teacher's cost: they begin with recorded actions and take steps against the cost's gradient, like the optimiser's
+plans.
 
-The gradient of the controller's cost with respect to a plan is what the optimiser uses of dynamics and decoder. Lessons
-and gradient are the project's own, not the paper's.
+The optimiser uses only one result of dynamics and decoder: the gradient of the controller's cost with respect to a
+plan. Lessons and gradient are the project's own, not the paper's.
 
 Shapes: B plans of H actions, N_z latent dimensions. Latents, actions and forces are standardised.
 """
@@ -70,7 +72,7 @@ def force_slope(forces: Tensor, weights: CostWeights, scaling: Scaling) -> Tenso
 
 
 def plan_slope(prediction: Prediction, actions: Tensor, by_force: Tensor, *, differentiable: bool = False) -> Tensor:
-    """Compute a cost's gradient (B, H) along the plan from its gradient with respect to the forces.
+    """Compute a cost's gradient (B, H) along the plan from the cost's gradient with respect to the forces.
 
     Args:
         prediction: roll-out of the actions, with its autograd graph.
@@ -84,7 +86,7 @@ def plan_slope(prediction: Prediction, actions: Tensor, by_force: Tensor, *, dif
 
 
 _TOGETHER = 256
-"""Number of the teacher's roll-outs that are computed together."""
+"""Number of roll-outs of the teacher that are computed together."""
 _STEPS_DOWN = 16
 """Number of lessons from one plan during its descent."""
 _LONGEST_STEP = 4e-3
@@ -126,11 +128,11 @@ def teach(
     *,
     progress: Progress = silent,
 ) -> Lessons:
-    """Compute about `config.train.predictor_lessons` lessons, which are the same for the same seed. Raises DatasetError
-    if no episode is long enough for a window and the horizon.
+    """Compute about `config.train.predictor_lessons` lessons; equal seeds give equal lessons. Raises DatasetError if no
+    episode is long enough for a window and the horizon.
 
     Args:
-        latents: (n, N_z), one for each row, of the encoder for the vehicle.
+        latents: (n, N_z), one for each of n rows, of the encoder for the vehicle.
     """
     starts = rollout_starts(rows, config.model.window, config.mpc.horizon)
     ahead = torch.arange(config.mpc.horizon, device=starts.device)

@@ -1,4 +1,5 @@
-"""Checkpoints of a training: files written completely or not at all, which only the same training can load."""
+"""Checkpoints of a training: files that are written completely or not at all, and that only a training with equal
+settings can load."""
 
 import io
 import os

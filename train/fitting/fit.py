@@ -2,8 +2,8 @@
 
 A run is a function of configuration and recording. Batches depend only on the seed and the step. Initial weights and
 dropout depend on a generator that is seeded here and stored in the checkpoint. A run that is interrupted and resumed
-therefore ends with the same weights as an uninterrupted run on the same machine with the same number of threads;
-elsewhere the order of sums may differ.
+therefore ends with the weights of an uninterrupted run, on one machine with one number of threads; elsewhere the order
+of sums may differ.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -27,12 +27,12 @@ from train.samples.rows import Rows
 from train.samples.sampler import SegmentSampler
 
 REPORT_EVERY = 10
-"""Number of steps between progress reports. They are rare because reading the loss waits for the device."""
+"""Number of steps between progress reports. Reports are rare because reading the loss waits for the device."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Checkpoints:
-    """Where and how often a phase stores its state.
+    """The folder in which a phase stores its state, and the number of steps between two checkpoints.
 
     Attributes:
         folder: folder of the checkpoint files, one per phase.
@@ -107,7 +107,7 @@ def optimise(
         terms = loss(step)
         done = step + 1
         is_kept = checkpoints is not None and (done % checkpoints.every == 0 or done == schedule.steps)
-        # Reading the loss of a GPU waits for the GPU.
+        # Reading the loss of a GPU waits for the GPU, so it is read rarely.
         if terms["total"].device.type == "cpu" or done % REPORT_EVERY == 0 or is_kept:
             _check_finite(terms["total"], phase, step, schedule, checkpoints)
         optimiser.zero_grad()
@@ -136,7 +136,7 @@ def optimise(
 def _check_finite(value: Tensor, phase: Phase, step: int, schedule: Schedule, checkpoints: Checkpoints | None) -> None:
     if not torch.isfinite(value).all():
         if checkpoints is not None:
-            # A run that continues from these checkpoints with the same settings would fail again.
+            # A run that continues from these checkpoints with unchanged settings would fail again.
             unfinished.clear(checkpoints.folder)
         raise TrainingError(
             f"{phase.label}: the loss is not finite after {step} of {schedule.steps} iterations with "
@@ -160,7 +160,7 @@ def fit_joint(
         model = WakeModel(rows.inputs.shape[1] - 1, config.model).to(device)
         _fit(model, rows, config.model.window, settings, Phase.FIT, progress, checkpoints)
         if settings.finish.epochs:
-            # Each field of `finish` replaces the setting of its name. The finish reads windows, as the vehicle does.
+            # Each field of `finish` replaces the setting with that name. The finish reads windows, as the vehicle does.
             last = replace(settings, streamed=False, **asdict(settings.finish))
             _fit(model, rows, config.model.window, last, Phase.FINISH, progress, checkpoints)
     return model

@@ -11,7 +11,7 @@ class Phase(StrEnum):
     """The phases of a training, in order; a phase's value is also the name of its checkpoint file."""
 
     label: str
-    """Name of the phase for people."""
+    """Name of the phase in messages."""
 
     FIT = "fit", "joint fit"
     FINISH = "finish", "longer unroll"
@@ -53,7 +53,7 @@ class Spent:
 
 @dataclass(kw_only=True)
 class Stopwatch:
-    """A Progress that adds up the time of every phase. Time between two calls belongs to the later call's phase.
+    """A Progress that adds up the time of every phase. Time between two calls counts for the later call's phase.
 
     Attributes:
         cpu, wall: clocks, s.

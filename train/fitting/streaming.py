@@ -1,10 +1,12 @@
-"""An encoder that reads a stream: one LSTM step per sample, state carried on, instead of L steps (our method).
+"""An encoder that reads a stream: one LSTM step for each sample instead of L steps, with the state carried on (our
+method).
 
 The networks are those of the windowed encoder; only the rows that the state has read differ. A windowed encoder starts
 from a zero state in every window; a streamed encoder's state depends on all earlier rows, as long as its gates let it.
-Training reads stretches of L - 1 + `STRETCH` rows from a zero state and uses the last `STRETCH` latents, so that one
+Training reads sequences of L - 1 + `STRETCH` rows from a zero state and uses the last `STRETCH` latents, so that one
 pass through the LSTM gives `STRETCH` samples. An encoder trained in this way also reads windows well, because it was
-trained on states after L and more rows. So this cheaply prepares a windowed encoder (`train.distillation.distil`).
+trained on states after L and more rows. So training on streams is a cheap preparation of a windowed encoder
+(`train.distillation.distil`).
 """
 
 import torch
@@ -20,12 +22,12 @@ from train.samples.rows import Rows
 from train.samples.sampler import SegmentSampler, add_sensor_noise
 
 _MORE = 8
-"""Ratio of the batch size to that of windowed training. It is larger because neighbouring latents are similar, and
-additional latents cost little here."""
+"""Ratio of the batch size to the batch size of windowed training. It is larger than 1 because neighbouring latents are
+similar, and additional latents cost little here."""
 
 
 def encode_stream(encoder: Encoder, rows: Rows) -> Tensor:
-    """Compute latents with the state carried through each episode, (n, N_z), one for each row.
+    """Compute n latents with the state carried through each episode, (n, N_z), one for each row.
 
     The first L - 1 latents of an episode, while the state settles, are NaN as in `distil.encode_all`.
     """
@@ -48,10 +50,12 @@ def fit_stream(
     progress: Progress = silent,
     checkpoints: Checkpoints | None = None,
 ) -> None:
-    """Train an encoder to reproduce latents `target` (n, N_z) from rows of its sensors, read as a stream.
+    """Train an encoder to reproduce the n latents `target` (n, N_z) from rows of the encoder's sensors, read as a
+    stream.
 
     The encoder is trained in place, over `config.train.stream_epochs`; call this function inside
-    `train.fitting.fit.seeded`. Raises DatasetError if an episode is too short for a window and a stretch.
+    `train.fitting.fit.seeded`. Raises DatasetError if an episode is too short for a window and a sequence of `STRETCH`
+    rows.
     """
     settings, window = config.train, config.model.window
     sampler = SegmentSampler(

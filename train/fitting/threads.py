@@ -32,7 +32,7 @@ def without_denormals() -> Iterator[None]:
     A flow in single precision and its adjoint have many denormal numbers where a wave decays. Some processors take a
     hundred times as long for each: a gradient took three times as long (measured once, Xeon of 2.5 GHz).
     """
-    # Torch cannot tell the previous setting; nothing else in this program changes it.
+    # Torch cannot report the previous setting; nothing else in this program changes it.
     torch.set_flush_denormal(True)
     try:
         yield

@@ -1,6 +1,7 @@
 """The checkpoint folder of an unfinished training, which states the training's identity and progress.
 
-It can be read without torch, which takes seconds to load, so that another training's checkpoints are refused at once.
+The folder can be read without torch, which takes seconds to load, so that another training's checkpoints are refused at
+once.
 """
 
 import json
@@ -25,7 +26,7 @@ class Identity:
 
     Attributes:
         settings: canonical text of the configuration that determines the result.
-        threads: number of torch's threads. With another number the training can continue, with sums in another order.
+        threads: number of torch's threads. With another number the training can continue, but sums have another order.
     """
 
     settings: str
@@ -80,8 +81,8 @@ def folder_of(output: Path) -> Path:
 
 
 def check(folder: Path, identity: Identity) -> Reached | None:
-    """Return the progress of the training in this folder; None if it has no checkpoints. Raises ConfigError for
-    checkpoints of other settings, with the first difference; DatasetError for those of another recording."""
+    """Return the progress of the training in this folder; None if the folder has no checkpoints. Raises ConfigError for
+    checkpoints of other settings, with the first difference; DatasetError for checkpoints of another recording."""
     if not has_checkpoints(folder):
         return None
     label = _label(folder)
@@ -119,7 +120,7 @@ def reached(folder: Path) -> Reached | None:
 
 
 def threads(folder: Path) -> tuple[int, ...]:
-    """Return every number of threads that torch has had in this training; empty if it was not stored."""
+    """Return every number of torch's threads that was used in this training; empty if none was stored."""
     noted = (_label(folder) or {}).get("threads")
     return tuple(noted) if isinstance(noted, list) and all(isinstance(item, int) for item in noted) else ()
 

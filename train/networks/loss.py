@@ -7,7 +7,7 @@ t+1 .. t+k. Gradients flow through targets and predictions, so the encoder learn
 act on the predictions and prevent a collapse of the latents.
 
 L_decode is L_force at h = 0, on the encoded latent itself. In the paper, forces enter through predictions only, which
-is enough for short predictions. Over 20 steps, the decoder would learn from latents that many steps have blurred.
+is enough for short predictions. Over 20 steps, the decoder would learn only from latents that many steps have blurred.
 """
 
 from dataclasses import dataclass, fields
@@ -20,12 +20,12 @@ from train.networks.model import WakeModel
 from train.samples.sampler import Batch
 
 EPSILON = 1e-4
-"""Constant inside the variance term's square root: the value of VICReg's authors; the paper only calls it "small"."""
+"""Constant inside the variance term's square root, from VICReg's authors; the paper only calls it "small"."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LossTerms:
-    """Terms of the loss, as scalars. `total` is the weighted sum; the others are unweighted."""
+    """Terms of the loss, as scalars. `total` is the weighted sum; the other fields are unweighted."""
 
     total: Tensor
     prediction: Tensor
@@ -39,7 +39,8 @@ class LossTerms:
 
 
 def joint_loss(model: WakeModel, batch: Batch, config: TrainConfig) -> LossTerms:
-    """Compute the loss of a batch whose segments hold W - k samples of k = `config.unroll` steps each."""
+    """Compute the loss of a batch whose segments hold W windows, and so W - k samples of k = `config.unroll` steps
+    each."""
     steps = config.unroll
     encode = model.encoder.encode_stream if config.streamed else model.encoder.encode_segments
     encoded = encode(batch.inputs)
@@ -69,8 +70,8 @@ def prediction_loss(predicted: Tensor, target: Tensor) -> Tensor:
     """Compute the mean square error over samples, steps and dimensions of latents (..., N_z).
 
     The paper writes the squared L2 norm, a sum over the dimensions, which is N_z = 8 times this mean. With a variance
-    weight of 0.02 that sum collapses the latent space: all standard deviations are near 0.02 and the forces stay at
-    their mean, on an oscillator that this mean fits to R2 0.99 within the same number of steps.
+    weight of 0.02 that sum collapses the latent space: on a test oscillator, all standard deviations are near 0.02 and
+    the forces stay at their mean, whereas the mean square gives a fit with R2 0.99 within an equal number of steps.
     """
     return (predicted - target).square().mean()
 

@@ -1,8 +1,8 @@
 """An LSTM over many overlapping windows that computes their shared parts only once.
 
-Consecutive windows of L rows overlap in all rows but one. So their input projections W_ih x_k + b are computed once per
-row. Only the recurrence, which starts from zero in every window, runs for each window. The arithmetic is that of
-`torch.nn.LSTM` (gate order i, f, g, o; weights in its layout), with p the projected row:
+Consecutive windows of L rows overlap in all rows but one. So the windows' input projections W_ih x_k + b are computed
+once per row. Only the recurrence, which starts from zero in every window, runs for each window. The arithmetic is that
+of `torch.nn.LSTM` (gate order i, f, g, o; weights in its layout), with p the projected row:
 
     (i, f, o) = sigmoid(p + W_hh h),  g = tanh(p + W_hh h),  c' = f c + i g,  h' = o tanh(c')
 
@@ -25,7 +25,7 @@ def last_hidden(
     of a segment is the state after rows w .. w + L - 1, starting from zero.
 
     Args:
-        segments: (S, R, F), S stretches of R consecutive rows of F features.
+        segments: (S, R, F), S segments of R consecutive rows of F features.
         window: L, rows in a window; R >= L.
         weight_ih, weight_hh, bias_ih, bias_hh: (4H, F), (4H, H), (4H,), (4H,) as in `torch.nn.LSTM`.
     """
@@ -66,7 +66,7 @@ class _Recurrence(torch.autograd.Function):
             d_i, d_f, d_g, d_o = d_gates.view(4, width, size)
             tanh_c = squashed[step]
             torch.mul(d_hidden, tanh_c, out=d_o)
-            # dL/dc' += dL/dh' o (1 - tanh(c')^2)
+            # The lines below compute dL/dc' += dL/dh' o (1 - tanh(c')^2).
             torch.mul(d_hidden, o, out=scratch)
             d_cell.add_(scratch).addcmul_(scratch.mul_(tanh_c), tanh_c, value=-1.0)
             torch.mul(d_cell, g, out=d_i)

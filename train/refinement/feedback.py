@@ -1,9 +1,11 @@
-"""The feedback that becomes the prior of the plan: from a memory of rows to the next action, odd in the mirror image.
+"""The feedback that becomes the prior of the plan. It computes the next action from a memory of rows, and changes the
+action's sign for the mirror image.
 
 Fixed filters reduce the memory: the newest rows are used one by one, older rows as means under bumps that widen with
 age. The trained part is a layer of tanh units on the filtered differences and actions, and the scheduling of that
 layer. The layer is scheduled by the vehicle's speed, by the goal (`contract.controller.goal`), and by the filtered sums
-of the mirrored sensors. The vehicle uses the same filters before the layer (`export.program.weights.PriorWeights`).
+of the mirrored sensors. The vehicle applies these filters before the layer, too
+(`export.program.weights.PriorWeights`).
 """
 
 from collections.abc import Mapping, Sequence
@@ -21,9 +23,10 @@ NEWEST: Final = 10
 BUMPS: Final = 10
 """Number of means over older rows."""
 FIRST_PAIR, OTHER_PAIRS = 1.7, 0.56
-"""Scales of the first pair's and the other pairs' differences, in recorded deviations of one of the two sensors."""
+"""Scales of the first pair's and of the other pairs' differences, in standard deviations of the recorded Cp of one of a
+pair's two sensors."""
 ACTION: Final = 2.0 / 3.0
-"""Scale of the action, as a share of its limit."""
+"""Scale of the action, as a fraction of its limit."""
 SUM: Final = 0.3
 """Scale of a pair's sum in Cp, after its mean is subtracted. Between the developed and the steady wake the sum changes
 by 0.4, behind the truck and also behind a square cylinder."""
@@ -41,7 +44,8 @@ def scales_of(deviations: Sequence[float], limit: float) -> tuple[float, ...]:
 
 
 def filters(memory: int) -> Tensor:
-    """Return the filter weights (M, filters), oldest row first; in a short memory every row is used on its own."""
+    """Return the filter weights, (M rows, number of filters), oldest row first; in a short memory every row is used on
+    its own."""
     age = np.arange(memory)[::-1]
     is_long = memory > NEWEST + BUMPS
     columns = [(age == row).astype(np.float64) for row in range(NEWEST if is_long else memory)]
@@ -98,7 +102,7 @@ class Feedback(nn.Module):
         return len(self.middles)
 
     def forward(self, rows: Tensor, speed: float = 1.0, goal: Goal = OWN) -> Tensor:
-        """Compute the next action from rows (M, 2 p + 1), oldest first; the speed is in design speeds."""
+        """Compute the next action from rows (M, 2 p + 1), oldest first; the speed is in units of the design speed."""
         pairs = self.pairs
         odd = torch.cat([rows[:, :pairs], rows[:, -1:]], dim=1) / self._scales
         even = (rows[:, pairs:-1] - self.middles) / SUM

@@ -1,4 +1,5 @@
-"""The refinement of a trained model: distillation for its sensors, training through the flow, predictor."""
+"""The refinement of a trained model: distillation for its sensors, training through the flow, and a fit of the
+predictor."""
 
 import hashlib
 import shutil
@@ -54,15 +55,15 @@ def refine_model(
 
     If the model already has a prior of these sizes and sensors, the training begins with that prior. If the model has
     other sensors, its slim encoder is first distilled for these sensors, and the slim dynamics and decoder for that
-    encoder; the teacher stays. The state is stored in `<output>.checkpoints` during the run.
+    encoder; the teacher stays unchanged. The state is stored in `<output>.checkpoints` during the run.
 
     Args:
-        model: trained model; the result has its other settings.
+        model: trained model; the result keeps the model's other settings.
         dataset_path: recording that the model was fitted to.
         config: settings of the refinement, its seed (`train.seed`), and the settings of the exported controller.
-        sensors: pairs of mirror images.
+        sensors: names of the sensors, in pairs of mirror images.
         flow: returns, for these sensors, the plant and developed wakes without jets, one for each stream.
-        workers: runs the stretches of an update in parallel; without it they run one after the other.
+        workers: runs the closed-loop intervals of an update in parallel; without it they run one after the other.
         resume: continue an interrupted run; if False, start over.
         threads: number of torch's threads.
 
@@ -119,7 +120,8 @@ def refine_model(
 
 
 def resting_by_speed(flow: DifferentiableFlow, start: FlowState, settings: Config, progress: Progress) -> Array | None:
-    """Return speed, base pressure and swing of the wake without jets, (K, 3); None for a single training speed."""
+    """Return speed, base pressure and swing of the wake without jets at each of K speeds, (K, 3); None if the training
+    has a single speed."""
     slowest, fastest = settings.refine.slowest, settings.refine.fastest
     if slowest == fastest:
         return None

@@ -2,8 +2,9 @@
 
     y_{k+1} = sum over i = 0 .. M-1 of  C_i (y_{k-i}, a_{k-i})
 
-Differences y of mirrored sensors and actions a change their sign in the mirror image of a flow. So does the output of a
-linear model without a constant term. Its symmetry is exact, so mirror images would add nothing to a fit.
+In the mirror image of a flow, the differences y of mirrored sensors and the actions a change their sign. So does the
+output of a linear model without a constant term. The model's symmetry is exact, so mirror images would add nothing to a
+fit.
 """
 
 from collections.abc import Sequence
@@ -40,11 +41,11 @@ def check_pairs(layout: SensorLayout, sensors: Sequence[str]) -> None:
 
 
 def predictor(stretches: Sequence[Array], memory: int) -> Array:
-    """Fit the coefficients (p, M, p + 1) that predict the next differences from M rows, oldest first, by ridge
+    """Fit the coefficients (p, M, p + 1) that predict the next p differences from M rows, oldest first, by ridge
     regression. Raises StillwakeError for fewer steps than coefficients, or a regressor that is always zero.
 
     Args:
-        stretches: (n, p + 1) each; row k is (y_k, a_k). No fit crosses the end of a stretch.
+        stretches: arrays of n rows, (n, p + 1) each; row k is (y_k, a_k). No fit crosses the end of an array.
         memory: M.
     """
     columns = stretches[0].shape[1]

@@ -1,10 +1,12 @@
-"""Training of the feedback through the flow with Adam and averaged weights. Each update uses stretches of streams,
-which are flows that continue under the feedback.
+"""Training of the feedback through the flow with Adam and averaged weights.
 
-A stretch is about as long as the flow takes from the jets to the far end of the bubble and back to the base. Its
-gradient is exact. Effects after its end are left out; the cost of motion in the far wake represents them. Streams begin
-in the developed wake and restart after some stretches, at different times, so that the training always includes both
-the transient from the developed wake and the controlled wake.
+Streams are flows that continue under the feedback; each update uses one stretch, an interval of closed loop, of several
+streams.
+
+A stretch is about as long as the flow takes from the jets to the far end of the bubble and back to the base. The
+stretch's gradient is exact. Effects after the stretch's end are left out; the cost of motion in the far wake represents
+them. Streams begin in the developed wake and restart after some stretches, at different times, so that the training
+always includes both the transient from the developed wake and the controlled wake.
 """
 
 from collections.abc import Callable, Sequence
@@ -29,25 +31,29 @@ from train.refinement.stretches import Done, SideBySide, Task, done
 from train.refinement.windows import Price, Stream, StretchReadings
 
 LARGEST_GRADIENT: Final = 0.5
-"""Norm to which a stretch's gradient is clipped; single stretches have gradients ten times as large as the others'."""
+"""Norm to which a stretch's gradient is clipped, because single stretches have gradients ten times as large as
+usual."""
 MEAN_OVER: Final = 30
-"""Number of updates in the exponential mean of the weights, after which a weight's share is 1 / e."""
+"""Number of updates over which the exponential mean of the weights decays to 1 / e."""
 KEEP_EVERY: Final = 5
 SPEED_CHANGE: Final = 0.25
-"""Share of the distance to a random speed by which a stretch changes its speed; a random half of them does."""
+"""Fraction of the distance to a random speed by which the speed changes during a stretch; a random half of the
+stretches changes its speed."""
 AT_DESIGN: Final = 3
-"""Ratio of all streams to those that stay at the design speed, at which a release is tested first."""
+"""Ratio of the number of all streams to the number of streams that stay at the design speed, the speed at which a
+release is tested first."""
 GOAL_OVER: Final = 3
-"""Number of stretches for which a stream has the same goal; the wake takes about one stretch to respond."""
+"""Number of stretches after which a stream draws a new goal; the wake takes about one stretch to respond."""
 SOUND: Final = 0.5
-"""Share of stretches with the true speed, of those without lost frames, and of configured values in drawn goals."""
+"""Fraction of stretches with the true speed, of stretches without lost frames, and of configured values in drawn
+goals."""
 LAST_ROWS: Final = 20_000
-"""Number of control periods, the newest, to which the predictor of differences is fitted."""
+"""Number of the newest control periods to which the predictor of differences is fitted."""
 NEAR_DESIGN: Final = 0.1
-"""Largest distance from the design speed of the periods in that fit, in units of the design speed. One linear predictor
-for speeds from 0.6 to 1.4 had an error of 0.063 in Cp over eight steps; a predictor for the design speed has 0.035 (by
-hand, truck-wake-8). With the first predictor and a compensated delay of twelve periods, the jets locked onto the wake.
-"""
+"""Largest distance from the design speed of the periods in the predictor's fit, in units of the design speed. One
+linear predictor for speeds from 0.6 to 1.4 had an error of 0.063 in Cp over eight steps; a predictor for the design
+speed has 0.035 (by hand, truck-wake-8). With the predictor for all speeds and a compensated delay of twelve periods,
+the jets locked onto the wake."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -56,8 +62,9 @@ class Refined:
 
     Attributes:
         feedback: feedback with averaged weights.
-        stretches: rows (n, p + 1) of differences and actions, for each of the last stretches near the design speed; if
-            there are none, for the last stretches at any speed.
+        stretches: for each of the newest stretches near the design speed, an array (n, p + 1) with one row for each of
+            n control periods: p pressure differences and the action. If no stretch is near the design speed, the newest
+            stretches at any speed.
         periods: number of control periods that the plant was run for.
     """
 
@@ -139,10 +146,10 @@ def refine(
     Args:
         make: returns the initial feedback.
         starts: developed wakes without jets, one for each stream.
-        deviations: (2 p,) standard deviations of the sensors' Cp, which are the unit of sensor noise.
-        side_by_side: runs an update's stretches; without it they run one after the other on `flow`.
-        seed: random seed of noise and starts. Each update's draws depend only on the seed and its number, so that a
-            resumed training has the same draws.
+        deviations: (2 p,) standard deviations of Cp of the sensors in p pairs; they are the unit of sensor noise.
+        side_by_side: runs an update's stretches in parallel; without it they run one after the other on `flow`.
+        seed: random seed of noise and starts. An update's draws depend only on the seed and the update's number, so
+            that a resumed training repeats the draws of an uninterrupted training.
 
     Raises:
         PlantError: the flow diverged, or a stretch is too long for the tape's memory.
@@ -175,7 +182,7 @@ def refine(
 def _tasks(
     run: _Training, starts: Sequence[FlowState], settings: RefineConfig, deviations: Array, rng: np.random.Generator
 ) -> list[Task]:
-    """Prepare the stretches of the next update. Streams that have run long enough restart."""
+    """Prepare the stretches of the next update, and restart streams that have run long enough."""
     course = run.done / settings.updates
     periods = round(settings.shortest + (settings.longest - settings.shortest) * min(1.0, 2.0 * course))
     tasks = []
@@ -213,12 +220,13 @@ def _next_goal(settings: RefineConfig, rng: np.random.Generator) -> Goal:
 
 
 def _readings(settings: RefineConfig, deviations: Array, speeds: Array, rng: np.random.Generator) -> StretchReadings:
-    """Draw the errors of sensors, speed and frames in a stretch; `speeds` (n,) are the flow's speeds."""
+    """Draw the errors of sensors, speed and frames in a stretch; `speeds` (n,) are the flow's speeds in its n
+    periods."""
     periods = len(speeds)
-    # The square of a uniform draw makes little noise frequent.
+    # The square of a uniform draw makes low noise frequent.
     scale = settings.sensor_noise * rng.random() ** 2
     noise = scale * deviations * rng.standard_normal((periods, len(deviations)))
-    # Both sensors of a pair get the same offset, because an offset of their difference would look like a steady lift.
+    # Both sensors of a pair get equal offsets, because an offset of their difference would look like a steady lift.
     noise += np.repeat(settings.offset * rng.standard_normal(len(deviations) // 2), 2)
     told, share = rng.uniform(-1.0, 1.0) * (rng.random() > SOUND), rng.random() * (rng.random() > SOUND)
     return StretchReadings(
@@ -230,8 +238,9 @@ def _readings(settings: RefineConfig, deviations: Array, speeds: Array, rng: np.
 
 
 def _next_speed(stream: Stream, settings: RefineConfig, rng: np.random.Generator) -> float:
-    """Return the speed at a stretch's end: any speed in a stream's first stretch, then mostly about the same."""
-    # The draw extends beyond the range and is clipped, so that the ends occur as often as speeds between.
+    """Return the speed at a stretch's end. In a stream's first stretch it is any speed; later, it is at most
+    `SPEED_CHANGE` of the way to any speed."""
+    # The draw extends beyond the range and is clipped, so that the ends of the range are drawn often.
     beyond = 0.3 * (settings.fastest - settings.slowest)
     anywhere = rng.uniform(settings.slowest - beyond, settings.fastest + beyond)
     anywhere = float(np.clip(anywhere, settings.slowest, settings.fastest))

@@ -1,4 +1,5 @@
-"""The stretches of an update as values, which can be computed in this process or in parallel processes."""
+"""The stretches (intervals of closed loop) of an update as values, which can be computed in this process or in parallel
+processes."""
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -21,7 +22,7 @@ class Task:
 
     Attributes:
         number: number of the stretch's stream.
-        readings, speeds, action_limit: inputs as `differentiate` takes them.
+        readings, speeds, action_limit: arguments of `differentiate`.
     """
 
     number: int
@@ -75,7 +76,7 @@ _FLOW: list[DifferentiableFlow] = []
 
 def _begin(flow: Callable[[], DifferentiableFlow]) -> None:
     torch.set_num_threads(1)
-    # The setting stays for the life of the process, unlike in `without_denormals`.
+    # Unlike in `without_denormals`, the setting stays for the life of the process.
     torch.set_flush_denormal(True)
     _FLOW.append(flow())
 

@@ -1,4 +1,5 @@
-"""The gradient of a closed-loop stretch through feedback and flow, and the streams from which stretches are cut."""
+"""The gradient of a stretch, an interval of closed loop, through feedback and flow; and the streams, each of which runs
+over several stretches."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,7 +18,7 @@ from contract.differentiable import DifferentiableFlow, FlowState, Seen
 from train.refinement.feedback import Feedback
 
 ROUNDED: Final = 0.05
-"""Scale of Cl within which the gradient of its magnitude is smoothed. A sign function would jump at zero."""
+"""Magnitude of Cl below which the gradient of |Cl| is smoothed, because a sign function would jump at zero."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,12 +38,13 @@ class Price:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class StretchReadings:
-    """The errors between flow and feedback in a stretch of n periods.
+    """The errors between flow and feedback in a stretch of n periods, with p pairs of sensors.
 
     Attributes:
         noise: (n, 2 p), added to the sensors' Cp, in pairs of mirror images.
         told: ratio of the speed that the feedback receives to the flow's speed, (n,).
-        lost: (n,) whether a period's pressures are lost; the last pressures then replace them, and the command stays.
+        lost: (n,) whether a period's pressures are lost; the last pressures then replace them, and the command does not
+            change.
     """
 
     noise: Array
@@ -61,12 +63,13 @@ class Stream:
 
     Attributes:
         state: present state of the flow.
-        rows: (n, 2 p + 1) of differences, of sums and of the action that began in each period, oldest first; the
-            present sample's row is added later. n is the memory M, more if the speed may be below the design speed.
+        rows: n rows (n, 2 p + 1), oldest first: p differences and p sums of the sensor pairs, and the action that began
+            in each period; the present sample's row is added later. n is the feedback's memory M, or larger if the
+            speed may be below the design speed.
         speeds: (n,) speeds of these rows that the feedback received, in units of the design speed.
         speed: present speed.
         committed: the action of the period that begins, in units of the design speed.
-        stretches: number of stretches that it has run.
+        stretches: number of stretches that the stream has run.
         goal: goal of the feedback, each part from 0 to 1 (`contract.controller.goal.Goal`).
     """
 
@@ -88,7 +91,8 @@ class Stream:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Stretch:
-    """Results of a stretch: mean coefficients, and resampled rows (n, p + 1) of true differences and actions.
+    """Results of a stretch: mean coefficients, and n resampled rows (n, p + 1) of the p true differences and the
+    action.
 
     Coefficients and rows are in units of the present speed. `off_design` is the largest distance of the speeds from the
     design speed, in units of the design speed.
@@ -111,12 +115,14 @@ def differentiate(
     speeds: Array | None = None,
     action_limit: float = inf,
 ) -> Stretch:
-    """Run a stretch, advance the stream, and add the mean cost's gradient to that of the feedback's parameters.
+    """Run a stretch, advance the stream, and add the gradient of the mean cost to the gradients of the feedback's
+    parameters.
 
     The timing is the vehicle's: the command computed from the sample of t_k is in force at the end of period k + 1.
 
     Args:
-        speeds: (n + 1,) flow speeds at the samples, in units of the design speed; None for the design speed.
+        speeds: (n + 1,) flow speeds at the samples of n periods, in units of the design speed; None for the design
+            speed.
         action_limit: limit of the jets at every speed, in units of the design speed.
 
     Raises:
@@ -161,7 +167,8 @@ def differentiate(
 
 
 def read(rows: Tensor, speeds: Sequence[float], memory: int) -> Tensor:
-    """Resample a stream's rows (n, c) to the feedback's rows (M, c) at the present speed, as on the vehicle.
+    """Resample a stream's n rows of c columns, (n, c), to the feedback's M rows (M, c) at the present speed, as on the
+    vehicle.
 
     On the vehicle, a row has the action in force at its sample, in units of the speed at that time; the row of the
     present sample has the action that begins.

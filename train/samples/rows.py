@@ -4,7 +4,8 @@ Row k of an episode is the encoder's input at t_k: (Cp_k, a_{k-1}), one column p
 row also has a_k, the action commanded at t_k, which is the input of the dynamics, and the forces (Cd_k, Cl_k). A window
 that ends at k consists of rows k-L+1 .. k; it never crosses an episode's boundary. N is the number of sensors.
 
-Pressures, action and forces are standardised. The scaling is fitted to training episodes and any mirror images.
+Pressures, action and forces are standardised. The scaling is fitted to training episodes and, if used, their mirror
+images.
 """
 
 from collections.abc import Iterator, Sequence
@@ -25,11 +26,11 @@ from contract.sensors import TRUCK
 def fit_scaling(episodes: Sequence[Episode], layout: SensorLayout = TRUCK) -> Scaling:
     """Fit mean and standard deviation to the episodes, together with their mirror images if there are any.
 
-    The mirror image (y -> -y) permutes the sensors and changes the signs of action and lift. Statistics over both are
-    symmetric: mean action and mean Cl are 0, and mirrored sensors have the same mean and deviation, so that mirroring
-    commutes with scaling. Without mirror images, Cl may have a nonzero mean. The action is never shifted, so that zero
-    action stays 0; its deviation is always its root mean square. Raises DatasetError if a sensor, the action or a force
-    is constant; the message states its name.
+    The mirror image (y -> -y) permutes the sensors and changes the signs of action and lift. Statistics over the
+    originals and the images are symmetric: mean action and mean Cl are 0, and mirrored sensors have equal means and
+    deviations, so that mirroring commutes with scaling. Without mirror images, Cl may have a nonzero mean. The action
+    is never shifted, so that zero action stays 0; its deviation is always its root mean square. Raises DatasetError if
+    a sensor, the action or a force is constant; the message states its name.
     """
     pressure = np.concatenate([episode.series["Cp"] for episode in episodes])
     action = np.concatenate([episode.series["action"] for episode in episodes])
@@ -60,7 +61,7 @@ def global_deviation(scaling: Scaling) -> float:
 
 
 def unit_steps(scaling: Scaling, chosen: Index) -> Array:
-    """Return one global deviation in units of each chosen sensor's standard deviation, (N,)."""
+    """Return one global deviation in units of each chosen sensor's standard deviation, (N,) for N sensors."""
     steps: Array = global_deviation(scaling) / np.array(scaling.pressure_std)[chosen]
     return steps
 
@@ -72,13 +73,13 @@ def _refuse_constant(name: str, values: Array) -> None:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Rows:
-    """Standardised episodes, one after the other, in single precision.
+    """Standardised episodes, one after the other, in single precision: n rows and N sensors.
 
     Attributes:
         inputs: (n, N + 1) encoder rows.
         actions: (n,) a_k.
         forces: (n, 2) Cd, Cl.
-        lengths: rows of each episode, in order; sums to n.
+        lengths: rows of each episode, in order; the sum is n.
         unit: (N,) one global deviation of pressure in each sensor's column; None if the scaling is not known.
         layout: layout of the sensors, in the order of their columns.
         names: names of each episode, in order; may be empty.
@@ -129,8 +130,8 @@ class Rows:
         )
 
     def noise(self, level: float) -> Tensor:
-        """Return the standard deviation (N,), in each sensor's column, of noise of `level` global deviations; zero at
-        level 0. Raises ConfigError if these rows have no global deviation."""
+        """Return the standard deviation of sensor noise in each sensor's column, (N,), for noise of `level` global
+        deviations; zero at level 0. Raises ConfigError if these rows have no global deviation."""
         if self.unit is None:
             if level:
                 raise ConfigError(f"sensor noise {level}: these rows were made without a scaling, so it has no unit")
@@ -139,7 +140,7 @@ class Rows:
 
 
 def prepare(episodes: Sequence[Episode], scaling: Scaling, *, mirrored: bool, layout: SensorLayout = TRUCK) -> Rows:
-    """Return the standardised rows of the episodes, followed by those of their mirror images if `mirrored`. Raises
+    """Return the standardised rows of the episodes, followed by the rows of their mirror images if `mirrored`. Raises
     ConfigError if `mirrored` is set and the layout has no mirror images."""
     mirror = layout.mirror
     if mirrored and mirror is None:

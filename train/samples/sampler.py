@@ -13,10 +13,10 @@ from train.samples.rows import Rows
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Batch:
-    """S segments of rows, with actions and forces for the last W rows of each; a segment has W windows.
+    """S segments of rows. A segment has W windows of L rows; actions and forces are those of its last W rows.
 
     Attributes:
-        inputs: (S, W + L - 1, F) encoder rows.
+        inputs: (S, W + L - 1, F) encoder rows of F features.
         actions: (S, W) a_k at the windows' ends.
         forces: (S, W, 2) forces at the windows' ends.
         ends: (S, W) indices of the windows' ends among all rows.
@@ -86,7 +86,8 @@ class SegmentSampler:
 
 
 def add_sensor_noise(batch: Batch, deviation: Tensor) -> Batch:
-    """Add white noise with deviations (N,) to a batch's sensors, from torch's generator; zeros change nothing."""
+    """Add white noise with standard deviations (N,) to the N sensors of a batch, from torch's generator; zeros change
+    nothing."""
     if not bool(deviation.any()):
         return batch
     noise = torch.randn(*batch.inputs.shape[:2], len(deviation), device=batch.inputs.device) * deviation

@@ -1,4 +1,5 @@
-"""The selection methods behind one interface: from a teacher, its recording and a count to names of sensors."""
+"""The selection methods behind one interface: teacher, recording and number of sensors are given, names of sensors are
+returned."""
 
 from itertools import zip_longest
 from typing import Final, get_args
@@ -27,9 +28,10 @@ def select_by_hand(count: int, layout: SensorLayout = TRUCK) -> tuple[int, ...]:
     """Return the indices of `count` sensors, outward from the two rear corners, where the shear layers leave the body.
 
     The order alternates between the next pair along the sides, from the rear forward, and the next pair across the
-    base, from its edges inward. When one of them has no more pairs, only the other continues. On the truck, the first
-    four are upper_39, lower_39, base_0 and base_9. Sensors on the symmetry line come last, from the rear forward. An
-    odd count may end with the upper sensor of a pair alone. Raises ConfigError without mirror images or base sensors.
+    base, from its edges inward. When the sides or the base have no more pairs, the order continues without them. On the
+    truck, the first four are upper_39, lower_39, base_0 and base_9. Sensors on the symmetry line come last, from the
+    rear forward. An odd count may end with only the upper sensor of a pair. Raises ConfigError without mirror images or
+    base sensors.
     """
     mirror = layout.mirror
     if mirror is None or not layout.base.size:
@@ -53,7 +55,8 @@ def _sorted(wanted: Mask, by: Array) -> list[int]:
 
 
 def pod_modes(rows: Rows, count: int) -> Array:
-    """Return the leading modes of the standardised pressures, (N, count), in order of falling variance."""
+    """Return the leading `count` modes of the standardised pressures of N sensors, (N, count), in order of falling
+    variance."""
     pressure = rows.inputs[:, : rows.sensors].cpu().numpy().astype(np.float64)
     pressure -= pressure.mean(axis=0)
     _, vectors = np.linalg.eigh(pressure.T @ pressure)
@@ -70,15 +73,16 @@ def select_qr(rows: Rows, count: int, *, modes: int | None = None) -> tuple[int,
     Args:
         modes: size of the basis, at least `count`, because a basis of r modes distinguishes at most r sensors.
     """
-    # PyPI's python-sensors 0.4 does this too, but needs scikit-learn, matplotlib and pandas for one call of SciPy's.
+    # PyPI's python-sensors 0.4 computes these pivots too, but needs scikit-learn, matplotlib and pandas for one call of
+    # SciPy.
     basis = pod_modes(rows, max(count, modes or 0))
     _, order = scipy.linalg.qr(basis.T, mode="r", pivoting=True)
     return tuple(order[:count].tolist())
 
 
 def select_greedy(student: RidgeStudent, count: int, *, progress: Progress = silent) -> tuple[int, ...]:
-    """Return the indices of the sensors that reduce the student's error most, one after the other, in that order; among
-    equal sensors the first one is chosen."""
+    """Return the indices of the sensors that reduce the student's error most, chosen one after the other, in that
+    order; among equally good sensors the first sensor is chosen."""
     chosen: tuple[int, ...] = ()
     for place in range(count):
         errors = {index: student.error((*chosen, index)) for index in range(student.sensors) if index not in chosen}
@@ -139,7 +143,7 @@ def select(
     elif method == "hand":
         chosen = select_by_hand(count, rows.layout)
     else:
-        # Runs with neighbouring seeds, and the two uses of one seed, must have independent draws.
+        # Runs with neighbouring seeds must have independent draws, and so must the two uses of one seed.
         windows, choices = np.random.SeedSequence(settings.seed).generate_state(2).tolist()
         student = ridge_student(encoder, rows, windows, settings.sensor_noise)
         if method == "greedy":

@@ -33,13 +33,13 @@ class Ranking:
 
     @property
     def mean(self) -> Array:
-        """Mean over the repeats, (N,)."""
+        """Mean of the N sensors' scores over the repeats, (N,)."""
         mean: Array = self.scores.mean(axis=0)
         return mean
 
     @property
     def std(self) -> Array:
-        """Sample standard deviation over the repeats, (N,); zero for a single repeat."""
+        """Sample standard deviation of the N sensors' scores over the repeats, (N,); zero for a single repeat."""
         return self.scores.std(axis=0, ddof=1) if len(self.scores) > 1 else np.zeros(self.scores.shape[1])
 
     def top(self, count: int) -> tuple[str, ...]:
@@ -57,9 +57,9 @@ class Ranking:
         return len(set(self.top_sets(count))) == 1
 
     def differences(self, count: int) -> Mapping[str, float]:
-        """Return, for every sensor that is among the best in some repeats only, the share of these repeats.
+        """Return, for every sensor that is among the best in some repeats only, the fraction of these repeats.
 
-        The sensors are in their order; the result is empty if the set is stable.
+        The sensors are in the order of `names`; the result is empty if the set is stable.
         """
         repeats = len(self.scores)
         counts = Counter(name for names in self.top_sets(count) for name in names)
@@ -88,10 +88,11 @@ class SensorChoice:
         method: "shap.GradientExplainer", another of `train.selection.methods.METHODS`, or "given".
         repeats: number of repeats of the ranking.
         order: sensors, for SHAP all names, best first; for the other methods the chosen names.
-        mean: (N,) mean of the scores over the repeats.
+        mean: (N,) mean of the N sensors' scores over the repeats.
         std: (N,) standard deviation of the scores over the repeats.
-        stable: whether the best set is the same in every repeat, by size of the set.
-        differences: share of repeats of every sensor that is in the best set in some repeats only, by size of the set.
+        stable: whether the best set is equal in all repeats, by size of the set.
+        differences: for each size of the best set, the fraction of repeats in which a sensor belongs to it, for sensors
+            that belong to it in some repeats only.
     """
 
     method: str
@@ -118,7 +119,7 @@ class SensorChoice:
         )
 
     def as_tree(self) -> dict[str, Any]:
-        """Return plain values for JSON, without those that are None."""
+        """Return plain values for JSON, without fields that are None."""
         tree = {name: value for name, value in asdict(self).items() if value is not None}
         return {name: list(value) if isinstance(value, tuple) else value for name, value in tree.items()}
 

@@ -1,12 +1,12 @@
 """A student that is fitted in milliseconds: ridge regression of the teacher's latents on lags of a few sensors.
 
-It replaces the slim encoder where thousands of choices are compared and not all can be distilled. With the centred lags
-X (n, F) and latents Z (n, N_z) of the windows for the fit, its weights are
+The student replaces the slim encoder where thousands of choices are compared and not all can be distilled. With the n
+windows for the fit, their centred lags X (n, F) and latents Z (n, N_z), its weights are
 
     W = (X'X/n + lambda I)^-1 X'Z/n
 
-Its error is the unexplained share of the latents of other windows. Both need only the products of all lags, which are
-computed once; a choice uses a small block of them.
+The student's error is the unexplained fraction of the latents of other windows. Weights and error need only the
+products of all lags, which are computed once; a choice uses a small block of them.
 """
 
 from collections.abc import Sequence
@@ -30,7 +30,7 @@ def first_rows(rows: Rows, window: int) -> Index:
 
 
 def windows_at(rows: Rows, firsts: Index, window: int) -> Tensor:
-    """Return the windows that begin at the given rows, (n, L, F)."""
+    """Return the n windows that begin at the given n rows, (n, L, F)."""
     start = torch.as_tensor(firsts, device=rows.inputs.device)
     return rows.inputs[start[:, None] + torch.arange(window, device=start.device)]
 
@@ -39,7 +39,8 @@ STRIDE: Final = 4
 """Distance of the lags, in rows: 0.8 t_c, about six lags per shedding cycle, 8 lags in a window of 32."""
 
 RIDGE: Final = 1e-4
-"""Lambda, the ridge. Inputs have unit variance, so it acts like noise of 1 % of each sensor's standard deviation."""
+"""Lambda, the ridge. Inputs have unit variance, so lambda acts like noise of 1 % of each sensor's standard
+deviation."""
 
 FITTED: Final = 4000
 JUDGED: Final = 2000
@@ -49,13 +50,13 @@ _CHUNK = 1024
 
 
 def lagged(windows: Array) -> Array:
-    """Convert windows (n, L, F) to lags (n, F x lags); the lags of a column are side by side, newest first."""
+    """Convert n windows (n, L, F) to lags (n, F x lags); the lags of a column are side by side, newest first."""
     return windows[:, ::-1][:, ::STRIDE].transpose(0, 2, 1).reshape(len(windows), -1)
 
 
 def sample(encoder: Encoder, rows: Rows, seed: int) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
-    """Return lags of all columns and the encoder's latents, for the windows of the fit and for those of the test.
-    Raises DatasetError if there are fewer than 6 windows."""
+    """Return lags of all columns and the encoder's latents, once for the windows of the fit and once for the windows of
+    the test. Raises DatasetError if there are fewer than 6 windows."""
     firsts = first_rows(rows, encoder.window)
     total = min(len(firsts), FITTED + JUDGED)
     if total < 6:
@@ -74,7 +75,7 @@ def sample(encoder: Encoder, rows: Rows, seed: int) -> tuple[tuple[Array, Array]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RidgeStudent:
-    """Products of all lags and latents, centred on the means of the fitted windows, as means over windows.
+    """Products of all F lags and N_z latents, centred on the means of the fitted windows, as means over windows.
 
     Attributes:
         gram: (F, F) of the fitted windows' lags.
@@ -100,7 +101,7 @@ class RidgeStudent:
         return len(self.noise_power) - 1
 
     def error(self, chosen: Sequence[int]) -> float:
-        """Return the unexplained share of the test latents' mean square, given the chosen sensors and the action."""
+        """Return the unexplained fraction of the test latents' mean square, given the chosen sensors and the action."""
         columns = np.append(np.asarray(chosen, dtype=np.intp), self.sensors)
         places = (columns[:, None] * self.lags + np.arange(self.lags)).ravel()
         block = np.ix_(places, places)

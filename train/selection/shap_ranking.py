@@ -23,7 +23,8 @@ from train.selection.ridge_student import first_rows, windows_at
 
 
 class Ranker(Protocol):
-    """A function that returns the sensors' scores (N,), larger if more important; seeds give independent draws."""
+    """A function that returns the N sensors' scores (N,), larger if more important; different seeds give independent
+    draws."""
 
     def __call__(self, encoder: Encoder, rows: Rows, seed: int) -> Array: ...
 
@@ -70,7 +71,7 @@ class ShapRanker:
         generator = np.random.default_rng(seed)
         background = _draw(rows, encoder.window, self.background, "background", generator)
         explained = _draw(rows, encoder.window, self.explained, "explanation", generator)
-        # Only gradients with respect to inputs are needed; a frozen copy avoids computing those of the weights.
+        # Only gradients with respect to inputs are needed; a frozen copy avoids computing the weights' gradients.
         packed = _Packed(copy.deepcopy(encoder).requires_grad_(False))
         total = np.zeros(explained.shape[2])
         full = len(explained) // _PACK * _PACK
@@ -101,14 +102,16 @@ class ShapRanker:
 
 _PACK = 25
 """Number of windows explained together. shap loops in Python over the samples and outputs of one input; with a pack,
-one loop explains 25 windows. Latents of different windows do not interact, so explaining their sum explains each."""
+one loop explains 25 windows. Latents of different windows do not interact, so explaining their sum explains each
+window."""
 
 _BATCH = 20
 """Number of packs per gradient: 500 windows, which fit into the processor's cache."""
 
 
 class _Packed(nn.Module):
-    """An encoder of packs of windows (B, M, L, F), whose output (B, N_z) is the sum of the latents over the pack."""
+    """An encoder of B packs of M windows, (B, M, L, F), whose output (B, N_z) is the sum of the latents over each
+    pack."""
 
     def __init__(self, encoder: Encoder) -> None:
         super().__init__()

@@ -39,7 +39,7 @@ def write_mesh(folder: Path, mesh: Mesh) -> None:
 
 
 def write_start(folder: Path, velocity: Array, pressure: Array) -> None:
-    """Write the fields at t = 0, one row per cell: velocity (m, 2) and kinematic pressure (m,)."""
+    """Write the fields at t = 0, one row for each of the m cells: velocity (m, 2) and kinematic pressure (m,)."""
     (folder / "0").mkdir(exist_ok=True)
     speeds: dict[str, dict[str, Any]] = {
         "inlet": {"type": "fixedValue", "value": "uniform (1 0 0)"},
@@ -92,7 +92,7 @@ _SOLVERS: Final[dict[str, Any]] = {
 
 
 def _control(mesh: Mesh, clock: CaseClock) -> dict[str, Any]:
-    # The function objects for forces read the entries "execute", those for probes the entries "write".
+    # OpenFOAM reads the entries "execute" for forces and the entries "write" for probes.
     every_sample = {
         f"{what}{setting}": value
         for what in ("execute", "write")

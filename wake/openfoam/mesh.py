@@ -1,8 +1,8 @@
 """A body-fitted mesh of the truck, one cell thick, whose grid lines follow the rounded leading edges exactly.
 
 Two structured blocks share their edges. A C-shaped block runs from the outlet along the lower side, around the front
-and back along the upper side. Its lines leave the wall along the normal, and fan out from the rounded edges to the
-domain's corners. A tensor-product block fills the wake between the ends of the C. Both blocks are symmetric in y.
+and back along the upper side. The block's lines leave the wall along the normal, and fan out from the rounded edges to
+the domain's corners. A tensor-product block fills the wake between the ends of the C. Both blocks are symmetric in y.
 """
 
 from dataclasses import dataclass
@@ -38,14 +38,14 @@ _ROUND_UP_TO: Final = 1.0
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Mesh:
-    """Quadrilaterals in the plane.
+    """Quadrilaterals in the plane: n vertices, m cells, k internal edges or edges of a patch.
 
     Attributes:
         points: vertices, (n, 2).
         cells: vertex indices of each cell counter-clockwise, (m, 4).
         edges: internal edges as vertex pairs (k, 2), sorted by `owner` and then `neighbour`.
         owner, neighbour: cells to the left and right of each internal edge, (k,); owner < neighbour.
-        patches: edges of each patch, (k, 2), with the flow on their left, ordered by their cells.
+        patches: edges of each patch, (k, 2), with the flow on the left, in the order of the edges' cells.
         patch_cells: the cell of each edge of a patch, (k,).
     """
 
@@ -88,14 +88,14 @@ def truck_mesh(refinement: float = 1.0) -> Mesh:
     around, body = _around(refinement, wake_x)
     across = _across(refinement)
 
-    # The points of the block around the body come first, then those of the wake's block without the shared edges.
+    # The points of the block around the body come first, then the wake block's points without the shared edges.
     columns, rows = around.shape[:2]
     ring = np.arange(columns * rows).reshape(columns, rows)
     inner = np.arange(len(wake_x) * (len(across) - 2)).reshape(len(wake_x), -1) + ring.size
     tail = np.column_stack([ring[: len(wake_x), 0][::-1], inner, ring[-len(wake_x) :, 0]])
     core = np.stack(np.meshgrid(wake_x, across[1:-1], indexing="ij"), axis=-1)
     points = np.vstack([around.reshape(-1, 2), core.reshape(-1, 2)])
-    # Along the outline from the lower outlet to the upper outlet, the flow lies to the left.
+    # Lines run along the outline from the lower to the upper outlet, so that the flow is on the left.
     cells = np.vstack([_quads(ring), _quads(tail)])
     cells = cells[_renumbering(cells, len(points))]
 
@@ -125,8 +125,8 @@ def _around(refinement: float, wake_x: Array) -> tuple[Array, slice]:
     away = graded_faces(_NORMAL, 0.0, DOMAIN_Y[1] - HALF_WIDTH, refinement)
     far = away[-1] + r
 
-    # A line of the fan is longer than the distance between wall and boundary by `extra`. A quadratic share spreads this
-    # length smoothly over the points beyond `_ROUND_UP_TO`.
+    # A line of the fan is longer than the distance between wall and boundary by `extra`. A quadratic function spreads
+    # this length smoothly over the points beyond `_ROUND_UP_TO`.
     extra = far * (1.0 / np.maximum(-np.cos(arc), np.sin(arc)) - 1.0)
     share = (np.maximum(away - _ROUND_UP_TO, 0.0) / (away[-1] - _ROUND_UP_TO)) ** 2
     radius = r + away[None, :] + extra[:, None] * share[None, :]
@@ -137,7 +137,7 @@ def _around(refinement: float, wake_x: Array) -> tuple[Array, slice]:
         _grid(wake_x[:, None], HALF_WIDTH + away[None, :])[1:],
     ]
     half = np.concatenate(upper)
-    # The ends of the fan lie on the straight lines bit for bit.
+    # The ends of the fan are moved exactly, bit for bit, onto the straight lines.
     half[len(front) - 1] = _grid(-away, flat)
     half[len(front) + len(arc) - 2] = _grid(r, HALF_WIDTH + away)
     whole = np.concatenate([half[:0:-1] * (1.0, -1.0), half])
@@ -163,13 +163,15 @@ def _quads(block: Index) -> Index:
 
 
 def _sides(cells: Index) -> tuple[Index, Index]:
-    """Return the cells' four edges as vertex pairs with the cell on their left, (4 m, 2), and their cells, (4 m,)."""
+    """Return the four edges of each of the m cells as vertex pairs with the cell on the left, shape (4 m, 2), and the
+    cell of each edge, shape (4 m,)."""
     pairs = np.stack([cells, np.roll(cells, -1, axis=1)], axis=2).reshape(-1, 2)
     return pairs, np.repeat(np.arange(len(cells)), 4)
 
 
 def _match(cells: Index, n: int) -> tuple[Index, Index, Index, Index]:
-    """Return the edges, their cells, and the index of each edge as seen from its other cell (-1 if there is none)."""
+    """Return the edges, the cell of each edge, and the index of each edge as seen from the cell on its other side (-1
+    if there is none)."""
     pairs, cell = _sides(cells)
     code, reverse = pairs @ np.array([n, 1]), pairs @ np.array([1, n])
     order = np.argsort(code)

@@ -31,7 +31,7 @@ from wake.solver.grid import Grid, truck_grid
 
 class CellInterpolation:
     """Interpolation between the centres of the cells, linear on their Delaunay triangles; outside the triangles the
-    value is the nearest cell's. `points` are the target points, (n, 2)."""
+    value is the nearest cell's. `points` are the n target points, (n, 2)."""
 
     def __init__(self, mesh: Mesh, points: Array) -> None:
         triangles = Delaunay(mesh.centres)
@@ -49,7 +49,7 @@ class CellInterpolation:
         self._weights = csr_array((weights, (rows, columns)), shape=(len(points), len(mesh.centres)))
 
     def __call__(self, values: Array) -> Array:
-        """Interpolate values of the cells, (m, ...), to the points, (n, ...)."""
+        """Interpolate values in the m cells, (m, ...), to the n target points, (n, ...)."""
         return np.asarray(self._weights @ values)
 
 
@@ -82,7 +82,7 @@ class OpenFoamWake(NeverCopied):
         self.body, self.layout = TRUCK_BODY, sensors.TRUCK
         self.mesh = truck_mesh(refinement)
         self.grid: Grid = truck_grid()
-        """Grid of `vorticity`. It is the grid of stillwake's solver, so that pictures can be compared."""
+        """Grid of `vorticity`: the grid of stillwake's solver, so that pictures of the two plants can be compared."""
         self._case = folder
         self._steps = round(duration / self.config.control_period) * self.config.substeps
         self._patience_s = patience_s
@@ -168,7 +168,7 @@ class OpenFoamWake(NeverCopied):
         """Advance within the present period to `substep` (1 .. substeps).
 
         With an action, the jet ramps so that it reaches the action at the period's end; without an action, the jet's
-        flow rate does not change. Raises PlantError as `advance` does, or for a substep not ahead in this period.
+        flow rate does not change. Raises PlantError as `advance` does, or if `substep` is not later in this period.
         """
         into, last = self.substeps_into_period, self.config.substeps
         if not into < substep <= last:
@@ -205,7 +205,7 @@ class OpenFoamWake(NeverCopied):
 
     @cached_property
     def _to_grid(self) -> CellInterpolation:
-        """Interpolation to the centres of `grid`'s cells, stored because the triangulation takes seconds."""
+        """Interpolation to the centres of `grid`'s cells; it is stored, because the triangulation takes seconds."""
         x, y = np.meshgrid(self.grid.xc, self.grid.yc, indexing="ij")
         return CellInterpolation(self.mesh, np.column_stack([x.ravel(), y.ravel()]))
 

@@ -1,10 +1,11 @@
-"""icoFoam as a child process, and the pipes through which its jets are driven step by step.
+"""icoFoam as a child process, and the pipes through which its jets are controlled step by step.
 
-icoFoam always ends before its parent does. The jets' boundary condition (`wake.openfoam.wall`) opens the file of its
-next instant in the first time step after the last instant. Here the end of every time step is an instant, and its file
-is a named pipe for each jet. So icoFoam stops at the start of each time step, after it has measured and written
-everything about the last step, until the jets' velocity at the step's end arrives. A ramp can then start at any time
-step of a control period, as in the own plant. Nothing is compiled.
+icoFoam always ends before its parent does. The jets' boundary condition (`wake.openfoam.wall`) reads the velocity at
+listed instants from one file for each instant, and opens the file of the next instant in the first time step after the
+last instant. Here the end of every time step is an instant, and its file is a named pipe for each jet. So icoFoam stops
+at the start of each time step, after it has measured and written everything about the last step, until the jets'
+velocity at the step's end arrives. A ramp can then start at any time step of a control period, as in stillwake's
+solver. Nothing is compiled.
 """
 
 import ctypes
@@ -50,7 +51,7 @@ class IcoFoam(NeverCopied):
         self.folder = folder
         environment = {"WM_PROJECT_DIR": _SHARE, **os.environ}
         with (folder / LOG).open("ab") as log:
-            # The child has its own process group, so that Ctrl-C reaches only this process, which then ends icoFoam.
+            # The child has its own process group. Ctrl-C then reaches only this process, which ends icoFoam.
             self._child = subprocess.Popen(
                 command, cwd=folder, env=environment, stdin=subprocess.DEVNULL, stdout=log, stderr=log,
                 start_new_session=True, preexec_fn=_die_with_parent if sys.platform == "linux" else None,
@@ -118,7 +119,7 @@ _POLL_S: Final = (2e-4, 5e-3)
 
 
 class JetPipes(NeverCopied):
-    """The controller's ends of the pipes.
+    """The controller's ends of the pipes to icoFoam's jets.
 
     Args:
         folder: the case, written by `wall.write_pipes`.
@@ -154,7 +155,7 @@ class JetPipes(NeverCopied):
             reader = self._open(jet) if self._waiting is None else self._waiting
             self._waiting = None
             try:
-                # The text has a few hundred bytes, and a pipe takes so few bytes in one write.
+                # The text has a few hundred bytes; a pipe accepts this number in one write.
                 os.write(reader, wall.velocities(self._mesh, jet, action).encode("ascii"))
             except BrokenPipeError:
                 self._child.wait(1.0)

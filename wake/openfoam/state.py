@@ -17,17 +17,17 @@ from wake.openfoam.measurements import Readings, read_all
 
 STATE_SCHEMA: Final = "stillwake-openfoam/1"
 
-# Velocity and pressure, the flux through every face, and the older time level of the time scheme.
+# The files are velocity and pressure, the flux through every face, and U and phi at the time scheme's older level.
 _FIELDS: Final = ("U", "p", "phi", "U_0", "phi_0")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FoamState:
-    """All data that determine the further run of a case.
+    """All data that determine how a case continues.
 
     Attributes:
         files: contents of the case's field files by name.
-        dt: time step before the state; the time scheme weights the older level with it.
+        dt: time step before the state; the time scheme's weights for the older level depend on it.
         readings: measurements at the state's time.
         action: jet flow rate in force.
         substep: time steps since t = 0.
@@ -41,17 +41,17 @@ class FoamState:
 
     @property
     def velocity(self) -> Array:
-        """The velocity in the mesh's cells, (m, 2)."""
+        """The velocity in the mesh's m cells, (m, 2)."""
         return foam_files.parse_cells(self.files["U"], "U of a state")[:, :2]
 
     @property
     def pressure(self) -> Array:
-        """The kinematic pressure in the mesh's cells, (m,)."""
+        """The kinematic pressure in the mesh's m cells, (m,)."""
         return foam_files.parse_cells(self.files["p"], "p of a state")
 
 
 def read_fields(folder: Path) -> dict[str, bytes]:
-    """Read the field files of one time of a case. Raises PlantError if one is missing."""
+    """Read the field files of one time of a case. Raises PlantError if a file is missing."""
     try:
         return {name: (folder / name).read_bytes() for name in _FIELDS}
     except OSError as error:
@@ -68,8 +68,8 @@ def put(state: FoamState, case: Path) -> None:
 
 
 def written(folder: Path, dt: float) -> FoamState:
-    """Read the last state of a case without jets, and set its clock to zero. Raises PlantError if there is none after
-    0."""
+    """Read the last state of a case without jets, and set its clock to zero. Raises PlantError if there is no state
+    after 0."""
     latest = foam_files.latest(folder)
     if latest is None:
         raise PlantError(f"{folder}: icoFoam has written no state")
@@ -79,7 +79,7 @@ def written(folder: Path, dt: float) -> FoamState:
 
 
 def save(path: Path, state: FoamState, facts: str) -> None:
-    """Write a state and a line on its settings, completely or not at all."""
+    """Write a state and a line that describes its settings, completely or not at all."""
     about = {"schema": STATE_SCHEMA, "facts": facts, "dt": state.dt, "action": state.action, "substep": state.substep}
     readings = state.readings
     arrays: dict[str, Any] = {name: np.frombuffer(content, np.uint8) for name, content in state.files.items()}
@@ -89,7 +89,8 @@ def save(path: Path, state: FoamState, facts: str) -> None:
 
 
 def load(path: Path) -> tuple[FoamState, str]:
-    """Read a state and the line on its settings. Raises PlantError if it is missing, damaged or of another schema."""
+    """Read a state and the line that describes its settings. Raises PlantError if the file is missing, damaged or of
+    another schema."""
     try:
         data = read_npz(path)
         about = json.loads(data.text("about"))

@@ -1,12 +1,13 @@
-"""The wall in icoFoam: the slots' boundary condition, the probes of the pressure, and the sensors as sums of probes.
+"""The wall in icoFoam: the slots' boundary condition, the pressure probes, and the sensors as weighted sums of probes.
 
-The jets are a parabola in each slot, with opposite signs, linear in time between values at listed instants.
-`timeVaryingMappedFixedValue` ramps linearly between instants and reads the velocity at each instant from a file. A case
-without control lists the beginning and a time it will never reach, with zero jet velocity. A coupled case lists the end
-of every time step, and its files are named pipes.
+The jet velocity is a parabola over each slot, with opposite signs in the two slots. `timeVaryingMappedFixedValue` reads
+the velocity at each listed instant from a file and ramps linearly between instants. A case without control lists the
+beginning and a time that it never reaches, with zero jet velocity. A case in closed loop lists the end of every time
+step, and its files are named pipes.
 
-The pressure on a wall face is that of its cell (zero normal gradient at the wall), so a sensor is interpolated linearly
-along the wall between the two nearest faces. The mean over a slot weights its faces with the jet's velocity.
+The pressure on a wall face equals the pressure in its cell (zero normal gradient at the wall), so a sensor's pressure
+is interpolated linearly along the wall between the two nearest faces. The mean over a slot weights its faces with the
+jet's velocity.
 """
 
 import os
@@ -34,13 +35,14 @@ BOUNDARY: Final[dict[str, Any]] = {
 }
 
 _NEVER: Final = "1000000"
-# An instant is later than the step's end by this share of a time step, so that rounding cannot place it before the end.
+# An instant is later than the step's end by this fraction of a time step, so that rounding cannot place the instant
+# before the end.
 _LATE: Final = 1e-6
 
 
 def slot_velocity(mesh: Mesh, jet: str, action: float) -> Array:
-    """Return the velocity on a slot's faces in the mesh's order, (k, 2), for a jet flow rate, averaged exactly over
-    each face; the lower slot blows when the upper slot sucks (paper, section 2.1)."""
+    """Return the velocity on the k faces of a slot, in the mesh's order, (k, 2), averaged exactly over each face.
+    `action` is the jet flow rate; the lower slot blows when the upper slot sucks (paper, section 2.1)."""
     y = mesh.patch_centres(jet)[:, 1]
     shares = slot_shares(len(y))[np.argsort(np.argsort(y))]
     sign = 1.0 if jet == "jetUpper" else -1.0
@@ -54,7 +56,7 @@ def velocities(mesh: Mesh, jet: str, action: float) -> str:
 
 
 def pipe(folder: Path, jet: str) -> Path:
-    """Return the path of a jet's named pipe in a coupled case."""
+    """Return the path of a jet's named pipe in a case in closed loop."""
     return folder / "pipes" / jet / "U"
 
 
@@ -67,7 +69,8 @@ def write_rest(folder: Path, mesh: Mesh) -> None:
 
 
 def write_pipes(folder: Path, mesh: Mesh, *, dt: float, steps: int, action: float) -> None:
-    """Write the instants of a coupled case: jets that start from `action`, and the end of every time step.
+    """Write the instants of a case in closed loop: the jets start from `action`, and the end of every time step is an
+    instant.
 
     The instants are links to one folder per jet, which holds the jet's pipe.
     """
@@ -93,13 +96,13 @@ _PROBED: Final = ("truck", "jetUpper", "jetLower")
 
 
 def pressure_points(mesh: Mesh) -> Array:
-    """Return the centres of the cells on the straight walls and the slots, (n, 2)."""
+    """Return the centres of the n cells on the straight walls and the slots, (n, 2)."""
     return np.vstack([mesh.centres[mesh.patch_cells[name]][_straight(mesh, name)] for name in _PROBED])
 
 
 def sensor_weights(mesh: Mesh) -> Array:
-    """Return the weights that turn kinematic pressures at `pressure_points` into Cp at the sensors and into the
-    profile-weighted mean Cp over the upper and the lower slot, (92, n)."""
+    """Return the weights, (92, n), that convert kinematic pressures at the n `pressure_points` into Cp at the 90
+    sensors and into the mean Cp, weighted with the jet profile, over the upper and the lower slot."""
     at = np.vstack([mesh.patch_centres(name)[_straight(mesh, name)] for name in _PROBED])
     on_base = np.abs(at[:, 0] - LENGTH) < 1e-9
     rows = []
@@ -117,7 +120,8 @@ def sensor_weights(mesh: Mesh) -> Array:
 
 
 def slot_shares(cells: int) -> Array:
-    """Return the share of a slot's flow through each of its equal faces, (cells,): the parabola's exact integral."""
+    """Return the fraction of a slot's flow through each of its equal faces, (cells,), as exact integrals of the
+    parabola."""
     s = np.linspace(0.0, 1.0, cells + 1)
     return np.diff(s**2 * (3.0 - 2.0 * s))
 

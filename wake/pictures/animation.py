@@ -18,7 +18,7 @@ Pixels = npt.NDArray[np.uint8]
 _Progress = Callable[[int, int], None]
 
 FASTEST: Final = 50
-"""Largest number of frames per second: many viewers play a GIF with frames shorter than 20 ms slowly."""
+"""Largest number of frames per second. Many viewers play a GIF slowly if its frames are shorter than 20 ms."""
 _GIF_TICK: Final = 10  # ms; the format counts in hundredths of a second
 _SUFFIXES: Final = (".gif", ".webp")
 _WEBP: Final = {"quality": 80, "method": 4, "minimize_size": False, "kmax": 30}
@@ -30,13 +30,14 @@ class MovingPicture(Protocol):
     figure: Figure
 
     def record(self) -> None:
-        """Record the plant's present state; called at every control period's end from the first frame on."""
+        """Record the plant's present state; this function is called at every control period's end from the first frame
+        on."""
 
     def pixels(self) -> Pixels:
-        """Draw the present state as (height, width, 3)."""
+        """Draw the present state as RGB pixels (height, width, 3)."""
 
     def palette(self) -> Array:
-        """Return the colours for a GIF, at most 256, (n, 3) from 0 to 1."""
+        """Return the n <= 256 colours for a GIF, (n, 3), from 0 to 1."""
 
 
 def animate(
@@ -59,7 +60,7 @@ def animate(
         path: ends in .gif or .webp.
         picture: draws the plant `wake`.
         wake: the plant, moved to the end of the run.
-        actions: one command per control period, (n,); U_inf W.
+        actions: one command for each of n control periods, (n,); U_inf W.
         skip: number of control periods before the first frame.
         every: control periods between frames.
         fps: frames per second; a GIF rounds the time of a frame to 10 ms.

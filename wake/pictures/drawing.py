@@ -122,7 +122,7 @@ class WakePicture:
         """Return the picture's colours for a GIF, (n, 3) from 0 to 1; n is at most 256."""
         scales = [(FIELD_COLOURS, 170), (SENSOR_COLOURS, 40), ("gray", 24)]
         colours = [mpl.colormaps[name](np.linspace(0.0, 1.0, count))[:, :3] for name, count in scales]
-        # Edges of the arrows and the slots are blended with black and white.
+        # Edges of arrows and slots are blended with black and white, so the palette needs these blends.
         blends = [
             np.linspace(end, mpl.colors.to_rgb(c), 6)[1:] for c in (BLOWING, SUCKING) for end in ((0, 0, 0), (1, 1, 1))
         ]
@@ -132,7 +132,7 @@ class WakePicture:
         return jet_arrow(share, side, self._wake.body.length)
 
     def pixels(self) -> npt.NDArray[np.uint8]:
-        """Draw the present state as (height, width, 3)."""
+        """Draw the present state as RGB pixels (height, width, 3)."""
         self.update()
         canvas: Any = self.figure.canvas
         canvas.draw()
@@ -155,7 +155,7 @@ def mean_figure(grid: Grid, body: BodyConfig, mean: Flow, duration: float) -> Fi
         duration: duration of the mean, t_c; for the title.
     """
     left, right, low, high = _NEAR_WAKE
-    # Rounding makes the truck's view exactly 6.8 to 12.
+    # Rounding makes the limits of the truck's view exactly 6.8 and 12.
     view = (round(body.length + left, 9), round(body.length + right, 9), low, high)
     figure, axes = _figure(10.0, 4.6, 110.0, view)
     raster = Raster.of(grid.xc, grid.yc, view, 900)
@@ -187,14 +187,14 @@ def check_suffix(path: Path) -> None:
 
 
 def save_figure(path: Path, figure: Figure) -> None:
-    """Write in the format of the name's ending, completely or not at all; raises as `check_suffix` does."""
+    """Write in the format of the name's ending, completely or not at all. Raises ConfigError as `check_suffix` does."""
     check_suffix(path)
     with replacing(path) as temporary:
         figure.savefig(temporary, format=path.suffix[1:].lower())
 
 
 def outline(body: BodyConfig) -> Array:
-    """Return points of the body's outline, (n, 2)."""
+    """Return the n points of the body's outline, (n, 2)."""
     angle = np.linspace(np.pi, 0.5 * np.pi, 16)
     r = body.leading_edge_radius
     arc = np.column_stack([r + r * np.cos(angle), HALF_WIDTH - r + r * np.sin(angle)])

@@ -16,7 +16,7 @@ View = tuple[float, float, float, float]
 
 
 def velocity(flow: Flow) -> tuple[Array, Array]:
-    """Return u and v in the cell centres, (nx, ny) each; units U_inf."""
+    """Return u and v in the cell centres, (nx, ny) each, in U_inf."""
     u, v = flow.faces_u, flow.faces_v
     return 0.5 * (u[1:] + u[:-1]), 0.5 * (v[:, 1:] + v[:, :-1])
 
@@ -24,7 +24,8 @@ def velocity(flow: Flow) -> tuple[Array, Array]:
 class TimeMean:
     """The mean of flows on one grid.
 
-    A flow's buffer holds u, v and p. Wall pressures and forces are linear in it, so the mean buffer gives their means.
+    A flow's buffer holds u, v and p. Wall pressures and forces are linear in the buffer, so the mean buffer gives their
+    means.
     """
 
     def __init__(self, shape: tuple[int, int]) -> None:
@@ -37,7 +38,7 @@ class TimeMean:
         self._count += 1
 
     def flow(self) -> Flow:
-        """Return the mean of the added flows; raises PlantError if there are none."""
+        """Return the mean of the added flows. Raises PlantError if no flow was added."""
         if self._count == 0:
             raise PlantError("mean over 0 instants: at least 1 is needed")
         return Flow.of(self._sum.flat / self._count, self._shape)
@@ -49,8 +50,8 @@ def mean_flow(
     skip: int = 0,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Flow:
-    """Run the plant from its present state with the actions, one per control period, and average its flow at the
-    control periods' ends, without the first `skip`. `progress` is called with (periods done, total)."""
+    """Run the plant from its present state with the actions, one per control period, and average its flow at the ends
+    of the control periods after the first `skip`. `progress` is called with (periods done, total)."""
     mean = TimeMean(wake.grid.shape)
     for k, action in enumerate(actions):
         wake.advance(float(action))
@@ -83,7 +84,7 @@ class Raster:
         return cls(x=x, y=y, across=_weights(nodes_x, x), up=_weights(nodes_y, y))
 
     def __call__(self, field: Array) -> Array:
-        """Interpolate (len(nodes_x), len(nodes_y)) to (height, width), row 0 at the bottom."""
+        """Interpolate a field (len(nodes_x), len(nodes_y)) to pixels (height, width), row 0 at the bottom."""
         return np.asarray(self.up @ (self.across @ field).T)
 
 

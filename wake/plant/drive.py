@@ -1,7 +1,7 @@
 """The stream as a function of time: the speed of a vehicle, from a shipped profile or a user's file, and gusts.
 
-The plant computes in units of one speed U, the operating point's. The speed v is a free stream of v / U: Reynolds
-number and dynamic pressure follow from it; viscosity, size and control period do not change.
+The plant computes in units of one speed U, the speed of the operating point. A vehicle speed v is a free stream of v /
+U. Reynolds number and dynamic pressure follow from the stream; viscosity, size and control period do not change.
 
 A gust is a wind against the body that varies in time and is uniform far from the body. It equals the wind of a body
 whose speed through the air varies, in the body's frame (`wake.solver.navier_stokes`), so that pressures remain relative
@@ -41,17 +41,17 @@ class Gust:
     cycles: float = inf
 
     def __call__(self, t: float) -> float:
-        """Return the excess, see `Wind`."""
+        """Return the wind's excess over U_inf at time t, see `Wind`."""
         phase = (t - self.start) / self.period
         return self.amplitude * sin(2.0 * pi * phase) if 0.0 <= phase <= self.cycles else 0.0
 
 
 _HEADER: Final = ("t_s", "speed_m_per_s")
 MOST_RATIO: Final = 2.0
-"""Largest ratio of a speed to U: Re 1000. At larger ratios the mesh does not resolve the wake."""
+"""Largest ratio of a speed to U (Re = 1000). At larger ratios the mesh does not resolve the wake."""
 _MOST_ROWS: Final = 100_000
 DESIGN_KM_PER_H: Final = 90.0
-"""Speed of the WLTC that corresponds to U: with U = 25 m/s the profile is the cycle itself."""
+"""Speed of the WLTC that corresponds to U. With U = 25 m/s the profile is the original cycle."""
 
 _WLTC: Final = """
 60.2 62.3 64.7 67.1 69.2 70.7 71.9 72.7 73.4 73.8 74.1 74.0 73.6 72.5 70.8 68.6 66.2 64.0 62.2 60.9 60.2 60.0 60.4 61.4
@@ -68,9 +68,10 @@ class Drive:
 
     Attributes:
         name: name of the profile or its file.
-        times: s, rising.
-        speeds: m/s, one per instant.
-        gust: speed of the air that is not part of the vehicle's speed; times in t_c of U from the drive's time 0.
+        times: instants in s, rising.
+        speeds: speed in m/s at each instant.
+        gust: speed of the air that is not part of the vehicle's speed; its times are in t_c of U, from the drive's time
+            0.
     """
 
     name: str
@@ -113,13 +114,13 @@ class Drive:
 
 def at_speed(flow: FlowConfig, fastest: float) -> FlowConfig:
     """Return the flow's settings with enough time steps for a stream of `fastest` times U."""
-    # The small number keeps rounding from turning 30 * 1.4 into 43 time steps; 42 are enough.
+    # The subtracted number prevents rounding from turning 30 * 1.4 into 43 time steps; 42 are enough.
     return replace(flow, substeps=ceil(flow.substeps * max(1.0, fastest) - 1e-9))
 
 
 _PROFILES: Final[Mapping[str, Sequence[tuple[float, float]]]] = {
     **{f"steady-{percent}": ((0.0, percent / 100), (20.0, percent / 100)) for percent in range(60, 150, 10)},
-    # Each speed is held for 8 s; the change to the next speed takes 2 s.
+    # Each speed is constant for 8 s; the change to the next speed takes 2 s.
     "steps": [(10.0 * k + t, 0.6 + 0.2 * k) for k in range(5) for t in (0.0, 8.0)],
     "ramps": ((0.0, 0.6), (15.0, 1.4), (20.0, 1.4), (35.0, 0.6), (40.0, 0.6)),
     "wltc-high": [(float(t), float(v) / DESIGN_KM_PER_H) for t, v in enumerate(_WLTC.split())],

@@ -18,7 +18,8 @@ class Plant(Protocol):
         """Return the present measurements."""
 
     def advance_to(self, substep: int, action: float | None = None) -> None:
-        """Advance within the control period; with an action, ramp so that the jets reach it at the period's end."""
+        """Advance within the control period to `substep`; with an action, ramp so that the jets reach it at the
+        period's end."""
 
 
 class LoopPlant(Plant, Protocol):
@@ -76,7 +77,7 @@ class Disturbable(Plant, Protocol):
         """Time in t_c."""
 
     def set_reynolds(self, reynolds: float) -> None:
-        """Continue with another viscosity."""
+        """Change the viscosity to that of another Reynolds number, and continue."""
 
 
 @runtime_checkable
@@ -84,10 +85,10 @@ class Drivable(Disturbable, Protocol):
     """A flow whose stream can change its speed. Only stillwake's solver is such a plant."""
 
     def scale(self, ratio: float) -> None:
-        """Scale the flow to a stream of `ratio` times the speed."""
+        """Scale the flow to a stream of `ratio` times the present speed."""
 
     def state(self) -> Any:
-        """Return a state for `reset`."""
+        """Return the present state for a later `reset`."""
 
     def reset(self, state: Any) -> Sample:
         """Continue from a state, bit for bit."""

@@ -1,4 +1,5 @@
-"""The measurements of a plant at one instant, apart from the plant, whose compiled kernels take seconds to load."""
+"""The measurements of a plant at one instant. They are apart from the plant, whose compiled kernels take seconds to
+load."""
 
 from dataclasses import dataclass
 
@@ -12,7 +13,7 @@ class Sample(DragLedger[float]):
 
     Attributes:
         t: time in t_c.
-        Cp: pressure coefficients at the sensors, (n,), relative to the outlet.
+        Cp: pressure coefficients at the n sensors, (n,), relative to the outlet.
         Uy_probe: transverse velocity at the wake probe (`contract.config.body.BodyConfig.wake_probe`).
         action: jet flow rate in force at this instant.
     """

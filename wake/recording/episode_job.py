@@ -24,19 +24,18 @@ from wake.truck.truck_wake import TruckWake
 
 
 class Policy(Protocol):
-    """A feedback controller without hidden state: its memory is an array that the caller stores.
-
-    So a recording can be stopped at any step and continued in another process.
-    """
+    """A feedback controller without hidden state: its memory is an array that the caller stores. So a recording can be
+    stopped at any step and continued in another process."""
 
     def start(self) -> Array:
-        """Return the memory before the first sample."""
+        """Return the controller's memory before the first sample."""
 
     def step(self, memory: Array, Cp: Array, action: float) -> tuple[float, Array]:
-        """Compute the command at t_k and the new memory, another array. Raises StillwakeError if there is no command.
+        """Compute the command at t_k and the new memory, which is a new array. Raises StillwakeError if there is no
+        command.
 
         Args:
-            memory: result of the previous step.
+            memory: memory that the previous step returned.
             Cp: wall pressures at t_k, (90,).
             action: action in force at t_k, a_{k-1} after clipping, in U_inf W.
         """
@@ -120,7 +119,7 @@ class EpisodeJob:
             progress(plan.name, first, plan.steps)
 
     def episode(self) -> Episode:
-        """Read the finished episode."""
+        """Read the finished episode from its blocks."""
         return Episode(
             name=self.plan.name,
             role=self.plan.role,
@@ -136,11 +135,12 @@ class EpisodeJob:
 
 
 def setting_of(config: Config, packages: tuple[str, ...] = (), start: Path | None = None) -> dict[str, Any]:
-    """Return everything but the plan that determines the samples, as plain JSON, including the versions of `packages`.
-    Raises PlantError if the file of the start cannot be read."""
+    """Return all settings except the plan that determine the samples, as plain JSON, including the versions of
+    `packages`. Raises PlantError if the file of the start cannot be read."""
     return {
         "body": asdict(config.body),
-        # The entry of the grid says more than its refinement, and older recordings have this entry but no refinement.
+        # The entry for the grid is more specific than its refinement, and older recordings have this entry but no
+        # refinement.
         "flow": {name: value for name, value in asdict(config.flow).items() if name != "refinement"},
         "forcing": asdict(config.forcing),
         "grid": list(box_grid(config.body.length, config.flow.refinement).shape),
@@ -177,7 +177,8 @@ def _state_in(start: Path | None) -> State:
 def _advance(
     wake: TruckWake, sample: Sample, policy: Policy, memory: Array, signal: Array
 ) -> tuple[Series, Sample, Array]:
-    """Return the samples of a block from `sample` on, the sample after the block, and the policy's memory then.
+    """Return the samples of a block from `sample` on, the sample after the block, and the policy's memory at the
+    block's end.
 
     The action in force is the policy's command plus the signal, clipped; the policy receives it one step later.
     """

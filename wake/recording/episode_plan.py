@@ -17,7 +17,7 @@ class Plan(Protocol):
     __dataclass_fields__: ClassVar[dict[str, Field[Any]]]
 
     packages: ClassVar[tuple[str, ...]]
-    """Packages, besides those of the flow solver, whose versions the samples depend on."""
+    """Packages, in addition to the flow solver's, whose versions affect the samples."""
 
     @property
     def name(self) -> str:
@@ -33,7 +33,7 @@ class Plan(Protocol):
 
     @property
     def lead(self) -> int:
-        """Control steps without forcing from the developed start to the first sample."""
+        """Number of control steps without forcing from the developed start to the first sample."""
 
     @property
     def provenance(self) -> dict[str, Any]:
@@ -59,7 +59,8 @@ class EpisodePlan:
     """The plan of one episode with open-loop forcing.
 
     Attributes:
-        lead: control steps without forcing before the first sample, so that episodes begin in different phases.
+        lead: control steps without forcing before the first sample; they differ, so that episodes begin in different
+            phases.
     """
 
     forcing: ForcingName
@@ -67,12 +68,12 @@ class EpisodePlan:
     seed: int
     lead: int = 0
     packages: ClassVar[tuple[str, ...]] = ()
-    """Packages, besides those of the flow solver, whose versions the samples depend on."""
+    """Packages, in addition to the flow solver's, whose versions affect the samples."""
 
     @property
     def role(self) -> Role:
-        """The role in the paper, which tests on the chirp and trains on the rest; its appendix A adds the extended
-        chirp."""
+        """The episode's role. The paper tests on the chirp and trains on the other episodes; its appendix A adds the
+        extended chirp."""
         return _ROLES[self.forcing]
 
     @property
@@ -94,8 +95,8 @@ def paper_plans(seed: int = 1) -> tuple[EpisodePlan, ...]:
     the chirp, 10,000 of the extended chirp.
 
     The training steps are split into independent episodes with seeds `seed`, `seed` + 1, ... that start at phases
-    spread evenly over a shedding cycle. So they can be recorded in parallel, and differ in more than their forcing. A
-    chirp cannot be split, because its sweep rate depends on its duration.
+    spread evenly over a shedding cycle. So the episodes can be recorded in parallel, and differ in more than the
+    forcing. A chirp cannot be split, because its sweep rate depends on its duration.
     """
     count = _PAPER_TRAINING_EPISODES
     training = (

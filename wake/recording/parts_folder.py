@@ -1,10 +1,10 @@
-"""An unfinished recording on disk: its settings, the call that works on it, and its episodes block by block.
+"""An unfinished recording on disk: its settings, the call that records it, and its episodes block by block.
 
-`task.json` in the folder holds the recording's settings, so that only a call with equal settings continues it. `owner`
-holds the token of the call that works on it; a worker stops when it finds another token there.
+`task.json` in the folder holds the recording's settings, so that only a call with equal settings continues the
+recording. `owner` holds the token of the call that records; a worker stops when it finds another token there.
 
-A block is one file of samples, and next to it the state at its end: the flow and the policy's memory. The state is
-written before the samples, so that every complete block can be continued; then the state of an earlier block is no
+A block is one file of samples, and next to it the state at the block's end: the flow and the policy's memory. The state
+is written before the samples, so that every complete block can be continued. Then the state of an earlier block is no
 longer needed. A file is either complete or absent, so a stopped recording continues as if it had not been stopped.
 """
 
@@ -35,13 +35,14 @@ class PartsFolder:
 
     @classmethod
     def for_output(cls, output: Path) -> "PartsFolder":
-        """Return the folder for `output`. Its path is absolute, because workers may run in another folder."""
+        """Return the folder for `output`. The folder's path is absolute, because workers may have another working
+        directory."""
         output = output.absolute()
         return cls(output.with_name(output.name + ".parts"))
 
     def claim(self, task: Mapping[str, Any], owner: str) -> None:
-        """Make this call the owner of the folder. Raises StillwakeError if it holds parts of another recording. `task`
-        is the recording's settings, as plain JSON."""
+        """Make this call the owner of the folder. Raises StillwakeError if the folder holds parts of another recording.
+        `task` contains the recording's settings, as plain JSON."""
         shutil.rmtree(self._done, ignore_errors=True)
         if self.path.is_dir() and any(path.is_dir() for path in self.path.iterdir()):
             self._check(task)
@@ -62,7 +63,7 @@ class PartsFolder:
     def disown(self, owner: str) -> None:
         """End the ownership of the call with this token, and remove the folder if nothing is recorded in it.
 
-        If another call has taken over since, nothing changes.
+        If another call has taken over meanwhile, nothing changes.
         """
         if not self.is_owned_by(owner):
             return
@@ -84,7 +85,7 @@ class PartsFolder:
         return task
 
     def clear(self) -> None:
-        """Remove the folder; if the call is killed meanwhile, either all of it remains or nothing."""
+        """Remove the folder. If the process is killed meanwhile, either the whole folder remains or nothing."""
         shutil.rmtree(self._done, ignore_errors=True)
         self.path.replace(self._done)
         shutil.rmtree(self._done)
@@ -120,13 +121,13 @@ def differing(a: Mapping[str, Any], b: Mapping[str, Any]) -> str:
 Series = Mapping[str, npt.NDArray[np.float64]]
 
 _KEPT_STATES: Final = 2
-"""Number of stored states. One is enough for continuing; the second covers a recording that starts while an orphaned
-worker of an earlier recording finishes its last block."""
+"""Number of stored states. One state is enough to continue. The second state is needed if a recording starts while an
+orphaned worker of an earlier recording finishes its last block."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class EpisodeBlocks:
-    """The blocks of one episode. A block has `block_steps` control steps; the last may be shorter."""
+    """The blocks of one episode. A block has `block_steps` control steps; the last block may be shorter."""
 
     folder: Path
     steps: int
@@ -134,7 +135,7 @@ class EpisodeBlocks:
 
     @property
     def finished(self) -> int:
-        """Number of control steps in the blocks that follow one another without a gap from the first block on."""
+        """Number of control steps in the blocks from the first block up to the first gap."""
         done = 0
         while done < self.steps and self._samples(done).is_file():
             done = min(done + self.block_steps, self.steps)

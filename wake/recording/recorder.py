@@ -1,7 +1,7 @@
 """Recording a data set: episodes one after another or in parallel, then one HDF5 file.
 
 A round adds episodes to a data set: episodes under a controller, or episodes that begin near the steady wake. If the
-output is already a complete recording, it is left unchanged; if it is another recording, the call fails.
+output file already holds the complete recording, it is left unchanged; if it holds another recording, the call fails.
 """
 
 import json
@@ -26,7 +26,8 @@ from wake.recording.parts_folder import PartsFolder
 from wake.truck.truck_wake import TruckWake
 
 _NOT_COMPARED: Final = "versions"
-"""The entry with the software's versions, which is not compared: a recording is valid whichever version wrote it."""
+"""Name of the entry with the software's versions. This entry is not compared, because a recording is valid whichever
+version wrote it."""
 
 
 def is_finished(output: Path, jobs: Sequence[EpisodeJob]) -> bool:
@@ -51,7 +52,7 @@ _WAYS: Final = "give --overwrite to replace it, or another name"
 
 
 def _difference(there: Sequence[Episode], jobs: Sequence[EpisodeJob]) -> str | None:
-    """Describe the first difference between the episodes and the jobs; None if there is none."""
+    """Describe the first difference between the episodes and the jobs. Returns None if they agree."""
     by_name = {episode.name: episode for episode in there}
     for job in jobs:
         plan, episode = job.plan, by_name.pop(job.plan.name, None)
@@ -98,11 +99,11 @@ def record(
 ) -> bool:
     """Record every plan from the start and write the data set.
 
-    Unfinished work is stored in `<output>.parts`, and the next call with the same plans and settings continues it. An
-    existing data set of the same plans and settings is left unchanged. Returns whether a file was written.
+    Unfinished work is stored in `<output>.parts`, and the next call with equal plans and settings continues it. An
+    existing data set of equal plans and settings is left unchanged. Returns whether a file was written.
 
     Args:
-        plans: episodes, in the order they will have in the file.
+        plans: episodes, in their order in the file.
         workers: processes on this machine; with 1, episodes are recorded one after another in this process.
         scheduler: address of a dask scheduler whose workers record instead; they need `output`'s folder at its path.
         progress: called for every episode at the start, and then after its blocks.
@@ -166,7 +167,8 @@ def jobs_for(
 
 
 def task_of(jobs: Sequence[EpisodeJob]) -> dict[str, Any]:
-    """Return the settings that distinguish the parts of one recording from another recording's, as plain JSON."""
+    """Return the settings by which the parts of this recording are distinguished from those of other recordings, as
+    plain JSON."""
     return {"plans": [asdict(job.plan) for job in jobs], "block_steps": jobs[0].block_steps, **jobs[0].setting}
 
 
@@ -210,7 +212,7 @@ def finished_jobs(
 
 
 _FACTS = ("flow", "grid")
-"""Provenance that all episodes of a data set must share; start, versions and forcing may differ."""
+"""Provenance entries that must be equal for all episodes of a data set; start, versions and forcing may differ."""
 
 
 class Round(Protocol):
@@ -237,9 +239,9 @@ def record_round(
 
     The round's number is one more than the highest number in the file, so that a second call adds new data. The next
     call continues an interrupted call. If the interrupted call had already added its round, the next call only removes
-    the parts. Before anything is recorded, raises DatasetError if the file is no data set, or was recorded with another
-    schema or flow. Raises StillwakeError and PlantError as `wake.recording.recorder.record` does, or the controller's
-    error. Returns the round's number.
+    the parts. Raises DatasetError, before recording, if the file is no data set, or was recorded with another schema or
+    flow. Raises StillwakeError and PlantError as `wake.recording.recorder.record` does, or the controller's error.
+    Returns the round's number.
 
     Args:
         policy: builds the controller in each recording process; without it, only the plans' signals act.

@@ -1,6 +1,7 @@
 """Rounds of episodes that are added to a data set: under a controller, or from the steady wake.
 
-A data set grows by the states that the last round's controller reaches (DAgger: Ross, Gordon and Bagnell 2011).
+A round under a controller adds the flow states that the controller of the last round reaches (DAgger: Ross, Gordon and
+Bagnell 2011).
 
 Forced or controlled episodes of the developed wake never come near the steady symmetric wake, so a model trained on
 them is wrong about the growth of small disturbances there. Calm episodes begin at the steady wake, are disturbed by
@@ -31,10 +32,10 @@ class RoundPlan:
     Attributes:
         kind: "controlled" from the developed wake, "calm" from the steady wake; also the role of held-out episodes.
         round: number of the addition to the data set, from 1.
-        episode: its number in the round, from 0.
+        episode: number of the episode in the round, from 0.
         level: rms of the random action that is added to the controller's commands, if there is a controller. It is a
             fraction of the action limit; for a calm episode it is in U_inf W.
-        role: "train", or the kind to hold it out.
+        role: "train", or the kind for an episode that is held out.
         seed: random seed. With round, episode and role it determines the random action, so that rounds differ.
         lead: control steps without forcing from the start to the first sample.
         bundle, bundle_digest: bundle of the controller, and its digest; None without a controller.
@@ -51,7 +52,7 @@ class RoundPlan:
     bundle: str | None
     bundle_digest: str | None
     packages: ClassVar[tuple[str, ...]] = ("onnxruntime",)
-    """Packages, besides those of the flow solver, whose versions the samples depend on."""
+    """Packages, in addition to the flow solver's, whose versions affect the samples."""
 
     @property
     def name(self) -> str:
@@ -80,8 +81,8 @@ class RoundPlan:
 
 @dataclass(frozen=True, kw_only=True)
 class ControlledRound:
-    """A round of `episodes` episodes of `steps` steps under a controller; the other fields as in `RoundPlan`. Raises
-    ConfigError for a number out of its range or an invalid role."""
+    """A round of `episodes` episodes of `steps` steps under a controller; the other fields are as in `RoundPlan`.
+    Raises ConfigError for a number out of its range or an invalid role."""
 
     episodes: int = 2
     steps: int = 1100
@@ -106,8 +107,8 @@ class ControlledRound:
 @dataclass(frozen=True, kw_only=True)
 class CalmRound:
     """A round of `episodes` episodes of `steps` steps, whose amplitudes are spaced evenly on a logarithmic scale from
-    `smallest` to `largest`; a single episode has the smallest. The other fields as in `RoundPlan`. Raises ConfigError
-    for a number out of its range or an invalid role."""
+    `smallest` to `largest`; a single episode has the smallest amplitude. The other fields are as in `RoundPlan`. Raises
+    ConfigError for a number out of its range or an invalid role."""
 
     episodes: int = 8
     steps: int = 350

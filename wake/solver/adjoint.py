@@ -1,7 +1,8 @@
 """The adjoint of the flow solver: sensitivities of a scalar of later flows to an earlier flow and to the actions.
 
-It is the transpose of the discrete step, exact to rounding, not a discretised adjoint equation: the gradient is that of
-the computed numbers. The projection's operator is symmetric, so one solver serves both directions.
+The adjoint is the exact transpose of the discrete step, except for rounding, and not a discretised adjoint equation: it
+gives the gradient of the computed numbers. The projection's operator is symmetric, so one solver serves both
+directions.
 """
 
 from collections.abc import Callable
@@ -36,12 +37,13 @@ class FlowAdjoint(CopiedWhole):
         action_to: float,
         wind: Callable[[float], float] | None = None,
     ) -> tuple[float, float]:
-        """Carry sensitivities from a run's end to its beginning. Returns those to `action_from` and `action_to`.
+        """Propagate sensitivities from a run's end to its beginning. Returns the sensitivities to `action_from` and
+        `action_to`.
 
         Args:
-            bar: sensitivities to the flow at the end; overwritten with those to the flow at the beginning.
+            bar: sensitivities to the flow at the end; overwritten with the sensitivities to the flow at the beginning.
             starts: the flows that `FlowSolver.run` stored, (steps, size of the buffer).
-            dt, action_from, action_to, wind: equal to those of the run.
+            dt, action_from, action_to, wind: equal to the run's arguments.
         """
         solver, steps = self._solver, len(starts)
         slot_velocity = solver.slot_velocity(action_from, action_to, steps)

@@ -1,9 +1,9 @@
 """Compiled inner loops of the adjoint: the transposes of `wake.solver.kernels`, linearised about a flow.
 
 A bar marks a sensitivity: the derivative of a scalar of later flows with respect to a value. Each kernel takes the
-sensitivities of its forward kernel's outputs and adds to the sensitivities of its inputs, in the same padded arrays and
-over the same runs. All kernels but convection are linear. Convection is quadratic, so a rate's transpose needs the
-velocity at the rate's instant and nothing else.
+sensitivities of its forward kernel's outputs and adds to the sensitivities of that kernel's inputs, in equally padded
+arrays and over equal runs of faces. All kernels but convection are linear. Convection is quadratic, so the transpose of
+a rate needs only the velocity at the rate's instant.
 """
 
 import numpy as np
@@ -40,10 +40,10 @@ def _across(dy: Array, dyc: Array, nu: float) -> tuple[Array, Array]:
 
 @njit(cache=True, nogil=True, fastmath={"contract"})
 def back_rates(bar: Fields, gained: Rates, u: Array, v: Array, nu: float, spacing: Spacing) -> None:
-    """Carry the sensitivities `gained` of du/dt and dv/dt, zero on faces that are not open, to u, v and p.
+    """Propagate the sensitivities `gained` of du/dt and dv/dt, zero on faces that are not open, to u, v and p.
 
     Every entry gathers its contributions to its neighbours' rates, row by row in x; scattering from each rate takes
-    twice as long. A loop uses at most eight arrays, because the compiler does not vectorise loops with more.
+    twice as long. A loop uses at most eight arrays, because the compiler does not vectorise loops with more arrays.
     """
     gu, gv = gained.u, gained.v
     real, nx, ny = u.dtype.type, u.shape[0] - 2, u.shape[1] - 2
@@ -152,8 +152,8 @@ def back_edges(u: Array, v: Array) -> None:
 
 @njit(cache=True, nogil=True, fastmath={"contract"})
 def _back_step(q: Array, bar: Array, step: float, a: float, runs: Index, pad_i: int, pad_j: int) -> None:
-    """Compute q = a q + step bar on the open faces: the sensitivities of a stage's rates, from the stage's own step
-    (step bar) and from the next stage (a q)."""
+    """Compute q = a q + step bar on the open faces. The result is the sensitivities of a stage's rates; step bar comes
+    from the stage's own step and a q from the next stage."""
     step, a = q.dtype.type(step), q.dtype.type(a)
     for r in range(runs.shape[0]):
         i, j0, j1 = runs[r, 0] + pad_i, runs[r, 1] + pad_j, runs[r, 2] + pad_j
@@ -197,8 +197,8 @@ def back_stages(
     """Apply the transpose of `wake.solver.kernels.stages` for its three stages, from the flow at the step's start.
 
     Args:
-        bar: sensitivities after the stages; overwritten with those before the stages.
-        slot_bar: (3, m); receives the sensitivities of the slots' velocities at each stage's end.
+        bar: sensitivities after the stages; overwritten with the sensitivities before the stages.
+        slot_bar: (3, m); receives the sensitivities of the velocities on the slots' m faces at each stage's end.
         start: the flow at the step's start.
         work: a copy of `start`; overwritten.
         rates, second: finite; overwritten.

@@ -1,12 +1,12 @@
 """A second-order immersed boundary: the faces that carry flow, and the velocities on faces behind the walls.
 
 A face between two fluid cells is open: its velocity is a solution of the momentum equation. Every other face in the
-stencil of an open face is a ghost. Its value is that of a parabola along the wall's normal that vanishes on the exact
-wall and passes through two image points in the flow, where the velocity is interpolated bilinearly between open faces.
-On a straight wall this reduces to reflection in one point, with a discrete wall shear of nu u_1 / distance.
+stencil of an open face is a ghost. Its value is taken from a parabola along the wall's normal. The parabola vanishes on
+the exact wall and passes through two image points in the flow, where the velocity is interpolated bilinearly between
+open faces. On a straight wall this reduces to reflection in one point, with a discrete wall shear of nu u_1 / distance.
 
-In the mass balance a ghost carries no flow. There the wall is a staircase. This keeps second order, because within a
-cell of a no-slip wall the volume flow is of the order of the distance squared.
+In the mass balance a ghost carries no flow, so there the wall is a staircase. The method remains of second order,
+because within a cell of a no-slip wall the volume flow is of the order of the distance squared.
 """
 
 from collections.abc import Callable
@@ -26,8 +26,8 @@ _ON_WALL = 1e-9
 
 
 class GhostMap(NamedTuple):
-    """A map in which ghost k takes the sum of weight * value over entries start[k] .. start[k + 1]; indices are flat
-    indices of the component's padded array (`wake.solver.flow`)."""
+    """A map in which the value of ghost k is the sum of weight * value over entries start[k] .. start[k + 1]; indices
+    are flat indices of the component's padded array (`wake.solver.flow`)."""
 
     target: Index
     start: Index

@@ -58,7 +58,7 @@ class Layout:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Flow:
-    """A buffer, `flat`, with its padded views u, v and p; the views of a copy are views of the copy's buffer."""
+    """A buffer, `flat`, with its padded views u, v and p. The views of a copy are views of the copy's own buffer."""
 
     flat: Array
     u: Array
@@ -98,5 +98,5 @@ class Flow:
 
     @property
     def velocities(self) -> Array:
-        """u and v of the buffer without p, padding included, (n,); a view."""
+        """u and v of the buffer without p, padding included, as a flat array; a view."""
         return self.flat[: self.u.size + self.v.size]

@@ -20,8 +20,8 @@ _Spacing = tuple[tuple[float, float], ...]
 """The target spacing (station, size), linear between the stations and constant outside them."""
 
 # The wall cell has the size of the body-fitted reference mesh (0.0125 W, 4 cells per slot); sides and wake are as fine
-# as its finest regions. Along x, one table is relative to the nose, one to the base; on the body the smaller spacing
-# applies.
+# as the finest regions of that mesh. Along x, one table is relative to the nose, and one table to the base; on the body
+# the smaller spacing applies.
 _FROM_NOSE: _Spacing = (
     (-7.0, 0.6), (-1.0, 0.1), (-0.05, 0.0125), (0.15, 0.0125), (1.0, 0.04), (2.0, 0.06), (4.5, 0.09),
 )  # fmt: skip
@@ -36,7 +36,7 @@ _SPACING_Y: _Spacing = (
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Grid:
-    """Face coordinates and the spacings derived from them.
+    """Face coordinates and the spacings derived from them, for nx by ny cells.
 
     Attributes:
         xf, yf: faces, shapes (nx + 1,) and (ny + 1,).
@@ -135,8 +135,8 @@ def from_faces(xf: Array, yf: Array) -> Grid:
 
 
 def graded_faces(spacing: _Spacing, start: float, end: float, refinement: float, *others: _Spacing) -> Array:
-    """Return faces from start to end. Their local spacing is that of the table, or the smallest spacing of all tables,
-    divided by `refinement` and scaled to a whole number of cells."""
+    """Return faces from start to end. The local spacing is taken from the table, or is the smallest spacing of all
+    tables; it is divided by `refinement` and scaled to a whole number of cells."""
     x = np.linspace(start, end, 4001)
     sizes = np.min([np.interp(x, *np.array(spacing).T) for spacing in (spacing, *others)], axis=0)
     density = refinement / sizes

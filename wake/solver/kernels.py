@@ -2,8 +2,9 @@
 
 The scheme has central differences on the staggered grid, of second order on smoothly stretched grids. The convective
 term interpolates with equal weights, so that it conserves kinetic energy (Verstappen and Veldman, J. Comput. Phys. 187,
-2003). It is written in advective form, which equals the flux form on a divergence-free field. The stages of a
-Runge-Kutta step are not projected; on them the flux form would count each divergence twice and halve the stable step.
+2003). The term is written in advective form, which equals the flux form on a divergence-free field. The stages of a
+Runge-Kutta step are not projected; on these stages the flux form would count each divergence twice and halve the stable
+step.
 
 Arrays are padded as in `wake.solver.flow`; the pressure behind the outlet is mirrored with opposite sign. Runs (i, j0,
 j1) of unpadded indices list the faces to compute, so that the loops over j have no branch.
@@ -69,7 +70,7 @@ class Domain(NamedTuple):
     Attributes:
         viscosity: 1 / Re.
         inflow: velocity at the inlet.
-        slot_column, slot_rows: x-face and rows of the jets, (m,).
+        slot_column, slot_rows: x-face index of the jets, and the rows of their m faces, (m,).
     """
 
     viscosity: float
@@ -85,8 +86,8 @@ class Domain(NamedTuple):
 def u_rate(q: Array, a: float, u: Array, v: Array, p: Array, nu: float, spacing: Spacing, runs: Index) -> None:
     """Compute q = a q + du/dt on the open u-faces, including the gradient of the pressure p.
 
-    Rows are sliced to start at the run, and the x- and y-terms have a loop each: the compiler does not vectorise with
-    indices that could be negative, or with more arrays than it can prove distinct.
+    Rows are sliced to start at the run, and the x- and y-terms have separate loops. The compiler does not vectorise a
+    loop whose indices could be negative, or with more arrays than it can prove distinct.
     """
     real = u.dtype.type
     one, two, half, nu = real(1.0), real(2.0), real(0.5), real(nu)
@@ -128,7 +129,7 @@ def v_rate(q: Array, a: float, u: Array, v: Array, p: Array, nu: float, spacing:
     one, half, quarter, nu, a = real(1.0), real(0.5), real(0.25), real(nu), real(a)
     dx, dxc, dy, dyc = spacing.dx, spacing.dxc, spacing.dy, spacing.dyc
     rdy, rdyc = one / dy, one / dyc
-    # The shares weight the rows below and above a v-face in the flow through the sides of the v-face's cell.
+    # The two factors weight the rows below and above a v-face in the flow through the sides of the v-face's cell.
     below, above = half * dy[:-1] * rdyc[1:-1], half * dy[1:] * rdyc[1:-1]
     along = np.empty_like(dyc)
     for r in range(runs.shape[0]):
@@ -258,10 +259,10 @@ def stages(
     gained: Array,
     domain: Domain,
 ) -> None:
-    """Run the Runge-Kutta stages of a step: a (s,), step (s,), and slot_velocity (s, m), wind (s,) and gained (s,) of
-    `advance_stage` at each stage's end.
+    """Run the s Runge-Kutta stages of a step: a (s,), step (s,), and slot_velocity (s, m faces), wind (s,) and gained
+    (s,) of `advance_stage` at each stage's end.
 
-    One call runs all stages, because passing this many arrays takes a microsecond or two.
+    One call runs all stages, because passing this number of arrays takes a microsecond or two.
     """
     for k in range(len(a)):
         advance_stage(flow, rates, a[k], step[k], slot_velocity[k], wind[k], gained[k], domain)

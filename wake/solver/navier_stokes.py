@@ -1,15 +1,16 @@
 """Incompressible Navier-Stokes in time: three-stage Runge-Kutta, one pressure projection per step.
 
 The stages use the pressure gradient of the step's start, and the projection adds its change (Williamson's low-storage
-coefficients). The velocity is of second order in time, because the stages' divergence enters at second order. Boundary
-conditions: uniform inflow, slip sides, p = 0 and zero normal gradient at the outlet, no slip on the body, prescribed
-flow through the slots. The outlet's velocity solves the momentum equation like any other, with a mirrored cell behind
-the outlet. Copying it from upstream instead would allow the last cells no transverse flow, and a vortex leaving the
-domain would disturb the pressure everywhere. Pressure here is kinematic, p / (rho U_inf^2); Cp is twice that.
+coefficients). The velocity is of second order in time, because the stages' divergence enters at second order. The
+boundary conditions are uniform inflow, slip sides, p = 0 and zero normal gradient at the outlet, no slip on the body,
+and prescribed flow through the slots. The outlet's velocity solves the momentum equation as elsewhere, with a mirrored
+cell behind the outlet. If the velocity were copied from upstream instead, the last cells could have no transverse flow,
+and a vortex leaving the domain would disturb the pressure everywhere. Pressure here is kinematic, p / (rho U_inf^2); Cp
+is twice this pressure.
 
-A varying wind is that in the frame of the body, as for a vehicle whose speed through the air varies. Its change enters
-with the inflow, and as a uniform acceleration of the whole flow, which leaves the far pressure unchanged. In the frame
-of the ground the same velocities have a pressure gradient of -dU/dt along the stream, as in a wind tunnel.
+A varying wind is given in the frame of the body, as for a vehicle whose speed through the air varies. The wind's change
+enters with the inflow, and as a uniform acceleration of the whole flow, which leaves the far pressure unchanged. In the
+frame of the ground equal velocities have a pressure gradient of -dU/dt along the stream, as in a wind tunnel.
 """
 
 from collections.abc import Callable
@@ -58,7 +59,7 @@ class FlowSolver(CopiedWhole):
         self.viscosity = viscosity
         self.poisson = poisson.build(grid, boundary.fluid, precision)
         self.slot_profile = np.zeros(ny) if slot_profile is None else slot_profile
-        # The projection has no mirrored cells.
+        # The projection has no mirrored cells, so it uses the grid's own spacings.
         self.between = grid.dxc.astype(precision)
         dxc = grid.dxc.copy()
         dxc[0], dxc[-1] = grid.dx[0], grid.dx[-1]
@@ -116,7 +117,7 @@ class FlowSolver(CopiedWhole):
             starts: (steps, size of the buffer); receives the flow at the start of each step, for the adjoint.
         """
         self._before.flat[:] = flow.flat
-        # The first stage multiplies the old rate by zero; a NaN of a diverged run would remain.
+        # The first stage multiplies the old rate by zero, but a NaN of a diverged run would remain NaN.
         self._rates.u[:] = 0.0
         self._rates.v[:] = 0.0
         slot_velocity = self.slot_velocity(action_from, action_to, steps)

@@ -1,4 +1,4 @@
-"""Direct solver for the pressure increment on the stretched grid, with the links through the body cut.
+"""Direct solver for the pressure increment on the stretched grid, without the links between cells that the body cuts.
 
 The integrated five-point Laplacian A (Neumann on three sides, phi = 0 at the outlet) is separable: eigenvectors in y, a
 tridiagonal system in x per eigenvector. The body enters as a low-rank change: A' = A + D K D^T, where the columns of D
@@ -9,12 +9,12 @@ are the links between a fluid and a solid cell and K their conductances, hence (
 Grid and body are symmetric in y, so even and odd right-hand sides are solved separately on the lower half. This halves
 the arithmetic, and a symmetric flow remains symmetric bit for bit.
 
-No product uses BLAS, whose rounding depends on the number of threads. The functions here give the same bits with any
-number of threads, in any thread, and are as fast: `_product` computes three rows of its result at a time, the width is
-padded to whole vectors, and arrays are aligned to vectors.
+No product uses BLAS, whose rounding depends on the number of threads. The functions here give equal bits with any
+number of threads, in any thread, and are as fast as BLAS: `_product` computes three rows of its result at a time, the
+width is padded to whole vectors, and arrays are aligned to vectors.
 
 Work arrays are stored. Allocating them in every step can cost as much as all other work: in a worker's thread the C
-library may return such blocks to the system each time, and every page is faulted in again.
+library may return these blocks to the system each time, and every page is faulted in again.
 """
 
 from dataclasses import dataclass
@@ -99,7 +99,8 @@ class PoissonSolver:
 
     def solve_into(self, b: Array, phi: Array) -> None:
         """Solve as `solve` does, into an existing array."""
-        # The two halves are not in one compiled function, because the compiler then generates slower code.
+        # The two halves are not in one compiled function, because the compiler generates slower code for such a
+        # function.
         even, odd = self.even.work[0], self.odd.work[0]
         _split(b, even, odd)
         for half in (self.even, self.odd):
@@ -141,8 +142,8 @@ def _build_half(grid: Grid, fluid: npt.NDArray[np.bool_], precision: Precision, 
 
     links, stiffness = _cut_links(grid, fluid, h)
     if even and len(links):
-        # With phi even, the system is singular if the body's inside is not connected. So one link to the fluid remains;
-        # it carries no flux because there is no source inside the body.
+        # With phi even, the system is singular if the body's inside is not connected to the fluid. So one link to the
+        # fluid remains; it carries no flux because there is no source inside the body.
         links, stiffness = links[1:], stiffness[1:]
     coupling = coupling[:nx].copy()
     capacitance = _capacitance(q, pivot, coupling, links, stiffness)

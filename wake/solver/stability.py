@@ -26,7 +26,7 @@ _SAFE: Final = 1.7
 
 
 def convective_number(grid: Grid, flow: Flow, dt: float) -> float:
-    """Return the largest convective number of the cells."""
+    """Return the largest convective number of all cells."""
     u, v = np.abs(flow.faces_u), np.abs(flow.faces_v)
     along = np.maximum(u[:-1], u[1:]) / grid.dx[:, None]
     across = np.maximum(v[:, :-1], v[:, 1:]) / grid.dy
@@ -34,12 +34,12 @@ def convective_number(grid: Grid, flow: Flow, dt: float) -> float:
 
 
 def viscous_number(grid: Grid, viscosity: float, dt: float) -> float:
-    """Return the largest viscous number of the cells."""
+    """Return the largest viscous number of all cells."""
     return float(4.0 * viscosity * dt * (1.0 / grid.dx.min() ** 2 + 1.0 / grid.dy.min() ** 2))
 
 
 def advice(convective: float, viscous: float, dt: float) -> str:
-    """State the numbers of a time step with which the flow diverged, and a stable time step."""
+    """Return a message with the numbers of a time step with which the flow diverged, and with a stable time step."""
     held = dt / max(2.0, convective / _SAFE, viscous / _SAFE)
     return (
         f"convective number {convective:.2f} before, must be below {CONVECTIVE_LIMIT:g}; viscous number "

@@ -1,21 +1,21 @@
-"""Time averages of a shedding wake: one rule for every study.
+"""Time averages of a shedding wake: the rules for all studies.
 
 An average over a part of a cycle depends on the ends of the series. So averages run from the first to the last instant
 at which the lift crosses zero upwards, each found by linear interpolation between two samples. They cover a whole
 number of cycles. In between, the series is integrated by the trapezoidal rule; of the two intervals that contain the
 ends, only the inner part counts, with linear interpolation between their samples. The standard deviation is the root of
-the same integral of (x - mean)^2. The average of a signal with 24 samples per cycle, like this wake's lift, has an
-error of 1e-6 of its amplitude over a dozen cycles.
+the integral of (x - mean)^2, computed in this way. The average of a signal with 24 samples per cycle, like this wake's
+lift, has an error of 1e-6 of its amplitude over a dozen cycles.
 
 Two other rules are worse. With whole samples between the crossings, the ends are wrong by up to a sample: 1e-3 of the
-amplitude. Squaring a line through the samples makes the lift's standard deviation 0.6 % too small, and that of the
-drag, which has twice the frequency, 2 %.
+amplitude. If the linear interpolation between the samples is squared, the standard deviation of the lift is 0.6 % too
+small and that of the drag, which has twice the frequency, 2 %.
 
-A wake under control may shed very little. Its lift then crosses zero many times within a cycle, by the remaining motion
-and by the jets, and the crossings mark no cycles. But the wake and the jets still act near the shedding frequency. So a
-controlled wake is averaged over as many whole cycles of the uncontrolled wake as fit, counted back from the last sample
-(`over_last_cycles`). If control fails, the wake sheds as before, and this rule equals the first rule with another
-phase. A wake with sinusoidal forcing is averaged over the sine's last cycles in the same way.
+A wake under control may shed very little. Its lift then crosses zero many times within a cycle, because of the
+remaining motion and the jets, and the crossings no longer mark cycles. But the wake and the jets still act near the
+shedding frequency. So a controlled wake is averaged over all whole cycles of the uncontrolled wake that fit, counted
+back from the last sample (`over_last_cycles`). If control fails, the wake sheds as before, and this rule equals the
+first rule with another phase. A wake with sinusoidal forcing is averaged over the last cycles of the sine.
 """
 
 from dataclasses import dataclass
@@ -29,12 +29,12 @@ from contract.errors import PlantError
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Average:
-    """The weights (n,) of the samples in an average; their sum is 1."""
+    """The weights (n,) of n samples in an average; the sum of the weights is 1."""
 
     weights: Array
 
     def mean(self, values: npt.ArrayLike) -> Array:
-        """Return the weighted mean of (n, ...) over the samples, (...)."""
+        """Return the weighted mean over the n samples of values (n, ...), as (...)."""
         return np.asarray(np.tensordot(self.weights, np.asarray(values, dtype=np.float64), axes=1))
 
     def std(self, values: npt.ArrayLike) -> Array:
@@ -56,7 +56,7 @@ def over_cycles(t: Array, lift: Array) -> CycleAverage:
     """Return the average over the whole cycles of a series. Raises PlantError if the series holds no whole cycle.
 
     Args:
-        t: instants of the samples, rising, (n,); t_c.
+        t: instants of the n samples, rising, (n,); t_c.
         lift: Cl at these instants, (n,).
     """
     up = np.flatnonzero((lift[:-1] < 0.0) & (lift[1:] >= 0.0))
@@ -78,8 +78,8 @@ def over_last_cycles(t: Array, frequency: float) -> CycleAverage:
     """Return the average over the last whole cycles of a known frequency. Raises PlantError for less than a cycle.
 
     Args:
-        t: instants of the samples, rising, (n,); t_c.
-        frequency: cycles per t_c; of the same wake without control.
+        t: instants of the n samples, rising, (n,); t_c.
+        frequency: cycles per t_c of this wake without control.
     """
     span = float(t[-1] - t[0]) if len(t) else 0.0
     # Samples are at multiples of a step; rounding must not remove a cycle from a span of whole cycles.
@@ -97,7 +97,7 @@ def over_last_cycles(t: Array, frequency: float) -> CycleAverage:
 def _trapezoids(t: Array, first: float, last: float) -> Array:
     """Return the weights (n,) that integrate a piecewise linear series from `first` to `last`."""
     width = np.diff(t)
-    # Each interval counts from `begin` to `end`, which are shares of its width from its left end.
+    # Each interval counts from `begin` to `end`, fractions of the interval's width measured from its left end.
     begin = np.clip((first - t[:-1]) / width, 0.0, 1.0)
     end = np.clip((last - t[:-1]) / width, 0.0, 1.0)
     right = 0.5 * (end * end - begin * begin) * width

@@ -13,9 +13,11 @@ from wake.solver.grid import Grid
 
 
 def signed_distance(x: npt.ArrayLike, y: npt.ArrayLike, body: BodyConfig = TRUCK_BODY) -> Array:
-    """Return the distance to the outline in W, positive in the fluid; exact outside, and inside near the outline."""
+    """Return the distance to the outline in W, positive in the fluid. The distance is exact outside the body, and near
+    the outline also inside."""
     x, y = np.asarray(x, dtype=np.float64), np.abs(np.asarray(y, dtype=np.float64))
-    # The first box has sharp corners only, the second has rounded corners only; the front uses the second.
+    # The first box has only sharp corners, and the second box only rounded corners; the body's front uses the second
+    # box.
     sharp = _box_distance(x, y, body.length, 0.0)
     rounded = _box_distance(x, y, body.length, body.leading_edge_radius)
     return np.where(x < 0.5 * body.length, rounded, sharp)
@@ -45,6 +47,6 @@ def slot_profile(grid: Grid) -> Array:
     upper = slice(grid.upper - grid.slot_cells, grid.upper)
     edges = grid.yf[upper.start : upper.stop + 1]
     profile[upper] = np.diff(flow_below(edges)) / grid.dy[upper]
-    # The lower slot is a copy, so that the two flow rates cancel bit for bit.
+    # The lower slot's profile is a mirrored copy, so that the two flow rates cancel bit for bit.
     profile[grid.lower : grid.lower + grid.slot_cells] = -profile[upper][::-1]
     return profile

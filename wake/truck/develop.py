@@ -1,7 +1,7 @@
 """A developed wake: from fluid at rest, like the shipped start, or from a developed wake on another grid.
 
 Developing a wake from rest takes 100 t_c, because the shedding has to grow first. An interpolated wake already sheds,
-and is run until the other grid has no influence.
+and is run until its original grid has no influence.
 """
 
 from collections.abc import Callable
@@ -34,7 +34,7 @@ def develop(
     wake: TruckWake, duration: float = 200.0, progress: Callable[[float, float], None] = lambda t, total: None
 ) -> State:
     """Start the flow, break its symmetry with two periods of the jets, and let it settle without control. Returns the
-    state with its clock set to zero and no action.
+    state with its clock set to zero and with shut jets.
 
     Args:
         wake: the plant, which is in the returned state afterwards.
@@ -53,8 +53,8 @@ def develop(
 
 
 SETTLE_TIME: Final = 60.0
-"""Time without jets, in t_c, after which mean drag and lift amplitude are within 0.3 % of those of a wake that
-developed from rest on the same grid (refinement 0.4 and 0.5). The mean lift, which decays last, is within 0.01."""
+"""Time without jets, in t_c, after which mean drag and lift amplitude are within 0.3 % of the values of a wake that
+developed from rest on the final grid (refinement 0.4 and 0.5). The mean lift, which decays last, is within 0.01."""
 
 _COMPONENTS: Final[tuple[Component, ...]] = ("u", "v", "p")
 
@@ -80,7 +80,7 @@ def moved(
     progress: Callable[[float, float], None] = lambda t, total: None,
 ) -> State:
     """Run a state from another grid on the plant's grid. Raises PlantError if the flow diverges. Returns the state with
-    its clock at zero and no action.
+    its clock at zero and with shut jets.
 
     Args:
         state: state on `source`, of the plant's body and Reynolds number.
@@ -90,7 +90,7 @@ def moved(
     """
     flow = Flow.of(interpolated(state, source, wake.grid).flat.astype(wake.solver.precision), wake.grid.shape)
     pressure = flow.p.copy()
-    # A very short step fills edges and walls and removes the divergence; its pressure is the pressure of that impulse.
+    # A very short step fills edges and walls and removes the divergence; the resulting pressure is that of an impulse.
     wake.solver.run(flow, dt=1e-6, steps=1, action_from=0.0, action_to=0.0)
     flow.p[:] = pressure
     wake.reset(State(flat=flow.flat, substep=0, action=0.0))

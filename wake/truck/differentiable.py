@@ -15,15 +15,16 @@ from wake.truck.tape import Tape, no_weights
 from wake.truck.truck_wake import TruckWake
 
 MEMORY_MB: Final = 7000.0
-"""Bound of the tape's memory, in 10^6 bytes. 125 control periods take 2000 on the mesh of the refinement, 6900 on the
-default mesh; beyond the bound, the tape computes steps again."""
+"""Bound of the tape's memory, in 10^6 bytes. 125 control periods take 2000 on the mesh of `stillwake refine`, 6900 on
+the default mesh; beyond the bound, the tape computes steps a second time."""
 AT_REST: Final = 60.0
-"""Time in t_c in which the wake without jets settles at a speed, and of the average after it: twelve cycles."""
+"""Time in t_c in which the wake without jets settles at a speed, and duration of the average that follows: twelve
+cycles."""
 
 
 class DifferentiableWake(CopiedWhole):
-    """A plant at the beginning of control periods, with the differences of some of its sensors. `columns` (2 p,) are
-    the indices of these sensors in the plant's Cp, in pairs."""
+    """A plant at the beginning of control periods, with the differences of p pairs of its sensors. `columns` (2 p,) are
+    the indices of these sensors in the plant's Cp, pair by pair."""
 
     def __init__(self, plant: TruckWake, columns: Index) -> None:
         self.plant, self._columns = plant, columns
@@ -31,8 +32,8 @@ class DifferentiableWake(CopiedWhole):
         self._speeds = np.ones(1)
 
     def begin(self, state: FlowState, speeds: Array) -> Seen:
-        """Continue from a state with an empty tape, at speeds (n + 1,) in design speeds; higher speeds take more
-        steps."""
+        """Continue from a state with an empty tape, at the n + 1 speeds of the samples, (n + 1,), in design speeds;
+        higher speeds take more steps."""
         plant, config = self.plant, self._config
         plant.config = at_speed(config, float(speeds.max()))
         times, faster = config.control_period * np.arange(len(speeds), dtype=np.float64), speeds - 1.0
@@ -48,7 +49,8 @@ class DifferentiableWake(CopiedWhole):
         return self._seen()
 
     def back(self, weights: Seen) -> float:
-        """Go back by a period; return the sensitivity to the action commanded in that period."""
+        """Go back by a period. Returns the derivative of the weighted sum with respect to the action commanded in that
+        period."""
         speed = self._speed
         whole = no_weights(len(self.plant.layout))
         whole.Cp[self._columns] = weights.Cp / speed**2

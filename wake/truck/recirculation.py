@@ -12,7 +12,7 @@ def recirculation_length(grid: Grid, flow: Flow) -> float:
 
     The length is zero if there is no backward flow on the axis; a bubble that reaches the outlet ends there.
     """
-    # The axis is a row of faces; u is half a cell below and above it.
+    # The axis is a row of faces, so u is stored half a cell below and above the axis.
     above = grid.shape[1] // 2
     speed = flow.faces_u[grid.rear :, above - 1 : above + 1].mean(axis=1)
     x = grid.xf[grid.rear :] - grid.xf[grid.rear]

@@ -21,7 +21,7 @@ _BODY: Final = ("body_length", "leading_edge_radius")
 class Origin:
     """The plant on which a state was computed; the clock is None if an old file lacks it.
 
-    It holds the body's shape but not the positions of the sensors, which do not affect the flow.
+    The origin holds the body's shape but not the positions of the sensors, which do not affect the flow.
     """
 
     shape: tuple[int, int]
@@ -42,7 +42,8 @@ class Origin:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class State:
-    """All data that determine the further flow: velocities and pressures, the substep count since t = 0, and the jet.
+    """All data that determine how the flow continues: velocities and pressures, the substep count since t = 0, and the
+    jet.
 
     A plant refuses a state of another origin, and accepts a state without origin.
     """
@@ -54,13 +55,13 @@ class State:
 
 
 def start_name(reynolds: float) -> str:
-    """Return a file name, for messages, of a start yet to be computed. It differs from the existing file's name,
-    because that file must not be replaced."""
+    """Return a file name, for messages, of a start that is not computed yet. The name differs from the existing file's
+    name, because that file must not be replaced."""
     return f"start_re{reynolds:g}.npz"
 
 
 def develops(reynolds: float) -> str:
-    """Return the command that computes a start."""
+    """Return the command that computes a start at a Reynolds number."""
     return f"stillwake develop {start_name(reynolds)} --set flow.reynolds={reynolds:g}"
 
 
@@ -94,7 +95,7 @@ def check_grid(origin: Origin, shape: tuple[int, int]) -> None:
 
 
 def save_state(path: Path, state: State) -> None:
-    """Write a state, completely or not at all. Raises PlantError if it has no origin."""
+    """Write a state, completely or not at all. Raises PlantError if the state has no origin."""
     origin = state.origin
     if origin is None:
         raise PlantError(f"{path}: a state without its origin cannot be written: use `TruckWake.state`")
@@ -145,5 +146,5 @@ def load_state(path: Path) -> State:
 
 
 def developed_state() -> State:
-    """Return the truck's shipped start: shedding developed, no action."""
+    """Return the truck's shipped start: developed shedding with shut jets."""
     return load_state(developed())

@@ -1,8 +1,8 @@
 """The steady symmetric wake: the flow that results if symmetry suppresses shedding.
 
 A symmetric flow remains symmetric except for rounding errors, which the shedding instability amplifies. Taking the even
-part of the flow after every control period removes these errors, and the flow settles. The result solves the same
-discrete equations as the shedding wake, so its drag is the part of the drag that shedding does not cause.
+part of the flow after every control period removes these errors, and the flow settles. The result solves the discrete
+equations of the shedding wake, so its drag is the part of the drag that shedding does not cause.
 """
 
 from collections.abc import Callable
@@ -20,8 +20,8 @@ from wake.truck.state import State
 from wake.truck.truck_wake import TruckWake
 
 TOLERANCE: Final = 1e-6
-"""Largest rate at which a wake counts as steady. Rates finally fall by a factor e in 23 t_c, so forces are accurate to
-1e-5."""
+"""Largest rate at which a wake counts as steady. Rates finally fall by a factor e in 23 t_c, so forces at this rate are
+accurate to 1e-5."""
 
 
 _UNEVEN: Final = 1e-9
@@ -70,8 +70,8 @@ def settle(
     longest: float = 600.0,
     progress: Callable[[float, float], None] = lambda t, rate: None,
 ) -> SteadyWake:
-    """Run the symmetric flow from rest, without action, until velocity and drag are steady. Raises PlantError after
-    `longest`.
+    """Run the symmetric flow from rest, with shut jets, until velocity and drag are steady. Raises PlantError if the
+    flow is not steady after `longest`.
 
     Args:
         tolerance: upper limit of both rates.
@@ -112,8 +112,8 @@ def settle(
 
 def check_steady(wake: TruckWake, state: State) -> None:
     """Check that a state is the steady symmetric wake; the plant advances by one control period. Raises PlantError if
-    the flow is not its own mirror image or changes, or a jet blows; the message states the difference or rate, and the
-    remedy."""
+    the flow changes or is not its own mirror image, or if a jet blows; the message states the difference or the rate,
+    and the remedy."""
     wake.reset(state)
     flow = wake.flow
     uneven = max(

@@ -1,10 +1,11 @@
 """Sensors and forces as functionals of the flow.
 
 Each measured quantity except the slots' load is a fixed weighted sum of u, v and p, so one sparse product per control
-step gives all of them. The wall pressure is the value on the wall of a parabola along the normal through two points in
-the flow; its slope on the wall follows from the momentum balance of fluid at rest. At the rounded corners, where the
-boundary layer supports a pressure that falls steeply outside it, a straight line would give 1 % too little drag. Wall
-shear follows from the velocity with no slip on the wall. Forces are per unit of rho U_inf^2 W / 2.
+step gives all of these quantities. The wall pressure is the value on the wall of a parabola along the normal through
+two points in the flow; the parabola's slope on the wall follows from the momentum balance of fluid at rest. At the
+rounded corners, where the boundary layer supports a pressure that falls steeply outside it, a straight line would give
+1 % too little drag. Wall shear follows from the velocity with no slip on the wall. Forces are per unit of rho U_inf^2 W
+/ 2.
 
 The load on the two slot faces comes from the momentum balance of the half cell before each face. Near a slot the
 pressure falls by several dynamic pressures within a slot's width, and a straight line through two cells has an error of
@@ -31,7 +32,8 @@ from wake.solver.grid import Component, Grid, bilinear
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SlotLoad:
-    """The force on both slots per unit of rho U_inf^2 W / 2, and the mean Cp over each, weighted with the profile."""
+    """The force on both slots per unit of rho U_inf^2 W / 2, and the mean Cp over each slot, weighted with the jet
+    profile."""
 
     Cd_pressure: float
     Cd_viscous: float
@@ -53,7 +55,7 @@ class SlotFaces:
         self._lower = slice(grid.lower, grid.lower + grid.slot_cells)
         self._dy = grid.dy
         self._stress = 4.0 * viscosity / float(grid.dx[grid.rear])
-        # Both profiles have flow rate 1, so these weights sum to one over each slot.
+        # Each slot's profile has flow rate 1, so these weights sum to one over each slot.
         self._weight = np.abs(profile) * grid.dy
 
     def measure(self, flow: Flow) -> SlotLoad:
@@ -68,7 +70,7 @@ class SlotFaces:
         )
 
     def weigh(self, bar: Flow, flow: Flow, weights: SlotLoad) -> None:
-        """Add to `bar` the sensitivities of the weighted sum of the load to the flow."""
+        """Add to `bar` the sensitivities of the load's weighted sum to the flow."""
         face, _, between = self._faces(flow)
         Cp = np.zeros_like(face)
         for rows in (self._upper, self._lower):
@@ -91,7 +93,8 @@ class SlotFaces:
 Terms = defaultdict[int, float]
 
 _ARC_POINTS: Final = 64
-"""Number of quadrature points on each rounded corner; a test checks that twice the number hardly changes the force."""
+"""Number of quadrature points on each rounded corner. A test checks that doubling this number hardly changes the
+force."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -100,7 +103,7 @@ class Measured:
 
     Attributes:
         Cd, Cl: wall force, pressure and viscous, without the slot faces.
-        slots: force of the flow on the slot faces, and its pressure there.
+        slots: force of the flow on the slot faces, and the pressure on these faces.
         Uy_probe: transverse velocity at the wake probe.
     """
 
@@ -112,12 +115,12 @@ class Measured:
 
 
 class Surface:
-    """The functionals of one grid.
+    """The functionals of the flow on one grid.
 
     Args:
         viscosity: 1 / Re.
         slot_profile: velocity on the faces of the base per unit action, (ny,).
-        layout: the sensors, on the sides and the base; none on the front.
+        layout: the sensors, on the sides and the base; no sensor is on the front.
     """
 
     def __init__(
@@ -157,7 +160,7 @@ class Surface:
         )
 
     def weigh(self, bar: Flow, flow: Flow, weights: Measured) -> None:
-        """Add to `bar` the sensitivities of the weighted sum of the functionals to the flow."""
+        """Add to `bar` the sensitivities of the functionals' weighted sum to the flow."""
         values = np.concatenate([weights.Cp, [weights.Cd, weights.Cl, weights.Uy_probe]])
         bar.flat[:] += values @ self._matrix
         self._slots.weigh(bar, flow, weights.slots)
@@ -254,13 +257,15 @@ def _normals(layout: SensorLayout) -> list[tuple[float, float]]:
 
 
 def _cell_size(faces: Array, at: float) -> float:
-    """Return the size of the cell around a point; on a face, of the larger neighbour, so that mirror images agree."""
+    """Return the size of the cell around a point. For a point on a face, it is the size of the larger neighbour, so
+    that mirror images agree."""
     first, last = np.searchsorted(faces, at, side="left") - 1, np.searchsorted(faces, at, side="right")
     return float(np.diff(faces[first : last + 1]).max())
 
 
 def _strips(faces: Array, start: float, end: float) -> list[tuple[float, float]]:
-    """Return midpoints and lengths of the grid's intervals between start and end; the first and last are cut to fit."""
+    """Return midpoints and lengths of the grid's intervals between start and end; the first and the last interval are
+    cut to fit."""
     inside = faces[(faces > start + 1e-9) & (faces < end - 1e-9)]
     edges = np.concatenate([[start], inside, [end]])
     return [(float(m), float(w)) for m, w in zip(0.5 * (edges[1:] + edges[:-1]), np.diff(edges), strict=True)]

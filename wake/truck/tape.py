@@ -1,7 +1,7 @@
 """Sensitivities of a sequence of control periods: the plant is recorded as it advances, then differentiated backwards.
 
-Each call handles one period in either direction, so that a controller in the loop can be differentiated with the plant:
-the controller reads a sample before it commands the next action.
+Each call handles one period, forwards or backwards, so that a controller in the loop can be differentiated with the
+plant: the controller reads a sample before it commands the next action.
 """
 
 from dataclasses import dataclass
@@ -24,7 +24,8 @@ _MEGABYTE = 1e6
 
 @dataclass(kw_only=True, eq=False)
 class _Period:
-    """The flow at a period's start and, if memory allows, at the start of each step; the period's actions and time."""
+    """The flow at a period's start and, if memory allows, at the start of each step; also the period's actions and
+    time."""
 
     start: Array
     steps: Array | None
@@ -34,18 +35,20 @@ class _Period:
 
 
 class Tape(CopiedWhole):
-    """A record of a plant's control periods from its present state on, which carries sensitivities back over them.
+    """A record of a plant's control periods from its present state on, which propagates sensitivities back over these
+    periods.
 
-    The flow at the start of each time step is stored as long as memory allows. Beyond that, the oldest periods store
-    only the flow at their start and are computed again on the way back, which costs one more period each. Raises
-    PlantError if the plant is within a control period. A copy has its own plant.
+    The flow at the start of each time step is stored as long as memory allows. Beyond this limit, only the flow at the
+    start of the oldest periods is stored; `back` computes each of these periods again, which costs one more period
+    each. Raises PlantError if the plant is within a control period. A copy has its own plant.
 
     Args:
         plant: plant at the beginning of a control period; its wind must not change.
         memory_mb: limit of the stored data, in 10^6 bytes.
 
     Attributes:
-        bar: sensitivities to the flow at the present position of the way back, at its end the tape's start.
+        bar: sensitivities to the flow at the position that `back` has reached; after the last call, at the tape's
+            start.
         bar_action: the sensitivity to the action in force at that position.
         memory_mb: size of the data stored since the tape's start, in 10^6 bytes.
     """
@@ -62,12 +65,12 @@ class Tape(CopiedWhole):
         self.restart()
 
     def __len__(self) -> int:
-        """Return the number of periods that the way back still has."""
+        """Return the number of periods that `back` has not passed yet."""
         return len(self._periods)
 
     def advance(self, action: float) -> Sample:
-        """Advance the plant by a period, as `TruckWake.advance` does, and store the data for the way back. Raises
-        PlantError as the plant does, or if the tape becomes too long for its memory."""
+        """Advance the plant by a period, as `TruckWake.advance` does, and store the data for `back`. Raises PlantError
+        as the plant does, or if the tape becomes too long for its memory."""
         plant, substeps = self._plant, self._plant.config.substeps
         flow_mb = self._end.nbytes / _MEGABYTE
         self._make_room(flow_mb, substeps)
@@ -86,9 +89,9 @@ class Tape(CopiedWhole):
 
     def back(self, weights: Sample) -> float:
         """Go back by a period. Raises PlantError at the tape's start, or if the plant's wind or Reynolds number makes a
-        repeated period diverge. Returns the sensitivity to the action commanded in this period, of this sample and of
-        all later samples. `weights` are the scalar's derivatives with respect to each value of the period's sample
-        (`no_weights` has zeros); its time is not read."""
+        repeated period diverge. Returns the sensitivity of the scalar, over this sample and all later samples, to the
+        action commanded in this period. `weights` are the scalar's derivatives with respect to each value of the
+        period's sample (`no_weights` has zeros); the time in `weights` is not read."""
         if not self._periods:
             raise PlantError("the backward pass is at the start of the tape: no period is left")
         period, plant = self._periods.pop(), self._plant
@@ -140,7 +143,7 @@ class Tape(CopiedWhole):
             self.bar_action += weights.jet_power * (measured.Cp_upper - measured.Cp_lower)
 
     def _memory(self, steps: int) -> Array:
-        """Return memory for the flow at each step's start; it is reused, because the system faults in every new
+        """Return memory for the flow at each step's start. The memory is reused, because the system faults in every new
         page."""
         while self._spare:
             if len(spare := self._spare.pop()) == steps:
@@ -164,6 +167,6 @@ class Tape(CopiedWhole):
 
 
 def no_weights(sensors: int) -> Sample:
-    """Return a sample with weights of zero for `sensors` sensors, in which the caller replaces those that count."""
+    """Return a sample with weights of zero for `sensors` sensors; the caller replaces the weights that are not zero."""
     zeros = dict.fromkeys((*LEDGER_FIELDS, "t", "Uy_probe", "action"), 0.0)
     return Sample(Cp=np.zeros(sensors), **zeros)

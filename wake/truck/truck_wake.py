@@ -1,8 +1,8 @@
 """The plant: the wake of the truck, or of another box, with its jets, advanced one control period at a time.
 
 Timing (the project's convention): sample k holds pressures and forces at t_k; the jet ramps linearly from the action in
-force to the newly commanded action until t_{k+1}. A command that arrives late starts its ramp late and still ends at
-t_{k+1}; with `advance_to` a co-simulation determines its arrival.
+force to the newly commanded action until t_{k+1}. If a command arrives late, its ramp starts late and still ends at
+t_{k+1}; with `advance_to` a co-simulation determines the command's arrival.
 """
 
 from dataclasses import replace
@@ -31,7 +31,8 @@ class TruckWake(CopiedWhole):
     """The flow around the truck, or around another body. Raises ConfigError if the grid is too coarse for the slots;
     PlantError if the time step necessarily diverges on this grid.
 
-    A copy is an independent plant that continues bit for bit like the original; so is a pickle if `wind` allows it.
+    A copy is an independent plant that continues bit for bit like the original; so is a pickle if `wind` can be
+    pickled.
 
     Args:
         config: Reynolds number, control period, substeps, action bound and the grid's refinement.
@@ -40,7 +41,7 @@ class TruckWake(CopiedWhole):
 
     Attributes:
         layout: the sensors, in the order of a sample's Cp.
-        wind: its excess over U_inf as a function of time; None for a steady wind. A state does not hold it.
+        wind: the wind's excess over U_inf as a function of time; None for a steady wind. A state does not hold it.
     """
 
     def __init__(
@@ -79,7 +80,7 @@ class TruckWake(CopiedWhole):
 
     @property
     def action(self) -> float:
-        """Jet flow rate in force."""
+        """Jet flow rate in force, in U_inf W."""
         return self._action
 
     @property
@@ -87,8 +88,8 @@ class TruckWake(CopiedWhole):
         return self._substep % self.config.substeps
 
     def reset(self, state: State) -> Sample:
-        """Continue from a state, bit for bit. Raises PlantError if its body, grid, Reynolds number or clock differs, or
-        it is not finite."""
+        """Continue from a state, bit for bit. Raises PlantError if the state's body, grid, Reynolds number or clock
+        differs from the plant's, or the state is not finite."""
         if state.origin is not None:
             self._check_origin(state.origin, state.substep)
         if state.flat.shape != self.flow.flat.shape:
@@ -102,8 +103,8 @@ class TruckWake(CopiedWhole):
         return self.sample()
 
     def set_reynolds(self, reynolds: float) -> None:
-        """Continue with another viscosity; later states have this Reynolds number. Raises PlantError if dt is too
-        large."""
+        """Continue with the viscosity of another Reynolds number; later states have this number. Raises PlantError if
+        dt is too large."""
         config = replace(self.config, reynolds=reynolds)
         self._check_step(config)
         self.config = config
@@ -111,9 +112,11 @@ class TruckWake(CopiedWhole):
         self.surface = self._surface()
 
     def scale(self, ratio: float) -> None:
-        """Scale the flow to a stream of `ratio` times the speed: velocities grow by the ratio, pressures by its square.
+        """Scale the flow to a stream of `ratio` times the present speed: velocities grow by the ratio, pressures by its
+        square.
 
-        With unchanged viscosity the result is the developed wake of another Reynolds number, and has to settle.
+        The viscosity does not change, so the scaled flow is not yet the developed wake of its new Reynolds number, and
+        has to settle.
         """
         self.flow.velocities[:] *= ratio
         self.flow.p[:] *= ratio * ratio
@@ -144,7 +147,7 @@ class TruckWake(CopiedWhole):
         """Advance within the present period to `substep` (1 .. substeps).
 
         With an action, the jet ramps so that it reaches the action at the period's end; without an action, the jet's
-        flow rate does not change. `starts` is that of `FlowSolver.run`.
+        flow rate does not change. `starts` is as for `FlowSolver.run`.
         """
         into, last = self.substeps_into_period, self.config.substeps
         if not into < substep <= last:
@@ -168,7 +171,7 @@ class TruckWake(CopiedWhole):
         """Return the present measurements."""
         measured, a = self.surface.measure(self.flow), self._action
         slots = measured.slots
-        # The integrals of u^3 over a blowing and a sucking slot cancel; the work of the pressure remains.
+        # The integrals of u^3 over a blowing and a sucking slot cancel, so only the work of the pressure remains.
         return Sample(
             t=self.t,
             Cp=measured.Cp,
@@ -183,7 +186,7 @@ class TruckWake(CopiedWhole):
         )
 
     def vorticity(self) -> Array:
-        """Return dv/dx - du/dy in cell corners inside the domain, (nx - 1, ny - 1); units U_inf / W."""
+        """Return dv/dx - du/dy in cell corners inside the domain, (nx - 1, ny - 1), in U_inf / W."""
         dvdx = np.diff(self.flow.faces_v[:, 1:-1], axis=0) / self.grid.dxc[1:-1, None]
         dudy = np.diff(self.flow.faces_u[1:-1], axis=1) / self.grid.dyc[None, 1:-1]
         return np.asarray(dvdx - dudy)
