@@ -31,7 +31,7 @@
 #define SW_BOARD_FLASH_BANK 0x08100000u
 #define SW_BOARD_FLASH_SECTORS 8u
 #define SW_BOARD_BACKUP 0x38800000u /* SRAM that survives a loss of the supply; sw_board_power_on enables it */
-#define SW_BOARD_ERASE_NS INT64_C(5000000000) /* after this time an erasure has failed: at most 4 s (DS12110) */
+#define SW_BOARD_ERASE_NS INT64_C(5000000000) /* an erasure that takes longer has failed; at most 4 s (DS12110) */
 
 /* --- Declarations that are the same for every board --- */
 
@@ -86,7 +86,7 @@ int sw_board_can_is_idle(void);
 
 #if SW_SECOC
 /* Returns the bus key and the freshness values of earlier power cycles, and counts this power cycle in memory that
- * survives a loss of the supply. Returns 0, or 1 if the count cannot be stored; the ECU then has no key and sends
+ * survives a loss of the supply. Returns 0, or 1 if the cycle cannot be counted; the ECU then has no key and sends
  * nothing.
  */
 int sw_board_authentication(sw_authentication *found);

@@ -10,7 +10,7 @@ static int is_inside(uint32_t address, uint32_t length, uint32_t start, uint32_t
     return address >= start && address - start <= size && length <= size - (address - start);
 }
 
-/* Copies bytes from an address in the tool's memory, sizeof(sw_measured) bytes at most. */
+/* Copies bytes from an address in the tool's memory, at most sizeof(sw_measured) bytes. */
 static uint8_t read(const sw_xcp_memory *memory, uint32_t address, uint32_t length, uint8_t *bytes)
 {
     if (is_inside(address, length, SW_XCP_MEASURED, sizeof(sw_measured))) {
@@ -182,7 +182,7 @@ static uint8_t copy_page(sw_xcp_memory *memory, const uint8_t *data)
 
 static uint8_t page_processor_info(sw_answer *answer)
 {
-    sw_answer_byte(answer, 1); /* segment, without properties */
+    sw_answer_byte(answer, 1); /* one segment, without properties */
     sw_answer_byte(answer, 0);
     return SW_XCP_DONE;
 }
