@@ -1,13 +1,14 @@
 /* AUTOSAR end-to-end protection (PRS_E2EProtocol) of the messages in use: profile 5 for CAN FD, profile 2 for classic
- * CAN, where all 16 data IDs of a message are equal.
+ * CAN, where the 16 data IDs of a message are equal to each other.
  *
- * The CRCs are computed by half bytes: the table has 16 entries instead of 256, and the loop has no branch on the data.
+ * The CRCs are computed half byte by half byte: the table has 16 entries instead of 256, and the loop has no branch on
+ * the data.
  */
 #include "sw_ecu_parts.h"
 
 #if SW_E2E_PROFILE == 5
 
-#define HEADER 3 /* CRC-16 with its low byte first, then the counter */
+#define HEADER 3 /* header: CRC-16 with its low byte first, then the counter */
 #define COUNTER 2
 
 /* CRC-16 of 0 to 15: polynomial 0x1021, not reflected. */
