@@ -276,7 +276,7 @@ int sw_ecu_init_of(sw_ecu *ecu, const sw_numbers *numbers)
     sw_calibration own;
     const uint8_t unfit = judged(ecu, numbers);
     unsigned char *bytes = (unsigned char *)ecu;
-    for (size_t i = 0; i < sizeof *ecu; i++) bytes[i] = 0; /* padding as well, because states are compared as bytes */
+    for (size_t i = 0; i < sizeof *ecu; i++) bytes[i] = 0; /* padding too: states are compared as bytes */
     ecu->numbers = *numbers;
     sw_calibration_own(numbers->release, &own);
     (void)sw_ecu_calibrate(ecu, &own);
