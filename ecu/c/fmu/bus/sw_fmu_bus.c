@@ -222,7 +222,7 @@ static int take_operation(fmu_memory *kept, uint32_t code, const uint8_t *argume
     }
 }
 
-/* After an operation with a wrong length, the following operations are unreadable. */
+/* Takes all operations. An operation with a wrong length makes the following operations unreadable. */
 void fmu_take_operations(fmu_memory *kept)
 {
     fmu_side *side = &kept->side;

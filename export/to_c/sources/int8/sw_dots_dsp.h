@@ -28,7 +28,7 @@
 #define SW_EIGHT_COLUMNS SW_ONE_TILE SW_ONE_TILE
 #define SW_SIXTEEN_COLUMNS "2:\n" "subs %[count], #1\n" SW_EIGHT_COLUMNS SW_EIGHT_COLUMNS "bne 2b\n"
 
-/* On the stack are y, the number of rows left, the number of bytes of a vector, and the number of groups of sixteen
+/* The stack has y, the number of rows left, the number of bytes of a vector, and the number of groups of sixteen
  * columns.
  */
 #define SW_FOUR_ROWS(columns)                                                                            \
