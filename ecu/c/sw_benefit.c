@@ -8,12 +8,14 @@
 
 typedef struct {
     double suction; /* mean pressure on the base */
-    double swing;   /* mean magnitude of the differences of mirrored sensors */
+    double swing;   /* mean magnitude of the pressure differences of mirrored sensors */
 } measured;
 
 static double magnitude(double value) { return value < 0.0 ? -value : value; }
 
-/* Returns both values in the release's wake without jets at a speed, in Cp; linear between two speeds. */
+/* Returns suction and swing of the release's wake without jets at a speed, in Cp, interpolated linearly between two
+ * stored speeds.
+ */
 static measured stated_at(const sw_release *release, double speed)
 {
     const double *before = release->resting[0];
@@ -31,7 +33,7 @@ static measured stated_at(const sw_release *release, double speed)
     return last;
 }
 
-/* Measures both values in units of the release's wake at this speed. */
+/* Measures suction and swing in units of the release's wake without jets at this speed. */
 static measured measure(const sw_release *release, const double *cp, double speed)
 {
     const measured stated = stated_at(release, speed);
@@ -47,7 +49,9 @@ static measured measure(const sw_release *release, const double *cp, double spee
 
 static uint32_t at_most(uint32_t count, uint32_t most) { return count < most ? count : most; }
 
-/* Returns a mean without control; the release's instead while that is larger and the mean has too few periods. */
+/* Returns a mean without control. While the mean has too few periods, it returns the release's value if that is
+ * larger.
+ */
 static double resting(const sw_benefit *benefit, double mean)
 {
     return benefit->rested < SW_PROVEN_PERIODS && mean < 1.0 ? 1.0 : mean;
@@ -110,7 +114,9 @@ static void drive(sw_benefit *benefit, const sw_release *release, const double *
     if (benefit->doubt >= SW_BENEFIT_DOUBT) benefit->tested_at = speed;
 }
 
-/* Runs a period of a test, which compares control with the wake since the jets were shut; later cycles count more. */
+/* Runs a period of a test. A test compares control with the wake since the jets were shut; later shedding cycles of the
+ * test count more.
+ */
 static uint8_t test(sw_benefit *benefit, const sw_release *release, const double *cp, double speed)
 {
     if (cp == NULL) return SW_REASON_NONE;

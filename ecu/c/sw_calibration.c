@@ -5,7 +5,7 @@
 
 static const sw_calibration greatest = SW_GREATEST_CALIBRATION;
 
-/* Returns 0 for NaN, which is within no limits. */
+/* Returns whether the value is within the limits; NaN is within no limits. */
 static int is_within(float value, float low, float high) { return value >= low && value <= high; }
 
 void sw_calibration_bounds(const float weights[SW_TERMS], sw_calibration *low, sw_calibration *high)
@@ -33,16 +33,18 @@ int sw_calibration_beyond(const sw_calibration *values, const sw_release *releas
 
 void sw_calibration_own(const sw_release *release, sw_calibration *own)
 {
-    *own = greatest; /* the vehicle's bounds on the jets */
+    *own = greatest; /* the limits of the jets are the vehicle's */
     for (int i = 0; i < SW_TERMS; i++) own->weights[i] = release->weights[i];
     own->delay_steps = SW_DELAY_STEPS;
 }
 
 sw_gate_limits sw_calibration_limits(const sw_calibration *values)
 {
-    sw_gate_limits limits = {SW_GATE_FLOW, SW_GATE_STEP}; /* the vehicle's bounds, with all digits */
+    sw_gate_limits limits = {SW_GATE_FLOW, SW_GATE_STEP}; /* the vehicle's bounds, as doubles */
     if (values->action_limit < greatest.action_limit) {
-        /* The range ends on a step of the message's resolution; the small number keeps a limit that is such a step. */
+        /* The range ends on a step of the message's resolution. The small number prevents that rounding takes a step
+         * from a limit that is itself such a step.
+         */
         const double steps = (double)values->action_limit * SW_FLOW_SCALE / SW_FLOW_RESOLUTION + 1e-6;
         limits.flow_m2_per_s = (double)(int32_t)steps * SW_FLOW_RESOLUTION;
     }

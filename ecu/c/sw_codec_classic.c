@@ -9,17 +9,17 @@
 
 #define HEAD 1 /* byte whose lower half is the E2E counter */
 
-/* PressureClassic */
+/* Constants of the message PressureClassic. */
 #define ENABLE_REQUEST 0x10u
-#define AGE_LIMIT 7u /* means this age or more */
+#define AGE_LIMIT 7u /* this value means this age or a greater age */
 #define PRESSURES 2  /* first byte; two pressures of 12 bits take three bytes */
 
-/* VehicleSpeedClassic */
-#define DENSITY 3 /* number of the signal's byte, like the following names */
+/* Constants of the message VehicleSpeedClassic. */
+#define DENSITY 3 /* the signal's byte in the message, like the following names */
 #define SPEED 4
 #define SPEED_AGE 6
 
-/* JetCommandClassic */
+/* Constants of the message JetCommandClassic. */
 #define ENABLE 0x80u
 #define COUNTER_VALID 0x01u
 #define NEXT_PERIOD 0x02u
@@ -75,13 +75,13 @@ void sw_emit_status(uint8_t *data, const sw_ecu_status *status)
     const uint32_t reason = status->reason;
     const uint32_t refused = sw_at_most(status->refused, SW_COUNT_LIMIT);
     sw_clear(data, SW_STATUS_BYTES);
-    /* The reason's lowest bit follows the state; the other four bits are in the next byte. */
+    /* The lowest bit of the reason follows the state; the reason's other four bits are in the next byte. */
     data[HEAD] = (uint8_t)((((uint32_t)status->state & 0x07u) << 4) | ((reason & 0x01u) << 7));
     data[2] = (uint8_t)(((reason >> 1) & 0x0fu) | (sw_at_most(status->bus_off, SW_BUS_OFF_LIMIT) << 4));
     /* This word and the next byte have four counts of six bits. */
     sw_put_word(&data[3], overruns | (missed << 6) | (crc_errors << 12));
     data[5] = (uint8_t)((crc_errors >> 4) | (refused << 2));
-    /* The upper half of the hash. */
+    /* Only the upper half of the hash is sent. */
     sw_put_word(&data[6], status->bundle_hash >> 16);
 }
 

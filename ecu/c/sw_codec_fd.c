@@ -7,20 +7,20 @@
 #error "a Pressure message has four pressures"
 #endif
 
-#define FLAGS 3 /* byte after the header, in all messages */
+#define FLAGS 3 /* the byte after the header, in all messages */
 
-/* Pressure */
+/* Constants of the message Pressure. */
 #define VALID 0x0fu
 #define ENABLE_REQUEST 0x10u
 #define PRESSURES 4 /* first byte */
 #define AGE 12
 
-/* VehicleSpeed */
-#define DENSITY 3 /* number of the signal's byte, like the following names */
+/* Constants of the message VehicleSpeed. */
+#define DENSITY 3 /* the signal's byte in the message, like the following names */
 #define SPEED 4
 #define SPEED_AGE 6
 
-/* JetCommand */
+/* Constants of the message JetCommand. */
 #define MODE 0x07u
 #define ENABLE 0x08u
 #define COUNTER_VALID 0x10u

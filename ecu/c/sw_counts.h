@@ -4,7 +4,7 @@
 
 #include <stdint.h>
 
-/* Counts the bits in pairs, then fours, then bytes, so that every value takes the same time. */
+/* Counts the bits in pairs, then fours, then bytes, so that the time does not depend on the value. */
 static inline int sw_bit_count(uint64_t bits)
 {
     const uint64_t pairs = bits - ((bits >> 1) & UINT64_C(0x5555555555555555));

@@ -1,13 +1,14 @@
 /* AUTOSAR end-to-end protection (PRS_E2EProtocol) of the messages in use: profile 5 for CAN FD, profile 2 for classic
- * CAN, where all 16 data IDs of a message are equal.
+ * CAN, where the 16 data IDs of a message are equal to each other.
  *
- * The CRCs are computed by half bytes: the table has 16 entries instead of 256, and the loop has no branch on the data.
+ * The CRCs are computed half byte by half byte: the table has 16 entries instead of 256, and the loop has no branch on
+ * the data.
  */
 #include "sw_ecu_parts.h"
 
 #if SW_E2E_PROFILE == 5
 
-#define HEADER 3 /* CRC-16 with its low byte first, then the counter */
+#define HEADER 3 /* header: CRC-16 with its low byte first, then the counter */
 #define COUNTER 2
 
 /* CRC-16 of 0 to 15: polynomial 0x1021, not reflected. */
@@ -45,7 +46,7 @@ uint8_t sw_e2e_counter(const uint8_t *data) { return data[COUNTER]; }
 
 #elif SW_E2E_PROFILE == 2
 
-#define HEADER 2 /* CRC-8, then a byte with the counter in its lower half and the message's bits in its upper half */
+#define HEADER 2 /* header: CRC-8, then a byte: counter in the lower half, bits of the message in the upper */
 #define COUNTER 1
 
 /* CRC-8 of 0 to 15: polynomial 0x2F, not reflected. */

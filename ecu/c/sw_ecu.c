@@ -1,5 +1,5 @@
 /* The ECU's control period: it checks the pressure stream, updates the fail-safe, extends the window, plans, passes the
- * first free action through the command gate, and answers. This file corresponds to ecu/ecu.py.
+ * first free action through the command gate, and writes the frames to send. This file corresponds to ecu/ecu.py.
  */
 #include "sw_ecu.h"
 
@@ -14,7 +14,7 @@
 /* The action that the ECU requests from the command gate in one period. */
 typedef struct {
     double action; /* action before the gate, in U_inf W */
-    uint8_t fault; /* reason why a due action is missing, or SW_REASON_NONE */
+    uint8_t fault; /* reason why no action is available although control is active, or SW_REASON_NONE */
 } decision;
 
 static double newest(const sw_memory *memory) { return memory->under_way[memory->frozen]; }
@@ -30,7 +30,7 @@ static double present_speed(const sw_ecu_state *state, const sw_release *release
 #endif
 }
 
-/* Adds this period's row. At a speed outside the release's range it empties the window instead. */
+/* Adds this period's row to the window. At a speed outside the release's range it empties the window instead. */
 static void with_row(sw_ecu_state *state, const sw_release *release, const double *cp)
 {
     sw_memory *memory = &state->memory;
@@ -47,14 +47,18 @@ static void with_row(sw_ecu_state *state, const sw_release *release, const doubl
     }
 }
 
-/* Adds one row for each skipped period, in which the last command stayed in force. A wrong clock empties the window. */
+/* Adds one row for each skipped period, in which the last command stayed in force. After a clock fault the window is
+ * emptied.
+ */
 static void after_silence(sw_memory *memory, const sw_timing *timing)
 {
     if (timing->fault == SW_REASON_CLOCK) {
         sw_memory_emptied(memory);
         return;
     }
-    /* More silent periods than this number change nothing: the window is empty and the jets follow the last command. */
+    /* More skipped periods than this number change nothing further: the window is then empty and the jets follow the
+     * last command.
+     */
     const int most = LONGEST_GAP > (int)memory->frozen ? LONGEST_GAP : (int)memory->frozen;
     for (int k = 0; k <= most && k < timing->skipped; k++) {
         sw_memory_bridged(memory);
@@ -62,7 +66,9 @@ static void after_silence(sw_memory *memory, const sw_timing *timing)
     }
 }
 
-/* Runs the sensor check: removes an excluded sensor from the memory, and returns why the jets must shut. */
+/* Runs the sensor check: replaces an excluded sensor in the memory by its estimate, and returns the reason why the jets
+ * must shut.
+ */
 static uint8_t check_sensors(sw_ecu *ecu, const double *cp, const double *reading)
 {
     uint8_t fault = SW_REASON_NONE;
@@ -81,7 +87,9 @@ static uint8_t check_sensors(sw_ecu *ecu, const double *cp, const double *readin
     return fault;
 }
 
-/* Runs the benefit check, with the estimate of an excluded sensor, and returns why the jets must shut. */
+/* Runs the benefit check, with the estimate in place of an excluded sensor, and returns the reason why the jets must
+ * shut.
+ */
 static uint8_t check_benefit(sw_ecu_state *state, const sw_release *release, int usable)
 {
     uint8_t fault = SW_REASON_NONE;
@@ -97,14 +105,16 @@ static uint8_t check_benefit(sw_ecu_state *state, const sw_release *release, int
     return fault;
 }
 
-/* Returns BUS_OFF while the CAN controller is bus-off and in the next step, since no node received the frames. */
+/* Returns BUS_OFF if the CAN controller is bus-off, or went bus-off after the previous step: no node received the
+ * frames.
+ */
 static uint8_t bus_fault(const sw_bus_health *before, const sw_bus_health *now)
 {
     const int off = now->is_bus_off || now->bus_off > before->bus_off;
     return (uint8_t)(off ? SW_REASON_BUS_OFF : SW_REASON_NONE);
 }
 
-/* Copies member by member: a copy of the struct would copy padding, and states are compared as bytes. */
+/* Copies the health member by member: a copy of the struct would copy padding, and states are compared as bytes. */
 static void remember_health(sw_bus_health *health, const sw_bus_health *now)
 {
     health->is_bus_off = now->is_bus_off;
@@ -129,7 +139,7 @@ static int are_finite(const float *values, int count)
     return finite;
 }
 
-/* Stores a new plan in the memory. A plan with NaN or infinity is dropped at any status of the control step. */
+/* Stores a new plan in the memory. A plan with NaN or infinity is dropped whatever status the control step returns. */
 static decision planned(sw_ecu *ecu)
 {
     decision due = {0.0, SW_REASON_INTERNAL};
@@ -147,7 +157,7 @@ static decision planned(sw_ecu *ecu)
     return due;
 }
 
-/* Decides on the action of a period in this mode; the memory has the period's row already. */
+/* Decides on the action of a period in the present mode; the memory already has the period's row. */
 static decision decide(sw_ecu *ecu)
 {
     decision due = {0.0, SW_REASON_NONE};
@@ -180,7 +190,7 @@ static int32_t steps_of(double flow_m2_per_s)
     return whole;
 }
 
-/* Gives the reason, for the bus, why the gate shut the jets. */
+/* Passes on to the fail-safe, for the bus, the reason why the gate shut the jets. */
 static void told_by_the_gate(sw_fail_safe *fail_safe, uint8_t interventions)
 {
     if ((interventions & SW_GATED_NOT_FINITE) != 0) sw_fail_safe_latch(fail_safe, SW_REASON_INTERNAL);
@@ -246,7 +256,9 @@ static sw_gated act(sw_ecu *ecu, const sw_timing *before, int64_t now_ns)
     return passed;
 }
 
-/* Checks this build against the exporter's known answer. It overwrites the ECU's memory, which is not in use yet. */
+/* Checks this build against the exporter's known answer. The check overwrites the ECU's memory, which is not in use
+ * yet.
+ */
 static uint8_t judged(sw_ecu *ecu, const sw_numbers *numbers)
 {
 #ifdef SW_WITHOUT_KNOWN_ANSWER
@@ -264,7 +276,7 @@ int sw_ecu_init_of(sw_ecu *ecu, const sw_numbers *numbers)
     sw_calibration own;
     const uint8_t unfit = judged(ecu, numbers);
     unsigned char *bytes = (unsigned char *)ecu;
-    for (size_t i = 0; i < sizeof *ecu; i++) bytes[i] = 0; /* padding as well, because states are compared as bytes */
+    for (size_t i = 0; i < sizeof *ecu; i++) bytes[i] = 0; /* padding too: states are compared as bytes */
     ecu->numbers = *numbers;
     sw_calibration_own(numbers->release, &own);
     (void)sw_ecu_calibrate(ecu, &own);
@@ -315,7 +327,7 @@ static int could_receive(const sw_receiver *receiver)
 }
 
 #if SW_PAST > 0
-/* Checks the speeds that are used as divisors. */
+/* Checks the speeds of a saved state that are used as divisors. */
 static int could_drive(const sw_ecu_state *state)
 {
     const sw_past *past = &state->memory.past;
@@ -326,7 +338,9 @@ static int could_drive(const sw_ecu_state *state)
 }
 #endif
 
-/* Checks that all values used as index, shift, divisor or term of a sum are within their ranges. */
+/* Checks that all values of a saved state that are used as index, shift, divisor or term of a sum are within their
+ * ranges.
+ */
 static int could_be(const sw_ecu_state *state)
 {
     const sw_memory *memory = &state->memory;
@@ -387,7 +401,7 @@ int sw_ecu_step(sw_ecu *ecu, int64_t now_ns, const sw_frame *frames_in, int coun
     command.flow = steps;
     command.mode = sw_mode_on_wire(state->fail_safe.mode);
     command.enable = passed.enable;
-    /* The counter is that of this period's frame, or of the frame on which the held command is based. */
+    /* The counter sent is that of this period's frame, or of the frame on which the held command is based. */
     command.has_counter = state->has_pressures && (inputs.usable || sw_drives_jets(state->fail_safe.mode));
     command.pressure_counter = state->pressure_counter;
     return sw_write_frames(state, &command, ecu->numbers.release->bundle_hash, now_ns,

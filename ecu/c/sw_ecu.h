@@ -22,48 +22,50 @@
 extern "C" {
 #endif
 
-/* Initialises the ECU as at power-on: nothing received, nothing sent, jets shut, the release's own calibration. Memory
- * of zeros is no substitute: it would mean that the request was seen low, and that a sensor is excluded. Returns
- * SW_REASON_NONE, or SW_REASON_INTERNAL if this build, or the present mode of the processor, does not compute as
- * exactly as the decisions need (sw_arithmetic; contraction). Every step repeats this check and shuts the jets while it
- * fails. They stay shut until the next init if a control step on a known window differs from the exporter's
- * (sw_known_answer). That check takes as long as the longest step; a build with SW_WITHOUT_KNOWN_ANSWER omits it.
+/* Initialises the ECU as at power-on: nothing is received or sent, the jets are shut, and the release's own calibration
+ * is in force. Memory filled with zeros is not an initialised ECU: the zeros would mean that the request was seen low,
+ * and that a sensor is excluded. Returns SW_REASON_NONE, or SW_REASON_INTERNAL if this build, or the present mode of
+ * the processor, does not compute as exactly as the decisions need (sw_arithmetic; contraction). Every step repeats
+ * this check and shuts the jets while it fails. The jets stay shut until the next init if a control step on a known
+ * window differs from the exporter's (sw_known_answer). The check with the known window takes as long as the longest
+ * step; a build with SW_WITHOUT_KNOWN_ANSWER omits it.
  */
 int sw_ecu_init(sw_ecu *ecu);
 
-/* Initialises the ECU with the parameters of a release elsewhere, as sw_image_open returns them. The memory behind the
- * pointers must stay valid while the ECU runs; `numbers` itself need not.
+/* Initialises the ECU with the parameters of a release that is not compiled in, as sw_image_open returns them. The
+ * memory behind the pointers must stay valid while the ECU runs; `numbers` itself need not.
  */
 int sw_ecu_init_of(sw_ecu *ecu, const sw_numbers *numbers);
 
 #if SW_SECOC
-/* Gives the ECU the bus key and the freshness values of earlier power cycles: once after an init, before the first
- * step. Without a key the ECU sends nothing and refuses every frame. Returns 0, or 1 for a key of zeros or a trip of 0;
- * the ECU then has no key.
+/* Gives the ECU the bus key and the freshness values of earlier power cycles. Call it once after an init, before the
+ * first step. Without a key the ECU sends nothing and refuses every frame. Returns 0, or 1 for a key of zeros or a trip
+ * of 0; the ECU then has no key.
  *
- * The caller overwrites `given` afterwards. It stores the newest values of state.pressures.verifier and
- * state.speed.receiver.verifier in non-volatile memory: a restarted node accepts everything newer than the stored
- * values.
+ * The caller overwrites `given` afterwards. The caller also stores the newest values of state.pressures.verifier and
+ * state.speed.receiver.verifier in non-volatile memory, because a restarted node accepts every frame that is newer than
+ * the stored values.
  */
 int sw_ecu_authenticate(sw_ecu *ecu, const sw_authentication *given);
 #endif
 
 /* Changes the calibration from the next step on; call it between two steps. Returns 0, or the number of the first value
- * outside the limits of release and vehicle, counted from 1 in the structure's order; nothing is changed then. Actions
- * already sent stay as they are, and a narrower range limits the very next command. A state that is restored later must
- * have the same delay.
+ * outside the limits of release and vehicle, counted from 1 in the structure's order; the calibration is then
+ * unchanged. Actions already sent stay as they are; a narrower range limits the next command. A state that is restored
+ * later must have been saved with the present delay.
  */
 int sw_ecu_calibrate(sw_ecu *ecu, const sw_calibration *values);
 
 /* Continues from a saved state: `state` of an sw_ecu with the same release, settings and calibration. Returns 0, or 1
- * for a state that no ECU can reach, such as one from failed memory; nothing is changed then. Only values are checked
- * that would lead outside an array or a number's range. A checksum is left to the caller, which owns the memory.
+ * for a state that no ECU can reach, for example after a memory failure; the ECU is then unchanged. Only values that
+ * would lead outside an array or a number's range are checked. A checksum is the task of the caller, which owns the
+ * memory.
  */
 int sw_ecu_restore(sw_ecu *ecu, const sw_ecu_state *state);
 
 /* Runs one control period that begins at now_ns. frames_in has all frames received since the last step, oldest first;
- * with a count of 0 it may be NULL. Writes the frames to send, possibly over frames_in, and returns their number. A
- * step that takes longer than a period is detected in the next step, from its time.
+ * if count is 0, frames_in may be NULL. Writes the frames to send, possibly over frames_in, and returns their number. A
+ * step that takes longer than a period is detected in the next step, from the next step's now_ns.
  */
 int sw_ecu_step(sw_ecu *ecu, int64_t now_ns, const sw_frame *frames_in, int count, sw_frame frames_out[SW_FRAMES_OUT]);
 

@@ -1,11 +1,13 @@
-/* The parts of an ECU's control period, in the order of execution. Each part has a file. */
+/* The parts of an ECU's control period, in the order of execution. Each part has its own file. */
 #ifndef SW_ECU_PARTS_H
 #define SW_ECU_PARTS_H
 
 #include "sw_ecu_state.h"
 #include "sw_exact.h"
 
-/* The bus key as last argument of functions that read or write frames; nothing in a build without a key. */
+/* The bus key as the last argument of functions that read or write frames; in a build without a key there is no such
+ * argument.
+ */
 #if SW_SECOC
 #define SW_BY_KEY(key) , key
 #else
@@ -69,7 +71,7 @@ void sw_parse_pressure(const uint8_t *data, sw_pressure *pressure);
 
 #if SW_PAST > 0
 typedef struct {
-    double speed_m_per_s;     /* 0 if unknown */
+    double speed_m_per_s;     /* 0 if the speed is unknown */
     double density_kg_per_m3; /* density of the air; 0 if unknown */
     uint8_t known;            /* whether the vehicle knows its speed */
     int64_t age_ns;
@@ -88,14 +90,14 @@ void sw_emit_status(uint8_t *data, const sw_ecu_status *status);
 /* A received message. */
 typedef struct {
     uint32_t id;
-    int bytes; /* length of the part that E2E protects */
+    int bytes; /* length of the part that E2E protects, in bytes */
     uint16_t data_id;
 #if SW_SECOC
-    int secured; /* length with freshness and MAC */
+    int secured; /* length including freshness and MAC, in bytes */
 #endif
 } sw_message;
 
-/* Updates the receiver by the frames of one period. Returns the newest frame with a good check, or NULL. */
+/* Updates the receiver with the frames of one period. Returns the newest frame whose check is good, or NULL. */
 const sw_frame *sw_receive(sw_receiver *receiver, const sw_message *message, const sw_frame *frames,
                            int count SW_BY_KEY(const sw_secoc *secoc));
 
@@ -107,10 +109,10 @@ typedef struct {
     uint8_t enable_request;
     uint8_t unusable_because; /* SW_REASON_ */
     uint8_t counter;          /* E2E counter of the frame with the usable pressures */
-    int64_t sampled_ns;       /* time at which they were sampled */
+    int64_t sampled_ns;       /* time at which the usable pressures were sampled */
     double cp[SW_SENSORS];    /* the usable pressures */
 #if SW_PAST > 0
-    double reading[SW_SENSORS]; /* pressures in units of the design speed: a stuck reading is constant in them */
+    double reading[SW_SENSORS]; /* pressures over the design speed's dynamic pressure: a stuck reading is constant */
 #endif
 } sw_received;
 
@@ -118,34 +120,36 @@ typedef struct {
 void sw_reception(sw_received *received, sw_receiver *receiver, const sw_frame *frames, int count, int64_t now_ns,
                   double dynamic_pressure SW_BY_KEY(const sw_secoc *secoc));
 
-/* Returns whether the content of a frame was sampled at most oldest_ns before now_ns, and not after it. */
+/* Returns whether the content of a frame was sampled at most oldest_ns before now_ns, and not after now_ns. */
 int sw_is_fresh(int64_t timestamp_ns, int64_t age_ns, int64_t now_ns, int64_t oldest_ns);
 
-/* Advances to the step at step_ns with these frames: commands and statuses among them come from another ECU. */
+/* Advances the detection to the step at step_ns. Commands and statuses among the frames come from another ECU. */
 void sw_other_ecu_next(sw_other_ecu *other, const sw_frame *frames, int count,
                        int64_t step_ns SW_BY_KEY(const sw_secoc *secoc));
 
 /* --- sw_speed.c: the vehicle's speed, for a release that supports a range of speeds --- */
 
 #if SW_PAST > 0
-/* Updates the speed by a period's frames. */
+/* Updates the speed from a period's frames. */
 void sw_speed_next(sw_speed_state *speed, const sw_release *release, const sw_frame *frames, int count,
                    int64_t now_ns SW_BY_KEY(const sw_secoc *secoc));
 
 /* Returns the pressure of Cp = 1, in Pa; 0 without a speed. */
 double sw_speed_dynamic_pressure(const sw_speed_state *speed, const sw_release *release);
 
-/* Returns the vehicle's speed in design speeds, within the release's range; 1 if unknown or too far outside. */
+/* Returns the vehicle's speed in design speeds, limited to the release's range; 1 if the speed is unknown or too far
+ * outside the range.
+ */
 double sw_speed_present(const sw_speed_state *speed, const sw_release *release);
 #endif
 
 /* --- sw_past.c: rows of past periods, resampled at steps of the present speed --- */
 
-/* Returns the value after a period in which it moves from `before` by a share of the way to `to`. */
+/* Returns the value after a period in which the value moves from `before` by a share of the way to `to`. */
 double sw_followed(double before, double to, double share);
 
 #if SW_PAST > 0
-/* Adds this period's row, with its pressures filtered by the row before. */
+/* Adds this period's row, whose pressures are first filtered with those of the row before. */
 void sw_past_extend(sw_past *past, const double row[SW_COLUMNS], double speed);
 
 void sw_past_empty(sw_past *past);
@@ -156,7 +160,9 @@ uint32_t sw_past_read(const sw_past *past, double window[SW_WINDOW][SW_COLUMNS],
 
 /* --- sw_memory.c: window, plan and actions in transit --- */
 
-/* Adds a row for this period at a speed, in design speeds. The following two bridge a period, and empty the window. */
+/* Adds a row for this period at a speed, in design speeds. The next two functions bridge a period without pressures,
+ * and empty the window.
+ */
 void sw_memory_observed(sw_memory *memory, const double cp[SW_SENSORS], double speed);
 void sw_memory_bridged(sw_memory *memory);
 void sw_memory_emptied(sw_memory *memory);
@@ -180,8 +186,9 @@ void sw_memory_input(const sw_memory *memory, const sw_calibration *calibration,
 void sw_sensors_start(sw_sensors *sensors);
 
 #if SW_SENSOR_CHECK
-/* Judges a period by the memory's window. `cp` is NULL without pressures; `reading` has the pressures in units of the
- * design speed at any speed. Returns the SW_REASON_ for which the ECU must switch itself off, or SW_REASON_NONE.
+/* Checks the pressures of a period against the window in `memory`. `cp` is NULL if there are no pressures; `reading`
+ * has the pressures divided by the dynamic pressure at the design speed, at every speed of the vehicle. Returns the
+ * SW_REASON_ for which the ECU must switch itself off, or SW_REASON_NONE.
  */
 uint8_t sw_sensors_next(sw_sensors *sensors, const sw_numbers *numbers, sw_estimator_work *work, const sw_memory *memory,
                         const double *cp, const double *reading, int64_t skipped);
@@ -190,9 +197,9 @@ uint8_t sw_sensors_next(sw_sensors *sensors, const sw_numbers *numbers, sw_estim
 /* --- sw_benefit.c --- */
 
 #if SW_BENEFIT_CHECK
-/* Judges a period with these pressures; `cp` is NULL without any. `speed` is the vehicle's speed in design speeds, and
- * `drives` states whether the jets could run until now. Returns the SW_REASON_ for which the ECU must switch itself
- * off, or SW_REASON_NONE.
+/* Checks whether control helps, after a period with the pressures `cp`; `cp` is NULL if there are no pressures. `speed`
+ * is the vehicle's speed in design speeds, and `drives` states whether the jets could run until now. Returns the
+ * SW_REASON_ for which the ECU must switch itself off, or SW_REASON_NONE.
  */
 uint8_t sw_benefit_next(sw_benefit *benefit, const sw_release *release, const double *cp, double speed, int drives);
 #endif
@@ -222,7 +229,7 @@ uint8_t sw_mode_on_wire(uint8_t mode);
 
 /* --- sw_calibration.c --- */
 
-/* Returns the least and the greatest values; a release's own weights are within them. */
+/* Returns the least and the greatest permitted values; the release's own weights are within these limits. */
 void sw_calibration_bounds(const float weights[SW_TERMS], sw_calibration *low, sw_calibration *high);
 
 /* Returns the number of the first value outside its limits, counted from 1; 0 if there is none. */
@@ -231,7 +238,9 @@ int sw_calibration_beyond(const sw_calibration *values, const sw_release *releas
 /* Returns a release's own calibration in this vehicle. */
 void sw_calibration_own(const sw_release *release, sw_calibration *own);
 
-/* Returns the gate's bounds for values within their limits; they are never wider than the vehicle's. */
+/* Returns the gate's bounds that follow from values within their limits; the bounds are never wider than the
+ * vehicle's.
+ */
 sw_gate_limits sw_calibration_limits(const sw_calibration *values);
 
 /* --- sw_gate.c --- */
@@ -242,14 +251,14 @@ typedef struct {
     uint8_t interventions;
 } sw_gated;
 
-/* Limits a command. has_previous and has_pressures state whether the times next to them are valid. */
+/* Limits a command. has_previous and has_pressures state whether previous_ns and pressure_ns are valid. */
 sw_gated sw_gate(double flow_m2_per_s, int enable, double previous_m2_per_s, int has_previous, int64_t previous_ns,
                  int has_pressures, int64_t pressure_ns, int64_t now_ns, const sw_gate_limits *limits);
 
 /* --- sw_frames.c --- */
 
 /* Writes a JetCommand, and an EcuStatus of the state, as protected frames, and advances the state's counters. Returns
- * the number of frames: 0 if a key is needed and missing.
+ * the number of frames: 0 if the build needs a key and the ECU has none.
  */
 int sw_write_frames(sw_ecu_state *state, const sw_jet_command *command, uint32_t bundle_hash, int64_t now_ns,
                     sw_frame frames_out[SW_FRAMES_OUT] SW_BY_KEY(const sw_secoc *secoc));

@@ -1,4 +1,6 @@
-/* The inputs, the parameters and the state of an ECU. They are public only because the caller provides the memory. */
+/* The inputs, the parameters and the state of an ECU. These types are public only because the caller provides the
+ * memory.
+ */
 #ifndef SW_ECU_STATE_H
 #define SW_ECU_STATE_H
 
@@ -27,7 +29,9 @@
 #define SW_KEPT SW_WINDOW
 #endif
 
-/* Valid times are 0 to this limit (73 years), in ns, of one clock that never goes back. Others are a clock fault. */
+/* Valid times are 0 to this limit (73 years), in ns, of one clock that never goes back. Every other time is a clock
+ * fault.
+ */
 #define SW_LATEST_NS ((int64_t)1 << 61)
 
 /* A CAN frame; bytes beyond `length` are not read. */
@@ -84,18 +88,20 @@ typedef struct {
     uint32_t rx_errors;
 } sw_bus_health;
 
-/* The conditions around the ECU. The caller writes them before a step, never during one; they stay valid. */
+/* The conditions around the ECU. The caller writes them before a step, never during a step; the values apply until the
+ * caller changes them.
+ */
 typedef struct {
     sw_bus_health health;
     uint8_t fault;    /* SW_REASON_ for which the ECU must switch itself off, or SW_REASON_NONE */
-    uint8_t updating; /* a new release is being written: the ECU is off until a reset, as soon as no jet may run */
+    uint8_t updating; /* whether a new release is being written: once no jet may run, the ECU is off until a reset */
 } sw_surroundings;
 
 /* The state of a receiver. Counts saturate at their largest value. */
 typedef struct {
     uint8_t stream;       /* sw_stream */
     uint8_t has_counter;  /* whether a frame with a valid CRC has arrived */
-    uint8_t last_counter; /* counter of the latest such frame */
+    uint8_t last_counter; /* counter of the latest frame with a valid CRC */
     uint8_t checks;       /* number of checks in `window`, oldest first */
     uint8_t window[SW_E2E_WINDOW];
     uint32_t counts[SW_CHECKS];
@@ -110,13 +116,13 @@ typedef struct {
     uint8_t enable_request;
     uint32_t misses; /* consecutive periods without usable pressures */
     uint32_t good;   /* consecutive periods with usable pressures */
-    uint64_t lost;   /* lost periods of the latest SW_LOSS_WINDOW: one bit each, the lowest is the newest */
+    uint64_t lost;   /* lost periods among the latest SW_LOSS_WINDOW: one bit each; the lowest bit is the newest */
 } sw_fail_safe;
 
 typedef struct {
     uint8_t has_step;
     uint8_t fault; /* SW_REASON_, or SW_REASON_NONE */
-    uint32_t off_time; /* steps off time of the latest SW_DEADLINE_WINDOW: one bit each */
+    uint32_t off_time; /* steps that were off time among the latest SW_DEADLINE_WINDOW: one bit each */
     int64_t step_ns;
     int64_t lag_ns;
     int64_t skipped;
@@ -126,15 +132,15 @@ typedef struct {
 /* The rows of the latest control periods with their speeds; the last `count` rows have data, the others are zero. */
 typedef struct {
     uint32_t count;
-    double rows[SW_PAST][SW_COLUMNS]; /* rows as in the window, each in units of its own speed */
-    double speeds[SW_PAST];           /* in design speeds */
+    double rows[SW_PAST][SW_COLUMNS]; /* rows as in the window; each row is in units of the speed in its period */
+    double speeds[SW_PAST];           /* speed of each row, in design speeds */
 } sw_past;
 
 /* The vehicle's speed through the air. */
 typedef struct {
     sw_receiver receiver; /* receiver of VehicleSpeed */
-    uint8_t known;        /* whether there is an accepted speed that is not too old */
-    uint8_t is_off;       /* the speed left the range by more than the margin and has not returned into it */
+    uint8_t known;        /* whether a speed is accepted that is not too old */
+    uint8_t is_off;       /* whether the speed left the range by more than the margin and has not yet returned */
     double ratio;         /* speed divided by the design speed; 0 if unknown */
     double density;       /* density of the air in kg/m3, from the same frame */
     int64_t measured_ns;
@@ -142,11 +148,11 @@ typedef struct {
 #endif
 
 typedef struct {
-    uint32_t rows; /* number of the window's rows with data, which are the last ones */
+    uint32_t rows; /* number of the window's rows with data; these are the newest rows */
     uint32_t gap;  /* consecutive periods without pressures */
     double window[SW_WINDOW][SW_COLUMNS];
     float plan[SW_HORIZON];
-    uint32_t frozen; /* actions at the beginning of a plan that are in transit, because of the actuator's delay */
+    uint32_t frozen; /* number of a plan's first actions that are in transit, because of the actuator's delay */
     double under_way[SW_HORIZON]; /* the latest `frozen` + 1 sent actions, oldest first; then zeros */
 #if SW_PAST > 0
     sw_past past; /* source of the window */
@@ -155,7 +161,7 @@ typedef struct {
 
 /* The sensor check; each row of the arrays belongs to a hypothesis. */
 typedef struct {
-    int8_t set_aside; /* number of the excluded sensor; -1 without one */
+    int8_t set_aside; /* number of the excluded sensor; -1 if none is excluded */
     uint8_t implausible;
     uint8_t judged;   /* whether `residual` has values */
     uint8_t has_read; /* whether `readings` has values */
@@ -172,23 +178,23 @@ typedef struct {
 
 /* The benefit check; suction and swing are in units of the release's own wake without jets. */
 typedef struct {
-    uint32_t waking; /* periods with shut jets until the wake has recovered */
+    uint32_t waking; /* number of periods with shut jets that are still needed until the wake has recovered */
     uint32_t rested; /* number of periods in the means without control, up to SW_PROVEN_PERIODS */
-    uint32_t driven; /* number of periods in the means under control, up to the first that is judged */
+    uint32_t driven; /* number of periods in the means under control, up to the first period that is judged */
     uint32_t doubt;
-    uint32_t spent; /* periods of tests minus periods in which control helped, up to SW_PATIENCE */
+    uint32_t spent; /* number of periods in tests minus periods in which control helped, up to SW_PATIENCE */
     double resting_suction;
     double resting_swing;
     double suction;
     double swing;
-    double tested_at; /* speed at the beginning of the test, in design speeds; 0 without a test */
+    double tested_at; /* speed at the beginning of the test, in design speeds; 0 if no test runs */
 } sw_benefit;
 
 /* The detection of another ECU on the bus. */
 typedef struct {
     uint8_t is_there;
-    uint32_t frames;  /* number of its frames so far */
-    int64_t until_ns; /* time at which it counts as gone */
+    uint32_t frames;  /* number of the other ECU's frames so far */
+    int64_t until_ns; /* time at which the other ECU counts as gone */
 } sw_other_ecu;
 
 /* The whole state from one control period to the next. */
@@ -203,11 +209,11 @@ typedef struct {
     sw_fail_safe fail_safe;
     sw_timing timing;
     sw_other_ecu other_ecu;
-    uint8_t command_counter; /* counter of the next frame */
+    uint8_t command_counter; /* counter of the next JetCommand */
     uint8_t status_counter;
     uint8_t has_pressures;    /* whether usable pressures have arrived */
     uint8_t pressure_counter; /* counter of the frame with the latest usable pressures */
-    int64_t pressure_ns;      /* time at which they were sampled */
+    int64_t pressure_ns;      /* time at which the latest usable pressures were sampled */
     uint32_t overruns;        /* number of skipped periods */
     uint32_t missed;          /* number of steps without usable pressures */
     sw_bus_health health;
@@ -218,7 +224,7 @@ typedef struct {
 
 /* The parameters of a release except those of its controller and its sensor estimator; read in place. */
 typedef struct {
-    double fast_deviation[SW_SENSORS][SW_SENSORS]; /* of healthy residuals in Cp: sensor i without sensor j */
+    double fast_deviation[SW_SENSORS][SW_SENSORS]; /* deviation in Cp of healthy residuals of sensor i without j */
     double slow_deviation[SW_SENSORS][SW_SENSORS]; /* as fast_deviation, for the slow means of the residuals */
     double resting[SW_RESTING_SPEEDS][3]; /* the wake without jets: speed, base and swing in Cp */
     double slowest;                       /* lowest speed in the release's range, in design speeds */
@@ -254,8 +260,8 @@ typedef struct {
 typedef struct {
     uint8_t key[SW_AES_BYTES];
     uint32_t trip;           /* number of power cycles, including this one; already counted in non-volatile memory */
-    uint64_t heard_pressure; /* freshness value accepted in earlier power cycles; 0 for none */
-    uint64_t heard_speed;    /* the same for VehicleSpeed, if the release needs the message */
+    uint64_t heard_pressure; /* freshness value of a Pressure accepted in earlier power cycles; 0 if there is none */
+    uint64_t heard_speed;    /* freshness value of a VehicleSpeed, if the release needs the message */
 } sw_authentication;
 #endif
 
@@ -269,7 +275,7 @@ typedef struct {
 typedef struct {
     double action; /* sent action, in U_inf W */
     uint8_t interventions;
-    uint8_t planned; /* whether `output` belongs to this step; its unit is that of the present speed */
+    uint8_t planned; /* whether `output` belongs to this step; `output` is in units of the present speed */
 } sw_trace;
 
 /* Scratch memory of parts that never run at the same time. */
@@ -283,7 +289,7 @@ typedef union {
 typedef struct {
     sw_ecu_state state; /* the first member, so that it can be saved and compared by itself */
     sw_surroundings surroundings;
-    sw_calibration calibration; /* values in force; only sw_ecu_calibrate changes them */
+    sw_calibration calibration; /* values in force; only sw_ecu_calibrate changes these values */
     sw_gate_limits limits;      /* bounds of the gate that follow from the calibration */
     uint8_t unfit;              /* SW_REASON_ why the jets have stayed shut since power-on, or SW_REASON_NONE */
     sw_trace trace;

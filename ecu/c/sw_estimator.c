@@ -1,10 +1,11 @@
-/* Estimates of each pressure from the other pressures, for all views of a window (contract/controller/estimator.py).
+/* Estimates of each pressure from the other pressures, for all views of a window. A view leaves out sensors or
+ * exchanges two sensors (contract/controller/estimator.py).
  *
- * The first layer is linear in the window's columns, so the views share its products: each column is multiplied once,
- * in integers, for each place that it has in some view, and a view's input to the first ReLU is a sum of such products.
- * Activations are int16: readings in units of 1 / SW_ESTIMATOR_ONE, hidden ones in units of 1 / SW_INT16_QMAX of the
- * largest in their vector. Both products are exact, and all other operations have a fixed order, so that all processors
- * give equal bits.
+ * The first layer is linear in the window's columns, so the views share the products of this layer: each column is
+ * multiplied once, in integers, for each place that the column has in a view, and a view's input to the first ReLU is a
+ * sum of these products. Activations are int16: readings in units of 1 / SW_ESTIMATOR_ONE, hidden activations in units
+ * of 1 / SW_INT16_QMAX of the largest activation in their vector. The products of both layers are exact, and all other
+ * operations have a fixed order, so that all processors give equal bits.
  */
 #include "sw_ecu_settings.h"
 #include "sw_exact.h"
@@ -13,7 +14,7 @@
 
 #include "sw_estimator.h"
 
-/* Largest number of columns of a product, for sw_dots.h. */
+/* Largest number of columns of a matrix, for sw_dots.h. */
 #define SW_DOTS_COLUMNS SW_ESTIMATOR_LONGEST
 #include "sw_dots.h"
 
@@ -31,7 +32,7 @@
 #define ONCE
 #endif
 
-/* Rounds the window to work->readings. Rows before `first` equal it. */
+/* Rounds the window to work->readings. Rows before row `first` are set equal to row `first`. */
 static void take_readings(sw_estimator_work *work, const double window[SW_WINDOW][SW_COLUMNS], int first)
 {
     for (int r = 0; r < SW_ESTIMATOR_ROWS; r++) {
@@ -40,7 +41,7 @@ static void take_readings(sw_estimator_work *work, const double window[SW_WINDOW
     }
 }
 
-/* Computes a place's first-layer product with a window's column, in work->sums. */
+/* Computes the product of a window's column with the first-layer weights of a place, in work->sums. */
 ONCE static void product_of(sw_estimator_work *work, int place, int column)
 {
     const sw_estimator_weights *w = work->weights;
@@ -52,7 +53,7 @@ ONCE static void product_of(sw_estimator_work *work, int place, int column)
     sw_dots(work->sums, w->column_rows[place], work->vector, SW_ESTIMATOR_WIDTH, SW_ESTIMATOR_ROWS);
 }
 
-/* Computes the change of the sums if a sensor is left out; work->sums has the product of its column. */
+/* Computes the change of the sums if a sensor is left out; work->sums has the product of the sensor's column. */
 ONCE static void left_out(const sw_estimator_work *work, int sensor, int32_t out[SW_ESTIMATOR_WIDTH])
 {
     const sw_estimator_weights *w = work->weights;
@@ -88,8 +89,8 @@ ONCE static void exchanged(sw_estimator_work *work, int one, int other)
     }
 }
 
-/* Computes the second layer's values from the first layer's in work->values, both after their ReLU; `largest` is the
- * largest of the first layer's.
+/* Computes the second layer's values from the first layer's values in work->values, both after the ReLU; `largest` is
+ * the largest of the first layer's values.
  */
 static void second_layer(sw_estimator_work *work, float largest)
 {
@@ -106,7 +107,9 @@ static void second_layer(sw_estimator_work *work, float largest)
     }
 }
 
-/* Computes the hidden layers of a view: the sums, plus the change for a sensor left out. */
+/* Computes the hidden layers of a view from the sums of the first layer plus the change for the sensor that is left
+ * out.
+ */
 ONCE static void hidden_layers(sw_estimator_work *work, const int32_t *sums, const int32_t *out)
 {
     const sw_estimator_weights *w = work->weights;
@@ -120,7 +123,9 @@ ONCE static void hidden_layers(sw_estimator_work *work, const int32_t *sums, con
     second_layer(work, largest);
 }
 
-/* Computes the last layer for one sensor, in Cp. With four sums an addition need not wait for the one before. */
+/* Computes the last layer for one sensor, in Cp. The code adds four sums side by side, so that an addition need not
+ * wait for the previous addition.
+ */
 ONCE static double last_layer(const sw_estimator_work *work, int sensor)
 {
     const sw_estimator_weights *w = work->weights;

@@ -18,10 +18,12 @@ typedef struct sw_estimator_weights {
     SW_ALIGNED float mean[SW_SENSORS + 1];
     SW_ALIGNED float factor[SW_SENSORS + 1];
 
-    /* First layer: a matrix for the rows of each column, and the flag of each sensor. */
+    /* First layer: one weight matrix for each column of the window, and the weights of each sensor's flag, which is 1
+     * if the sensor is left out.
+     */
     SW_ALIGNED int8_t column_rows[SW_SENSORS + 1][SW_ESTIMATOR_WIDTH * SW_ESTIMATOR_ROWS + SW_AHEAD];
     SW_ALIGNED int8_t flags[SW_SENSORS][SW_ESTIMATOR_WIDTH];
-    SW_ALIGNED float first_scale[SW_ESTIMATOR_WIDTH]; /* scale of an integer */
+    SW_ALIGNED float first_scale[SW_ESTIMATOR_WIDTH]; /* value of one unit of the sum */
     SW_ALIGNED float first_bias[SW_ESTIMATOR_WIDTH];
 
     SW_ALIGNED int8_t second_rows[SW_ESTIMATOR_WIDTH * SW_ESTIMATOR_WIDTH + SW_AHEAD];
@@ -36,13 +38,13 @@ typedef struct sw_estimator_weights {
 
 extern const sw_estimator_weights sw_own_estimator; /* compiled in */
 
-/* Scratch memory. Sums are the first layer's, in integers: a reading or a flag of 1 is SW_ESTIMATOR_ONE. */
+/* Scratch memory. Sums are those of the first layer, in integers: a reading or a flag of 1 is SW_ESTIMATOR_ONE. */
 typedef struct {
     const sw_estimator_weights *weights;         /* the network in use */
-    int32_t all[SW_ESTIMATOR_WIDTH];             /* sum of every column in its place, without flags */
-    int32_t crossed[SW_ESTIMATOR_WIDTH];         /* the sum with two readings exchanged, or without a sensor */
-    int32_t out[SW_SENSORS][SW_ESTIMATOR_WIDTH]; /* change of the sum without a sensor: its flag minus its column */
-    int32_t crossed_out[SW_SENSORS][SW_ESTIMATOR_WIDTH]; /* the change with two readings exchanged */
+    int32_t all[SW_ESTIMATOR_WIDTH];             /* sum of all columns' products, each in its own place, no flags */
+    int32_t crossed[SW_ESTIMATOR_WIDTH];         /* that sum with two readings exchanged, or without a sensor */
+    int32_t out[SW_SENSORS][SW_ESTIMATOR_WIDTH]; /* change of the sum without a sensor: flag minus column */
+    int32_t crossed_out[SW_SENSORS][SW_ESTIMATOR_WIDTH]; /* change of the sum `crossed` if a sensor is left out */
     int32_t sums[SW_ESTIMATOR_WIDTH];
     float readings[SW_COLUMNS][SW_ESTIMATOR_ROWS]; /* columns of the window */
     float values[SW_ESTIMATOR_WIDTH];
@@ -50,9 +52,10 @@ typedef struct {
     double estimates[SW_SENSORS + SW_SENSORS * (SW_SENSORS - 1) / 2][SW_SENSORS]; /* the result of sw_estimate */
 } sw_estimator_work;
 
-/* Estimates the newest pressures, in Cp, by every hypothesis, into work->estimates: entry [h][i] is the estimate for
- * sensor i in the view of hypothesis h. Row j < SW_SENSORS leaves out the sensors j and i; row SW_SENSORS + p exchanges
- * the p-th pair and leaves out i. The window has data from row `first` on. Estimates are always finite.
+/* Estimates the newest pressures, in Cp, under every hypothesis, into work->estimates: entry [h][i] is the estimate for
+ * sensor i under hypothesis h. The estimates of row j < SW_SENSORS leave out the sensors j and i; those of row
+ * SW_SENSORS + p exchange the p-th pair of sensors and leave out sensor i. The window has data from row `first` on.
+ * Estimates are always finite.
  */
 void sw_estimate(sw_estimator_work *work, const sw_estimator_weights *weights,
                  const double window[SW_WINDOW][SW_COLUMNS], int first);

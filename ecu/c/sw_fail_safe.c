@@ -1,15 +1,15 @@
 /* The fail-safe: one table of states and transitions, which decides on the ECU's mode in each control period.
  *
- * The rows are searched from the first on. A period takes the first row that starts at the present mode and whose
- * condition holds. This file corresponds to ecu/fail_safe.py, with the same rows, order and names.
+ * The rows are searched from the first on. A period takes the first row that lists the present mode as a start and
+ * whose condition is true. This file corresponds to ecu/fail_safe.py, with the same rows, order and names.
  */
 #include "sw_counts.h"
 #include "sw_ecu_parts.h"
 
 typedef enum {
     ALWAYS,
-    UPDATING,  /* a release is being written */
-    OWN_FAULT, /* clock, deadline, bus-off, sensors, another ECU, controller */
+    UPDATING,  /* a new release is being written */
+    OWN_FAULT, /* a fault of clock, deadline, bus, sensors or controller, or another ECU */
     REARMED,   /* the request rises with usable pressures, SW_REARM_FRAMES or more in a row */
     REARMED_FILLING,
     LOW,            /* control is not requested */
@@ -18,10 +18,10 @@ typedef enum {
     STANDING,       /* usable pressures, and the request has not changed from low to high */
     INVALID,        /* the stream is not trusted */
     TOO_LONG,       /* more consecutive periods missing than hold and decay periods */
-    TOO_MANY,       /* SW_LOSS_LIMIT of the last SW_LOSS_WINDOW periods missing, including this one */
+    TOO_MANY,       /* SW_LOSS_LIMIT of the latest SW_LOSS_WINDOW periods missing, including this one */
     FILLING,        /* the window is not full, the speed is out of the release's range, or a test runs */
     USABLE,         /* usable pressures */
-    SHORT           /* at most as many consecutive periods missing as hold periods */
+    SHORT           /* the number of consecutive missing periods is at most that of hold periods */
 } condition;
 
 typedef enum {
@@ -29,20 +29,20 @@ typedef enum {
     QUIET, /* no reason; NOT_AUTHENTIC if no frame is authentic */
     WRITING,
     STANDS,  /* NOT_ARMED; NOT_AUTHENTIC if no frame is authentic */
-    MISSING, /* why pressures are missing; no reason if they are not */
-    WAITING, /* as MISSING; OFF_SPEED at a speed out of range, NOT_HELPING in a test */
+    MISSING, /* reason why pressures are missing; no reason if none are missing */
+    WAITING, /* like MISSING; OFF_SPEED at a speed out of range, NOT_HELPING in a test */
     OWN,     /* reason of the ECU's own fault */
     FIRST    /* the reason of the first fault stays */
 } because;
 
 typedef struct {
-    uint16_t start; /* modes at which the row starts, one bit each */
-    uint8_t when;   /* condition */
+    uint16_t start; /* modes in which the row's transition may be taken, one bit each */
+    uint8_t when;   /* condition of the transition */
     uint8_t to;     /* sw_operating_mode */
-    uint8_t reason; /* because */
+    uint8_t reason; /* because: origin of the reason */
 } transition;
 
-/* The data for the conditions: one period's inputs, and the counts up to this period. */
+/* The data that the conditions need: one period's inputs, and the counts up to this period. */
 typedef struct {
     const sw_period_inputs *inputs;
     uint8_t request;
@@ -71,13 +71,13 @@ static const transition transitions[] = {
     {INIT | STANDBY | ARMED | WARMUP | FAULT, UPDATING, SW_UPDATE, WRITING},
     {INIT | STANDBY | ARMED | WANTED, OWN_FAULT, SW_FAULT, OWN},
     {FAULT, OWN_FAULT, SW_FAULT, FIRST},
-    /* Power-on without a request. */
+    /* Power-on, while control is not requested. */
     {INIT, NEVER_YET, SW_INIT, QUIET},
     {INIT, LOW_AND_USABLE, SW_ARMED, QUIET},
     {INIT, STANDING, SW_STANDBY, STANDS},
     {STANDBY | ARMED | WANTED, LOW, SW_ARMED, QUIET},
     {STANDBY, ALWAYS, SW_STANDBY, STANDS},
-    /* The request rises, or control is requested already. */
+    /* The request rises, or control is already requested. */
     {INIT | ARMED | WANTED, INVALID, SW_FAULT, MISSING},
     {INIT | ARMED | WANTED, TOO_LONG, SW_FAULT, MISSING},
     {INIT | ARMED | WANTED, TOO_MANY, SW_FAULT, MISSING},
@@ -86,7 +86,7 @@ static const transition transitions[] = {
     {ARMED | WANTED, USABLE, SW_CONTROL, NO_REASON},
     {ARMED | WARMUP | CONTROL | HOLD, SHORT, SW_HOLD, MISSING},
     {ARMED | WANTED, ALWAYS, SW_DECAY, MISSING},
-    /* A latched fault. */
+    /* After a latched fault. */
     {FAULT, REARMED_FILLING, SW_WARMUP, WAITING},
     {FAULT, REARMED, SW_CONTROL, NO_REASON},
     {FAULT, ALWAYS, SW_FAULT, FIRST},
@@ -100,7 +100,8 @@ static uint8_t missing(const period *now)
     return now->inputs->usable ? (uint8_t)SW_REASON_NONE : now->inputs->unusable_because;
 }
 
-/* Returns NOT_AUTHENTIC if no frame of the vehicle is authentic, since its request is then ignored; otherwise `reason`.
+/* Returns NOT_AUTHENTIC if no frame of the vehicle is authentic, since the vehicle's request is then ignored; otherwise
+ * returns `reason`.
  */
 static uint8_t unless_refused(const period *now, uint8_t reason)
 {
@@ -169,7 +170,7 @@ static int holds(uint8_t when, const period *now)
         result = now->misses <= SW_HOLD_PERIODS;
         break;
     default:
-        break; /* ALWAYS */
+        break; /* condition ALWAYS */
     }
     return result;
 }
@@ -205,7 +206,9 @@ static uint8_t reason_of(uint8_t because_of, const period *now)
     return reason;
 }
 
-/* Returns the row for a period. It always exists, since each mode has a row whose condition always holds. */
+/* Returns the row for a period. There is always such a row, since each mode has a row whose condition is always
+ * true.
+ */
 static const transition *taken(uint8_t mode, const period *now)
 {
     for (int row = 0; row < LAST; row++) {
@@ -243,7 +246,7 @@ void sw_fail_safe_next(sw_fail_safe *fail_safe, const sw_period_inputs *inputs)
     now.request = inputs->has_request ? inputs->enable_request : fail_safe->enable_request;
     now.rises = now.request && !fail_safe->enable_request;
     if (inputs->usable) {
-        /* Good frames count for re-arming only from the last period with a fault of the ECU itself on. */
+        /* Good frames count for re-arming only from the latest period with a fault of the ECU itself on. */
         now.good = inputs->fault == SW_REASON_NONE ? sw_counted(fail_safe->good, 1) : 1u;
     } else {
         now.misses = sw_counted(fail_safe->misses, 1);

@@ -1,15 +1,15 @@
 /* The command gate: the last check before a jet command is sent. It does not trust the controller.
  *
- * The jets are shut at once without permission, without a finite number, if the clock has not advanced, or without a
- * fresh pressure, checked in this order. Otherwise the command is limited to its range and then to one step from the
- * previous command. Zero is the safe state, so the step limit never slows down a shut-off. This file corresponds to
- * can_bridge/command_gate.py.
+ * The jets are shut at once in four cases, checked in this order: there is no permission, the command is not a finite
+ * number, the clock has not advanced, or there is no fresh pressure. Otherwise the command is limited to its range, and
+ * then to one step from the previous command. Zero is the safe state, so the step limit never slows down a shut-off.
+ * This file corresponds to can_bridge/command_gate.py.
  */
 #include <float.h>
 
 #include "sw_ecu_parts.h"
 
-/* Return the smaller or the larger number as Python does: the first one if both are equal or one is NaN. */
+/* Return the smaller or the larger number as Python does: the first number if both are equal or one is NaN. */
 static double smaller(double a, double b) { return b < a ? b : a; }
 static double larger(double a, double b) { return b > a ? b : a; }
 
@@ -17,7 +17,7 @@ static double clamp(double value, double low, double high) { return smaller(larg
 
 static int is_finite(double value) { return value >= -DBL_MAX && value <= DBL_MAX; }
 
-/* Returns the time between any two times, if `to` is not the earlier one. */
+/* Returns the time between any two times, if `to_ns` is not earlier than `from_ns`. */
 static uint64_t elapsed_ns(int64_t from_ns, int64_t to_ns) { return (uint64_t)to_ns - (uint64_t)from_ns; }
 
 static sw_gated shut(uint8_t why)
@@ -26,7 +26,9 @@ static sw_gated shut(uint8_t why)
     return gated;
 }
 
-/* Returns the largest change from the previous command: after less than a period it is smaller in proportion. */
+/* Returns the largest change from the previous command: if less than a period has passed, the change is smaller in
+ * proportion.
+ */
 static double largest_change(double step_m2_per_s, int has_previous, int64_t previous_ns, int64_t now_ns)
 {
     double share = 1.0;
@@ -37,7 +39,9 @@ static double largest_change(double step_m2_per_s, int has_previous, int64_t pre
     return step_m2_per_s * share;
 }
 
-/* Returns whether the pressures are fresh. Old ones still justify a command between the previous one and zero. */
+/* Returns whether the pressures are fresh. Older pressures still justify a command between the previous command and
+ * zero.
+ */
 static int is_fresh(double flow_m2_per_s, double previous_m2_per_s, int64_t pressure_ns, int64_t now_ns)
 {
     const int towards_zero = smaller(0.0, previous_m2_per_s) <= flow_m2_per_s &&

@@ -1,16 +1,18 @@
-/* Finds the parameters in an image, and checks that each index and bound among them is valid. */
+/* The functions that find the parameters in an image, and check that each index and bound among them is valid. */
 #include "sw_image.h"
 
 #include <stddef.h>
 
-#define LENGTH 8 /* place of the image's length, 4 bytes */
+#define LENGTH 8 /* offset of the image's length, which has 4 bytes */
 #define LAYOUT 48
 
 #define BOUNDARY 64u /* the largest alignment of any member */
 
 const uint8_t sw_layout_sha256[32] = SW_LAYOUT_SHA256;
 
-/* Limits of numbers in a payload: `groups` of `run` numbers each, `stride` bytes apart, beginning at `place`. */
+/* Limits of some numbers in a payload: there are `groups` groups of `run` numbers each, `stride` bytes apart; the first
+ * group begins at the offset `place`.
+ */
 typedef struct {
     uint32_t place, run;
     uint16_t groups, stride;
@@ -51,7 +53,7 @@ static int are_within(const void *values, const sw_limits *of)
     if (of->type == UINT8) return uint8_within((const uint8_t *)values, of->run, of->least, of->most);
     if (of->type == INT32) return int32_within((const int32_t *)values, of->run, of->least, of->most);
     if (of->type == FLOAT) return float_within((const float *)values, of->run, of->least, of->most);
-    return double_within((const double *)values, of->run, of->least, of->most); /* DOUBLE */
+    return double_within((const double *)values, of->run, of->least, of->most); /* the type DOUBLE */
 }
 
 /* --- Limits of several numbers together --- */
@@ -99,7 +101,7 @@ static int can_run(const sw_payload *payload)
 
 sw_image_status sw_image_open(const uint8_t *image, sw_numbers *numbers)
 {
-    /* A text of the layout follows the parameters, for tools. */
+    /* A text that describes the layout, for tools, follows the parameters. */
     uint32_t differing = length_of(image) < SW_IMAGE_HEADER + sizeof(sw_payload) ? 1u : 0u;
     for (int i = 0; i < 32; i++) differing |= (uint32_t)image[LAYOUT + i] ^ (uint32_t)sw_layout_sha256[i];
     if (differing != 0u) return SW_IMAGE_OTHER_BUILD;

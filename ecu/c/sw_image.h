@@ -16,8 +16,8 @@ extern "C" {
 
 #define SW_IMAGE_HEADER 512
 
-/* The parameters of a release: little-endian, in the compiler's layout. Every compiler uses the same layout, which the
- * image's writer uses too (sw_own_layout.c compares them).
+/* The parameters of a release: little-endian, in the compiler's layout. Every compiler uses the layout of the image's
+ * writer (sw_own_layout.c compares both layouts).
  */
 typedef struct {
     sw_release release;
@@ -32,17 +32,17 @@ typedef struct {
 
 typedef enum {
     SW_IMAGE_OK = 0,
-    SW_IMAGE_OTHER_BUILD = 1, /* its layout or its length is not that of this build */
-    SW_IMAGE_MISALIGNED = 2,  /* its address is not a multiple of 64 bytes */
-    SW_IMAGE_BAD_NUMBERS = 3  /* a number is NaN, or an index or a bound out of its limits */
+    SW_IMAGE_OTHER_BUILD = 1, /* the image's layout or length is not that of this build */
+    SW_IMAGE_MISALIGNED = 2,  /* the image's address is not a multiple of 64 bytes */
+    SW_IMAGE_BAD_NUMBERS = 3  /* a number is NaN, or an index or a bound is outside its limits */
 } sw_image_status;
 
 /* SHA-256 of this build's layout: sizes and types of all parameters, and the settings on which they depend. */
 extern const uint8_t sw_layout_sha256[32];
 
-/* Returns the addresses of a verified image's parameters, for sw_ecu_init_of. They are written only if the answer is
- * SW_IMAGE_OK: every number is checked once, so that none leads outside an array and no divisor is 0. A board may then
- * copy *numbers->program.hot to faster memory, and point there.
+/* Returns the addresses of a verified image's parameters, for sw_ecu_init_of. The addresses are written only if the
+ * answer is SW_IMAGE_OK. Every number is checked once, so that no index leads outside an array and no divisor is 0. A
+ * board may then copy *numbers->program.hot to faster memory, and let the pointer point to the copy.
  */
 sw_image_status sw_image_open(const uint8_t *image, sw_numbers *numbers);
 

@@ -1,5 +1,7 @@
-/* The check of exact arithmetic: the known answer of float, that of double, and no contraction. */
-/* This header is first: it also switches contraction off for the checks of sw_arithmetic.h. */
+/* The check of exact arithmetic: the known answers of float and double, and a test that the build contracts no
+ * operations.
+ */
+/* This header is first: it also switches off contraction for the checks of sw_arithmetic.h. */
 #include "sw_exact.h"
 
 #include "sw_arithmetic.h"
@@ -23,7 +25,7 @@ static int double_is_right(void)
     return right && !(none <= most) && !(infinite <= most);
 }
 
-/* Makes the check of float in double as well. */
+/* Repeats in double the check that sw_arithmetic.h makes in float. */
 static int is_fused(void)
 {
     const double whole = unknown(1.0), up = unknown(1.0000000074505806), down = unknown(0.99999999254941940);

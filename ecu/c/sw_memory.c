@@ -1,9 +1,9 @@
 /* The memory of the controller from one period to the next: window, plan and actions in transit.
  *
  * The window's row at period k is (Cp_k, a_{k-1}): the present pressures, and the action in force when they were
- * sampled. In a release for a range of speeds the window is resampled from a past; pressures, actions and plan are in
- * units of the present speed, while actions sent and in transit are in units of the design speed. This file corresponds
- * to ecu/controller_memory.py.
+ * sampled. In a release for a range of speeds the window is resampled from a record of past periods; pressures, actions
+ * and plan are in units of the present speed, while actions that were sent or are in transit are in units of the design
+ * speed. This file corresponds to ecu/controller_memory.py.
  */
 #include "sw_ecu_parts.h"
 
@@ -82,8 +82,9 @@ void sw_memory_commanded(sw_memory *memory, double action)
 }
 
 /* Sent actions do not change, but the time at which they act does: the latest actions are in transit, and a row of the
- * window has the action that was in force under the new delay. An action older than the oldest row is replaced by that
- * row's. The plan is shifted, so that its action for the next period stays the same. A past begins again.
+ * window has the action that was in force under the new delay. If a row would need an action older than that of the
+ * oldest row, it gets the oldest row's action. The plan is shifted, so that its action for the next period does not
+ * change. A record of past periods begins again.
  */
 void sw_memory_freeze(sw_memory *memory, int frozen)
 {
@@ -117,7 +118,7 @@ void sw_memory_with_column(sw_memory *memory, int sensor, const double values[SW
 {
 #if SW_PAST > 0
     for (int k = SW_PAST - (int)memory->past.count; k < SW_PAST; k++) memory->past.rows[k][sensor] = values[k][sensor];
-    /* The other columns are still those of the past, as soon as there is a row. */
+    /* If the window has a row, its other columns are already resampled from the past. */
     const int is_new = memory->rows == 0u;
     memory->rows = sw_past_read(&memory->past, memory->window, is_new ? 0 : sensor, is_new ? SW_SENSORS : sensor);
 #else
@@ -136,8 +137,9 @@ void sw_memory_input(const sw_memory *memory, const sw_calibration *calibration,
         input->plan[k] = memory->plan[k];
         input->free[k] = k < frozen ? 0.0f : 1.0f;
     }
-    /* The control step shifts the plan by a step. Its first actions are then in transit to a delayed actuator, so they
-     * are replaced by the sent actions, which include the effects of gate, hold and resolution.
+    /* The control step shifts the plan by a step. The plan's first actions are then in transit to a delayed actuator.
+     * They are replaced by the actions that were sent, which include the effects of the gate, of holding a command and
+     * of the message's resolution.
      */
     for (int k = 1; k <= frozen; k++) {
         const double sent = memory->under_way[k] / speed;

@@ -1,4 +1,4 @@
-/* The past at another speed: rows of control periods, resampled at steps of one convective time each. This file
+/* The rows of past control periods, resampled for the present speed at steps of one convective time each. This file
  * corresponds to contract/controller/resampling.py, and to Past in ecu/controller_memory.py, which give the reasons.
  */
 #include "sw_ecu_parts.h"
@@ -36,7 +36,7 @@ void sw_past_extend(sw_past *past, const double row[SW_COLUMNS], double speed)
 uint32_t sw_past_read(const sw_past *past, double window[SW_WINDOW][SW_COLUMNS], int first, int last)
 {
     const int oldest = SW_PAST - (int)past->count;
-    int at = SW_PAST - 1; /* index of the row at or after the time of a step */
+    int at = SW_PAST - 1; /* index of the oldest row at or after the time of a step */
     double age = 0.0;     /* age of that row, in steps */
     double steps = 0.0;
     uint32_t rows = 0;
@@ -45,7 +45,7 @@ uint32_t sw_past_read(const sw_past *past, double window[SW_WINDOW][SW_COLUMNS],
             age += past->speeds[at];
             at--;
         }
-        /* This is false if the stored periods do not reach back to this step. */
+        /* False if the stored periods do not reach back to this step. */
         const int is_there = at > oldest || (at == oldest && age >= steps);
         const double share = is_there ? (steps - age) / past->speeds[at] : 0.0;
         const int older = share > 0.0 ? at - 1 : at;

@@ -5,7 +5,9 @@
  */
 #include "sw_ecu_parts.h"
 
-/* Returns whether a frame has the message's 11-bit identifier; an equal 29-bit identifier belongs to another node. */
+/* Returns whether a frame has the message's 11-bit identifier; a 29-bit identifier with an equal number belongs to
+ * another node.
+ */
 static int is_of(const sw_message *message, const sw_frame *frame)
 {
     return frame->id == message->id && !frame->is_extended;
@@ -63,7 +65,7 @@ static int count_of(const sw_receiver *receiver, sw_check check)
     return count;
 }
 
-/* Updates the stream's state and the window by one period's check. */
+/* Updates the stream's state and the window with one period's check. */
 static void advance(sw_receiver *receiver, sw_check period)
 {
     if (receiver->stream == SW_NODATA) {

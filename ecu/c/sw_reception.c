@@ -17,7 +17,7 @@ int sw_is_fresh(int64_t timestamp_ns, int64_t age_ns, int64_t now_ns, int64_t ol
 }
 
 #if SW_SECOC
-/* Returns whether a pressure frame arrived: if none was accepted, none was authentic. */
+/* Returns whether a pressure frame arrived. If frames arrived and none was accepted, none was authentic. */
 static int came(const sw_frame *frames, int count)
 {
     int any = 0;
@@ -55,7 +55,7 @@ void sw_reception(sw_received *received, sw_receiver *receiver, const sw_frame *
     if (frame == NULL) return;
     sw_parse_pressure(frame->data, &pressure);
     if (receiver->stream != SW_VALID) {
-        /* Only a trusted stream can request control; any good frame can end the request. */
+        /* Only a trusted stream can request control; any frame with a good check can end the request. */
         received->has_request = (uint8_t)!pressure.enable_request;
         return;
     }
@@ -117,7 +117,7 @@ static uint32_t heard_of_other(const sw_frame *frames, int count SW_BY_KEY(const
     return heard;
 }
 
-/* Both ECUs keep the jets shut until the other one has been silent for SW_SILENCE_NS. */
+/* Both ECUs keep the jets shut until the other ECU has been silent for SW_SILENCE_NS. */
 void sw_other_ecu_next(sw_other_ecu *other, const sw_frame *frames, int count,
                        int64_t step_ns SW_BY_KEY(const sw_secoc *secoc))
 {
@@ -130,6 +130,6 @@ void sw_other_ecu_next(sw_other_ecu *other, const sw_frame *frames, int count,
         other->is_there = 0;
         other->until_ns = 0;
     } else {
-        /* The other ECU may only have lost the bus. */
+        /* The other ECU may only have lost its connection to the bus. */
     }
 }

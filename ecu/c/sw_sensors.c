@@ -36,13 +36,13 @@ void sw_sensors_start(sw_sensors *sensors)
 #define FLAT_ROWS SW_FLAT_PERIODS
 #endif
 
-/* Evidence, relative to the values of healthy sensors. */
+/* Evidence for errors of the sensors, relative to the values of healthy sensors. */
 typedef struct {
-    double liar[SW_SENSORS]; /* that this sensor reads wrongly and the others do not */
-    double bias[SW_SENSORS]; /* as `liar`, from the slow means */
-    double swap;             /* that two sensors are exchanged: the largest of all pairs */
-    double doubt;            /* that the sensors in use disagree */
-    double drift;            /* as `doubt`, from the slow means, for any sensor that may be left out */
+    double liar[SW_SENSORS]; /* evidence that this sensor reads wrongly and the others do not */
+    double bias[SW_SENSORS]; /* like `liar`, from the slow means */
+    double swap;             /* evidence that two sensors are exchanged: the largest of all pairs */
+    double doubt;            /* evidence that the sensors in use disagree */
+    double drift;            /* like `doubt`, from the slow means, whichever sensor is left out */
 } levels;
 
 static double square(double value) { return value * value; }
@@ -67,10 +67,12 @@ static double others_mean(const double values[SW_SENSORS], int own)
     return (sum - values[own]) / (double)(SW_SENSORS - 1);
 }
 
-/* Returns the row of deviations: for an exchange the sensor's own row, since all others estimate it. */
+/* Returns the row of deviations for a hypothesis. For an exchange it is the sensor's own row, since all other sensors
+ * estimate this sensor.
+ */
 static int row_of(int hypothesis, int sensor) { return hypothesis < SW_SENSORS ? hypothesis : sensor; }
 
-/* Repeats the newest estimates in one more row, and in one for each skipped period. */
+/* Repeats the newest estimates in one more row for this period, and in one row for each skipped period. */
 static void prolong(sw_sensors *sensors, int64_t skipped)
 {
     const int rows = skipped < SW_KEPT ? (int)skipped + 1 : SW_KEPT;
@@ -91,7 +93,7 @@ static void count_flat(sw_sensors *sensors, const double *reading)
     sensors->has_read = 1;
 }
 
-/* Updates the running means of a hypothesis by one more residual of each sensor. */
+/* Updates the running means of a hypothesis with one more residual of each sensor. */
 static void average(sw_sensors *sensors, const sw_release *release, int h, const double readings[SW_SENSORS],
                     const double estimates[SW_SENSORS])
 {
@@ -110,7 +112,9 @@ static void average(sw_sensors *sensors, const sw_release *release, int h, const
     }
 }
 
-/* Updates all hypotheses: each sensor may read wrongly; each pair may be exchanged, then compared crosswise. */
+/* Updates all hypotheses: each sensor may read wrongly, and each pair may be exchanged, in which case its readings are
+ * compared crosswise.
+ */
 static void average_all(sw_sensors *sensors, const sw_release *release, const double cp[SW_SENSORS],
                         const sw_estimator_work *work)
 {
@@ -129,7 +133,7 @@ static void average_all(sw_sensors *sensors, const sw_release *release, const do
     sensors->judged = 1;
 }
 
-/* Returns a sensor's entry in a row of values, relative to the entries of the others. */
+/* Returns a sensor's entry in a row of values, relative to the entries of the other sensors. */
 static double alone_in(const double values[SW_SENSORS], int own)
 {
     return values[own] / (1.0 + others_mean(values, own));
@@ -169,7 +173,7 @@ static levels levels_of(const sw_sensors *sensors, const sw_release *release)
     return found;
 }
 
-/* Returns the range of a column of the window from row `first` on. */
+/* Returns the difference between the largest and the smallest value in a column of the window from row `first` on. */
 static double moved(const double window[SW_WINDOW][SW_COLUMNS], int first, int column)
 {
     double least = window[first][column], most = least;
@@ -189,8 +193,8 @@ static double sound_deviation(const sw_release *release)
     return mean_of(sound);
 }
 
-/* Returns whether the median of the other pressures shows a flow in the periods in which this sensor was stuck. Rows
- * before row `first` are taken to be equal to it.
+/* Returns whether the median of the other pressures moved, as in a flow, in the periods in which this sensor was stuck.
+ * Rows before row `first` are taken to be equal to row `first`.
  */
 static int others_move(const sw_release *release, int resting, const double window[SW_WINDOW][SW_COLUMNS], int first)
 {
@@ -214,7 +218,7 @@ static int any_alike(const sw_release *release, const double window[SW_WINDOW][S
             const int in_use = i != set_aside && j != set_aside;
             double sum = in_use ? 0.0 : 2.0 * most + 1.0;
             for (int k = 0; k < SW_WINDOW; k++) {
-                if (sum > most) break; /* the sum only grows */
+                if (sum > most) break; /* the sum can only grow */
                 sum += square(window[k][i] - window[k][j]);
             }
             if (sum <= most && moved(window, 0, i) >= SW_COPIED * sound) alike = 1;
@@ -223,7 +227,7 @@ static int any_alike(const sw_release *release, const double window[SW_WINDOW][S
     return alike;
 }
 
-/* Returns the first of the sensors with the most evidence; -1 if no sensor has enough. */
+/* Returns the sensor with the most evidence, the first of several; -1 if no sensor has enough evidence. */
 static int liar_of(const levels *found)
 {
     int liar = -1;
@@ -238,7 +242,7 @@ static int liar_of(const levels *found)
     return liar;
 }
 
-/* Counts periods in doubt minus periods without doubt. */
+/* Returns the count of periods in doubt minus periods without doubt. */
 static uint32_t counted_doubt(uint32_t doubt, int doubted)
 {
     uint32_t next = doubt;
@@ -252,7 +256,7 @@ static uint32_t counted_doubt(uint32_t doubt, int doubted)
     return next;
 }
 
-/* Judges the sensors by the running means and the stuck readings. */
+/* Judges the sensors from the running means and the stuck readings. */
 static void judge(sw_sensors *sensors, const sw_release *release, const double window[SW_WINDOW][SW_COLUMNS], int first)
 {
     const levels found = levels_of(sensors, release);

@@ -1,4 +1,4 @@
-/* The bus key, written at production if SW_SECOC is 1. This file has none: the ECU then sends nothing. */
+/* The bus key, which production writes here if SW_SECOC is 1. This file has no key: the ECU then sends nothing. */
 #ifndef SW_BOARD_BUS_KEY_H
 #define SW_BOARD_BUS_KEY_H
 

@@ -1,7 +1,7 @@
-/* A driver of Bosch's M_CAN (user's manual, revision 3.3), polled. Received frames come through FIFO 0. Frames of
- * control are sent from dedicated transmit buffers, one each, other frames through the transmit FIFO after these.
- * Whenever the bus is free, the controller sends the frame with the lowest identifier, from a buffer or the head of the
- * FIFO. Elements have room for 64 bytes.
+/* A driver of Bosch's M_CAN (user's manual, revision 3.3), which polls the controller. Received frames come through
+ * FIFO 0. Each frame of control is sent from its own transmit buffer, other frames through the transmit FIFO, which
+ * follows these buffers. Whenever the bus is free, the controller sends the frame with the lowest identifier, from a
+ * buffer or the head of the FIFO. Each element of the message RAM has room for 64 bytes of data.
  */
 #include <stddef.h>
 
@@ -40,9 +40,9 @@
 #define CCCR_FD_AND_BRS 0x300u
 #define PSR_BUS_OFF 0x80u
 #define IR_NEW_IN_FIFO_0 1u
-#define IR_BUS_OFF 0x2000000u /* the state has changed since the bit was cleared */
-#define MOST_BUS_OFFS 8u      /* largest number counted at once */
-#define REFUSE_REMOTE_AND_OTHERS 0x2bu             /* GFC: neither remote frames nor frames without a filter */
+#define IR_BUS_OFF 0x2000000u /* the bus-off state has changed since the bit was cleared */
+#define MOST_BUS_OFFS 8u      /* largest number of bus-off events counted at once */
+#define REFUSE_REMOTE_AND_OTHERS 0x2bu             /* GFC: refuses remote frames and frames that match no filter */
 #define FILTER_TO_FIFO_0 ((2u << 30) | (1u << 27)) /* classic filter: identifier and mask */
 #define EXTENDED_TO_FIFO_0 (1u << 29)              /* first word of a 29-bit filter, with the identifier */
 #define EXTENDED_MASK ((2u << 30) | 0x1fffffffu)   /* second word: classic, and the mask */
@@ -52,7 +52,9 @@
 #define FDF 0x200000u
 #define BRS 0x100000u
 
-/* The message RAM, in words: 64 filters for 11 bits and 32 for 29 bits, 64 received elements, elements to send. */
+/* The message RAM, in words: 64 filters for 11-bit identifiers and 32 for 29-bit identifiers, 64 elements for received
+ * frames, and the elements for frames to send.
+ */
 #define FILTERS 0u
 #define EXTENDED_FILTERS 64u
 #define RECEIVED 128u
@@ -90,7 +92,7 @@ void sw_board_can_start(const uint32_t *ids, uint32_t count)
     CAN(NBTP) = SW_BOARD_CAN_NOMINAL;
     CAN(DBTP) = SW_BOARD_CAN_DATA;
     CAN(TDCR) = SW_BOARD_CAN_DELAY;
-    CAN(TSCC) = 1u; /* time stamps in nominal bits */
+    CAN(TSCC) = 1u; /* time stamps count nominal bits */
     set_filters(ids, count);
     CAN(GFC) = REFUSE_REMOTE_AND_OTHERS;
     CAN(RXF0C) = (RECEIVED_ELEMENTS << 16) | (4u * RECEIVED);
@@ -114,7 +116,7 @@ static void read_element(sw_frame *frame, uint32_t at)
         const uint32_t word = RAM(at + 2u + i / 4u);
         for (uint32_t j = 0; j < 4u; j++) frame->data[i + j] = (uint8_t)(word >> (8u * j));
     }
-    /* The counter has 16 bits: a frame must be read before the counter overflows. */
+    /* The counter has 16 bits, so a frame must be read before the counter has counted 65,536 bits since its arrival. */
     const uint32_t age = (CAN(TSCV) - second) & 0xffffu;
     frame->timestamp_ns = sw_board_now_ns() - (int64_t)age * (int64_t)SW_BOARD_CAN_NS;
 }

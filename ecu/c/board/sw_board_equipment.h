@@ -1,5 +1,5 @@
-/* The data that a board receives at production, in one file. This firmware has no loader: it runs the parameters
- * compiled in.
+/* The data that a board receives at production, in one file. With this file as it is, the firmware has no loader and
+ * runs the parameters that are compiled in.
  *
  * With SW_BOARD_LOADER 1 the board runs the release in its flash, can be flashed and calibrated, and needs
  *     SW_BOARD_ROOT        the Ed25519 key that signs key lists, 32 bytes in braces

@@ -1,6 +1,6 @@
-/* A driver of the STM32H743's flash controller (RM0433, section 4): sectors of 128 KiB, words of 32 bytes. It writes
- * the bank without the program, so that the core continues to run; the core stalls only if it reads this bank during an
- * erasure. The data cache, if enabled, must not hold this bank.
+/* A driver of the STM32H743's flash controller (RM0433, section 4): sectors of 128 KiB, words of 32 bytes. The driver
+ * writes the bank that does not contain the program, so that the core continues to run; the core stalls only if it
+ * reads the written bank during an erasure. The data cache, if enabled, must not hold data of this bank.
  */
 #include <stddef.h>
 
@@ -16,7 +16,7 @@
 #define CR_ERASE_SECTOR 4u
 #define CR_64_BITS (3u << 4)
 #define CR_START (1u << 7)
-#define SR_AT_WORK 7u /* BSY, WBNE, QW */
+#define SR_AT_WORK 7u /* bits BSY, WBNE and QW */
 #define SR_DOUBLE_ERROR (1u << 26)
 #define SR_ERRORS 0x0eee0000u
 #define CORE_CONFIGURATION SW_BOARD_REGISTER(0xe000ed14u)
@@ -50,7 +50,7 @@ static int end(void)
     return errors != 0u;
 }
 
-static int64_t begun_ns; /* start of the erasure */
+static int64_t begun_ns; /* time at which the erasure began */
 
 static int erase(void *context, uint32_t sector)
 {
@@ -87,7 +87,8 @@ static int program(void *context, uint32_t address, const uint8_t *word)
     return end();
 }
 
-/* Reads bytes. An uncorrectable word is a bus fault; with the fault mask and BFHFNMIGN set the core continues after it.
+/* Reads bytes. An uncorrectable word causes a bus fault; with the fault mask and BFHFNMIGN set, the core continues
+ * after the fault.
  */
 static int read(void *context, uint32_t address, uint8_t *data, uint32_t length)
 {

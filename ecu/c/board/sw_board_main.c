@@ -1,5 +1,5 @@
 /* The program: it reads frames, steps the ECU once a control period, then answers diagnosis and sleeps. A step begins
- * when the pressures arrive; without pressures, half a period after their due time.
+ * when the pressures arrive. If no pressures arrive, the step begins half a period after their due time.
  */
 #include "sw_board.h"
 #include "sw_board_equipment.h"
@@ -12,19 +12,19 @@
 
 #define ROOM 128
 
-static sw_frame received[ROOM]; /* since the last step, oldest first */
+static sw_frame received[ROOM]; /* frames received since the last step, oldest first */
 
 typedef struct {
     int64_t latest_ns;   /* time of the latest step */
     int64_t deadline_ns; /* time of the next step if no pressures arrive */
     int count;           /* number of frames received since the last step */
-    uint8_t came;        /* whether these frames include pressures */
+    uint8_t came;        /* whether the received frames include pressures */
 } sw_board_period;
 
 #if SW_BOARD_LOADER
 
-#define SERVICE_NS INT64_C(1000000)  /* time between two checks of a conversation's timeouts */
-#define TALKS_NS INT64_C(5000000000) /* length of these checks after a frame of diagnosis */
+#define SERVICE_NS INT64_C(1000000)  /* time between two checks for a timeout of the conversation, in ns */
+#define TALKS_NS INT64_C(5000000000) /* time after a frame of diagnosis in which these checks continue, in ns */
 
 static sw_node node;
 static uint8_t message[SW_ISOTP_MOST];
@@ -60,7 +60,7 @@ static int control(int64_t now_ns, int count, sw_frame *answers)
     return sw_node_control(&node, now_ns, received, count, answers);
 }
 
-/* Runs diagnosis with these new frames. Returns the time at which it is due next. */
+/* Runs diagnosis with the new frames. Returns the time at which diagnosis is due next. */
 static int64_t serve(const sw_frame *frames, int count, int64_t now_ns)
 {
     sw_frame answers[SW_ISOTP_BURST];
@@ -79,7 +79,7 @@ static int64_t serve(const sw_frame *frames, int count, int64_t now_ns)
 
 static sw_ecu ecu;
 
-/* The ECU for observers: a debugger or a test bench. */
+/* The ECU, for observers: a debugger or a test bench. */
 sw_ecu *const sw_board_ecu = &ecu;
 
 static void begin(void) { (void)sw_ecu_init(&ecu); }

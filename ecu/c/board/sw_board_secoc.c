@@ -1,10 +1,10 @@
 /* The bus key and the freshness values on this board. The key is compiled into a firmware that is never shipped; a
  * board for sale reads it from memory that no debugger can read.
  *
- * Freshness values are in the backup SRAM, which survives a reset, and a loss of the supply as long as a battery is at
- * VBAT. The SRAM does not wear, so every accepted value is stored. If its content is lost, power cycles count from 1
- * again, as in a new ECU: the other node refuses every frame, which is safe. For a board without a battery, change this
- * file to use FRAM or a log in flash.
+ * Freshness values are in the backup SRAM, which survives a reset, and a loss of the supply while a battery supplies
+ * VBAT. The SRAM does not wear, so every accepted value is stored. If the content of the SRAM is lost, power cycles
+ * count from 1 again, as in a new ECU: the other node then refuses every frame, which is safe. For a board without a
+ * battery, change this file to use FRAM or a log in flash.
  *
  * There are two records, written in turn: an interrupted write leaves the other record intact.
  */
@@ -15,12 +15,12 @@
 
 #define RECORDS 2u
 #define WORDS 7u
-#define NUMBER 0u /* number of the record; the greater one is newer */
+#define NUMBER 0u /* number of the record; the record with the greater number is newer */
 #define TRIP 1u
-#define HEARD_PRESSURE 2u /* freshness in this and the next word; the low word first */
+#define HEARD_PRESSURE 2u /* freshness value in this word and the next; the low word is first */
 #define HEARD_SPEED 4u
 #define CHECK 6u
-#define BASIS 0x811c9dc5u /* FNV-1a */
+#define BASIS 0x811c9dc5u /* offset basis of the FNV-1a hash */
 #define PRIME 0x01000193u
 
 static volatile uint32_t *record(uint32_t which)
@@ -28,7 +28,7 @@ static volatile uint32_t *record(uint32_t which)
     return &((volatile uint32_t *)(uintptr_t)SW_BOARD_BACKUP)[WORDS * which];
 }
 
-/* Computes the check over words, not bytes; it is never 0, which marks an empty record. */
+/* Computes the FNV-1a check over words, not bytes. The check is never 0, because 0 marks an empty record. */
 static uint32_t check_of(const volatile uint32_t *words)
 {
     uint32_t sum = BASIS;

@@ -3,14 +3,14 @@
  *     cc -std=c99 -O2 -ffp-contract=off -I. sw_*.c examples/main_socketcan.c -o ecu
  *     chrt -f 50 ./ecu can0
  *
- * If frames are authenticated (SW_SECOC), it takes two more files: the key as `stillwake keygen --secret` writes it,
- * and a file of its own for freshness values, `./ecu can0 bus.key freshness`.
+ * If frames are authenticated (SW_SECOC), the program takes two more files: the key as `stillwake keygen --secret`
+ * writes it, and a file in which the program stores freshness values, `./ecu can0 bus.key freshness`.
  *
- * It steps at absolute deadlines on CLOCK_MONOTONIC, a fixed time after the arrival of the pressures, and frames have
- * the kernel's time of arrival. SIGTERM and SIGINT end the program: its last commands shut the jets. The status is 1 if
- * the interface cannot be used, or fails.
+ * The ECU steps at absolute deadlines on CLOCK_MONOTONIC, a fixed time after the arrival of the pressures, and each
+ * frame has the kernel's time of arrival. SIGTERM and SIGINT end the program, whose last commands shut the jets. The
+ * status is 1 if the interface cannot be used, or fails.
  */
-#define _GNU_SOURCE /* mlockall, and recvmsg's control messages */
+#define _GNU_SOURCE /* for mlockall, and recvmsg's control messages */
 
 #include <errno.h>
 #include <signal.h>
@@ -29,7 +29,7 @@
 
 #include "sw_ecu.h"
 
-#define ROOM 64              /* frames per period; more wait in the socket and become old */
+#define ROOM 64              /* frames read per period; further frames wait in the socket and become old */
 #define GRACE 4              /* a step may begin late by a period divided by this; a later one is skipped */
 #define LARGEST_SLEW 32      /* a deadline moves by at most a period divided by this */
 #define SHUT_PERIODS 3       /* periods with shut jets at the end, since two frames may be lost */
@@ -63,7 +63,7 @@ static void sleep_until(int64_t due_ns)
     clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &due, NULL);
 }
 
-/* Opens a socket for pressures, speed, other ECUs and the controller's errors; returns -1 with errno on failure. */
+/* Opens a socket for pressures, speed, other ECUs and the controller's errors; returns -1 and sets errno on failure. */
 static int open_bus(const char *interface)
 {
     const canid_t exactly = CAN_SFF_MASK | CAN_EFF_FLAG | CAN_RTR_FLAG;
@@ -92,7 +92,9 @@ static int open_bus(const char *interface)
     return -1;
 }
 
-/* Returns the kernel's time of arrival, converted from the settable clock to CLOCK_MONOTONIC; now, without one. */
+/* Returns the kernel's time of arrival, converted from the settable clock to CLOCK_MONOTONIC; the present time if there
+ * is none.
+ */
 static int64_t arrival_ns(struct msghdr *message)
 {
     const int64_t now_ns = clock_ns(CLOCK_MONOTONIC), date_ns = clock_ns(CLOCK_REALTIME);
@@ -107,7 +109,7 @@ static int64_t arrival_ns(struct msghdr *message)
     return now_ns;
 }
 
-/* Updates the CAN controller's health by an error frame. */
+/* Updates the CAN controller's health from an error frame. */
 static void note_error(sw_bus_health *health, const struct canfd_frame *frame)
 {
     if ((frame->can_id & CAN_ERR_BUSOFF) != 0) {
@@ -161,7 +163,9 @@ static int receive(int bus)
     return count;
 }
 
-/* Sends without waiting, since the next period's frames replace those of a full queue; -1 if the interface fails. */
+/* Sends frames without waiting: if the queue is full, the next period's frames replace these. Returns -1 if the
+ * interface fails.
+ */
 static int send_frames(int bus, const sw_frame *frames, int count)
 {
     for (int i = 0; i < count; i++) {
@@ -178,7 +182,7 @@ static int send_frames(int bus, const sw_frame *frames, int count)
     return 0;
 }
 
-/* Returns the arrival of the pressures in the latest step; -1 if it used none. */
+/* Returns the arrival time of the pressures that the latest step used; -1 if it used none. */
 static int64_t used_arrival_ns(int count, uint32_t missed_before)
 {
     int64_t found = -1;
@@ -188,7 +192,7 @@ static int64_t used_arrival_ns(int count, uint32_t missed_before)
     return found;
 }
 
-/* Returns the next deadline that can be met, moved a little towards its fixed time after the pressures. */
+/* Returns the next deadline that can be met, moved a little towards the fixed time after the pressures. */
 static int64_t next_due(int64_t due_ns, int64_t arrived_ns)
 {
     const int64_t late_ns = clock_ns(CLOCK_MONOTONIC) - due_ns - SW_PERIOD_NS / GRACE;
@@ -234,7 +238,7 @@ static int read_key(const char *path, uint8_t key[SW_AES_BYTES])
     return failed ? -1 : 0;
 }
 
-/* Replaces the old file as a whole; returns -1 if that fails. */
+/* Replaces the old file as a whole; returns -1 on failure. */
 static int keep_freshness(unsigned long trip, unsigned long long pressure, unsigned long long speed)
 {
     char beside[4096];
@@ -247,9 +251,9 @@ static int keep_freshness(unsigned long trip, unsigned long long pressure, unsig
     return failed || rename(beside, freshness_file) != 0 ? -1 : 0;
 }
 
-/* Counts a power cycle, then gives the ECU its key. If the file is missing, cycles count from 1 again: the vehicle then
- * refuses all frames. The program stores accepted values only at its end: after a crash, frames of the cycle before can
- * be replayed until the first genuine frame comes.
+/* Counts a power cycle, then gives the ECU its key. If the freshness file is missing, cycles count from 1 again, and
+ * the vehicle refuses all frames. The program stores accepted values only at its end. After a crash, frames of the
+ * previous cycle can therefore be replayed until the first genuine frame arrives.
  */
 static int authenticate(const char *key_file)
 {
@@ -280,7 +284,7 @@ static int keep_accepted(void)
 
 #endif
 
-/* Sends the last frames: jets shut and not enabled, as at power-on, but with counters that continue. */
+/* Sends the last frames: jets shut and not enabled, as at power-on, but the counters continue. */
 static int shut(int bus, int64_t due_ns)
 {
     sw_frame answers[SW_FRAMES_OUT];

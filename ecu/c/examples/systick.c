@@ -8,8 +8,8 @@
  * The program simulates the vehicle: the generated pressures.h has the frames of its control periods. The request for
  * control is low at first, since the ECU ignores a request that is present from the start. The program prints each
  * JetCommand, then its figures, and ends. On a vehicle, a CAN driver replaces `vehicle` and the printing. The interrupt
- * only counts: the step runs in the main loop, so that it does not delay other interrupts, those of the CAN controller
- * first.
+ * only counts. The step runs in the main loop, so that it does not delay other interrupts, above all those of the CAN
+ * controller.
  */
 #include "pressures.h"
 #include "sw_board_start.h"
@@ -24,7 +24,7 @@
 #define SYSTICK_VALUE REGISTER(0xe000e018u)
 
 static sw_ecu ecu;
-static volatile uint32_t periods; /* since the start; only the interrupt writes it */
+static volatile uint32_t periods; /* number of periods since the start; only the interrupt writes this variable */
 
 /* --- The host, by semihosting: a debugger or an emulator prints. --- */
 
@@ -88,11 +88,11 @@ static void start_clock(void)
 {
     SYSTICK_RELOAD = (uint32_t)(RELOAD - 1);
     SYSTICK_VALUE = 0;
-    SYSTICK_CONTROL = 7; /* core clock, interrupt, on */
+    SYSTICK_CONTROL = 7; /* core clock, interrupt on, counter on */
 }
 
-/* Returns the number of the period that has begun. Interrupts are masked between check and sleep, or one could be
- * missed; a pending interrupt still ends the sleep.
+/* Waits for a new period and returns its number. Interrupts are masked between check and sleep, because an interrupt
+ * between both could be missed; a pending interrupt still ends the sleep.
  */
 static uint32_t next_period(uint32_t done)
 {
@@ -132,8 +132,8 @@ static int vehicle(sw_frame frames[SENT], uint32_t period)
 
 typedef struct {
     uint32_t steps;
-    uint32_t left_out; /* periods that began during the step of another period */
-    uint32_t active;   /* steps in which the jets followed the controller */
+    uint32_t left_out; /* number of periods that began during the step of another period */
+    uint32_t active;   /* number of steps in which the jets followed the controller */
     int64_t longest_ns;
 } figures;
 
@@ -155,9 +155,11 @@ void sw_board_power_on(void) {}
 void sw_board_main(void)
 {
     figures seen = {0, 0, 0, 0};
-    (void)sw_ecu_init(&ecu); /* if it refuses, the reason at the end shows it */
+    (void)sw_ecu_init(&ecu); /* the reason at the end shows whether init refused */
 #if SW_SECOC
-    /* On a vehicle no debugger can read the key, and non-volatile memory counts the power cycle. */
+    /* This key is only for the example: on a vehicle no debugger can read the key, and non-volatile memory counts the
+     * power cycle.
+     */
     const sw_authentication given = {PLAYED_KEY, 1, 0, 0};
     (void)sw_ecu_authenticate(&ecu, &given);
 #endif

@@ -1,4 +1,5 @@
-/* The types and functions of an FMU's binary, by their names in the FMI 3.0 standard (fmi-standard.org, section 2.2).
+/* The types and functions of an FMU's binary, with their names from the FMI 3.0 standard (fmi-standard.org, section
+ * 2.2).
  *
  * They are declared here instead of including the standard's headers, so that the sources of an FMU compile alone.
  */

@@ -1,5 +1,5 @@
-/* The calls and numbers that an instance may receive, by FMI 3.0's state machine of a co-simulation.
- * Every other call returns fmi3Error with a message, and changes nothing.
+/* The calls and numbers that an instance may receive, according to FMI 3.0's state machine of a co-simulation. Every
+ * other call returns fmi3Error with a message, and changes nothing.
  */
 #ifndef SW_FMI3_CALLS_H
 #define SW_FMI3_CALLS_H
@@ -8,7 +8,7 @@
 
 #include "sw_fmi3.h"
 
-/* Functions have the standard's parameters, even unused ones. */
+/* Functions have the standard's parameters, even those that they do not use. */
 #if defined(__GNUC__)
 #pragma GCC diagnostic ignored "-Wunused-parameter"
 #endif
@@ -27,12 +27,12 @@ static inline fmi3Status fmu_refused(const fmu_logger *to, fmi3String why)
     return fmi3Error;
 }
 
-/* Begins a function of FMI with an instance in `found`. */
+/* Begins a function of FMI, with the instance in `found`. */
 #define FMU_ONLY_IN(MODES, NAME, WHEN)                                                                        \
     if (found == NULL) return fmi3Error;                                                                      \
     if ((found->kept.mode & (uint32_t)(MODES)) == 0u) return fmu_refused(&found->logger, "fmi3" NAME ": only " WHEN)
 
-/* Refuses a call without exactly one number for each reference. */
+/* Refuses a call that does not have exactly one number for each reference. */
 #define FMU_ONE_EACH(NAME) \
     if (size != count) return fmu_refused(&found->logger, "fmi3" NAME ": must have one number for each value reference")
 
@@ -58,7 +58,7 @@ static inline fmi3String fmu_wrong_times(double start, fmi3Boolean has_stop, dou
     return NULL;
 }
 
-/* Returns the error in a step of an instance at a time, or NULL. */
+/* Returns the error in a step of an instance whose time is `stands`, or NULL. */
 static inline fmi3String fmu_wrong_step(double stands, double point, double size)
 {
     const double behind_s = point - stands;

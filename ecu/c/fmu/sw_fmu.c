@@ -1,8 +1,9 @@
 /* The ECU as an FMU for co-simulation, FMI 3.0.
  *
- * It is the ECU of sw_ecu.h, bit for bit, and receives nothing but frames: of a vehicle inside, whose pressures and
- * speed are inputs, or of a bus terminal. With a vehicle it steps at start, start + period, and so on, with the inputs
- * of that time; a communication step of any length includes the steps that begin in it.
+ * The FMU contains the ECU of sw_ecu.h, bit for bit. The ECU receives only frames: those of a vehicle inside the FMU,
+ * whose pressures and speed are inputs, or those of a bus terminal. With a vehicle the ECU steps at start, start +
+ * period, and so on, with the inputs at the time of the step; a communication step of any length includes the ECU's
+ * steps that begin in it.
  *
  * This file is for a computer, not for a vehicle: the standard requires an FMU to allocate its instances and saved
  * states.
@@ -17,9 +18,9 @@
 
 const variable fmu_variables[SW_FMU_VARIABLES] = SW_FMU_TABLE;
 
-/* A saved state, equal in memory and as bytes. */
+/* A saved state; the state in memory and its serialised bytes are equal. */
 typedef struct {
-    char token[sizeof SW_FMU_TOKEN]; /* token of the FMU that saved it */
+    char token[sizeof SW_FMU_TOKEN]; /* token of the FMU that saved this state */
     fmu_memory kept;
     sw_ecu_state ecu;
 } saved;
@@ -131,7 +132,7 @@ SW_EXPORT fmi3Status fmi3Terminate(fmi3Instance fmu)
 SW_EXPORT fmi3Status fmi3Reset(fmi3Instance fmu)
 {
     if (fmu == NULL) return fmi3Error;
-    (void)power_on(fmu); /* if it refuses, each step returns a reason */
+    (void)power_on(fmu); /* if sw_ecu_init refuses, each step returns the reason */
     return fmi3OK;
 }
 

@@ -1,5 +1,5 @@
-/* The parts of the ECU's FMU: instances, variables and states (sw_fmu.c) around one of two sides, a vehicle behind
- * signals (signals/sw_fmu_signals.c) or a bus terminal by FMI-LS-BUS (bus/sw_fmu_bus.c).
+/* The parts of the ECU's FMU: instances, variables and states (sw_fmu.c), and one of two sides: a vehicle behind
+ * signals (signals/sw_fmu_signals.c), or a bus terminal as in FMI-LS-BUS (bus/sw_fmu_bus.c).
  */
 #ifndef SW_FMU_H
 #define SW_FMU_H
@@ -8,7 +8,7 @@
 #include "sw_fmi3_calls.h"
 #include "sw_fmu_settings.h"
 
-#define FMU_MOST_FRAMES 256 /* between two steps; a full bus at 500 kbit/s has fewer in 20 ms */
+#define FMU_MOST_FRAMES 256 /* largest number between two steps; a full bus at 500 kbit/s has fewer in 20 ms */
 
 typedef enum { FLOAT32, FLOAT64, INT8, UINT8, INT16, UINT16, INT32, UINT32, INT64, UINT64, BOOLEAN } kind;
 typedef enum { OUTPUT, INPUT, PARAMETER } causality;
@@ -30,17 +30,17 @@ extern const variable fmu_variables[SW_FMU_VARIABLES];
 
 #if SW_FMU_BUS
 #define RX_BYTES 8192u
-#define TX_BYTES 16384u /* has room for a format error with any Rx_Data */
+#define TX_BYTES 16384u /* leaves room for a format error with any Rx_Data */
 
-/* A simulated CAN controller, its mailboxes, and the binary variables of the terminal. Times are from the start on. */
+/* A simulated CAN controller, its mailboxes, and the binary variables of the terminal. Times count from the start. */
 typedef struct {
     sw_bus_health health;
     int64_t reached_ns;
     int64_t off_until_ns;
     int64_t answer_ns; /* time at which `answers` are to be sent */
-    int32_t waiting;   /* number of answers that are not in `tx` yet; sent ones stay for a repetition */
+    int32_t waiting;   /* number of answers that are not in `tx` yet; sent answers stay for a repetition */
     int32_t received;
-    uint8_t status; /* status that the bus simulation knows */
+    uint8_t status; /* status that the bus simulation was last told */
     uint8_t has_lost;
     fmi3Clock rx_ticks; /* whether Rx_Clock ticks in this event */
     fmi3Clock tx_ticks;
@@ -58,26 +58,26 @@ typedef struct {
 } fmu_side;
 #endif
 
-/* The wrapper's memory; the ECU has its own. */
+/* The wrapper's memory; the ECU has a separate memory. */
 typedef struct {
-    double values[SW_FMU_VARIABLES]; /* values of the variables by value reference; 0 is the time */
+    double values[SW_FMU_VARIABLES]; /* values of the variables, by value reference; reference 0 is the time */
     double start;
-    int64_t next_ns; /* time of the ECU's next step since the start */
+    int64_t next_ns; /* time of the ECU's next step, from the start */
     uint32_t mode;   /* mode in FMI's state machine */
     fmu_side side;
 } fmu_memory;
 
 typedef struct {
-    sw_ecu ecu; /* the first member, because of its alignment */
+    sw_ecu ecu; /* first member, because of its alignment */
     fmu_memory kept;
     fmu_logger logger;
     int has_event_mode;
     void *room; /* address of the allocation */
 } fmu_instance;
 
-/* --- What a side does --- */
+/* --- Functions that each side implements --- */
 
-/* Begins at the end of the initialisation; returns the error in a parameter, or NULL. */
+/* Begins the run, at the end of the initialisation. Returns the error in a parameter, or NULL. */
 fmi3String fmu_begun(fmu_memory *kept);
 
 /* Returns whether the ECU's next step belongs to a communication step that ends at `until_ns`. */
@@ -92,7 +92,7 @@ void fmu_sent(fmu_memory *kept, const sw_frame *frames, int count);
 /* Ends a communication step; returns whether frames have to be sent. */
 int fmu_reached(fmu_instance *fmu, double until_ns);
 
-/* Returns whether a run can reach a saved state of a side. */
+/* Returns whether `side` is a state that a run can reach. */
 int fmu_is_possible(const fmu_side *side);
 
 #endif

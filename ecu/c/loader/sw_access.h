@@ -14,17 +14,17 @@
 #include "sw_store.h"
 #include "sw_uds_settings.h"
 
-#define SW_SEED_BYTES 16u   /* length of a seed, */
-#define SW_ANSWER_BYTES 16u /* and of the tester's key for it */
+#define SW_SEED_BYTES 16u   /* length of a seed */
+#define SW_ANSWER_BYTES 16u /* length of the tester's answer to a seed */
 
 /* Fills in `count` unpredictable bytes. Returns 0, or 1 if the source fails. */
 typedef int (*sw_random)(void *context, uint8_t *bytes, uint32_t count);
 
 typedef struct {
-    uint8_t unlocked; /* security level; 0: none */
-    uint8_t asked;    /* level of the latest seed; 0: none */
+    uint8_t unlocked; /* unlocked security level; 0 if none is unlocked */
+    uint8_t asked;    /* level of the latest seed; 0 if there is no seed */
     uint8_t seed[SW_SEED_BYTES];
-    uint8_t is_closed[SW_LEVELS]; /* whether a delay is running, by the level's place */
+    uint8_t is_closed[SW_LEVELS]; /* whether a delay is running, for each level */
     int64_t closed_until_ns[SW_LEVELS];
 } sw_access;
 
@@ -44,7 +44,7 @@ void sw_access_answer(uint8_t level, const uint8_t key[SW_AES_BYTES], const uint
                       uint8_t answer[SW_ANSWER_BYTES]);
 #endif
 
-/* Unlocks the level of the latest seed if the answer is right. Returns 0 or the SW_NRC_ of the refusal. */
+/* Unlocks the level of the latest seed if the tester's answer is correct. Returns 0 or the SW_NRC_ of the refusal. */
 uint8_t sw_access_unlock(sw_access *access, sw_store *store, int64_t now_ns, uint8_t level,
                          const uint8_t key[SW_AES_BYTES], const uint8_t answer[SW_ANSWER_BYTES]);
 

@@ -1,4 +1,4 @@
-/* Calibration by diagnosis: values in force, stored and restored. */
+/* The calibration of the ECU through UDS and XCP: values in force, stored and restored. */
 #include "sw_calibrating.h"
 
 #include <stddef.h>
@@ -35,7 +35,7 @@ static void put_in_force(sw_calibrating *calibrating)
 #endif
 }
 
-/* Changes the working page if all values are within their limits. Returns whether they are. */
+/* Changes the working page if all values are within their limits. Returns whether they are within their limits. */
 static int change(sw_calibrating *calibrating, const uint8_t *value)
 {
     sw_calibration values;
@@ -88,7 +88,9 @@ uint8_t sw_calibrating_read(const sw_calibrating *calibrating, uint32_t number, 
     return 0;
 }
 
-/* Stores `length` bytes of these values; 0 deletes them. Writing flash can take longer than a control period. */
+/* Stores `length` bytes of these values; a length of 0 deletes the stored values. Writing to flash can take longer than
+ * a control period.
+ */
 static uint8_t keep(sw_calibrating *calibrating, const sw_calibration *values, uint32_t length)
 {
     if (calibrating->request->drives_jets) return SW_NRC_CONDITIONS_NOT_CORRECT;

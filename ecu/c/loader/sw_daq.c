@@ -1,4 +1,4 @@
-/* The list of DAQ: allocation, entries, start; and the packets of a period. */
+/* The measurement list of DAQ (allocation, entries, start), and the packets of a period. */
 #include "sw_daq.h"
 
 #if SW_XCP
@@ -120,7 +120,7 @@ static uint8_t set_pointer(sw_daq *daq, const uint8_t *data)
     return SW_XCP_DONE;
 }
 
-/* Returns the bytes of the ODT at the pointer, without those of the entry there. */
+/* Returns the number of bytes of the ODT to which the pointer points, without the bytes of the entry there. */
 static uint32_t beside(const sw_daq *daq)
 {
     uint32_t bytes = 0;
@@ -157,7 +157,7 @@ static uint8_t set_mode(const sw_daq *daq, const uint8_t *data)
 
 static uint8_t get_mode(const sw_daq *daq, const uint8_t *data, sw_answer *answer)
 {
-    static const uint8_t plain[] = {0, 0, 0, 0, 1, 0}; /* the only event, without a prescaler */
+    static const uint8_t plain[] = {0, 0, 0, 0, 1, 0}; /* the list has the only event and no prescaler */
     if (number(&data[2]) >= daq->lists) return SW_XCP_ERROR_OUT_OF_RANGE;
     sw_answer_byte(answer, (daq->is_selected ? SELECTED : 0u) | (daq->is_running ? RUNNING : 0u));
     sw_answer_bytes(answer, plain, sizeof plain);

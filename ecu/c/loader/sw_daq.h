@@ -17,7 +17,7 @@
 
 /* The readable and measurable values of a control period, in their memory layout: little-endian. */
 typedef struct {
-    float pressures[SW_SENSORS]; /* Cp in the row that the controller planned with */
+    float pressures[SW_SENSORS]; /* Cp in the row from which the controller planned */
     float command;               /* sent action, in U_inf W */
     uint8_t mode;                /* SW_MODE_ */
     uint8_t reason;              /* SW_REASON_ */
@@ -27,8 +27,8 @@ typedef struct {
 } sw_measured;
 
 typedef struct {
-    uint8_t at;    /* offset in sw_measured */
-    uint8_t bytes; /* 0: not written yet */
+    uint8_t at;    /* offset of the entry in sw_measured */
+    uint8_t bytes; /* length of the entry; 0 if it is not written yet */
 } sw_daq_entry;
 
 typedef struct {
@@ -38,7 +38,7 @@ typedef struct {
     uint8_t odts;
     uint8_t used; /* number of used entries */
     uint8_t has_pointer;
-    uint8_t odt; /* ODT that is written next, with its entry */
+    uint8_t odt; /* ODT whose entry is written next */
     uint8_t entry;
     uint8_t is_selected;
     uint8_t is_running;
@@ -54,7 +54,7 @@ void sw_daq_free(sw_daq *daq);
 /* Takes the values of a control period that has ended. */
 void sw_daq_sample(sw_daq *daq, const sw_ecu *ecu, uint8_t mode);
 
-/* Writes the next packet of the period, SW_XCP_MAX_CTO bytes at most. Returns its length; 0 if none is due. */
+/* Writes the next packet of the period, of at most SW_XCP_MAX_CTO bytes. Returns its length; 0 if none is due. */
 uint32_t sw_daq_packet(sw_daq *daq, uint8_t *packet);
 
 /* Answers a measurement command of checked length: SW_XCP_DONE, or the SW_XCP_ERROR_ of the refusal. */

@@ -5,7 +5,7 @@
 
 #include "sw_ecu_parts.h"
 
-/* Bits of a status (ISO 14229-1, table D.1). */
+/* The bits of a status (ISO 14229-1, table D.1). */
 #define TEST_FAILED 0x01u
 #define FAILED_THIS_CYCLE 0x02u
 #define PENDING 0x04u
@@ -16,7 +16,7 @@
 #define AT_FAILURE (TEST_FAILED | FAILED_THIS_CYCLE | PENDING | CONFIRMED | FAILED_SINCE_CLEAR)
 #define UNTESTED (NOT_COMPLETED_SINCE_CLEAR | NOT_COMPLETED_THIS_CYCLE)
 
-/* The record: magic; status, age, has_snapshot and snapshot of each fault; CRC-32. */
+/* The stored record: magic; status, age, has_snapshot and snapshot of each fault; CRC-32. */
 #define MAGIC 4u
 #define FAULT_BYTES (3u + SW_SNAPSHOT_BYTES)
 #define BODY_END (MAGIC + SW_FAULT_COUNT * FAULT_BYTES)
@@ -24,7 +24,7 @@
 
 #define CODE_BYTES 3u
 #define ALL_GROUPS 0xffffffu
-#define RECORD 0x01u /* number of a code's one snapshot, and of its one extended record */
+#define RECORD 0x01u /* number of the only snapshot of a code, and of its only extended record */
 #define ALL_RECORDS 0xffu
 #define ON 1u
 #define OFF 2u
@@ -82,7 +82,7 @@ static void packed(const sw_faults *faults, uint8_t record[RECORD_BYTES])
     for (uint32_t i = 0; i < SW_FAULT_COUNT; i++) {
         const sw_fault *fault = &faults->faults[i];
         uint8_t *at = &record[MAGIC + i * FAULT_BYTES];
-        /* Bits that the next power-on changes in any case are left out. */
+        /* The next power-on changes these bits in any case, so they are not stored. */
         uint32_t status = fault->status & ~TEST_FAILED;
         if ((status & (PENDING | CONFIRMED)) == 0u) status |= NOT_COMPLETED_THIS_CYCLE;
         at[0] = (uint8_t)status;
@@ -153,7 +153,9 @@ static void take(sw_faults *faults, uint8_t reason, const uint8_t snapshot[SW_SN
     faults->is_changed = 1;
 }
 
-/* Notes a result. While `is_off`, only the latest result waits, which gives the tests' states at its end. */
+/* Notes a test result. While `is_off` is set, only the latest result waits; when `is_off` ends, that result gives the
+ * states of the tests.
+ */
 static void note(sw_faults *faults, uint8_t reason)
 {
     if (faults->is_off) {
@@ -216,7 +218,7 @@ void sw_faults_after(sw_faults *faults, int64_t now_ns)
         take_snapshot(faults, now_ns - faults->power_on_ns);
         note(faults, fail_safe->reason);
     } else {
-        /* No test has a result. */
+        /* No test has a result yet. */
     }
 }
 
@@ -259,7 +261,9 @@ static void put_fault(const sw_faults *faults, uint32_t place, sw_answer *answer
     sw_answer_byte(answer, faults->faults[place].status);
 }
 
-/* Counts faults with one of these status bits (0: all), and writes them if `answer` is not NULL. Returns the number. */
+/* Counts faults with one of these status bits (0: all), and writes them if `answer` is not NULL. Returns the number of
+ * these faults.
+ */
 static uint32_t list(const sw_faults *faults, uint32_t mask, sw_answer *answer)
 {
     uint32_t found = 0;
@@ -321,7 +325,7 @@ uint8_t sw_faults_report(const sw_faults *faults, const uint8_t *body, uint32_t 
     } else if (mask != 0u) {
         (void)list(faults, mask, answer);
     } else {
-        /* Without a bit there is no fault to list. */
+        /* If the mask has no bit, there is no fault to list. */
     }
     return SW_UDS_DONE;
 }

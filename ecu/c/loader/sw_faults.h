@@ -1,7 +1,7 @@
 /* The fault memory: status, age and one snapshot of each trouble code, which survive resets. This file corresponds to
  * can_bridge/uds/fault_memory.py, to fault_reports.py next to it, and to ecu/flashable/watched_control.py.
  *
- * It is written only while no jet can run, and only if its content has changed.
+ * The fault memory is written only while no jet can run, and only if its content has changed.
  */
 #ifndef SW_FAULTS_H
 #define SW_FAULTS_H
@@ -14,8 +14,8 @@
 
 typedef struct {
     uint8_t status;
-    uint8_t age;          /* age of a confirmed fault: operation cycles without this fault */
-    uint8_t has_snapshot; /* snapshot of the first failure in the latest cycle with a failure */
+    uint8_t age;          /* age of a confirmed fault: number of operation cycles without this fault */
+    uint8_t has_snapshot; /* whether a snapshot was taken at the first failure in the latest cycle with a failure */
     uint8_t snapshot[SW_SNAPSHOT_BYTES];
 } sw_fault;
 
@@ -29,7 +29,7 @@ typedef struct {
     uint8_t has_latest;              /* whether a result waits for the end of `is_off` */
     uint8_t latest;                  /* reason of the failed test; SW_REASON_NONE: all tests passed */
     uint8_t latest_snapshot[SW_SNAPSHOT_BYTES];
-    /* The state before the present control period. */
+    /* The ECU's state before the present control period. */
     uint8_t has_power_on;
     uint8_t was; /* sw_operating_mode before the period */
     int64_t power_on_ns;
@@ -39,11 +39,11 @@ typedef struct {
 /* Begins the next operation cycle of the stored faults: at power-on, after the store is open. */
 void sw_faults_open(sw_faults *faults);
 
-/* Examine the ECU before and after each control period. */
+/* These two functions examine the ECU before and after each control period. */
 void sw_faults_before(sw_faults *faults);
 void sw_faults_after(sw_faults *faults, int64_t now_ns);
 
-/* Takes a waiting result, and stores changes if that is allowed now. A failed write is not attempted again. */
+/* Takes a waiting result, and stores changes if storing is allowed now. A failed write is not attempted again. */
 void sw_faults_settle(sw_faults *faults);
 
 /* Services 0x14, 0x19 and 0x85. Each returns SW_UDS_DONE or the SW_NRC_ of the refusal. */

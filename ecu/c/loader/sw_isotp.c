@@ -6,16 +6,16 @@
 #include "sw_bytes.h"
 #include "sw_counts.h"
 
-enum { SINGLE, FIRST, CONSECUTIVE, FLOW }; /* upper half of a frame's first byte */
+enum { SINGLE, FIRST, CONSECUTIVE, FLOW }; /* type of a frame, in the upper half of its first byte */
 enum { FLOW_CONTINUE, FLOW_WAIT, FLOW_OVERFLOW, NO_ANSWER };
 enum { IDLE, READY, WAITING, SENDING };
 
 #define CLASSIC 8u
-#define PADDING 0xccu /* causes the fewest stuff bits */
+#define PADDING 0xccu /* this value causes the fewest stuff bits */
 #define NUMBERS 16u   /* sequence numbers have four bits */
 #define MS INT64_C(1000000)
 #define LONGEST_MS 0x7fu
-#define SHORTEST_CODE 0xf1u /* codes of 100 us .. 900 us */
+#define SHORTEST_CODE 0xf1u /* first of the codes for 100 us to 900 us */
 #define LONGEST_CODE 0xf9u
 #if SW_FRAMES_FD
 #define FRAME_LENGTH 64u
@@ -23,7 +23,7 @@ enum { IDLE, READY, WAITING, SENDING };
 #define FRAME_LENGTH CLASSIC
 #endif
 
-/* Returns the length of the longest message that fits a single frame of this length. */
+/* Returns the length of the longest message that fits into a single frame of this length. */
 static uint32_t capacity(uint32_t frame_length) { return frame_length - (frame_length <= CLASSIC ? 1u : 2u); }
 
 /* --- Reception --- */
@@ -83,8 +83,8 @@ static void first(sw_isotp *end, int64_t now_ns, const sw_frame *frame)
     sw_bytes_copy(end->message, &data[2], end->received);
 }
 
-/* Takes the next piece. Only the last frame may be shorter than the first. A shorter frame in between is ignored, and
- * the following frame then has the wrong number.
+/* Takes the next piece. Only the last frame may be shorter than the first. A shorter frame before the last is ignored;
+ * the frame after it then has the wrong sequence number.
  */
 static uint32_t consecutive(sw_isotp *end, int64_t now_ns, const sw_frame *frame)
 {
@@ -138,7 +138,7 @@ static void wait_for_flow(sw_isotp *end, int64_t now_ns)
     end->flow_until_ns = now_ns + SW_ISOTP_WAIT_NS;
 }
 
-/* Returns the least time between frames for its code; reserved codes mean the longest time. */
+/* Returns the least time between two frames that a code demands; reserved codes mean the longest time. */
 static int64_t separation_ns(uint32_t code)
 {
     if (code >= SHORTEST_CODE && code <= LONGEST_CODE) return (int64_t)(code - SHORTEST_CODE + 1u) * (MS / 10);
@@ -185,7 +185,7 @@ static void put_all(sw_frame *frame, const uint8_t *data, uint32_t count)
     for (uint32_t i = 0; i < count; i++) put(frame, data[i]);
 }
 
-/* Pads a frame to the next valid length, and to 8 bytes at least. */
+/* Pads a frame to the next valid length, which is at least 8 bytes. */
 static void pad(sw_frame *frame)
 {
     static const uint8_t lengths[] = {8, 12, 16, 20, 24, 32, 48, 64};
@@ -230,7 +230,7 @@ static void go_on(sw_isotp *end, int64_t now_ns, sw_frame *frame)
         end->left_in_block--;
         if (end->left_in_block == 0u) wait_for_flow(end, now_ns);
     } else {
-        /* A block size of 0 allows all remaining frames. */
+        /* With a block size of 0, all remaining frames may be sent. */
     }
 }
 
@@ -245,7 +245,7 @@ static void take_next(sw_isotp *end)
     end->state = READY;
 }
 
-/* Writes the next frame if the message being sent has one now. Returns whether it has. */
+/* Writes the next frame, if a frame of the message being sent is due now. Returns whether a frame is written. */
 static int next_frame(sw_isotp *end, int64_t now_ns, sw_frame *frame)
 {
     take_next(end);
@@ -314,7 +314,7 @@ uint32_t sw_isotp_receive(sw_isotp *end, int64_t now_ns, const sw_frame *frame, 
         flow(end, now_ns, frame);
         break;
     default:
-        break; /* reserved for a later version of the standard */
+        break; /* this type is reserved for a later version of the standard */
     }
     return length;
 }
@@ -356,8 +356,8 @@ int sw_isotp_poll(sw_isotp *end, int64_t now_ns, int room, sw_frame frames[SW_IS
     if (end->answer != NO_ANSWER && most > 0) {
         start_frame(&frames[0], now_ns);
         put(&frames[0], (uint32_t)FLOW << 4 | end->answer);
-        put(&frames[0], 0); /* block size 0: all frames at once, */
-        put(&frames[0], 0); /* separation time 0: without a pause */
+        put(&frames[0], 0); /* block size 0: the sender may send all frames at once */
+        put(&frames[0], 0); /* separation time 0: the sender need not pause between frames */
         pad(&frames[0]);
         end->answer = NO_ANSWER;
         count = 1;

@@ -1,5 +1,6 @@
 /* One endpoint of an ISO-TP connection (ISO 15765-2:2016), as a state machine of time and frames. This file corresponds
- * to can_bridge/isotp/endpoint.py. Messages have 1 to SW_ISOTP_MOST bytes; each direction transfers one at a time.
+ * to can_bridge/isotp/endpoint.py. Messages have 1 to SW_ISOTP_MOST bytes; each direction transfers one message at a
+ * time.
  *
  * Times are in ns, from 0 to 2^61.
  */
@@ -16,20 +17,20 @@
 /* The message being sent, and the messages that wait. */
 typedef struct {
     uint8_t count;      /* number of waiting messages */
-    uint16_t under_way; /* bytes of the message being sent; 0 without one */
+    uint16_t under_way; /* length of the message being sent, in bytes; 0 if none is being sent */
     uint16_t lengths[SW_ISOTP_QUEUE];
-    uint8_t bytes[SW_ISOTP_ROOM]; /* the message being sent, then the waiting ones, oldest first */
+    uint8_t bytes[SW_ISOTP_ROOM]; /* the message being sent, then the waiting messages, oldest first */
 } sw_isotp_queue;
 
 typedef struct {
     uint8_t *message; /* the caller's SW_ISOTP_MOST bytes, for a message of several frames */
     uint8_t *whole;   /* place of the latest complete message */
-    uint8_t is_held;  /* `message` is still read: another message of several frames is refused */
+    uint8_t is_held;  /* `message` is still being read: another message of several frames is refused */
     /* Reception. */
     uint8_t frame_length; /* length of the message's first frame */
     uint8_t next_number;
     uint8_t answer;  /* flow status to send, or SW_ISOTP_NO_ANSWER */
-    uint16_t wanted; /* bytes of the message being received; 0 without one */
+    uint16_t wanted; /* length of the message being received, in bytes; 0 if none is being received */
     uint16_t received;
     int64_t next_until_ns;
     /* Transmission. */
@@ -52,25 +53,28 @@ typedef struct {
 /* Initialises an endpoint after power-on; `message` has SW_ISOTP_MOST bytes. */
 void sw_isotp_init(sw_isotp *end, uint8_t *message);
 
-/* Returns whether a frame comes from the tester, to this ECU alone or to every ECU. */
+/* Returns whether a frame comes from the tester, addressed to this ECU alone or to every ECU. */
 int sw_isotp_is_request(const sw_frame *frame);
 
-/* Takes a request to every ECU, which has only one frame, since more would need flow control. It is independent of the
- * conversation with this ECU, and interrupts nothing in it. Returns the length of the request in `message`, or 0.
+/* Takes a request to every ECU. Such a request has only one frame, since several frames would need flow control. The
+ * request is independent of the conversation with this ECU, and does not interrupt that conversation. Returns the
+ * length of the request in `message`, or 0.
  */
 uint32_t sw_isotp_functional(const sw_frame *frame, uint8_t message[SW_FRAME_BYTES]);
 
 /* Takes a frame from the bus; frames for others are ignored. Returns the length of a message that is now complete, or
- * 0. `whole` points to the message: in `single` after a single frame, otherwise in `message`. It is valid until the
- * next call, or as long as `is_held`.
+ * 0. `whole` points to the message: in `single` after a single frame, otherwise in `message`. The pointer is valid
+ * until the next call, or as long as `is_held` is 1.
  */
 uint32_t sw_isotp_receive(sw_isotp *end, int64_t now_ns, const sw_frame *frame, uint8_t single[SW_FRAME_BYTES]);
 
-/* Return whether a message is being received; whether a message has not been sent completely. */
+/* The first function returns whether a message is being received, the second whether a message has not been sent
+ * completely.
+ */
 int sw_isotp_is_receiving(const sw_isotp *end);
 int sw_isotp_is_sending(const sw_isotp *end);
 
-/* Returns whether the waiting messages leave too little room for a message of greatest length. */
+/* Returns whether the waiting messages leave too little room for a message of the greatest length. */
 int sw_isotp_is_occupied(const sw_isotp *end);
 
 /* Returns whether only SW_ISOTP_KEPT places for messages are left, reserved for the request in progress. */
@@ -79,13 +83,14 @@ int sw_isotp_is_full(const sw_isotp *end);
 /* Returns the buffer for the next message to send, and stores the number of its free bytes in `room`. */
 uint8_t *sw_isotp_place(sw_isotp *end, uint32_t *room);
 
-/* Queues the message of `length` bytes at that place; later calls of sw_isotp_poll send it. A message that is longer
- * than its room, or that finds SW_ISOTP_QUEUE messages waiting, is dropped and counted.
+/* Queues a message of `length` bytes that the caller has written into the buffer of sw_isotp_place; later calls of
+ * sw_isotp_poll send the message. A message that is longer than its room, or that finds SW_ISOTP_QUEUE messages
+ * waiting, is dropped and counted.
  */
 void sw_isotp_send(sw_isotp *end, uint32_t length);
 
 /* Writes the frames to send now, at most SW_ISOTP_BURST and at most `room`: first the flow control for the other end,
- * then our messages. Frames without room follow in a later call. Returns the number of frames.
+ * then this end's messages. Frames that find no room follow in a later call. Returns the number of frames.
  */
 int sw_isotp_poll(sw_isotp *end, int64_t now_ns, int room, sw_frame frames[SW_ISOTP_BURST]);
 

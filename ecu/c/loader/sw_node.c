@@ -26,7 +26,7 @@ static const uint8_t *image_of(const sw_node *node)
     return sw_store_read_image(store, equipment->image, count) == 0 ? equipment->image : NULL;
 }
 
-/* Starts the ECU of the booted image; without an image, an ECU that stays shut. */
+/* Starts the ECU of the booted image; without an image, an ECU whose jets stay shut. */
 static void start_ecu(sw_node *node)
 {
     const uint8_t *image = image_of(node);
@@ -65,8 +65,9 @@ static int64_t clipped(int64_t now_ns)
     return now_ns < SW_LATEST_NS ? now_ns : SW_LATEST_NS;
 }
 
-/* Runs a control period without a release, or if the release has been overwritten: jets shut, the reason on the bus,
- * and the counts in the state. Nothing of the release is read. This function corresponds to ecu/flashable/shut_ecu.py.
+/* Runs a control period if there is no release, or if the release has been overwritten: the jets are shut, the reason
+ * is sent on the bus, and the counts advance in the state. The function reads nothing of the release. This function
+ * corresponds to ecu/flashable/shut_ecu.py.
  */
 static int shut_step(sw_node *node, int64_t now_ns, sw_frame frames_out[SW_FRAMES_OUT])
 {
@@ -91,7 +92,7 @@ int sw_node_control(sw_node *node, int64_t now_ns, const sw_frame *frames_in, in
     const uint32_t missed = ecu->state.missed;
     int sent;
     sw_faults_before(&services->faults);
-    /* The release booted next has no information that the jets run now, so they are shut before the reset. */
+    /* The release that is booted next cannot know whether the jets run now, so the jets are shut before the reset. */
     ecu->surroundings.fault = services->uds.wants_reset ? SW_REASON_UPDATING : SW_REASON_NONE;
     ecu->surroundings.updating = services->programming.is_updating;
     if (has_release) {
@@ -114,7 +115,9 @@ int sw_node_control(sw_node *node, int64_t now_ns, const sw_frame *frames_in, in
 
 /* --- Diagnosis --- */
 
-/* Takes at most SW_ISOTP_QUEUE requests; one without a place for its answer is lost. Returns their number. */
+/* Takes at most SW_ISOTP_QUEUE requests; a request is lost if there is no place for its answer. Returns the number of
+ * requests.
+ */
 static uint32_t take_requests(sw_node *node, int64_t now_ns, const sw_frame *frames_in, int count)
 {
     uint8_t single[SW_FRAME_BYTES];
@@ -157,7 +160,7 @@ static void care_for_records(sw_node *node)
 }
 
 #if SW_XCP
-/* Takes the calibration tool's frames. A requested store waits until UDS and the memory are idle. */
+/* Takes the calibration tool's frames. A requested store waits until UDS and the flash memory are idle. */
 static void hear_tool(sw_node *node, int64_t now_ns, const sw_frame *frames_in, int count)
 {
     const int may_store = !sw_uds_is_busy(&node->services.uds) && !sw_store_is_erasing(&node->store);
@@ -194,7 +197,7 @@ int sw_node_service(sw_node *node, int64_t now_ns, const sw_frame *frames_in, in
     sw_uds_look(uds, time_ns);
     const int looked_at = count < (int)SW_MOST_FRAMES ? count : (int)SW_MOST_FRAMES;
     const uint32_t requests = take_requests(node, time_ns, frames_in, looked_at);
-    /* A request that begins long work has done its first piece; requests during long work do no piece. */
+    /* A request that begins long work has already done its first piece here; requests during long work do no piece. */
     if (was_busy || requests == 0u || !sw_uds_is_busy(uds)) sw_uds_tick(uds, time_ns);
 #if SW_XCP
     hear_tool(node, time_ns, frames_in, looked_at);

@@ -13,11 +13,13 @@
  *     whenever all frames have been sent and sw_node_wants_reset: reset the microcontroller.
  *
  * An image runs in place in the flash, or from a copy (sw_equipment). The copy is needed if the flash cannot be read
- * while one of its sectors is erased, which takes a second on some chips; a control period would have to wait as long.
- * A transfer may overwrite the image that is running on trial. From the announcement of a transfer until a reset, the
- * ECU therefore sends unchanged counts and an unchanged pressure counter, and refuses the self-test.
+ * while one of its sectors is erased: an erasure takes a second on some chips, and without the copy a control period
+ * would have to wait for its end. A transfer may overwrite the image that is running on trial. From the announcement of
+ * a transfer until a reset, the ECU therefore sends unchanged counts and an unchanged pressure counter, and refuses the
+ * self-test.
  *
- * A call does at most one piece of long work. No call may interrupt another call for the same node.
+ * A call does at most one piece of long work (hash, signature, erasure). No call may interrupt another call for the
+ * same node.
  */
 #ifndef SW_NODE_H
 #define SW_NODE_H
@@ -34,7 +36,7 @@
 extern "C" {
 #endif
 
-#define SW_NODE_FRAMES (SW_FRAMES_OUT + SW_ISOTP_BURST) /* largest number of frames of a step */
+#define SW_NODE_FRAMES (SW_FRAMES_OUT + SW_ISOTP_BURST) /* largest number of frames that a step returns */
 
 typedef struct {
     sw_store store;
@@ -43,41 +45,43 @@ typedef struct {
 #if SW_XCP
     sw_xcp xcp;
 #endif
-    uint32_t bundle_hash; /* short hash of the booted release; 0 without one */
+    uint32_t bundle_hash; /* short hash of the booted release; 0 if none is booted */
     uint8_t is_sending;
     uint8_t is_full;   /* whether frames wait because there was no room */
-    uint8_t has_begun; /* whether sw_node_service has run since power-on, at begun_ns first */
+    uint8_t has_begun; /* whether sw_node_service has run since power-on; its first run was at begun_ns */
     int64_t begun_ns;
     sw_ecu ecu; /* last; the caller writes `ecu.surroundings.health` as for sw_ecu_step */
 } sw_node;
 
-/* Powers on: boots the release in the flash memory. `message` has SW_ISOTP_MOST bytes; all arguments must outlive the
- * node. Returns the result of sw_ecu_init.
+/* Powers on: boots the release in the flash memory. `message` has SW_ISOTP_MOST bytes. All arguments must stay valid as
+ * long as the node is used. Returns the result of sw_ecu_init.
  */
 int sw_node_init(sw_node *node, const sw_equipment *equipment, const sw_flash *flash, uint8_t *message);
 
-/* Runs one control period and one call of diagnosis; frames_in as for sw_ecu_step, but not in the memory of frames_out.
+/* Runs one control period and one call of diagnosis. frames_in is as for sw_ecu_step, but must not overlap frames_out.
  * Returns the number of frames to send.
  */
 int sw_node_step(sw_node *node, int64_t now_ns, const sw_frame *frames_in, int count,
                  sw_frame frames_out[SW_NODE_FRAMES]);
 
-/* The two parts of sw_node_step, for callers that run them separately. Diagnosis processes SW_MOST_FRAMES frames of a
- * call. It returns at most `room` frames, the free places of the CAN controller; the rest follows in a call a
- * millisecond later.
+/* The two parts of sw_node_step, for callers that run them separately. Diagnosis processes at most SW_MOST_FRAMES
+ * frames per call. It returns at most `room` frames, the number of free places in the CAN controller; the remaining
+ * frames follow in a call a millisecond later.
  */
 int sw_node_control(sw_node *node, int64_t now_ns, const sw_frame *frames_in, int count,
                     sw_frame frames_out[SW_FRAMES_OUT]);
 int sw_node_service(sw_node *node, int64_t now_ns, const sw_frame *frames_in, int count, int room,
                     sw_frame frames_out[SW_ISOTP_BURST]);
 
-/* Returns whether a frame is for diagnosis: a tester's, or a calibration tool's. */
+/* Returns whether a frame is for diagnosis: it comes from a tester or from a calibration tool. */
 int sw_node_is_request(const sw_frame *frame);
 
 /* Returns whether sw_node_service has work to do without another frame. */
 int sw_node_is_busy(const sw_node *node);
 
-/* Returns whether that work waits for flash or for frames to be sent: one call per millisecond is then enough. */
+/* Returns whether the work in progress waits for flash or for frames to be sent: one call per millisecond is then
+ * enough.
+ */
 int sw_node_waits(const sw_node *node);
 
 int sw_node_wants_reset(const sw_node *node);

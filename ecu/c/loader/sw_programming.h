@@ -1,8 +1,8 @@
-/* Programming by diagnosis: key lists, downloads and routines over the store of releases. This file corresponds to
+/* Programming through UDS: key lists, downloads and routines over the store of releases. This file corresponds to
  * can_bridge/uds/ecu_services.py.
  *
- * Each function returns SW_UDS_DONE, which is 0, or the SW_NRC_ of the refusal; those that begin long work may return
- * SW_UDS_MORE.
+ * Each function returns SW_UDS_DONE, which is 0, or the SW_NRC_ of the refusal; functions that begin long work may
+ * return SW_UDS_MORE.
  */
 #ifndef SW_PROGRAMMING_H
 #define SW_PROGRAMMING_H
@@ -23,7 +23,7 @@ typedef struct {
     uint8_t has_passed;    /* the running release passed its latest self-test, since the last announcement */
     uint8_t has_confirmed; /* the release on trial was confirmed, since the last announcement */
     uint8_t has_keys;      /* whether a key list was accepted */
-    uint8_t keys_digest[SW_SHA256_BYTES]; /* its SHA-256, to acknowledge a repeated list */
+    uint8_t keys_digest[SW_SHA256_BYTES]; /* SHA-256 of the accepted list, to acknowledge a repeated list */
     uint16_t routine;                     /* routine that was begun last */
     uint8_t piece;                        /* next piece of a self-test */
 } sw_programming;
@@ -31,7 +31,7 @@ typedef struct {
 /* Returns whether the booted image has not been overwritten. */
 int sw_programming_has_release(const sw_programming *programming);
 
-/* Checks that a reset would not interrupt control, which may have begun after the session. */
+/* Checks that a reset would not interrupt control, which may have begun after the session began. */
 uint8_t sw_programming_before_reset(const sw_programming *programming);
 
 uint8_t sw_programming_take_keys(sw_programming *programming, const uint8_t *value, uint32_t length);
@@ -42,7 +42,7 @@ uint8_t sw_programming_begin(sw_programming *programming, uint32_t routine, cons
 /* Does one more piece of the routine. */
 uint8_t sw_programming_go_on(sw_programming *programming, sw_answer *answer);
 
-/* Checks that `length` bytes of the announced image are missing from `offset` on. */
+/* Checks that the `length` bytes of the announced image from `offset` on are still missing. */
 uint8_t sw_programming_download(const sw_programming *programming, uint32_t offset, uint32_t length);
 
 #endif

@@ -1,5 +1,5 @@
-/* The reasons to refuse a request now, as UDS codes: the vehicle asks for control, or the store refuses. This file
- * corresponds to ecu/flashable/vehicle_request.py.
+/* The reasons for which a request is refused now, as UDS codes: the vehicle asks for control, or the store refuses.
+ * This file corresponds to ecu/flashable/vehicle_request.py.
  */
 #ifndef SW_REQUEST_H
 #define SW_REQUEST_H
@@ -13,7 +13,9 @@
 #define SW_UDS_DONE 0u /* the answer is positive */
 #define SW_UDS_MORE 1u /* the service continues, one piece per call */
 
-/* The vehicle's request for control, as the control periods saw it: while it is valid nothing is flashed. */
+/* The vehicle's request for control, as the control periods received it: while the request is valid nothing is
+ * flashed.
+ */
 typedef struct {
     uint8_t has_asked;
     uint8_t drives_jets;
@@ -31,7 +33,7 @@ static inline uint8_t sw_request_refusal(const sw_vehicle_request *request)
 /* Returns the refusal for a result of the store; SW_UDS_DONE or SW_UDS_MORE if the store does not refuse. */
 static inline uint8_t sw_store_refusal(sw_store_result result)
 {
-    static const uint8_t codes[] = { /* in the order of sw_store_result */
+    static const uint8_t codes[] = { /* codes in the order of sw_store_result */
         SW_UDS_DONE, SW_UDS_MORE, SW_NRC_OUT_OF_RANGE, SW_NRC_SEQUENCE_ERROR, SW_NRC_OUT_OF_RANGE,
         SW_NRC_PROGRAMMING_FAILURE,
     };

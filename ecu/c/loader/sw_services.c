@@ -11,11 +11,11 @@
 #define P2_UNIT_MS 10u
 #define ENABLE 0u
 #define DISABLE_SENDING 1u
-#define NORMAL 0x01u /* communication types that include JetCommand and EcuStatus: these messages alone, or with */
-#define NORMAL_AND_NETWORK 0x03u /* network management */
+#define NORMAL 0x01u /* communication type that includes JetCommand and EcuStatus alone */
+#define NORMAL_AND_NETWORK 0x03u /* communication type that includes these messages and network management */
 #define COUNT(table) (sizeof(table) / sizeof(table)[0])
 
-/* Permission to write an identifier or start a routine, and the number of its bytes; 0xffff: any number. */
+/* The permission to write an identifier or start a routine, and the number of data bytes; 0xffff means any number. */
 typedef struct {
     uint16_t number;
     uint8_t sessions;
@@ -39,7 +39,9 @@ static const permission routines[] = {
     {SW_ROUTINE_CHECK, SW_IN_PROGRAMMING, SW_LEVEL_PROGRAMMING, 0},
 };
 
-/* Returns 0 if a number is allowed in this session, unlocked, with this many bytes; else the refusal. */
+/* Returns 0 if an identifier or a routine is allowed in this session, at the unlocked level, with this number of bytes;
+ * otherwise the SW_NRC_ of the refusal.
+ */
 static uint8_t refusal(const sw_services *services, const permission *table, uint32_t count, uint32_t number,
                        uint32_t length)
 {
@@ -84,7 +86,7 @@ static uint8_t control_communication(sw_services *services, const uint8_t *body,
     if (body[0] != ENABLE && body[0] != DISABLE_SENDING) return SW_NRC_SUB_FUNCTION_NOT_SUPPORTED;
     if (length != 2u) return SW_NRC_INCORRECT_LENGTH;
     if (body[1] != NORMAL && body[1] != NORMAL_AND_NETWORK) return SW_NRC_OUT_OF_RANGE;
-    /* The conditions are those of a reset: no control is interrupted. */
+    /* Sending is disabled only under the conditions of a reset, so that no control is interrupted. */
     const uint8_t code = body[0] == DISABLE_SENDING ? sw_programming_before_reset(&services->programming) : 0u;
     if (code != 0u) return code;
     services->uds.is_silent = (uint8_t)(body[0] == DISABLE_SENDING);
@@ -147,7 +149,7 @@ static uint8_t identifier(const sw_services *services, uint32_t number, sw_answe
     return code;
 }
 
-/* Reads identifiers. As in the standard, unknown ones are left out if at least one is known. */
+/* Reads identifiers. As in the standard, unknown identifiers are left out of the answer if at least one is known. */
 static uint8_t read(sw_services *services, const uint8_t *body, uint32_t length, sw_answer *answer)
 {
     const uint32_t before = answer->length;
@@ -161,7 +163,9 @@ static uint8_t read(sw_services *services, const uint8_t *body, uint32_t length,
     return answer->length > SW_LONGEST_ANSWER ? SW_NRC_RESPONSE_TOO_LONG : SW_UDS_DONE;
 }
 
-/* Handles security access: an odd sub-function requests the seed of its level, the next number answers it. */
+/* Handles security access: an odd sub-function requests the seed of its level, the next number brings the answer to
+ * this seed.
+ */
 static uint8_t give_access(sw_services *services, const uint8_t *body, uint32_t length, sw_answer *answer)
 {
     const int is_answer = body[0] % 2u == 0u;
@@ -212,7 +216,7 @@ static uint8_t routine_on(sw_services *services, sw_answer *answer)
     return sw_programming_go_on(&services->programming, answer);
 }
 
-/* --- A download: blocks in order. A tester that missed an answer repeats its request. --- */
+/* --- A download: its blocks come in order. A tester that missed an answer repeats its request. --- */
 
 static uint8_t download(sw_services *services, const uint8_t *body, uint32_t length, sw_answer *answer)
 {
@@ -336,8 +340,8 @@ static const sw_service rows[] = {
     {SW_SERVICE_FAULT_SETTING, SW_IN_PROGRAMMING | SW_IN_EXTENDED, 1, 0, set_faults, NULL},
 };
 
-/* Drops an open transfer, which can be resumed after a reset. If a tester disappears during a transfer, a reset is
- * needed, or the jets would stay shut until the next power-on; the earlier release is intact.
+/* Drops an open transfer, which can be resumed after a reset. If a tester disappears during a transfer, the ECU is
+ * reset, because the jets would otherwise stay shut until the next power-on. The earlier release is intact.
  */
 static void end_session(sw_services *services, uint8_t next)
 {

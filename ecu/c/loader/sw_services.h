@@ -1,5 +1,5 @@
-/* The ECU behind the UDS server: the parts behind the services, and the table of services. This file corresponds to
- * can_bridge/uds/permissions.py and transfer.py, and to the handlers in server.py.
+/* The services of the UDS server: the parts of the ECU that the services use, and the table of services. This file
+ * corresponds to can_bridge/uds/permissions.py and transfer.py, and to the handlers in server.py.
  */
 #ifndef SW_SERVICES_H
 #define SW_SERVICES_H
@@ -11,16 +11,16 @@
 #include "sw_programming.h"
 #include "sw_uds.h"
 
-/* The data of an ECU from production; no reset changes them, and they outlive the node. */
+/* The data of an ECU from production. No reset changes them, and they must stay valid as long as the node is used. */
 typedef struct {
-    const sw_rules *rules;     /* rules for the judgement of images and key lists */
-    const uint8_t *access_key; /* secret shared with the tester, SW_AES_BYTES */
-    const char *hardware;      /* name of the hardware; UTF-8, as the following */
+    const sw_rules *rules;     /* rules by which images and key lists are judged */
+    const uint8_t *access_key; /* secret shared with the tester, of SW_AES_BYTES bytes */
+    const char *hardware;      /* name of the hardware; UTF-8, like the following texts */
     const char *serial;        /* serial number of this ECU */
     const char *software;      /* version of the loader */
     sw_random random;
     void *context; /* argument of `random` */
-    uint8_t *image; /* memory for a copy of the running image, at a multiple of 64 bytes; NULL: it runs in the flash */
+    uint8_t *image; /* memory for a copy of the running image, aligned to 64 bytes; NULL: the image runs in flash */
     uint32_t image_bytes; /* size of the copy: SW_IMAGE_HEADER + sizeof(sw_payload) */
 } sw_equipment;
 
@@ -40,7 +40,7 @@ typedef struct {
 
 struct sw_services {
     const sw_equipment *equipment;
-    sw_programming programming; /* next to a pointer, so that alignment needs no padding */
+    sw_programming programming; /* this member stands next to a pointer, so that alignment needs no padding */
     sw_vehicle_request request;
     sw_uds uds;
     sw_calibrating calibrating;
@@ -48,7 +48,9 @@ struct sw_services {
     sw_transfer transfer;
 };
 
-/* Connects the parts, at power-on, in memory of zeros. All arguments must outlive them. */
+/* Connects the parts, at power-on, in memory of zeros. All arguments must stay valid as long as the services are
+ * used.
+ */
 void sw_services_init(sw_services *services, const sw_equipment *equipment, sw_store *store, sw_isotp *isotp,
                       sw_ecu *ecu);
 

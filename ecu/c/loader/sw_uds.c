@@ -5,7 +5,7 @@
 
 #define MS INT64_C(1000000)
 #define S3_NS ((int64_t)SW_S3_MS * MS)
-/* Half the limits, since the limits end when the answer is on the bus. */
+/* The code uses half of each limit, since a limit ends only when the answer is on the bus. */
 #define FIRST_PENDING_NS ((int64_t)SW_P2_MS * MS / 2)
 #define NEXT_PENDING_NS ((int64_t)SW_P2_EXTENDED_MS * MS / 2)
 #define POSITIVE 0x40u
@@ -92,13 +92,13 @@ static void came_to(sw_uds *uds, uint8_t number, uint8_t code, const sw_answer *
     } else if (!uds->is_quiet) {
         sw_isotp_send(uds->isotp, answer->length);
     } else {
-        /* The tester has suppressed the answer. */
+        /* The tester has suppressed the positive answer. */
     }
     uds->heard_ns = uds->now_ns;
 }
 
-/* Stores a request that cannot begin yet where no other request is stored. A functional request must not replace a
- * physical request that is still being received.
+/* Stores a request that cannot begin yet, at a place where no other request is stored. A functional request must not
+ * replace a physical request that is still being received.
  */
 static uint8_t put_off(sw_uds *uds, const uint8_t *request, uint32_t length)
 {
@@ -108,7 +108,7 @@ static uint8_t put_off(sw_uds *uds, const uint8_t *request, uint32_t length)
     return SW_UDS_MORE;
 }
 
-/* Does the first piece of a request; the bit that suppresses its answer is removed. */
+/* Does the first piece of a request, from which the bit that suppresses the answer is removed. */
 static uint8_t began(sw_uds *uds, uint8_t *request, uint32_t length, sw_answer *answer)
 {
     const sw_service *service = service_of(uds, request[0]);
@@ -162,7 +162,9 @@ void sw_uds_tick(sw_uds *uds, int64_t now_ns)
     if (uds->under_way == NULL) return;
     const uint8_t number = uds->under_way->number;
     if (uds->now_ns >= uds->pending_ns) {
-        /* A tester that received response-pending waits for the answer, even if it suppressed the answer. */
+        /* A tester that has received response-pending waits for the answer, even if its request suppressed the
+         * answer.
+         */
         uds->is_quiet = 0;
         uds->is_functional = 0;
         uds->pending_ns = uds->now_ns + NEXT_PENDING_NS;

@@ -2,8 +2,8 @@
  * corresponds to can_bridge/uds/server.py, job.py and sessions.py. The caller gives the table of services.
  *
  * Every request is checked in the order of the standard's figures: service, session, length, sub-function and its
- * session, security level, sequence. The ECU behind the service may then refuse for its own reasons. One request is
- * processed at a time, in pieces, one for each sw_uds_tick.
+ * session, security level, sequence. The function of the service may then refuse for its own reasons. One request is
+ * processed at a time, in pieces: each sw_uds_tick does one piece.
  */
 #ifndef SW_UDS_H
 #define SW_UDS_H
@@ -25,16 +25,17 @@ typedef struct sw_services sw_services;
 #define SW_IN_EXTENDED (1u << SW_SESSION_EXTENDED)
 #define SW_IN_ALL (SW_IN_DEFAULT | SW_IN_PROGRAMMING | SW_IN_EXTENDED)
 
-/* A service. `body` follows the service's number, without the bit that suppresses the answer; `answer` begins with the
- * number of the positive answer. Both functions return SW_UDS_DONE, SW_UDS_MORE or the SW_NRC_ of the refusal.
+/* A service. `body` has the request's bytes after the service's number, without the bit that suppresses the answer;
+ * `answer` begins with the number of the positive answer. Both functions return SW_UDS_DONE, SW_UDS_MORE or the SW_NRC_
+ * of the refusal.
  */
 typedef struct {
     uint8_t number;
     uint8_t sessions;
     uint8_t has_sub_function;
-    uint8_t writes; /* needs the flash memory: waits while a sector is erased for later use */
+    uint8_t writes; /* needs the flash memory: the service waits while a sector is erased for later use */
     uint8_t (*handle)(sw_services *services, const uint8_t *body, uint32_t length, sw_answer *answer);
-    uint8_t (*go_on)(sw_services *services, sw_answer *answer); /* does a further piece; NULL: only one piece */
+    uint8_t (*go_on)(sw_services *services, sw_answer *answer); /* does a further piece; NULL: there is only one */
 } sw_service;
 
 typedef struct {
@@ -52,13 +53,13 @@ typedef struct {
     uint8_t session;  /* SW_SESSION_ */
     uint8_t has_time; /* whether now_ns is valid */
     uint8_t reset_is_due;
-    uint8_t wants_reset; /* the ECU must be reset */
-    uint8_t is_silent; /* a tester has silenced the frames of control; they are sent nevertheless while a jet can run */
+    uint8_t wants_reset; /* whether the ECU must be reset */
+    uint8_t is_silent; /* a tester has silenced the frames of control; while a jet can run they are sent nevertheless */
     uint8_t is_quiet;  /* the tester has suppressed the positive answer */
     uint8_t is_functional; /* the request goes to every ECU: it is not refused if other ECUs may support it */
-    uint16_t waiting;      /* bytes of a request that waits for the end of an erasure; 0: none waits */
+    uint16_t waiting;      /* length in bytes of a request that waits for the end of an erasure; 0 if none waits */
     sw_access access;
-    int64_t now_ns;   /* latest time; never decreases, even if the clock goes back */
+    int64_t now_ns;   /* latest time; it never decreases, even if the clock goes back */
     int64_t heard_ns; /* time at which the tester was last heard */
     int64_t pending_ns;
 } sw_uds;
@@ -66,29 +67,32 @@ typedef struct {
 /* Returns whether a request or a reset is in progress, which sw_uds_tick continues. */
 int sw_uds_is_busy(const sw_uds *uds);
 
-/* Ends a session in which no tester was heard for S3; called first in each call of diagnosis. The tester counts as
- * present while a message is being transferred, in either direction, and while a request is in progress (ISO 14229-2).
+/* Ends a session in which no tester was heard for the time S3. It is called first in each call of diagnosis. The tester
+ * counts as present while a message is being transferred, in either direction, and while a request is in progress (ISO
+ * 14229-2).
  */
 void sw_uds_look(sw_uds *uds, int64_t now_ns);
 
-/* Takes a complete request of `length` bytes, 1 or more, physical or functional, and does its first piece. A request
- * that arrives while a long answer is still being sent is not begun: the tester has to repeat it.
+/* Takes a complete request of `length` bytes, 1 or more, which is physical or functional, and does the request's first
+ * piece. A request that arrives while a long answer is still being sent is not begun: the tester has to repeat it.
  */
 void sw_uds_request(sw_uds *uds, int64_t now_ns, uint8_t *request, uint32_t length, int is_functional);
 
-/* Does a piece of the present request, or the answered reset. Call it at least every 20 ms while it is busy. */
+/* Does a piece of the present request, or the answered reset. Call sw_uds_tick at least every 20 ms while
+ * sw_uds_is_busy.
+ */
 void sw_uds_tick(sw_uds *uds, int64_t now_ns);
 
-/* Returns whether the request in progress is still read from the message of the sw_isotp. */
+/* Returns whether the request in progress is still read from the `message` of the sw_isotp. */
 int sw_uds_holds_message(const sw_uds *uds);
 
-/* Returns whether the request in progress waits for the memory: one call per millisecond is then enough. */
+/* Returns whether the request in progress waits for the flash memory: one call per millisecond is then enough. */
 int sw_uds_waits(const sw_uds *uds);
 
 /* Returns whether a security level is locked; level 0 is never locked. */
 int sw_uds_is_locked(const sw_uds *uds, uint8_t level);
 
-/* Begins a session, and ends the activities of the session before. */
+/* Begins a session, and ends the activities of the previous session. */
 void sw_uds_change_session(sw_uds *uds, uint8_t session);
 
 #endif

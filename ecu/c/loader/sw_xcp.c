@@ -7,8 +7,8 @@
 
 typedef struct {
     uint8_t number;
-    uint8_t shortest;     /* least number of bytes */
-    uint8_t is_protected; /* needs the unlocked calibration */
+    uint8_t shortest;     /* least number of bytes of the command */
+    uint8_t is_protected; /* the command needs the unlocked calibration */
 } xcp_command;
 
 static void to_tool(sw_xcp *xcp, const sw_answer *packet)
@@ -119,7 +119,7 @@ static uint8_t answered(sw_xcp *xcp, const uint8_t *data, uint32_t length, sw_an
     return SW_XCP_ERROR_CMD_UNKNOWN;
 }
 
-/* Ends an idle connection; the connection of a measuring tool stays open, but is locked. */
+/* Ends an idle connection. The connection of a tool that measures stays open, but is locked. */
 static void end_if_idle(sw_xcp *xcp, int64_t now_ns)
 {
     if (!xcp->is_connected || now_ns - xcp->last_ns <= SW_XCP_IDLE_NS) return;
@@ -178,8 +178,8 @@ void sw_xcp_look(sw_xcp *xcp, int64_t now_ns, int may_store)
     end_if_idle(xcp, now_ns);
     if (!xcp->has_to_store || !may_store || xcp->waiting.count == SW_XCP_PLACES) return;
     const uint8_t code = sw_calibrating_store(xcp->memory.calibrating, &xcp->to_store);
-    if (code == SW_NRC_CONDITIONS_NOT_CORRECT) return; /* wait until the jets are shut */
-    /* An attempt in every period would wear out a memory that fails. */
+    if (code == SW_NRC_CONDITIONS_NOT_CORRECT) return; /* waits until the jets are shut */
+    /* Storing is not attempted again: an attempt in every period would wear out a memory that fails. */
     xcp->has_to_store = 0;
     if (code == SW_UDS_DONE) to_tool(xcp, &stored);
 }

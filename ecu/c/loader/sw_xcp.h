@@ -2,8 +2,8 @@
  * corresponds to can_bridge/calibration/xcp.py and xcp_slave.py. Compiled in if SW_XCP is 1.
  *
  * A tool reads and writes the same calibration as UDS (sw_calibrating), and reads or measures the latest control period
- * (sw_daq). It waits for each answer: at most SW_XCP_PLACES packets wait to be sent, and commands without a free place
- * are lost.
+ * (sw_daq). It waits for each answer: at most SW_XCP_PLACES packets wait to be sent, and a command is lost if no place
+ * is free for its answer.
  */
 #ifndef SW_XCP_H
 #define SW_XCP_H
@@ -19,7 +19,7 @@
 typedef struct {
     uint8_t count;
     uint8_t lengths[SW_XCP_PLACES];
-    uint8_t bytes[SW_XCP_PLACES][SW_XCP_MAX_CTO]; /* oldest first */
+    uint8_t bytes[SW_XCP_PLACES][SW_XCP_MAX_CTO]; /* the waiting packets, oldest first */
 } sw_xcp_packets;
 
 typedef struct {
@@ -29,14 +29,14 @@ typedef struct {
     int64_t last_ns; /* time of the latest command */
     uint8_t is_connected;
     uint8_t has_to_store;
-    sw_calibration to_store; /* values in force at the tool's request to store */
+    sw_calibration to_store; /* values that were in force when the tool requested to store them */
     sw_xcp_access access;
     sw_xcp_memory memory;
     sw_xcp_packets waiting;
     sw_daq daq;
 } sw_xcp;
 
-/* Initialises the slave at power-on, in memory of zeros; all arguments must outlive it. */
+/* Initialises the slave at power-on, in memory of zeros. All arguments must stay valid as long as the slave is used. */
 void sw_xcp_init(sw_xcp *xcp, sw_calibrating *calibrating, const uint8_t *access_key, sw_random random, void *context);
 
 /* Returns whether a frame comes from the tool. */
@@ -45,10 +45,12 @@ int sw_xcp_is_command(const sw_frame *frame);
 /* Processes a frame from the tool. */
 void sw_xcp_command(sw_xcp *xcp, int64_t now_ns, const sw_frame *frame);
 
-/* Checks for a timeout, and stores requested values if allowed; called once in each call of diagnosis. */
+/* Checks for a timeout, and stores the requested values if `may_store` is true; called once in each call of
+ * diagnosis.
+ */
 void sw_xcp_look(sw_xcp *xcp, int64_t now_ns, int may_store);
 
-/* Writes the frames to send now, at most `room`. Returns their number. */
+/* Writes the frames to send now, at most `room` frames. Returns the number of frames. */
 int sw_xcp_poll(sw_xcp *xcp, int64_t now_ns, int room, sw_frame *frames);
 
 /* Returns whether packets wait to be sent. */

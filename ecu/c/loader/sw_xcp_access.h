@@ -15,8 +15,8 @@
 typedef struct {
     uint8_t is_unlocked;
     uint8_t has_seed;
-    uint8_t unsent;    /* bytes of the seed to send, */
-    uint8_t key_bytes; /* and received bytes of the key */
+    uint8_t unsent;    /* number of bytes of the seed that are still to be sent */
+    uint8_t key_bytes; /* number of received bytes of the key */
     uint8_t seed[SW_XCP_SEED_LENGTH];
     uint8_t key[SW_ANSWER_BYTES];
 } sw_xcp_access;
@@ -25,7 +25,7 @@ typedef struct {
 void sw_xcp_access_lock(sw_xcp_access *access);
 
 /* Answer GET_SEED and UNLOCK of checked length: SW_XCP_DONE or the SW_XCP_ERROR_ of the refusal. Every attempt needs a
- * new seed; a wrong key, ACCESS_LOCKED, ends the connection.
+ * new seed. A wrong key is answered with ACCESS_LOCKED and ends the connection.
  */
 uint8_t sw_xcp_access_seed(sw_xcp_access *access, const uint8_t *data, sw_random random, void *context,
                            sw_answer *answer);

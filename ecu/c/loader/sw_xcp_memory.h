@@ -1,5 +1,5 @@
-/* The memory of a calibration tool: the calibration's two pages, and the latest control period. This file corresponds
- * to the handlers in can_bridge/calibration/xcp_slave.py.
+/* The memory that a calibration tool sees: the calibration's two pages, and the latest control period. This file
+ * corresponds to the handlers in can_bridge/calibration/xcp_slave.py.
  */
 #ifndef SW_XCP_MEMORY_H
 #define SW_XCP_MEMORY_H
@@ -17,13 +17,13 @@ typedef struct {
     const char *text; /* rest of a name that UPLOAD returns */
     uint32_t address; /* memory transfer address (MTA) */
     uint8_t text_bytes;
-    uint8_t page; /* page that the tool accesses */
+    uint8_t page; /* page that the tool reads and writes */
 } sw_xcp_memory;
 
 /* Resets the memory's state, at the end of a connection. */
 void sw_xcp_memory_end(sw_xcp_memory *memory);
 
-/* Sets a name that UPLOAD returns next. */
+/* Sets the name that UPLOAD returns next. */
 void sw_xcp_memory_text(sw_xcp_memory *memory, const char *text, uint32_t bytes);
 
 /* Answers a calibration command of checked length: SW_XCP_DONE or the SW_XCP_ERROR_ of the refusal. */

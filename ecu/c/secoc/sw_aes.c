@@ -1,5 +1,5 @@
-/* A block is stored as eight planes of 16 bits: bit 4 r + c of plane i is bit i of the byte in row r and column c. So a
- * round processes all bytes of a block at once.
+/* AES-128 on planes of bits. A block is stored as eight planes of 16 bits: bit 4 r + c of plane i is bit i of the byte
+ * in row r and column c. A round therefore processes all bytes of a block at once.
  */
 #include "sw_aes.h"
 
@@ -26,13 +26,13 @@ static void from_planes(uint8_t block[SW_AES_BYTES], const uint32_t planes[SW_AE
 }
 
 /* SubBytes: the straight-line program with 32 ANDs by Boyar and Peralta ("A depth-16 circuit for the AES S-box", 2011),
- * with its names. Its x0 and s0 are the highest bits.
+ * with the names of that paper. The paper's x0 and s0 are the highest bits.
  */
 static void substitute(uint32_t planes[SW_AES_PLANES])
 {
     const uint32_t x0 = planes[7], x1 = planes[6], x2 = planes[5], x3 = planes[4];
     const uint32_t x4 = planes[3], x5 = planes[2], x6 = planes[1], x7 = planes[0];
-    /* Change to a basis in which the inverse is short. */
+    /* The change to a basis in which the inverse is short. */
     const uint32_t y14 = x3 ^ x5, y13 = x0 ^ x6, y9 = x0 ^ x3, y8 = x0 ^ x5, t0 = x1 ^ x2;
     const uint32_t y1 = t0 ^ x7, y4 = y1 ^ x3, y12 = y13 ^ y14, y2 = y1 ^ x0, y5 = y1 ^ x6;
     const uint32_t y3 = y5 ^ y8, t1 = x4 ^ y12, y15 = t1 ^ x5, y20 = t1 ^ x1, y6 = y15 ^ x7;
@@ -50,7 +50,7 @@ static void substitute(uint32_t planes[SW_AES_PLANES])
     const uint32_t z0 = t44 & y15, z1 = t37 & y6, z2 = t33 & x7, z3 = t43 & y16, z4 = t40 & y1, z5 = t29 & y7;
     const uint32_t z6 = t42 & y11, z7 = t45 & y17, z8 = t41 & y10, z9 = t44 & y12, z10 = t37 & y3, z11 = t33 & y4;
     const uint32_t z12 = t43 & y13, z13 = t40 & y5, z14 = t29 & y2, z15 = t42 & y9, z16 = t45 & y14, z17 = t41 & y8;
-    /* Change back, and the affine map. */
+    /* The change back, and the affine map. */
     const uint32_t t46 = z15 ^ z16, t48 = z5 ^ z13, t53 = z0 ^ z3, t54 = z6 ^ z7, t57 = z2 ^ z12 ^ t53;
     const uint32_t t58 = z4 ^ t46, t59 = z3 ^ t54, t60 = t46 ^ t57, t61 = z14 ^ t57, t62 = z7 ^ z8 ^ t58;
     const uint32_t t63 = z9 ^ z10 ^ t58, t64 = z4 ^ t59, t65 = t61 ^ t62, t66 = z1 ^ t63, s3 = t53 ^ t66;
@@ -80,7 +80,9 @@ static uint32_t rows_up(uint32_t plane, uint32_t rows)
     return (plane >> COLUMNS * rows | plane << (16u - COLUMNS * rows)) & ALL;
 }
 
-/* MixColumns: with s = a + b, where b is the next row's byte, the result is 2 s + b + s two rows on. */
+/* MixColumns: a is a byte, b the byte of the next row, and s = a + b. The result is 2 s + b + t, where t is s two rows
+ * further on.
+ */
 static void mix_columns(uint32_t planes[SW_AES_PLANES])
 {
     uint32_t next[SW_AES_PLANES];
@@ -90,7 +92,7 @@ static void mix_columns(uint32_t planes[SW_AES_PLANES])
         sum[i] = planes[i] ^ next[i];
     }
     for (uint32_t i = 0; i < SW_AES_PLANES; i++) {
-        /* The doubled highest bit is x^4 + x^3 + x + 1. */
+        /* The highest bit, when doubled, becomes x^4 + x^3 + x + 1. */
         const uint32_t carried = (0x1bu >> i & 1u) != 0u ? sum[SW_AES_PLANES - 1] : 0u;
         const uint32_t doubled = (i > 0u ? sum[i - 1u] : 0u) ^ carried;
         planes[i] = doubled ^ next[i] ^ rows_up(sum[i], 2);
@@ -102,8 +104,8 @@ static void add_key(uint32_t planes[SW_AES_PLANES], const uint16_t key[SW_AES_PL
     for (uint32_t i = 0; i < SW_AES_PLANES; i++) planes[i] ^= key[i];
 }
 
-/* Replaces a round key by the next one: its last column, moved up by a row and substituted, is added to the first
- * column, and each column to the next one.
+/* Replaces a round key by the next round key: the last column, moved up by a row and substituted, is added to the first
+ * column; then each column is added to the next column.
  */
 static void next_key(uint32_t key[SW_AES_PLANES], uint32_t constant)
 {

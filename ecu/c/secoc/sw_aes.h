@@ -1,15 +1,16 @@
 /* AES-128 (FIPS 197), encryption only. The caller provides the memory for the schedule of a key.
  *
- * The code has no table and no branch that depends on a secret: every block takes the same time for any key and data.
+ * The code has no table and no branch that depends on a secret: the time for a block does not depend on the key or the
+ * data.
  */
 #ifndef SW_AES_H
 #define SW_AES_H
 
 #include <stdint.h>
 
-#define SW_AES_BYTES 16 /* bytes of a key, and of a block */
+#define SW_AES_BYTES 16 /* number of bytes of a key, and of a block */
 #define SW_AES_ROUNDS 10
-#define SW_AES_PLANES 8 /* bits of a byte */
+#define SW_AES_PLANES 8 /* number of bits of a byte */
 
 typedef struct {
     uint16_t rounds[SW_AES_ROUNDS + 1][SW_AES_PLANES]; /* the key and the round keys, as planes (sw_aes.c) */

@@ -1,4 +1,4 @@
-/* Authenticated frames after AUTOSAR SecOC: a frame that is not authentic or not fresh is refused before the E2E check.
+/* Authenticated frames as in AUTOSAR SecOC: a frame that is not authentic or not fresh is refused before the E2E check.
  * This file corresponds to can_bridge/secoc/securing.py, which describes the frame:
  *
  *     protected part | zeros | freshness, 8 bytes | MAC, 8 bytes
@@ -10,7 +10,7 @@
 
 #include "sw_cmac.h"
 
-#define SW_SECOC_LONGEST 64u /* largest length of a frame */
+#define SW_SECOC_LONGEST 64u /* largest length of a frame, in bytes */
 
 /* The bus key in use. Without a key no frame is authentic, and no frame may be sent. */
 typedef struct {
@@ -20,7 +20,7 @@ typedef struct {
 
 /* The state of the receiver of one message. Counts saturate at their largest value. */
 typedef struct {
-    uint64_t freshness;     /* value of the latest accepted frame; 0 before the first */
+    uint64_t freshness;     /* freshness value of the latest accepted frame; 0 before the first accepted frame */
     uint32_t not_authentic; /* number of frames refused because of their length or MAC */
     uint32_t not_fresh;     /* number of authentic frames that were repeated, or recorded earlier */
 } sw_verifier;
@@ -28,21 +28,23 @@ typedef struct {
 /* The state of the sender: the freshness of its next frames. */
 typedef struct {
     uint32_t trip;  /* number of power cycles, including this one; at least 1 */
-    uint32_t count; /* number of a message's frames sent in this power cycle; saturates */
+    uint32_t count; /* number of frames of one message sent in this power cycle; saturates */
 } sw_freshness;
 
-/* Prepares a key. Returns 0, or 1 for a key of zeros, which an empty memory contains; there is then no key. */
+/* Prepares a key. Returns 0, or 1 for a key of zeros, because an empty memory contains zeros; no key is then in use. */
 int sw_secoc_begin(sw_secoc *secoc, const uint8_t key[SW_AES_BYTES]);
 
 /* Returns whether a frame of `bytes` bytes is authentic for a message of `length` bytes, and its freshness value. */
 int sw_secoc_is_authentic(const sw_secoc *secoc, const uint8_t *data, uint32_t bytes, uint32_t length, uint16_t data_id,
                           uint64_t *freshness);
 
-/* Returns whether a frame is accepted: authentic, and fresher than the latest. The state then stores its value. */
+/* Returns whether a frame is accepted: it is authentic, and fresher than the latest accepted frame. The state then
+ * stores the frame's freshness value.
+ */
 int sw_secoc_accepts(sw_verifier *verifier, const sw_secoc *secoc, const uint8_t *data, uint32_t bytes, uint32_t length,
                      uint16_t data_id);
 
-/* Writes freshness and MAC after the protected part and its zeros; all parts have `length` bytes. */
+/* Writes freshness and MAC after the protected part and its zeros; all parts together have `length` bytes. */
 void sw_secoc_secure(const sw_secoc *secoc, uint8_t *data, uint32_t length, uint16_t data_id,
                      const sw_freshness *freshness);
 

@@ -1,5 +1,5 @@
-/* Functions on bytes and the numbers in them, without a library; numbers are big-endian unless the name says otherwise.
- * And an answer that is being written.
+/* Functions on bytes and the numbers in them, without a library, and an answer that is being written. Numbers are
+ * big-endian unless a function's name says otherwise.
  */
 #ifndef SW_BYTES_H
 #define SW_BYTES_H
@@ -23,7 +23,7 @@ static inline void sw_bytes_fill(uint8_t *to, uint8_t value, uint32_t length)
     for (uint32_t i = 0; i < length; i++) to[i] = value;
 }
 
-/* Returns the number in `count` bytes, 4 at most. */
+/* Returns the number in `count` bytes, where `count` is at most 4. */
 static inline uint32_t sw_number(const uint8_t *bytes, uint32_t count)
 {
     uint32_t value = 0;
@@ -43,7 +43,7 @@ static inline uint32_t sw_little_u32(const uint8_t *data)
     return data[0] | (uint32_t)data[1] << 8 | (uint32_t)data[2] << 16 | (uint32_t)data[3] << 24;
 }
 
-/* An answer. Bytes beyond its room are counted, but not stored. */
+/* An answer that is being written. Bytes beyond its room are counted, but not stored. */
 typedef struct {
     uint8_t *bytes;
     uint32_t room;

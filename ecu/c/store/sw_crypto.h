@@ -1,4 +1,4 @@
-/* The cryptography of the store: SHA-256 (FIPS 180-4) in pieces, Ed25519 (RFC 8032). */
+/* The cryptography of the store: SHA-256 (FIPS 180-4) of data in pieces, and Ed25519 (RFC 8032). */
 #ifndef SW_CRYPTO_H
 #define SW_CRYPTO_H
 
@@ -9,7 +9,7 @@
 typedef struct {
     uint32_t state[8];
     uint8_t block[64];
-    uint64_t length; /* number of bytes so far */
+    uint64_t length; /* number of hashed bytes so far */
 } sw_sha256;
 
 void sw_sha256_begin(sw_sha256 *hash);
@@ -19,7 +19,7 @@ void sw_sha256_end(sw_sha256 *hash, uint8_t digest[SW_SHA256_BYTES]);
 /* Computes the digest of all data at once. */
 void sw_sha256_of(const uint8_t *data, uint32_t length, uint8_t digest[SW_SHA256_BYTES]);
 
-/* Returns whether a key is of small order: anyone can forge signatures of such a key. */
+/* Returns whether a public key is of small order: anyone can forge signatures that such a key accepts. */
 int sw_key_is_weak(const uint8_t key[32]);
 
 /* Returns whether this key signed these bytes; never for a key of small order. */

@@ -1,7 +1,7 @@
-/* The flash memory of the store, as the loader needs it: erased by sector, written once by word.
+/* The flash memory of the store, as the loader uses it: it is erased sector by sector, and each word is written once.
  *
  * Addresses are bytes from the start of the store's part of the flash, which the driver maps. The sectors are, in
- * order: two for records, SW_SLOT_SECTORS for slot A, and as many for slot B.
+ * order: two for records, SW_SLOT_SECTORS for slot A, and SW_SLOT_SECTORS for slot B.
  */
 #ifndef SW_FLASH_H
 #define SW_FLASH_H
@@ -24,17 +24,18 @@
 typedef enum { SW_FLASH_DONE = 0, SW_FLASH_FAILED = 1, SW_FLASH_AT_WORK = 2 } sw_flash_state;
 
 /* A driver. Each function except `erased` returns 0, or 1 if the memory failed. If the supply fails during a call, the
- * words that it touched have any value, or cannot be read.
+ * words that the call erases or programs have any value, or cannot be read.
  *
- * Erasing takes a second on some chips, so `erase` only begins it: all bytes are 0xFF once `erased` no longer returns
- * AT_WORK; until then no other function is called. A driver aborts an erasure that takes longer than the chip allows.
+ * An erasure takes a second on some chips, so `erase` only begins the erasure. All bytes are 0xFF once `erased` returns
+ * DONE; while it returns AT_WORK no other function is called. A driver aborts an erasure that takes longer than the
+ * chip allows.
  */
 typedef struct {
     void *context;
     const uint8_t *memory;                                                /* address at which the flash is mapped */
     int (*erase)(void *context, uint32_t sector);                         /* begins an erasure */
     sw_flash_state (*erased)(void *context);                              /* state of the erasure */
-    int (*program)(void *context, uint32_t address, const uint8_t *word); /* programs an erased word to its end */
+    int (*program)(void *context, uint32_t address, const uint8_t *word); /* programs an erased word completely */
     int (*read)(void *context, uint32_t address, uint8_t *data, uint32_t length); /* 1: an uncorrectable word */
 } sw_flash;
 

@@ -1,4 +1,4 @@
-/* SHA-256, as in its standard, and the SHA-512 that Ed25519 needs. */
+/* SHA-256, as in its standard, and SHA-512, which Ed25519 needs. */
 #include "sw_crypto.h"
 
 #include "sw_bytes.h"
@@ -6,7 +6,7 @@
 /* --- SHA-256 --- */
 
 #define BLOCK 64u
-#define LENGTH 8u /* bytes of the length at the end of the last block */
+#define LENGTH 8u /* number of bytes of the length at the end of the last block */
 
 /* First 32 bits of the fractional parts of the cube roots of the first 64 primes. */
 static const uint32_t rounds[64] = {
@@ -25,7 +25,7 @@ static uint32_t turned(uint32_t value, uint32_t bits) { return (value >> bits) |
 static void mix(sw_sha256 *hash)
 {
     uint32_t w[64];
-    uint32_t v[8]; /* a .. h */
+    uint32_t v[8]; /* the working variables a to h */
     for (uint32_t i = 0; i < 8u; i++) v[i] = hash->state[i];
     for (uint32_t i = 0; i < 64u; i++) {
         if (i < 16u) {

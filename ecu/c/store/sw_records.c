@@ -6,8 +6,8 @@
 
 #define WORD SW_FLASH_WORD
 #define WORDS (SW_FLASH_SECTOR / WORD)
-#define TRIES 3u            /* places at which a write is attempted */
-#define FILLED (WORDS / 2u) /* words of a sector from which on it is left when there is time */
+#define TRIES 3u            /* number of places at which a write is attempted */
+#define FILLED (WORDS / 2u) /* number of written words from which on a sector is left when there is time */
 
 /* First byte of a word: its type. A blank word has 0xFF. */
 #define IS_SECTOR 0xc3u
@@ -21,7 +21,7 @@
 #define DATA 8u
 #define IN_FIRST (WORD - DATA)
 #define IN_FURTHER (WORD - 1u)
-/* The first word of a sector: type, magic (3), sequence (4), CRC-32 of these fields (4). */
+/* The first word of a sector: type, magic (3), sequence number (4), CRC-32 of these fields (4). */
 #define SEQUENCE 4u
 #define SECTOR_CRC 8u
 
@@ -49,7 +49,7 @@ static int read_word(const sw_records *records, uint32_t sector, uint32_t word, 
     return records->flash->read(records->flash->context, address_of(sector, word), data, WORD);
 }
 
-/* Writes a word and reads it back. Returns 1 if they differ. */
+/* Writes a word and reads it back. Returns 1 if the word read differs from the word written. */
 static int write_word(const sw_records *records, uint32_t sector, uint32_t word, const uint8_t data[WORD])
 {
     uint8_t found[WORD];
@@ -75,7 +75,9 @@ static uint32_t crc_begun(sw_record_kind kind, uint32_t length)
     return sw_crc32(0, head, 3);
 }
 
-/* Returns where the data of a record's word with this number begins, and how many bytes fit in it. */
+/* Return the offset at which the data of a record's word with this number begin, and how many bytes fit in this
+ * word.
+ */
 static uint32_t offset_of(uint32_t number) { return number == 0u ? 0u : IN_FIRST + (number - 1u) * IN_FURTHER; }
 static uint32_t begin_in(uint32_t number) { return number == 0u ? DATA : 1u; }
 
@@ -98,7 +100,7 @@ static int is_record(const sw_records *records, uint32_t word, const uint8_t fir
     return crc == sw_big_u32(&first[CRC]);
 }
 
-/* Returns whether a sector is valid, and its sequence. */
+/* Returns whether a sector is valid, and its sequence number. */
 static int is_valid(const sw_records *records, uint32_t sector, uint32_t *sequence)
 {
     uint8_t data[WORD];
@@ -125,7 +127,9 @@ static void scan(sw_records *records)
     }
 }
 
-/* Returns whether a sequence is later than another; sequences begin again at 0 after the largest. */
+/* Returns whether a sequence number is later than another number; sequence numbers begin again at 0 after the largest
+ * number.
+ */
 static int is_later(uint32_t one, uint32_t other) { return one != other && one - other <= UINT32_MAX / 2u; }
 
 void sw_records_open(sw_records *records, const sw_flash *flash)
@@ -176,7 +180,7 @@ sw_flash_state sw_records_erased(sw_records *records)
     return state;
 }
 
-/* Makes a sector blank: erases it if necessary and allowed. */
+/* Makes a sector blank: erases the sector if necessary and allowed. */
 static int blanked(sw_records *records, uint32_t sector)
 {
     sw_flash_state state = SW_FLASH_AT_WORK;
@@ -239,7 +243,7 @@ static int gathered(const sw_records *records, const record *of, uint32_t offset
                    && sw_records_read(records, of->kind, part->place + from - begin, &data[from - offset], to - from) != 0) {
             return 1;
         } else {
-            /* The requested bytes include no byte of this part. */
+            /* The part has none of the requested bytes. */
         }
         begin += part->length;
     }
@@ -285,8 +289,8 @@ static int copied(const sw_records *records, uint32_t from, uint32_t sector, uin
     return 0;
 }
 
-/* Moves the newest records into the other sector, with this record in place of an older one of its kind. The other
- * sector becomes valid with its last word.
+/* Moves the newest records into the other sector, with this record in place of the older record of its kind. The other
+ * sector becomes valid when its first word is written, which is written last.
  */
 static int moved(sw_records *records, const record *of)
 {
@@ -349,7 +353,7 @@ void sw_records_care(sw_records *records)
         } else if (sw_records_begin_erasing(records, sector) != 0) {
             records->other = SW_OTHER_BAD; /* a failed memory is not attempted again */
         } else {
-            /* The next call checks the progress. */
+            /* The next call checks the progress of the erasure. */
         }
     } else if (records->other == (uint8_t)SW_OTHER_BLANK && is_worth_a_move(records)) {
         if (moved(records, NULL) != 0) records->other = SW_OTHER_BAD;

@@ -1,12 +1,13 @@
-/* Records that survive a power loss, in two sectors, of which one is written until it is full.
+/* Records that survive a power loss, in two sectors: one sector is written until it is full, then the other.
  *
- * A record is a run of words. Its first word has kind, length and a CRC-32; the first byte of each word says whether it
- * is the first or a further word, so that no part of a record can be mistaken for another record. The newest complete
- * record of a kind is valid. When a sector is full, the newest records are copied into the other one, whose first word,
- * which makes it valid, is written last.
+ * A record is a run of words. The first word of a record has kind, length and a CRC-32; the first byte of each word
+ * states whether the word is the first word or a further word, so that no part of a record can be mistaken for another
+ * record. The newest complete record of a kind is valid. When a sector is full, the newest records are copied into the
+ * other sector. The first word of a sector makes the sector valid, and is written last.
  *
- * An erasure takes longer than a control period. Before control begins, the code waits for it. Later sw_records_care
- * begins and checks it while the jets are shut, so that the other sector is blank when it is needed.
+ * An erasure takes longer than a control period. Before control begins, the code waits for the erasure. Later
+ * sw_records_care begins and checks an erasure while the jets are shut, so that the other sector is blank when it is
+ * needed.
  */
 #ifndef SW_RECORDS_H
 #define SW_RECORDS_H
@@ -17,7 +18,7 @@
 
 #define SW_MAX_RECORD 8192u
 
-/* The numbers are those of can_bridge/flashing/backing.py. */
+/* The kinds of records. The numbers are those of can_bridge/flashing/backing.py. */
 typedef enum {
     SW_RECORD_STATE = 1,
     SW_RECORD_KEYS = 2,
@@ -28,8 +29,8 @@ typedef enum {
 
 /* The permitted ways to store a record. */
 typedef enum {
-    SW_RECORDS_WAIT = 0,  /* before control begins: the other sector may be erased, with waiting */
-    SW_RECORDS_MOVE = 1,  /* a full sector is left if the other one is blank */
+    SW_RECORDS_WAIT = 0,  /* before control begins: the other sector may be erased, and the code waits for the end */
+    SW_RECORDS_MOVE = 1,  /* a full sector may be left if the other sector is blank */
     SW_RECORDS_APPEND = 2 /* while the jets run: only append to the last record */
 } sw_records_limit;
 
@@ -42,22 +43,26 @@ typedef struct {
     uint8_t is_erasing;                /* an erasure of any sector is running: nothing else is allowed */
     uint8_t other;                     /* sw_records_other */
     uint32_t sector;                   /* the valid sector; SW_RECORD_SECTORS: none */
-    uint32_t sequence;                 /* sequence of that sector: the later one is newer */
+    uint32_t sequence;                 /* sequence number of the valid sector; the later number is newer */
     uint32_t end;                      /* word after the last written one */
     uint32_t words[SW_RECORD_KINDS];   /* first word of the newest record of each kind; 0: none */
-    uint32_t lengths[SW_RECORD_KINDS]; /* lengths of these records, in bytes */
+    uint32_t lengths[SW_RECORD_KINDS]; /* lengths of the newest records of each kind, in bytes */
 } sw_records;
 
 /* Finds the records after power-on; writes nothing. */
 void sw_records_open(sw_records *records, const sw_flash *flash);
 
-/* Blanks the other sector before control begins, if the one in use is filling up. A failure shows when it is needed. */
+/* Blanks the other sector before control begins, if the sector in use is filling up. A failure is noticed only when the
+ * other sector is needed.
+ */
 void sw_records_tidy(sw_records *records);
 
-/* Does a piece of maintenance: blanks the other sector, or leaves a sector that is filling up. */
+/* Does a piece of maintenance: blanks the other sector, or moves the records out of a sector that is filling up. */
 void sw_records_care(sw_records *records);
 
-/* Begins to erase any sector of the memory, and checks the progress. All erasures use these functions. */
+/* Begins to erase any sector of the memory; sw_records_erased checks the progress. All erasures use these two
+ * functions.
+ */
 int sw_records_begin_erasing(sw_records *records, uint32_t sector);
 sw_flash_state sw_records_erased(sw_records *records);
 
@@ -70,22 +75,25 @@ int sw_records_read(const sw_records *records, sw_record_kind kind, uint32_t off
 /* Returns the length of the newest record of a kind; 0 if there is none. */
 uint32_t sw_records_length(const sw_records *records, sw_record_kind kind);
 
-/* Replaces a record: afterwards, or after a power loss, the old or the new record is valid. Returns 1 if no place
- * works, or if the limit allows none; the old record then stays valid.
+/* Replaces a record: afterwards, or after a power loss, the old or the new record is valid. Returns 1 if no place can
+ * be written, or if the limit allows no place; the old record then stays valid.
  */
 int sw_records_keep(sw_records *records, sw_record_kind kind, const uint8_t *data, uint32_t length);
 
-/* A part of a record: the bytes at `data`, or, if it is NULL, those of the stored record of the kind from `place` on.
+/* A part of a record: the bytes at `data`; if `data` is NULL, the bytes of the stored record of the kind from `place`
+ * on.
  */
 typedef struct {
     const uint8_t *data;
     uint32_t place, length;
 } sw_part;
 
-/* Replaces a record as above by one of several parts. */
+/* Replaces a record, like sw_records_keep, with a record that consists of several parts. */
 int sw_records_keep_parts(sw_records *records, sw_record_kind kind, const sw_part *parts, uint32_t count);
 
-/* Returns zlib's CRC-32 of the earlier data and this data; `before` is 0 at first. */
+/* Returns zlib's CRC-32 of earlier data followed by this data; `before` is the CRC of the earlier data, 0 if there is
+ * none.
+ */
 uint32_t sw_crc32(uint32_t before, const uint8_t *data, uint32_t length);
 
 #endif

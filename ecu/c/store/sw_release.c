@@ -16,7 +16,7 @@
 #define LIST_ROOT 16u
 #define LIST_KEYS 48u
 
-/* Returns whether the keys ascend, so that none occurs twice. */
+/* Returns whether the keys ascend, so that no key occurs twice. */
 static int ascend(const uint8_t *keys, uint32_t count)
 {
     for (uint32_t i = 1; i < count; i++) {

@@ -1,5 +1,5 @@
-/* The keys that may sign releases (contract/release/key_list.py); the header of a release as an image
- * (contract/release/controller_image.py); and the judgement whether this ECU may run it.
+/* The list of keys that may sign releases (contract/release/key_list.py), the header of a release as an image
+ * (contract/release/controller_image.py), and the judgement whether this ECU may run the image.
  */
 #ifndef SW_RELEASE_H
 #define SW_RELEASE_H
@@ -7,7 +7,7 @@
 #include <stdint.h>
 
 #define SW_MOST_KEYS 16u
-#define SW_KEY_LIST_BYTES (48u + 2u * SW_MOST_KEYS * 32u + 64u) /* length of the longest list */
+#define SW_KEY_LIST_BYTES (48u + 2u * SW_MOST_KEYS * 32u + 64u) /* length of the longest list, in bytes */
 
 /* Returns whether a list is signed by the root key and well-formed. */
 int sw_key_list_is_good(const uint8_t *data, uint32_t length, const uint8_t root[32]);
@@ -37,11 +37,11 @@ typedef enum {
     SW_VERDICT_TOO_OLD = 12,
     SW_VERDICT_UNREADABLE = 13,
     SW_VERDICT_EMPTY = 14,
-    SW_VERDICT_WRONG_BUILD = 15, /* checked after WRONG_DBC; and at last, if sw_image_open refuses the image */
-    SW_VERDICT_NONE = 0xff       /* not judged yet */
+    SW_VERDICT_WRONG_BUILD = 15, /* checked after WRONG_DBC; also at the end, if sw_image_open refuses the image */
+    SW_VERDICT_NONE = 0xff       /* the image is not judged yet */
 } sw_verdict;
 
-/* The properties of this ECU by which releases are judged. */
+/* The properties of this ECU against which releases are judged. */
 typedef struct {
     uint8_t root[32];        /* Ed25519 key that signs key lists */
     uint8_t layout[32];      /* SHA-256 of the build's layout of the payload */
@@ -51,7 +51,7 @@ typedef struct {
                                 action limit, number of sensors */
 } sw_rules;
 
-/* The facts that the store saves of a valid image. */
+/* The facts about a valid image that the store saves. */
 typedef struct {
     uint32_t security_version;
     uint8_t digest[32]; /* digest of the release */
@@ -60,16 +60,17 @@ typedef struct {
     uint8_t signer[32];
 } sw_release_facts;
 
-/* Judges the header of an image of `length` bytes, with the given SHA-256 of its payload, by a key list. The caller has
- * to find WRONG_HASH, INCOMPLETE, UNREADABLE and EMPTY, and to check whether the build can run the payload.
+/* Judges the header of an image of `length` bytes against the rules and a key list; `payload_sha256` is the SHA-256 of
+ * the image's payload. The caller has to find WRONG_HASH, INCOMPLETE, UNREADABLE and EMPTY, and to check whether the
+ * build can run the payload.
  */
 sw_verdict sw_release_judge(const uint8_t header[SW_HEADER_BYTES], uint32_t length, const uint8_t payload_sha256[32],
                             const uint8_t *keys, const sw_rules *rules, uint32_t least_security_version);
 
-/* Returns the length of a name of printable ASCII, padded with zeros; 0 if it is invalid. */
+/* Returns the length of a name of printable ASCII characters, padded with zeros; 0 if the name is invalid. */
 uint32_t sw_name_length(const uint8_t field[SW_NAME_BYTES]);
 
-/* Reads a header with the verdict GOOD. */
+/* Reads the facts from a header whose verdict is GOOD. */
 void sw_release_read(const uint8_t header[SW_HEADER_BYTES], sw_release_facts *facts);
 
 #endif

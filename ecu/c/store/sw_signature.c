@@ -17,7 +17,7 @@
 #include "monocypher-ed25519.h"
 #include "sw_crypto.h"
 
-#define POINT 32u /* bytes of a point, and of a scalar */
+#define POINT 32u /* number of bytes of a point, and of a scalar */
 #define SCALAR_BITS 253
 
 /* The y coordinates of the points of small order; the last two are not reduced modulo p. Public keys with these values
@@ -56,7 +56,7 @@ static int equals_r(const uint8_t signature[64], const uint8_t key[POINT], const
     for (int bit = SCALAR_BITS - 1; bit >= 0; bit--) {
         ge_double(&sum, &sum, &work);
         if (bit_of(h, bit) != 0u) ge_add(&sum, &sum, &minus_a);
-        if (bit_of(&signature[POINT], bit) != 0u) ge_madd(&sum, &sum, &b_window[0], work.X, work.Y); /* B itself */
+        if (bit_of(&signature[POINT], bit) != 0u) ge_madd(&sum, &sum, &b_window[0], work.X, work.Y); /* adds B itself */
     }
     uint8_t found[POINT];
     ge_tobytes(found, &sum);

@@ -17,7 +17,9 @@ static int is_blank(const sw_store *store, uint32_t address)
     return all == 0xffu;
 }
 
-/* Returns where writing can continue: after all received bytes, or at the start of a sector; SW_NO_OFFSET: nowhere. */
+/* Returns the offset at which writing can continue: after all received bytes, or at the start of a sector; SW_NO_OFFSET
+ * if writing cannot continue.
+ */
 static uint32_t begin_again(const sw_store *store, uint32_t slot)
 {
     const sw_slot_state *standing = &store->state.slots[slot];
@@ -25,7 +27,7 @@ static uint32_t begin_again(const sw_store *store, uint32_t slot)
     if (standing->received == standing->length) return standing->received;
     for (uint32_t at = begin; at < standing->length; at += WORD) {
         if (!is_blank(store, sw_slots_address(slot) + at)) {
-            /* A word is written only once: a sector with an unknown word is erased. */
+            /* A word is written only once, so a sector that contains an unknown word must be erased. */
             const uint32_t sector = standing->received / SW_FLASH_SECTOR * SW_FLASH_SECTOR;
             return sector > 0u ? sector : SW_NO_OFFSET;
         }
@@ -41,7 +43,7 @@ static int written(const sw_store *store, uint32_t address, const uint8_t word[W
     return !sw_bytes_equal(found, word, WORD);
 }
 
-/* Writes a slot's bytes from `from` on; `tail` has its last incomplete word. Returns 1 if the memory failed. */
+/* Writes a slot's bytes from `from` on; `tail` has the slot's last incomplete word. Returns 1 if the memory failed. */
 static int write_bytes(const sw_store *store, uint32_t slot, uint32_t from, uint8_t *tail, const uint8_t *data,
                        uint32_t length)
 {
@@ -57,7 +59,7 @@ static int write_bytes(const sw_store *store, uint32_t slot, uint32_t from, uint
     return 0;
 }
 
-/* --- What may be done with which slot --- */
+/* --- Which slot may be used for what --- */
 
 /* Returns whether a slot was booted and failed, so that its image has to be transferred again. */
 static int is_known_bad(const sw_store *store, uint32_t slot)
@@ -67,8 +69,8 @@ static int is_known_bad(const sw_store *store, uint32_t slot)
            && store->verdicts[slot] != SW_VERDICT_NONE;
 }
 
-/* Returns the slot that is not protected. The running release is protected if it is confirmed, otherwise the confirmed
- * one. SW_NO_SLOT after a revert until the reset.
+/* Returns the slot that is not protected. The running release is protected if it is confirmed; otherwise the confirmed
+ * release is protected. Between a revert and the reset the function returns SW_NO_SLOT.
  */
 static uint32_t writable_slot(const sw_store *store)
 {
@@ -82,7 +84,7 @@ static uint32_t writable_slot(const sw_store *store)
     return 1u - running;
 }
 
-/* Returns the state with an empty slot; a confirmed release in the other slot is then active. */
+/* Returns the state in which this slot is empty; a confirmed release in the other slot is then active. */
 static sw_store_state *without(sw_store *store, uint32_t slot)
 {
     sw_store_state *next = sw_state_draft(store);
@@ -113,7 +115,7 @@ void sw_store_drop(sw_store *store)
     store->announced = SW_NO_SLOT;
 }
 
-/* Announces the slot, when the memory is writable directly after the received bytes. */
+/* Announces the image for the slot, when the memory directly after the received bytes is writable. */
 static sw_store_result announced(sw_store *store)
 {
     const sw_slot_state *announced_slot = &store->scratch.next.slot;
@@ -149,7 +151,9 @@ sw_store_result sw_store_announce(sw_store *store, uint32_t length, const uint8_
         next->received = wanted;
         return announced(store);
     }
-    /* Remains of an interrupted write after these bytes do not count until the slot is announced. */
+    /* An interrupted write may have left bytes after the received bytes; these do not count until the slot is
+     * announced.
+     */
     sw_store_state *state = without(store, slot);
     if (wanted != SW_NO_OFFSET) {
         next->received = wanted;
@@ -161,7 +165,9 @@ sw_store_result sw_store_announce(sw_store *store, uint32_t length, const uint8_
     return SW_STORE_MORE;
 }
 
-/* Appends a piece of the bytes; they count from the last piece on. The scratch memory has the draft of the state. */
+/* Appends a piece of the bytes. The bytes count as received only when the last piece is written. The scratch memory has
+ * the draft of the state.
+ */
 static sw_store_result appended(sw_store *store)
 {
     sw_store_state *next = &store->scratch.next.state;
@@ -245,7 +251,7 @@ static sw_store_result reverted(sw_store *store)
     return sw_state_keep(store, next) == 0 ? SW_STORE_DONE : SW_STORE_BAD_MEMORY;
 }
 
-/* Begins to erase the next sector, or checks the progress. */
+/* Begins to erase the next sector, or checks the progress of an erasure. */
 static sw_store_result cleared(sw_store *store)
 {
     const uint32_t sector = SW_RECORD_SECTORS + store->slot * SW_SLOT_SECTORS + store->at;
@@ -298,7 +304,9 @@ sw_store_result sw_store_confirm(sw_store *store)
     sw_store_state *next = sw_state_draft(store);
     sw_slot_state *standing = &next->slots[slot];
     if (standing->phase == SW_PHASE_CONFIRMED) return SW_STORE_DONE;
-    /* If the release's key was removed from the list, it would not boot again, and the earlier one might be too old. */
+    /* If the release's key was removed from the list, the release would not boot again, and the earlier release might
+     * be too old.
+     */
     if (standing->phase != SW_PHASE_TRIAL || !sw_key_is_allowed(store->keys, standing->facts.signer)) {
         return SW_STORE_OUT_OF_ORDER;
     }
@@ -314,7 +322,9 @@ sw_store_result sw_store_confirm(sw_store *store)
 sw_store_result sw_store_revert(sw_store *store)
 {
     const uint32_t trial = sw_state_in_phase(&store->state, SW_PHASE_TRIAL);
-    /* The running release decides: a repeated request, whose answer was lost, must not undo the first one. */
+    /* The running release decides to which release the ECU reverts: a tester that missed the answer repeats its
+     * request, and the repeated request must not undo the first.
+     */
     const uint32_t now = store->running != SW_NO_SLOT ? store->running : store->state.active;
     drop_work(store);
     if (trial != SW_NO_SLOT) {

@@ -1,16 +1,16 @@
 /* Two slots for releases, of which one runs and the other can be written. This file corresponds to
  * can_bridge/flashing/store.py.
  *
- *     announce, append .., finish     an image into the slot that is not protected; checked as it lies in the flash
- *     activate                        booted from the next reset on, SW_TRIAL_BOOTS times at most
- *     confirm                         it stays, and the least security version rises to its own
- *     revert                          back to the release before
+ *     announce, append .., finish     an image into the slot that is not protected; checked as stored in flash
+ *     activate                        boots from the next reset on, at most SW_TRIAL_BOOTS times
+ *     confirm                         the image stays; the least security version rises to the image's
+ *     revert                          the previous release boots again
  *
- * A power loss may end any call: the state stored until then lets the next boot find a valid image, if there was one.
- * The code is freestanding, without allocation or static state. Long work is done in pieces: after SW_STORE_MORE, call
- * sw_store_go_on until it returns another result. The calls above, boot and drop first discard such work, and wait for
- * a running erasure. While sw_store_is_erasing, call only sw_store_go_on and the functions that read state, facts and
- * report.
+ * A power loss may interrupt any call: from the state stored before, the next boot finds a valid image, if there was
+ * one. The code is freestanding, without allocation or static state. Long work is done in pieces: after SW_STORE_MORE,
+ * call sw_store_go_on until it returns another result. The calls above, boot and drop first discard such work, and wait
+ * for a running erasure. While sw_store_is_erasing, call only sw_store_go_on and the functions that read state, facts
+ * and report.
  */
 #ifndef SW_STORE_H
 #define SW_STORE_H
@@ -23,8 +23,8 @@
 #include "sw_release.h"
 
 #define SW_TRIAL_BOOTS 3u
-#define SW_PIECE 4096u  /* bytes of an image that one piece of work reads, */
-#define SW_WRITTEN 512u /* and that one piece writes */
+#define SW_PIECE 4096u  /* number of bytes of an image that one piece of work reads */
+#define SW_WRITTEN 512u /* number of bytes of an image that one piece of work writes */
 #define SW_NO_SLOT 0xffu
 #define SW_MAX_CALIBRATION 1024u
 #define SW_MAX_REPORT 512u
@@ -32,20 +32,20 @@
 
 typedef enum {
     SW_STORE_DONE = 0,
-    SW_STORE_MORE,         /* call sw_store_go_on */
+    SW_STORE_MORE,         /* the work is not finished: call sw_store_go_on */
     SW_STORE_OUT_OF_RANGE, /* ConfigError: the length is too great, or 0 */
     SW_STORE_OUT_OF_ORDER, /* OutOfOrderError: not allowed in the present state */
     SW_STORE_BAD_KEYS,     /* KeyFileError: the key list is refused */
-    SW_STORE_BAD_MEMORY    /* MediumError */
+    SW_STORE_BAD_MEMORY    /* MediumError: the flash memory failed */
 } sw_store_result;
 
 typedef enum {
     SW_PHASE_EMPTY = 0,
-    SW_PHASE_FILLING = 1,   /* announced; its first `received` bytes are stored */
+    SW_PHASE_FILLING = 1,   /* announced; the first `received` bytes are stored */
     SW_PHASE_CHECKED = 2,   /* complete and valid */
-    SW_PHASE_TRIAL = 3,     /* booted from the next reset on, boots_left times */
+    SW_PHASE_TRIAL = 3,     /* boots from the next reset on, boots_left times */
     SW_PHASE_CONFIRMED = 4, /* running, or the last confirmed release before the running release */
-    SW_PHASE_BAD = 5        /* never booted */
+    SW_PHASE_BAD = 5        /* the image is never booted */
 } sw_phase;
 
 typedef enum {
@@ -57,7 +57,7 @@ typedef enum {
     SW_BOOT_NO_RELEASE = 5
 } sw_boot_reason;
 
-/* can_bridge/flashing/state.py: SlotState. */
+/* The state of a slot, as SlotState in can_bridge/flashing/state.py. */
 typedef struct {
     uint8_t phase; /* sw_phase */
     uint8_t boots_left;
@@ -66,7 +66,7 @@ typedef struct {
     sw_release_facts facts; /* zeros until the image is checked */
 } sw_slot_state;
 
-/* can_bridge/flashing/state.py: StoreState. Slots are 0 (A) and 1 (B). */
+/* The state of the store, as StoreState in can_bridge/flashing/state.py. Slots are 0 (A) and 1 (B). */
 typedef struct {
     sw_slot_state slots[2];
     uint8_t active; /* slot of the confirmed image; SW_NO_SLOT: none yet */
@@ -77,7 +77,9 @@ typedef struct {
 
 typedef enum { SW_WORK_NONE = 0, SW_WORK_CLEAR, SW_WORK_APPEND, SW_WORK_FINISH, SW_WORK_REVERT } sw_work;
 
-/* Scratch memory for reading an image, or for changing the state, which is stored before it counts. */
+/* Scratch memory for reading an image, or for changing the state. A changed state is in force only after it is
+ * stored.
+ */
 typedef union {
     struct {
         sw_sha256 whole, payload;
@@ -107,34 +109,38 @@ typedef struct {
     uint32_t wanted;     /* result of `announce`: offset of the next bytes to send */
     /* Work in pieces. */
     uint8_t work, slot;  /* sw_work, and its slot */
-    uint32_t at, until;  /* sectors to erase, bytes to read, or bytes to append: finished, and total */
+    uint32_t at, until;  /* number of sectors to erase, or of bytes to read or append: finished, and total */
     const uint8_t *data; /* bytes to append */
     sw_scratch scratch;
 } sw_store;
 
-/* Finds the stored records after power-on. All arguments stay in use. */
+/* Finds the stored records after power-on. The arguments must stay valid while the store is used. */
 void sw_store_open(sw_store *store, const sw_flash *flash, const sw_rules *rules, sw_store_opens opens);
 
-/* Chooses an image and checks it completely; a boot on trial is counted first. Takes the time of one or two images. */
+/* Chooses an image and checks it completely; a boot on trial is counted first. The call takes the time of checking one
+ * or two images.
+ */
 void sw_store_boot(sw_store *store);
 
-/* Returns the booted image, in place; NULL without one. It becomes invalid when the slot is announced again. */
+/* Returns the address of the booted image in the flash; NULL if no image is booted. The image becomes invalid when its
+ * slot is announced again.
+ */
 const uint8_t *sw_store_image(const sw_store *store);
 
-/* Copies its first bytes. Returns 1 if they cannot be read. */
+/* Copies the first `length` bytes of the booted image. Returns 1 if the bytes cannot be read. */
 int sw_store_read_image(const sw_store *store, uint8_t *data, uint32_t length);
 
-/* Makes room for an image. Then store->wanted is the offset of the next bytes: more than 0 if an interrupted transfer
- * of this image can continue. OUT_OF_RANGE, OUT_OF_ORDER, BAD_MEMORY.
+/* Makes room for an image. Afterwards store->wanted is the offset of the next bytes to send: more than 0 if an
+ * interrupted transfer of this image can continue. Errors: OUT_OF_RANGE, OUT_OF_ORDER, BAD_MEMORY.
  */
 sw_store_result sw_store_announce(sw_store *store, uint32_t length, const uint8_t sha256[32]);
 
-/* Appends bytes to the announced image. `data` must stay unchanged until this is done; the bytes then survive a power
- * loss. OUT_OF_ORDER, BAD_MEMORY.
+/* Appends bytes to the announced image. `data` must stay unchanged until the work is done; the bytes then survive a
+ * power loss. Errors: OUT_OF_ORDER, BAD_MEMORY.
  */
 sw_store_result sw_store_append(sw_store *store, const uint8_t *data, uint32_t length);
 
-/* Checks the announced image; then store->verdict has the result. OUT_OF_ORDER, BAD_MEMORY. */
+/* Checks the announced image; afterwards store->verdict has the result. Errors: OUT_OF_ORDER, BAD_MEMORY. */
 sw_store_result sw_store_finish(sw_store *store);
 
 /* Does one more piece of announce, append, finish or revert; returns DONE if there is none. */
@@ -143,33 +149,41 @@ sw_store_result sw_store_go_on(sw_store *store);
 /* Returns whether an erasure is running. */
 int sw_store_is_erasing(const sw_store *store);
 
-/* Ends a session: work and transfer are dropped; a new announcement of the same image continues the transfer. */
+/* Ends a session: the work and the transfer in progress are dropped. A new announcement of the same image continues the
+ * transfer.
+ */
 void sw_store_drop(sw_store *store);
 
-sw_store_result sw_store_activate(sw_store *store); /* OUT_OF_ORDER, BAD_MEMORY */
-sw_store_result sw_store_confirm(sw_store *store);  /* OUT_OF_ORDER, BAD_MEMORY */
+sw_store_result sw_store_activate(sw_store *store); /* errors: OUT_OF_ORDER, BAD_MEMORY */
+sw_store_result sw_store_confirm(sw_store *store);  /* errors: OUT_OF_ORDER, BAD_MEMORY */
 
-/* Reverts at the next reset; store->verdict is GOOD, or why the earlier release may not run any more. */
-sw_store_result sw_store_revert(sw_store *store); /* OUT_OF_ORDER, BAD_MEMORY */
+/* Reverts at the next reset. Afterwards store->verdict is GOOD, or the reason why the earlier release may no longer
+ * run.
+ */
+sw_store_result sw_store_revert(sw_store *store); /* errors: OUT_OF_ORDER, BAD_MEMORY */
 
-/* Replaces the key list by a list that the root key signed. BAD_KEYS, BAD_MEMORY. */
+/* Replaces the key list by a list that the root key signed. Errors: BAD_KEYS, BAD_MEMORY. */
 sw_store_result sw_store_take_keys(sw_store *store, const uint8_t *data, uint32_t length);
 
-/* Stores a calibration for the running release; length 0: none. OUT_OF_ORDER, OUT_OF_RANGE, BAD_MEMORY. */
+/* Stores a calibration for the running release; length 0 deletes it. Errors: OUT_OF_ORDER, OUT_OF_RANGE, BAD_MEMORY. */
 sw_store_result sw_store_keep_calibration(sw_store *store, const uint8_t *data, uint32_t length);
 
-/* Returns the length of the running release's stored calibration; 0: none. Copies it if it has at most `room` bytes. */
+/* Returns the length of the running release's stored calibration; 0 if there is none. Copies the calibration if it has
+ * at most `room` bytes.
+ */
 uint32_t sw_store_calibration(const sw_store *store, uint8_t *data, uint32_t room);
 
-/* Returns whether the state can be stored now: not if the jets run and a sector is full. */
+/* Returns whether the state can be stored now. It cannot while the jets run and the sector is full. */
 int sw_store_has_room(const sw_store *store);
 
-/* Read and store wrong keys in a row at a level (0x01 programming, 0x03 calibration). OUT_OF_RANGE, BAD_MEMORY. */
+/* Read and store the number of consecutive wrong keys at a security level (0x01 programming, 0x03 calibration). Errors:
+ * OUT_OF_RANGE, BAD_MEMORY.
+ */
 uint8_t sw_store_failed_attempts(const sw_store *store, uint8_t level);
 sw_store_result sw_store_keep_failed_attempts(sw_store *store, uint8_t level, uint32_t count);
 
-/* Read and store the record of the fault memory, of at most SW_MAX_RECORD bytes. The first copies it into `room` bytes
- * and returns its length; 0 if there is none or it does not fit. OUT_OF_RANGE, BAD_MEMORY.
+/* Read and store the record of the fault memory, of at most SW_MAX_RECORD bytes. sw_store_faults copies the record into
+ * `room` bytes and returns its length; 0 if there is no record or it does not fit. Errors: OUT_OF_RANGE, BAD_MEMORY.
  */
 uint32_t sw_store_faults(const sw_store *store, uint8_t *data, uint32_t room);
 sw_store_result sw_store_keep_faults(sw_store *store, const uint8_t *data, uint32_t length);
@@ -184,21 +198,21 @@ uint32_t sw_store_received(const sw_store *store);
 
 #define SW_NO_OFFSET 0xffffffffu
 
-/* sw_store_kept.c: the state, and a copy of it in the scratch memory, to be changed and stored. */
+/* sw_store_kept.c: the state, and a copy of the state in the scratch memory, which can be changed and then stored. */
 void sw_state_open(sw_store *store);
 void sw_state_empty_slot(sw_slot_state *slot);
 sw_store_state *sw_state_draft(sw_store *store);
-/* Stores the next state. Returns 1 if it cannot be stored; the one before stays valid. */
+/* Stores the next state. Returns 1 if it cannot be stored; the previous state then stays valid. */
 int sw_state_keep(sw_store *store, const sw_store_state *next);
 int sw_state_slots_equal(const sw_slot_state *one, const sw_slot_state *other);
-uint32_t sw_state_in_phase(const sw_store_state *state, sw_phase phase); /* SW_NO_SLOT: none */
+uint32_t sw_state_in_phase(const sw_store_state *state, sw_phase phase); /* returns SW_NO_SLOT if there is none */
 void sw_state_give_up(sw_slot_state *slot);
 
 /* sw_store.c */
 uint32_t sw_slots_address(uint32_t slot);
 
-/* sw_store_judge.c: one piece of a judgement; returns 1 if more pieces follow. At the end the scratch memory has the
- * header of a good image.
+/* sw_store_judge.c: the judgement of a slot. sw_judge_go_on does one piece and returns 1 if more pieces follow. At the
+ * end the scratch memory has the header of a good image.
  */
 void sw_judge_begin(sw_store *store, uint32_t slot);
 int sw_judge_go_on(sw_store *store);

@@ -1,11 +1,11 @@
-/* Images in the flash: their checks, the choice of the image to boot, and the report for testers. This file corresponds
- * to can_bridge/flashing/boot.py, to report.py, which has the layout, and to `judged` in remembered.py.
+/* Images in the flash: the checks of an image, the choice of the image to boot, and the report for testers. This file
+ * corresponds to can_bridge/flashing/boot.py, to report.py, which has the layout, and to `judged` in remembered.py.
  */
 #include "sw_store.h"
 
 #include "sw_bytes.h"
 
-#define READ 256u /* bytes read at once */
+#define READ 256u /* number of bytes read at once */
 
 void sw_judge_begin(sw_store *store, uint32_t slot)
 {
@@ -20,7 +20,7 @@ void sw_judge_begin(sw_store *store, uint32_t slot)
 static void take(sw_store *store, const uint8_t *data, uint32_t length)
 {
     sw_sha256_add(&store->scratch.image.whole, data, length);
-    /* READ is a divisor of the header's length. */
+    /* READ divides the header's length without a remainder. */
     if (store->at < SW_HEADER_BYTES) {
         sw_bytes_copy(&store->scratch.image.header[store->at], data, length);
     } else {
@@ -57,7 +57,7 @@ sw_verdict sw_judge_end(sw_store *store)
     const sw_verdict verdict = sw_release_judge(store->scratch.image.header, standing->length, payload, store->keys,
                                                 store->rules, store->state.least_security_version);
     if (verdict != SW_VERDICT_GOOD) return verdict;
-    /* The image is read in place, as it will run: all its words were readable. */
+    /* The image is read in place, as it will run: all words of the image were readable before. */
     const uint8_t *image = &store->flash->memory[sw_slots_address(store->slot)];
     return store->opens(image) ? SW_VERDICT_GOOD : SW_VERDICT_WRONG_BUILD;
 }
@@ -66,20 +66,20 @@ static sw_verdict judged(sw_store *store, uint32_t slot)
 {
     sw_judge_begin(store, slot);
     while (sw_judge_go_on(store)) {
-        /* All pieces follow without a pause. */
+        /* Before control begins, all pieces follow without a pause. */
     }
     return sw_judge_end(store);
 }
 
 /* --- Boot --- */
 
-/* Boots the image on trial if it has boots left and is valid; otherwise rejects it. */
+/* Boots the image on trial if it has boots left and is valid; otherwise rejects the image. */
 static int boot_trial(sw_store *store, uint32_t slot)
 {
     sw_store_state *next = sw_state_draft(store);
     if (next->slots[slot].boots_left > 0u) {
-        /* The boot is counted first, so that the number of boots is limited. If it cannot be counted, the trial
-         * would never end, so the image does not run.
+        /* The boot is counted first, so that the number of boots is limited. If the boot cannot be counted, the image
+         * does not run, because the trial would never end.
          */
         next->slots[slot].boots_left--;
         if (sw_state_keep(store, next) != 0) {
@@ -97,7 +97,9 @@ static int boot_trial(sw_store *store, uint32_t slot)
     return 0;
 }
 
-/* Boots the confirmed or the previous image. A failing image stays confirmed, and is judged again at the next boot. */
+/* Boots the confirmed or the previous image. An image that fails a check stays confirmed, and is judged again at the
+ * next boot.
+ */
 static void boot_confirmed(sw_store *store, int is_reverted)
 {
     const uint32_t active = store->state.active;
@@ -143,7 +145,7 @@ const uint8_t *sw_store_image(const sw_store *store)
 /* --- Report --- */
 
 #define HEAD 18u
-#define SLOT 49u /* bytes of a slot, before its name */
+#define SLOT 49u /* number of bytes of a slot before its name */
 
 static uint32_t next_boot(const sw_store_state *state)
 {

@@ -1,12 +1,13 @@
-/* The data that survive a power loss. First the slots: the record of can_bridge/flashing/state.py, byte by byte, then
- * the bytes of each slot after its last complete word, which cannot be written yet.
+/* The data that survive a power loss. The record of the slots comes first. It has the bytes of the record of
+ * can_bridge/flashing/state.py, and then the bytes of each slot after its last complete word, which cannot be written
+ * to the slot yet.
  */
 #include "sw_store.h"
 
 #include "sw_bytes.h"
 
 #define MAGIC 4u
-#define SLOT 112u /* bytes of a slot, before its name */
+#define SLOT 112u /* number of bytes of a slot before its name */
 #define REST 7u
 #define CRC 4u
 #define MOST_BYTES (MAGIC + 2u * (SLOT + SW_NAME_BYTES) + REST + CRC + 2u * SW_FLASH_WORD)
@@ -90,7 +91,9 @@ static int is_sound(const sw_store_state *state)
     return state->active == SW_NO_SLOT || (state->active < 2u && state->slots[state->active].phase == SW_PHASE_CONFIRMED);
 }
 
-/* Reads a record. Returns 0 for an invalid record, because an accepted state decides which image boots. */
+/* Reads a record. Returns 0 for an invalid record: the record must be checked, because an accepted state decides which
+ * image boots.
+ */
 static int decoded(const uint8_t *data, uint32_t length, sw_store_state *state)
 {
     uint32_t at = MAGIC;
@@ -235,7 +238,9 @@ static int is_before(const uint8_t one[DIGEST], const uint8_t other[DIGEST])
     return one[i] < other[i];
 }
 
-/* Finds a release's calibration: its place in the record, and its length; 0: none, or an invalid record. */
+/* Finds a release's calibration in the record. Returns its length and writes its place; returns 0 if there is none, or
+ * if the record is invalid.
+ */
 static uint32_t found(const sw_store *store, const uint8_t digest[DIGEST], uint32_t *place)
 {
     uint8_t data[ENTRY], before[DIGEST];
@@ -260,7 +265,7 @@ static uint32_t found(const sw_store *store, const uint8_t digest[DIGEST], uint3
     return at == sw_records_length(&store->records, SW_RECORD_CALIBRATION) ? own : 0u;
 }
 
-/* Finds a calibration like `found`; returns 0 also if it cannot be read. */
+/* Finds a release's calibration like `found`; also returns 0 if the calibration cannot be read. */
 static uint32_t readable(const sw_store *store, const uint8_t digest[DIGEST], uint32_t *place)
 {
     uint8_t data[DIGEST];
@@ -288,7 +293,7 @@ static void fill_head(uint8_t head[ENTRY], const uint8_t digest[DIGEST], uint32_
     head[DIGEST + 1u] = (uint8_t)length;
 }
 
-/* The record has the calibrations of the stored releases, by their digests. */
+/* The record has the calibrations of the stored releases. Each calibration has its release's digest. */
 sw_store_result sw_store_keep_calibration(sw_store *store, const uint8_t *data, uint32_t length)
 {
     uint8_t head[HEAD], own_head[ENTRY], other_head[ENTRY];
@@ -297,7 +302,7 @@ sw_store_result sw_store_keep_calibration(sw_store *store, const uint8_t *data, 
     if (length > SW_MAX_CALIBRATION) return SW_STORE_OUT_OF_RANGE;
     const uint8_t *own = store->state.slots[store->running].facts.digest;
     const uint8_t *other = store->state.slots[1u - store->running].facts.digest;
-    /* A release in both slots has one calibration. */
+    /* If both slots have the same release, it has one calibration. */
     const uint32_t kept = sw_bytes_equal(own, other, DIGEST) ? 0u : readable(store, other, &place);
     const uint32_t first = is_before(own, other) ? 1u : 3u;
     sw_part parts[5] = {0};
@@ -338,7 +343,7 @@ sw_store_result sw_store_keep_failed_attempts(sw_store *store, uint8_t level, ui
     if (place > 1u) return SW_STORE_OUT_OF_RANGE;
     const uint8_t before = store->state.attempts[place];
     if (attempts == before) return SW_STORE_DONE;
-    /* The state is changed directly, as other work may be using the scratch memory. */
+    /* The state is changed directly, not through the scratch memory, which other work may be using. */
     store->state.attempts[place] = attempts;
     if (sw_state_keep(store, &store->state) == 0) return SW_STORE_DONE;
     store->state.attempts[place] = before;

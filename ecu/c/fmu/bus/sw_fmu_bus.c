@@ -1,10 +1,11 @@
-/* The bus terminal of the ECU's FMU: CAN by FMI-LS-BUS 1.0, network abstraction ("low-cut").
+/* The bus terminal of the ECU's FMU: CAN as in FMI-LS-BUS 1.0, network abstraction ("low-cut").
  *
- * The binary variables carry operations: a code and a length of four bytes each, then arguments, in little-endian. The
- * ECU steps at start + step_offset, a control period later, and so on, with the frames received before; compute_time
- * later Tx_Clock ticks, and Tx_Data has its frames. Tx_Clock is a countdown clock, or a triggered one that ticks in the
- * next event, as modelDescription.xml has it. Error counters follow ISO 11898-1; without BusNotifications the
- * controller neither counts nor repeats, as the standard demands.
+ * The binary variables carry operations. An operation is a code and a length, of four bytes each, followed by
+ * arguments; numbers are little-endian. The ECU steps at start + step_offset and then once a control period, with the
+ * frames received before the step. A time of compute_time after the step Tx_Clock ticks, and Tx_Data has the ECU's
+ * frames. Tx_Clock is a countdown clock, or a triggered clock that ticks in the next event, as modelDescription.xml
+ * states. Error counters follow ISO 11898-1; without BusNotifications the controller neither counts nor repeats, as the
+ * standard demands.
  */
 #include <string.h>
 
@@ -30,7 +31,7 @@ enum { BIT_ERROR = 1, ACK_ERROR = 5, BROKEN_ERROR_FRAME = 6 };
 enum { PRIMARY = 1, SECONDARY = 2 };
 
 #define HEADER 8u
-#define SAME_NS 100 /* times that differ by less count as equal; less than a bit at 8 Mbit/s */
+#define SAME_NS 100 /* times that differ by less count as equal; 100 ns are less than a bit at 8 Mbit/s */
 
 /* --- Operations to be sent --- */
 
@@ -62,12 +63,12 @@ static uint8_t *put_operation(fmu_side *side, uint32_t code, uint32_t arguments)
 
 static void put_frame(fmu_side *side, const sw_frame *frame)
 {
-    const uint32_t before = frame->is_fd ? 9 : 8; /* bytes before the data */
+    const uint32_t before = frame->is_fd ? 9 : 8; /* bytes of the arguments before the data */
     uint8_t *place = put_operation(side, frame->is_fd ? FD_TRANSMIT : CAN_TRANSMIT, before + frame->length);
     if (place == NULL) return;
     put_number(place, frame->id, 4);
     place[4] = frame->is_extended;
-    place[5] = frame->is_fd; /* bit rate switch; in CAN no remote frame */
+    place[5] = frame->is_fd; /* bit rate switch for CAN FD; for CAN: no remote frame */
     if (frame->is_fd) place[6] = side->status == ERROR_PASSIVE;
     put_number(place + before - 2, frame->length, 2);
     (void)memcpy(place + before, frame->data, frame->length);
@@ -97,8 +98,8 @@ static void put_answers(fmu_side *side)
 
 /* --- The controller's errors --- */
 
-/* Tells the bus simulation a changed state. A controller that went bus-off drops its frames until it has recovered,
- * which takes 128 times eleven bits of a free bus.
+/* Reports a changed state to the bus simulation. A controller that went bus-off drops its frames until it has
+ * recovered; recovery takes 128 times eleven bits of a free bus.
  */
 static void update_status(fmu_side *side)
 {
@@ -127,7 +128,7 @@ static void recover(fmu_side *side, int64_t now_ns)
     update_status(side);
 }
 
-/* Repeats a frame, unless the next one already waits. */
+/* Repeats the frames with an identifier, unless the next frames already wait. */
 static void repeat(fmu_side *side, uint32_t id)
 {
     if (side->waiting > 0 || side->health.is_bus_off) return;
@@ -171,7 +172,9 @@ static int take_frame(fmu_side *side, const uint8_t *arguments, uint32_t bytes, 
     if (bytes != before + length || !is_length(length, is_fd)) return 0;
     if (!is_bool(arguments[4]) || !is_bool(arguments[5]) || (is_fd && !is_bool(arguments[6]))) return 0;
     if (id > (arguments[4] ? 0x1fffffffu : 0x7ffu)) return 0;
-    /* A controller receives nothing while it is off, no format of others, and no data in a remote frame. */
+    /* A controller that is bus-off receives nothing, a classic controller receives no CAN FD frame, and a remote frame
+     * has no data.
+     */
     if (side->health.is_bus_off || (is_fd && !SW_FRAMES_FD) || (!is_fd && arguments[5])) return 1;
     uint32_t *errors = &side->health.rx_errors;
     if (*errors > 0) *errors = *errors > 127 ? 127 : *errors - 1;
@@ -214,12 +217,12 @@ static int take_operation(fmu_memory *kept, uint32_t code, const uint8_t *argume
     case STATUS_OPERATION: return bytes == 1;
     case WAKEUP: return bytes == 0;
     case CONFIGURATION: return bytes >= 2;
-    case FORMAT_ERROR: return 1; /* never answered, so that two nodes do not answer each other for ever */
+    case FORMAT_ERROR: return 1; /* is never answered; otherwise two nodes could answer each other for ever */
     default: return 0;
     }
 }
 
-/* A wrong length makes the next operations unreadable. */
+/* Takes all operations. An operation with a wrong length makes the following operations unreadable. */
 void fmu_take_operations(fmu_memory *kept)
 {
     fmu_side *side = &kept->side;
@@ -270,7 +273,7 @@ int fmu_received(fmu_memory *kept, sw_frame frames[FMU_MOST_FRAMES], sw_surround
 void fmu_sent(fmu_memory *kept, const sw_frame *frames, int count)
 {
     fmu_side *side = &kept->side;
-    put_answers(side); /* answers of the previous step, if one communication step contains both */
+    put_answers(side); /* sends the answers of the previous step, if both steps belong to one communication step */
     if (side->health.is_bus_off) return;
     (void)memcpy(side->answers, frames, (size_t)count * sizeof *frames);
     side->waiting = count;

@@ -1,4 +1,4 @@
-/* Event mode, clocks and binaries of the bus terminal, by FMI 3.0. */
+/* Event mode, clocks and binary variables of the bus terminal, as in FMI 3.0. */
 #include <string.h>
 
 #include "sw_fmu_bus.h"

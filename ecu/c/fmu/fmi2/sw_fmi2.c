@@ -1,5 +1,5 @@
-/* The functions of FMI 2.0 for a co-simulation, by those of FMI 3.0 in the same binary. Real is Float64, Integer is
- * Int32; the settings of an FMU for FMI 2.0 have no other whole numbers.
+/* The functions of FMI 2.0 for a co-simulation, which call those of FMI 3.0 in the same binary. Real is Float64,
+ * Integer is Int32; an FMU for FMI 2.0 has no variables of other integer types.
  */
 #include <stdlib.h>
 #include <string.h>
@@ -58,7 +58,7 @@ fmi3Status fmi3SerializedFMUStateSize(fmi3Instance, fmi3FMUState, size_t *);
 fmi3Status fmi3SerializeFMUState(fmi3Instance, fmi3FMUState, fmi3Byte[], size_t);
 fmi3Status fmi3DeserializeFMUState(fmi3Instance, const fmi3Byte[], size_t, fmi3FMUState *);
 
-/* Passes a message on; the functions that it names have the other standard's prefix. */
+/* Passes a message on; function names in the message have FMI 3.0's prefix. */
 static void pass_on(fmi3InstanceEnvironment environment, fmi3Status status, fmi3String category, fmi3String message)
 {
     const component *to = environment;
@@ -214,7 +214,7 @@ SW_EXPORT fmi2Status fmi2SetBoolean(REFERENCES, const fmi2Boolean values[])
     return status;
 }
 
-/* Functions that a binary must have, but does not support. */
+/* Functions that a binary must have, but that this one does not support. */
 #define NONE_OF(NAME, ...) \
     SW_EXPORT fmi2Status fmi2##NAME(REFERENCES, __VA_ARGS__) { return count == 0 ? fmi3OK : fmi3Error; }
 #define REFUSED(NAME, ...) \

@@ -1,7 +1,8 @@
 /* The front end of the plant's FMU, which is written in Python. It checks the order of calls, references, numbers and
- * times, and passes valid calls on to pythonfmu3's binary in the same folder, for which each error in Python is fatal.
+ * times, and passes valid calls on to pythonfmu3's binary in the same folder. In that binary every error in Python is
+ * fatal.
  */
-#define _GNU_SOURCE /* dladdr */
+#define _GNU_SOURCE /* for dladdr */
 #include <dlfcn.h>
 #include <stdlib.h>
 #include <string.h>
@@ -12,7 +13,7 @@
 #define BEHIND "pythonfmu.so"
 #define TIME 0u
 
-/* The binary's functions, by their names in the standard. */
+/* The binary's functions, with their names from the standard. */
 #define FUNCTIONS(OF)                                                                                                     \
     OF(fmi3Instance, InstantiateCoSimulation, fmi3String, fmi3String, fmi3String, fmi3Boolean, fmi3Boolean, fmi3Boolean,  \
        fmi3Boolean, const fmi3ValueReference[], size_t, fmi3InstanceEnvironment, fmi3LogMessageCallback,                  \
@@ -116,7 +117,7 @@ SW_EXPORT void fmi3FreeInstance(fmi3Instance fmu)
     free(found);
 }
 
-/* Enters the mode that a call leads to, unless the call failed. */
+/* Enters the mode to which a call leads, unless the call failed. */
 static fmi3Status led_to(instance *found, fmi3Status status, uint32_t mode)
 {
     if (status <= fmi3Warning) found->kept.mode = mode;
@@ -177,7 +178,7 @@ SW_EXPORT fmi3Status fmi3DoStep(fmi3Instance fmu, fmi3Float64 point, fmi3Float64
     return status;
 }
 
-/* --- Variables: only floats --- */
+/* --- Variables, which are all floats --- */
 
 SW_EXPORT fmi3Status fmi3GetFloat64(fmi3Instance fmu, const fmi3ValueReference references[], size_t count,
                                     fmi3Float64 values[], size_t size)
@@ -227,7 +228,7 @@ NONE_GOT_OR_SET(Int64)
 NONE_GOT_OR_SET(UInt64)
 NONE_GOT_OR_SET(Boolean)
 
-/* --- States, only in memory --- */
+/* --- States, which are saved only in memory --- */
 
 SW_EXPORT fmi3Status fmi3GetFMUState(fmi3Instance fmu, fmi3FMUState *state)
 {

@@ -1,4 +1,4 @@
-/* The vehicle inside the FMU with signals: it sends the inputs as protected frames, once a control period. */
+/* The vehicle inside the FMU with signals. It sends the inputs as protected frames, once a control period. */
 #include <string.h>
 
 #include "sw_codec_bytes.h"
@@ -6,15 +6,15 @@
 
 fmi3String fmu_begun(fmu_memory *kept) { return NULL; }
 
-/* A period that begins with the next communication step, within a microsecond, belongs to that step. */
+/* A period that begins with the next communication step, within a microsecond, belongs to the next step. */
 int fmu_is_due(const fmu_memory *kept, double until_ns) { return (double)kept->next_ns < until_ns - 1e3; }
 
-/* The outputs show all that the ECU sends. */
+/* The FMU has no bus: the outputs show everything that the ECU sends. */
 void fmu_sent(fmu_memory *kept, const sw_frame *frames, int count) {}
 int fmu_reached(fmu_instance *fmu, double until_ns) { return 0; }
 int fmu_is_possible(const fmu_side *side) { return 1; }
 
-/* Signals: bits count from the lowest bit of the first byte on, as in the DBC. */
+/* Writes the bits of a signal, which count from the lowest bit of the first byte on, as in the DBC. */
 static void put(uint8_t *data, uint32_t reference, int32_t steps)
 {
     const variable *signal = &fmu_variables[reference];
@@ -37,8 +37,9 @@ static int32_t nearest(double value, int32_t least, int32_t most, int32_t otherw
     return found >= least && found <= most ? found : otherwise;
 }
 
-/* Converts an age to units of its signal: to the nearest, but upwards in the classic set with its few values, so that
- * no age looks fresher. An age out of range, or NaN, becomes the last value.
+/* Converts an age to units of its signal. The age is rounded to the nearest unit; in the classic set, which has few
+ * values, it is rounded up, so that no pressure looks fresher than it is. An age out of range, or NaN, becomes the last
+ * value.
  */
 static int32_t age_steps(double seconds)
 {
@@ -63,7 +64,9 @@ static void start_frame(sw_frame *frame, uint32_t id, int length, int64_t now_ns
 
 static uint8_t next_counter(uint8_t counter) { return (uint8_t)((counter + 1u) % SW_E2E_COUNTERS); }
 
-/* Writes the pressures. A pressure beyond a transducer's range is limited to its end and marked as invalid. */
+/* Writes the pressures. A pressure beyond a transducer's range is limited to the end of the range and marked as
+ * invalid.
+ */
 static void write_pressures(fmu_memory *kept, sw_frame *frame)
 {
     start_frame(frame, SW_PRESSURE_ID, SW_PRESSURE_BYTES, kept->next_ns);
@@ -85,7 +88,7 @@ static void write_pressures(fmu_memory *kept, sw_frame *frame)
     kept->side.pressure_counter = next_counter(kept->side.pressure_counter);
 }
 
-/* Writes the speed. A speed or a density out of the signal's range is sent as unknown. */
+/* Writes the speed. A speed or a density outside the range of its signal is sent as unknown. */
 static void write_speed(fmu_memory *kept, sw_frame *frame)
 {
     const int32_t unknown = (int32_t)SW_SPEED_UNKNOWN;

@@ -1,5 +1,5 @@
-/* Arithmetic that makes control wrong is rejected here, as far as macros show it; a known answer detects the rest
- * (sw_arithmetic.h). GCC and Clang predefine these macros, each compiler some of them.
+/* This header rejects arithmetic that makes control wrong, as far as macros show it; a known answer detects the other
+ * cases (sw_arithmetic.h). GCC and Clang each predefine some of these macros.
  */
 #ifndef SW_COMPILER_H
 #define SW_COMPILER_H
@@ -21,8 +21,8 @@
 #endif
 #endif
 
-/* Unroll the following loop on a Cortex-M, whose compilers then interleave its passes: the core issues two instructions
- * at a time, in order.
+/* Unroll the following loop on a Cortex-M. Its compilers then interleave the passes of the loop, because the core
+ * issues two instructions at a time, in order.
  */
 #if defined(__ARM_FEATURE_DSP) && defined(__thumb2__) && defined(__clang__)
 #define SW_FOUR_TIMES _Pragma("clang loop unroll_count(4)")
@@ -35,7 +35,9 @@
 #define SW_EIGHT_TIMES
 #endif
 
-/* Loads four numbers before anything that follows: such a core cannot use a number in the cycle after its load. */
+/* Loads four numbers before the statements that follow, because a Cortex-M cannot use a number in the cycle after its
+ * load.
+ */
 #if defined(__ARM_FEATURE_DSP) && defined(__thumb2__) && defined(__GNUC__)
 #define SW_LOADED(a, b, c, d) __asm__("" : "+t"(a), "+t"(b), "+t"(c), "+t"(d))
 #else

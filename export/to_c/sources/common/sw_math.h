@@ -1,5 +1,5 @@
 /* Tests for finite numbers; exp, tanh, the logistic function and the square root, without branches, so that compilers
- * can vectorise loops over them. Tests check the error bounds over all arguments that occur in a controller.
+ * can vectorise loops over them. Tests check the stated error bounds over all arguments that occur in a controller.
  */
 #ifndef SW_MATH_H
 #define SW_MATH_H
@@ -42,8 +42,8 @@ static inline int sw_all_finite(const float *values, int count)
     return finite;
 }
 
-/* Returns exp(x) within 1.5e-7 relative for -87 <= x <= 88; beyond, the value at the limit. x = n ln 2 + r with |r| <=
- * ln 2 / 2; exp(r) = 1 + r + r^2 q(r), with q fitted for the smallest maximum error.
+/* Returns exp(x) with a relative error of at most 1.5e-7 for -87 <= x <= 88; outside these limits, the value at the
+ * limit. x = n ln 2 + r with |r| <= ln 2 / 2; exp(r) = 1 + r + r^2 q(r), with q fitted for the smallest maximum error.
  */
 static inline float sw_exp(float x)
 {
@@ -51,7 +51,7 @@ static inline float sw_exp(float x)
     const float held = sw_min(sw_max(x, -87.0f), 88.0f);
     const float shifted = held * 1.44269504f + magic;
     const float n = shifted - magic;
-    /* ln 2 has two parts; the first has so few digits that its product with n is exact. */
+    /* The code splits ln 2 into two parts; the first part has so few digits that its product with n is exact. */
     const float r = (held - n * 0.693359375f) + n * 2.12194440e-4f;
     float q = 1.38145406e-3f;
     q = q * r + 8.36874545e-3f;
@@ -62,13 +62,15 @@ static inline float sw_exp(float x)
     return sw_from_bits(sw_to_bits(q) + (sw_to_bits(shifted) << 23));
 }
 
-/* 1 / (1 + exp(-x)) within 1.5e-7. */
+/* Returns 1 / (1 + exp(-x)) with an error of at most 1.5e-7. */
 static inline float sw_logistic(float x) { return 1.0f / (1.0f + sw_exp(-x)); }
 
-/* tanh(x) within 3e-7. */
+/* Returns tanh(x) with an error of at most 3e-7. */
 static inline float sw_tanh(float x) { return 1.0f - 2.0f / (1.0f + sw_exp(2.0f * x)); }
 
-/* 1 / sqrt(x) within 3e-7 relative for normal x > 0: a guess from the exponent, then Newton's iteration. */
+/* Returns 1 / sqrt(x) with a relative error of at most 3e-7 for normal x > 0: an estimate from the exponent, improved
+ * by Newton's iteration.
+ */
 static inline float sw_inverse_sqrt(float x)
 {
     const float half = 0.5f * x;
@@ -79,7 +81,9 @@ static inline float sw_inverse_sqrt(float x)
     return y;
 }
 
-/* sqrt(x) within 3e-7 relative for normal x; 0 for smaller ones, which are below 1.1e-19. */
+/* Returns sqrt(x) with a relative error of at most 3e-7 for normal x; 0 for smaller x, whose roots are below
+ * 1.1e-19.
+ */
 static inline float sw_sqrt(float x) { return x < 1.17549435e-38f ? 0.0f : x * sw_inverse_sqrt(x); }
 
 #endif

@@ -12,15 +12,16 @@
 
 #if SW_PRIOR_UNITS > 0
 
-/* Inputs of the units: the filtered rows. Inputs of their gates: the filtered sums of the sensors' pairs. */
+/* Inputs of the units are the filtered rows; inputs of the units' gates are the filtered sums of the sensors' pairs. */
 #define SW_PRIOR_INPUTS (SW_PRIOR_FILTERS * SW_PRIOR_ROW)
 #define SW_PRIOR_SUMS (SW_PRIOR_FILTERS * (SW_PRIOR_ROW - 1))
 /* The number of units, padded with zeros to a multiple of eight. */
 #define SW_PRIOR_OUTPUTS ((SW_PRIOR_UNITS + 7) / 8 * 8)
 
-/* Members of sw_weights: the first row of the past that each filter reads, and the number of its rows; the rows'
- * weights, filter by filter; the layers. The two matrices are the stored numbers times their scales, which are 1 in a
- * float32 library: a unit's weights on its inputs, one for each scheduling variable, and those of its gate on the sums.
+/* Members of sw_weights: the first row of the past that each filter reads, and the number of rows that it reads; the
+ * rows' weights, filter by filter; the layers. prior_first has a unit's weights on its inputs, one for each scheduling
+ * variable; prior_sums has the weights of a unit's gate on the sums. Both matrices have to be multiplied by their
+ * scales, which are 1 in a float32 library.
  */
 #define SW_PRIOR_NUMBERS                                                                        \
     SW_ALIGNED int32_t prior_filter_rows[SW_PRIOR_FILTERS][2];                                  \
@@ -44,7 +45,7 @@ typedef struct {
     float rows[SW_PRIOR_MEMORY + SW_HORIZON][SW_PRIOR_ROW]; /* oldest first: the past, then the prediction */
     float schedule[SW_SCHEDULED];
     float inputs[SW_PRIOR_INPUTS];
-    float weight[SW_PRIOR_INPUTS + 1][SW_PRIOR_OUTPUTS]; /* those of this control step, and a row that is read ahead */
+    float weight[SW_PRIOR_INPUTS + 1][SW_PRIOR_OUTPUTS]; /* weights of this control step, and a row read ahead */
     float outputs[SW_PRIOR_OUTPUTS];
     float gated[SW_PRIOR_OUTPUTS]; /* the last layer's weights multiplied by the gates */
 } sw_prior_scratch;

@@ -1,7 +1,8 @@
 /* The addresses of a trained program's parameters: compiled in, or in an image on flash that is read in place.
  *
- * The parameters are structures without pointers, laid out as in sw_weights.h, so any address aligned to SW_ALIGNMENT
- * bytes will do: `hot`, which every step of every roll-out reads completely, may be in faster memory than the others.
+ * The parameters are structures without pointers, laid out as in sw_weights.h, so they may be at any address that is
+ * aligned to SW_ALIGNMENT bytes: `hot`, which every step of every roll-out reads completely, may be in faster memory
+ * than the other structures.
  */
 #ifndef SW_PROGRAM_H
 #define SW_PROGRAM_H
@@ -11,11 +12,11 @@
 /* Columns of the window: the sensors, then the action. */
 #define SW_COLUMNS (SW_SENSORS + 1)
 
-/* A length rounded up to whole registers, or to whole pairs of words of int8 weights; the padding is zero. */
+/* A length rounded up to whole registers, or, for int8 weights, to whole pairs of words; the padding is zero. */
 #define SW_PADDED(n) (((n) + SW_LANES - 1) / SW_LANES * SW_LANES)
 
-/* Tables are aligned to SW_ALIGNMENT bytes if the compiler supports it: a cache line, or the words that products on a
- * Cortex-M read completely. Images need such a compiler.
+/* Tables are aligned to SW_ALIGNMENT bytes if the compiler supports alignment. SW_ALIGNMENT is the size of a cache
+ * line, or of the words that products on a Cortex-M read completely. Images need a compiler that supports alignment.
  */
 #if defined(__GNUC__)
 #define SW_ALIGNED __attribute__((aligned(SW_ALIGNMENT)))
@@ -28,7 +29,7 @@ struct sw_hot;
 
 typedef struct {
     const struct sw_weights *weights;
-    const struct sw_hot *hot; /* parameters of an int8 library; other libraries have none */
+    const struct sw_hot *hot; /* parameters of an int8 library; a float32 library has none */
 } sw_program;
 
 #endif

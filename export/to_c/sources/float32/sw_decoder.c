@@ -1,4 +1,6 @@
-/* (Cd, Cl) = f_dec(z) for the whole horizon at once, and its adjoint; norms as in sw_norm.h, one per step. */
+/* The decoder: (Cd, Cl) = f_dec(z) for the whole horizon at once, and its adjoint. Each step has its own norms, as in
+ * sw_norm.h.
+ */
 #include "sw_kernels.h"
 #include "sw_math.h"
 #include "sw_networks.h"
@@ -12,7 +14,7 @@ static void fill(float rows[][SW_HORIZON_P], const float *values, int count)
     }
 }
 
-/* x += ELU(LN(u)), u in tape->y. */
+/* Computes x += ELU(LN(u)), with u in tape->y. */
 static void block_forward(sw_decoder_tape *tape, const sw_weights *w, int b)
 {
     float r[SW_HORIZON_P] = {0};
@@ -35,7 +37,7 @@ static void block_forward(sw_decoder_tape *tape, const sw_weights *w, int b)
     }
 }
 
-/* dJ/du into tape->y, from dJ/dx in tape->x. */
+/* Computes dJ/du into tape->y from dJ/dx in tape->x. */
 static void block_adjoint(sw_decoder_tape *tape, int b)
 {
     float along[SW_HORIZON_P] = {0};

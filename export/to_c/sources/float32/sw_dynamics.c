@@ -1,4 +1,4 @@
-/* z_{k+1} = z_k + f_dyn(z_k, a_k) over the horizon, and its adjoint backwards. */
+/* The dynamics: z_{k+1} = z_k + f_dyn(z_k, a_k) over the horizon, and their adjoint, which runs backwards. */
 #include "sw_kernels.h"
 #include "sw_networks.h"
 #include "sw_norm.h"

@@ -1,11 +1,13 @@
-/* z_t = f_enc(window): LSTM over the rows from a zero state, layer norm of its last output, two linear layers. */
+/* The encoder: z_t = f_enc(window). An LSTM runs over the rows from a zero state; a layer norm of its last output and
+ * two linear layers follow.
+ */
 #include "sw_kernels.h"
 #include "sw_math.h"
 #include "sw_networks.h"
 #include "sw_norm.h"
 #include "sw_weights.h"
 
-/* c = sigmoid(f) c + sigmoid(i) tanh(g), h = sigmoid(o) tanh(c). */
+/* Computes the cells c = sigmoid(f) c + sigmoid(i) tanh(g) and the hidden state h = sigmoid(o) tanh(c). */
 static void update_cells(sw_encoder_scratch *e)
 {
     const float *i = e->gates, *f = i + SW_LSTM_P, *g = f + SW_LSTM_P, *o = g + SW_LSTM_P;
@@ -18,7 +20,7 @@ static void update_cells(sw_encoder_scratch *e)
     for (int k = 0; k < SW_LSTM; k++) e->hidden[SW_COLUMNS + k] = normed[k];
 }
 
-/* (h - mean) / sqrt(var + eps), with gain and offset; padding becomes zero. */
+/* Computes (h - mean) / sqrt(var + eps), with gain and offset; the padding becomes zero. */
 static void normalise(sw_encoder_scratch *e, const sw_weights *w)
 {
     float mean = 0.0f, squares = 0.0f;

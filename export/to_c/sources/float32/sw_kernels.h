@@ -2,14 +2,14 @@
  * inner loop runs over independent sums.
  *
  * Vectors are padded to whole registers (SW_LANES) with zeros. Matrices are rows of such vectors. Forward pass and
- * adjoint use a single copy of a matrix, one by sw_combine and the other by sw_dots.
+ * adjoint use a single copy of a matrix: one of them through sw_combine, the other through sw_dots.
  */
 #ifndef SW_KERNELS_H
 #define SW_KERNELS_H
 
 #include "sw_workspace.h"
 
-/* y = start + w^T x; w is (rows, columns). Eight rows at a time share one load and store of y. */
+/* Computes y = start + w^T x; w is (rows, columns). Eight rows at a time share one load and store of y. */
 static inline void sw_combine(float *restrict y, const float *restrict start, const float *restrict w,
                               const float *restrict x, int rows, int columns)
 {
@@ -42,7 +42,9 @@ static inline float sw_lane_sum(float lanes[SW_LANES])
     return lanes[0] + lanes[1];
 }
 
-/* y = w x; w is (rows, columns), columns a multiple of SW_LANES. Four rows at a time share the loads of x. */
+/* Computes y = w x; w is (rows, columns), with columns a multiple of SW_LANES. Four rows at a time share the loads of
+ * x.
+ */
 static inline void sw_dots(float *restrict y, const float *restrict w, const float *restrict x, int rows, int columns)
 {
     for (; rows >= 4; rows -= 4, w += 4 * columns, y += 4) {
@@ -70,9 +72,9 @@ static inline void sw_dots(float *restrict y, const float *restrict w, const flo
     }
 }
 
-/* y[o][t] += sum over i of w(o, i) x[i][t] for every step t of the horizon, with w(o, i) = w[o stride_o + i stride_i]:
- * the matrix or its transpose, from one copy. The steps fill the registers. Four outputs at a time share the loads of
- * x.
+/* Computes y[o][t] += sum over i of w(o, i) x[i][t] for every output o and every step t of the horizon. w(o, i) = w[o
+ * stride_o + i stride_i], so that one copy gives the matrix or its transpose. The steps fill the registers. Four
+ * outputs at a time share the loads of x.
  */
 static inline void sw_product(float *restrict y, const float *restrict w, int stride_o, int stride_i,
                               const float *restrict x, int outputs, int inputs)

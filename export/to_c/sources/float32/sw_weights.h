@@ -1,6 +1,6 @@
-/* The parameters of a trained program; the generated sw_weights.c defines those that are compiled in. Matrices are
- * stored with their shorter side, or their inputs, as rows, so that rows are long; matrices before a norm are centred
- * (sw_norm.h).
+/* The parameters of a trained program; the generated sw_weights.c defines the parameters that are compiled in. Matrices
+ * are stored with their shorter side, or their inputs, as rows, so that rows are long; matrices before a norm are
+ * centred (sw_norm.h).
  */
 #ifndef SW_WEIGHTS_H
 #define SW_WEIGHTS_H
@@ -13,14 +13,14 @@ typedef float sw_prior_number; /* type of the prior's matrices (sw_prior_memory.
 
 /* The parameters are read in place: little-endian, no pointers, every member aligned to SW_ALIGNMENT. */
 typedef struct sw_weights {
-    /* Scaling: (value - mean) factor of a window's columns, and physical forces = mean + std scaled. */
+    /* Scaling: a column of the window enters as (value - mean) factor; the physical forces are mean + std scaled. */
     SW_ALIGNED float window_mean[SW_SENSORS + 1];
     SW_ALIGNED float window_factor[SW_SENSORS + 1];
     SW_ALIGNED float force_mean[2];
     SW_ALIGNED float force_std[2];
     SW_ALIGNED float action_limit; /* largest magnitude of an action, in U_inf W */
 
-    /* Encoder. LSTM gates in the order i, f, g, o; its rows are the inputs, then the hidden state. */
+    /* Encoder. LSTM gates are in the order i, f, g, o; the rows of its matrix are the inputs, then the hidden state. */
     SW_ALIGNED float lstm_weight[SW_SENSORS + 1 + SW_LSTM][SW_CELLS];
     SW_ALIGNED float lstm_bias[SW_CELLS];
     SW_ALIGNED float encoder_gain[SW_LSTM_P];
@@ -42,7 +42,7 @@ typedef struct sw_weights {
     SW_ALIGNED float dyn3_weight[SW_LATENT][SW_DYN2_P]; /* (outputs, inputs) */
     SW_ALIGNED float dyn3_bias[SW_LATENT];
 
-    /* Decoder, not padded. */
+    /* Decoder; its matrices are not padded. */
     SW_ALIGNED float decoder_weight[SW_DECODER][SW_LATENT]; /* (outputs, inputs) */
     SW_ALIGNED float decoder_bias[SW_DECODER];
     SW_ALIGNED float block_weight[SW_BLOCKS][SW_DECODER][SW_DECODER]; /* (outputs, inputs), centred */
@@ -52,7 +52,9 @@ typedef struct sw_weights {
     SW_ALIGNED float force_weight[2][SW_DECODER]; /* (outputs, inputs) */
     SW_ALIGNED float force_bias[2];
 
-    /* Cost and optimiser: lr / (1 - b1^i) and 1 / sqrt(1 - b2^i) of iteration i, and the default cost weights. */
+    /* Cost and optimiser: lr / (1 - b1^i) and 1 / sqrt(1 - b2^i) of Adam's iteration i, and the default cost
+     * weights.
+     */
     SW_ALIGNED float drag_reference;
     SW_ALIGNED float adam_rate[SW_ITERATIONS];
     SW_ALIGNED float adam_unbias[SW_ITERATIONS];

@@ -1,4 +1,4 @@
-/* Scratch memory of a control step. It is public only because the caller provides it. */
+/* Scratch memory of a control step. This structure is public only because the caller provides it. */
 #ifndef SW_WORKSPACE_H
 #define SW_WORKSPACE_H
 
@@ -12,7 +12,7 @@
 #define SW_DYN2_P SW_PADDED(SW_DYN2)
 #define SW_HORIZON_P SW_PADDED(SW_HORIZON)
 
-/* Numbers of the forward pass that the adjoint needs (sw_norm.h), and their inputs. */
+/* Numbers of the forward pass that the adjoint needs (sw_norm.h), and the inputs of the forward pass. */
 typedef struct {
     float xhat1[SW_HORIZON][SW_DYN1_P];
     float slope1[SW_HORIZON][SW_DYN1_P];
@@ -41,15 +41,15 @@ typedef struct {
 typedef struct sw_workspace {
     sw_program program;                       /* the running program */
     float z[SW_LATENT];                       /* present latent state */
-    float latents[SW_LATENT][SW_HORIZON_P];   /* 1 to SW_HORIZON steps ahead */
+    float latents[SW_LATENT][SW_HORIZON_P];   /* latent states 1 to SW_HORIZON steps ahead */
     float forces[2][SW_HORIZON_P];            /* Cd, then Cl */
-    float d_forces[2][SW_HORIZON_P];          /* dJ/d(Cd, Cl) */
+    float d_forces[2][SW_HORIZON_P];          /* dJ/d(Cd, Cl): derivatives of the cost J */
     float d_latents[SW_LATENT][SW_HORIZON_P]; /* dJ/dz through the forces alone */
     float limit; /* bound on an action in this control step */
     float plan[SW_HORIZON];
     float start[SW_HORIZON];    /* the optimiser's initial plan */
     float gradient[SW_HORIZON]; /* dJ/da */
-    float moment1[SW_HORIZON];  /* Adam's m and v */
+    float moment1[SW_HORIZON];  /* Adam's moments m and v */
     float moment2[SW_HORIZON];
     union {
         sw_prior_scratch prior;

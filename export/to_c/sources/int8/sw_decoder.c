@@ -1,5 +1,5 @@
-/* (Cd, Cl) = f_dec(z) for every step of the horizon, and its adjoint, in integers. Steps do not depend on each other,
- * so they are computed two at a time.
+/* The decoder: (Cd, Cl) = f_dec(z) for every step of the horizon, and its adjoint, in integers. The steps do not depend
+ * on each other, so two steps are computed at a time.
  */
 #include "sw_networks.h"
 #include "sw_norm.h"
@@ -19,7 +19,7 @@ void sw_dots_sixteens(int32_t *restrict y, const int8_t *restrict w, const int16
 }
 #endif
 
-/* Computes the products for the first vector or for both. */
+/* Computes the products of a matrix for the first vector or for both vectors. */
 static CALLED void multiply(sw_decoder_scratch *s, const int8_t *matrix, int rows, int columns, int count)
 {
     if (count == 2) {
@@ -29,7 +29,7 @@ static CALLED void multiply(sw_decoder_scratch *s, const int8_t *matrix, int row
     }
 }
 
-/* Saturates a layer's input. A layer with the widest range can take the most negative integer, too. */
+/* Saturates a layer's input. A layer with the widest range can also take the most negative integer. */
 static inline int16_t held(int32_t value)
 {
     const int32_t qmax = SW_QMAX(SW_DECODER_P);
@@ -94,7 +94,9 @@ static CALLED void decode_steps(sw_workspace *work, int first, int count)
     }
 }
 
-/* Writes x + sums to both. The unit is four times the coarser one, so that nothing overflows; returns the unit. */
+/* Writes x + sums to both arrays, in a unit that is four times the coarser of both units, so that nothing overflows.
+ * Returns the unit.
+ */
 static float add_adjoints(int32_t *restrict x, float unit, int32_t *restrict sums, float unit_of_sums)
 {
     const float coarser = 4.0f * sw_fmax(unit, unit_of_sums);
@@ -108,7 +110,9 @@ static float add_adjoints(int32_t *restrict x, float unit, int32_t *restrict sum
     return coarser;
 }
 
-/* Converts x times the scales of the first layer's rows to int16, as finely as the largest allows; returns the unit. */
+/* Converts x times the scales of the first layer's rows to int16, as finely as the largest of the products allows.
+ * Returns the unit.
+ */
 static float round_adjoints(int16_t *restrict vector, int32_t *restrict x, float unit, const sw_weights *w)
 {
     uint32_t bits = 0;

@@ -1,21 +1,23 @@
 /* Products of int8 matrices with int16 vectors in 32-bit sums.
  *
- * y = w x; the rows are a multiple of 4, the columns of 8, padded with zeros. A sum cannot overflow: each number of a
- * vector of n numbers is within SW_QMAX(n).
+ * The product is y = w x; the number of rows of w is a multiple of 4, the number of columns a multiple of 8, padded
+ * with zeros. A sum cannot overflow: each number of a vector of n numbers is within SW_QMAX(n).
  *
  * Matrices are tiles of four rows by four columns; the tiles of the same rows are adjacent. A row's four weights are
  * one word, in the order 0, 2, 1, 3: sign-extending every second byte of a word then gives the weights of two
  * neighbours of the vector.
  *
- * sw_dots takes one vector. sw_dots_two takes two vectors that are SW_APART numbers apart, like their products, and may
- * extend a weight once for both. The results are equal bit for bit on every processor.
+ * sw_dots takes one vector. sw_dots_two takes two vectors that are SW_APART numbers apart, as their products are, and
+ * may extend a weight once for both vectors. The results are equal bit for bit on every processor.
  */
 #ifndef SW_DOTS_H
 #define SW_DOTS_H
 
 #include "sw_integer.h"
 
-/* Largest number of columns of a matrix; a file with longer matrices defines it before it includes this one. */
+/* Largest number of columns of a matrix; a file with longer matrices defines the number before it includes this
+ * header.
+ */
 #ifndef SW_DOTS_COLUMNS
 #define SW_DOTS_COLUMNS SW_LONGEST
 #endif
@@ -23,7 +25,7 @@
 #if defined(__ARM_FEATURE_DSP) && defined(__thumb2__)
 #include "sw_dots_dsp.h"
 #else
-#if defined(__AVX2__) && __STDC_HOSTED__ /* compilers' headers for AVX2 need a C library */
+#if defined(__AVX2__) && __STDC_HOSTED__ /* the compilers' headers for AVX2 need a C library */
 #include "sw_dots_avx2.h"
 #elif defined(__ARM_FEATURE_DOTPROD) && defined(__aarch64__)
 #include "sw_dots_neon.h"

@@ -1,4 +1,6 @@
-/* sw_dots.h for x86 processors with AVX2: one instruction multiplies and adds eight pairs, which form a tile. */
+/* sw_dots.h for x86 processors with AVX2: one instruction multiplies and adds eight pairs of numbers, which form a
+ * tile.
+ */
 #ifndef SW_DOTS_AVX2_H
 #define SW_DOTS_AVX2_H
 
@@ -9,7 +11,9 @@
 /* Tiles of four rows that share the loads of a vector. */
 #define SW_BESIDE 8
 
-/* Returns sums plus the products of a tile, two numbers a row, with four numbers of the vector in the tile's order. */
+/* Returns `sums`, which has two numbers for each row, plus the products of a tile with four numbers of the vector in
+ * the tile's order.
+ */
 static inline __m256i sw_with_tile(__m256i sums, const int8_t *tile, __m256i vector)
 {
     const __m256i weights = _mm256_cvtepi8_epi16(_mm_loadu_si128((const __m128i *)(const void *)tile));

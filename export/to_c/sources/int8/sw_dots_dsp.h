@@ -1,8 +1,9 @@
-/* sw_dots.h for cores with the Arm DSP extension (Cortex-M4, M7, M33): one instruction multiplies and adds two pairs.
+/* sw_dots.h for cores with the Arm DSP extension (Cortex-M4, M7, M33): one instruction multiplies and adds two pairs of
+ * numbers.
  *
- * The loops are written in assembly, because compilers run out of registers there, and ordered for cores that issue two
- * instructions at a time. Each loop needs thirteen registers; values used once per pass over the columns are on the
- * stack.
+ * The loops are written in assembly, because compilers run out of registers in them. The instructions are ordered for
+ * cores that issue two instructions at a time. Each loop needs thirteen registers; values used once per pass over the
+ * columns are on the stack.
  */
 #ifndef SW_DOTS_DSP_H
 #define SW_DOTS_DSP_H
@@ -27,7 +28,9 @@
 #define SW_EIGHT_COLUMNS SW_ONE_TILE SW_ONE_TILE
 #define SW_SIXTEEN_COLUMNS "2:\n" "subs %[count], #1\n" SW_EIGHT_COLUMNS SW_EIGHT_COLUMNS "bne 2b\n"
 
-/* The stack has y, the number of rows left, a vector's bytes, and the number of groups of sixteen columns. */
+/* The stack has y, the number of rows left, the number of bytes of a vector, and the number of groups of sixteen
+ * columns.
+ */
 #define SW_FOUR_ROWS(columns)                                                                            \
     __asm__ volatile("sub sp, #16\n" "strd %[s0], %[s1], [sp]\n" "strd %[s2], %[s3], [sp, #8]\n"           \
                      "ldr %[wa], [%[w]], #4\n" "ldr %[wb], [%[w]], #4\n"                                     \
@@ -43,14 +46,16 @@
 
 /* clang-format on */
 
-/* sw_dots for columns in sixteens. Its code is only in sw_decoder.c, since the loop takes 0.4 KiB. */
+/* Computes sw_dots if the number of columns is a multiple of sixteen. Its code is only in sw_decoder.c, since the loop
+ * takes 0.4 KiB.
+ */
 void sw_dots_sixteens(int32_t *restrict y, const int8_t *restrict w, const int16_t *restrict x, int rows, int columns);
 
 static inline void sw_dots(int32_t *restrict y, const int8_t *restrict w, const int16_t *restrict x, int rows,
                            int columns)
 {
     int32_t wa, wb, xa, xb, t, u, count, bytes = 2 * columns, sixteens = columns / 16;
-    /* The compiler decides this, since sizes are constants. */
+    /* The compiler decides this branch, since sizes are constants. */
     if (columns % 16 == 0) {
         sw_dots_sixteens(y, w, x, rows, columns);
     } else if (columns == 8) {
@@ -62,7 +67,9 @@ static inline void sw_dots(int32_t *restrict y, const int8_t *restrict w, const 
 
 /* clang-format off */
 
-/* Two rows of a tile by both vectors, x and then z: eight multiplications, with all else in between. */
+/* Multiplies two rows of a tile by both vectors, x and then z: eight multiplications, with all other instructions in
+ * between.
+ */
 #define SW_TWO_ROWS                                                                                          \
     "smlad %[s0], %[t], %[za], %[s0]\n" "ldr %[u], [%[w]], #12\n"                                           \
     "smlad %[s1], %[t], %[xa], %[s1]\n" "sxtb16 %[wa], %[wa], ror #8\n"                                     \
@@ -73,9 +80,9 @@ static inline void sw_dots(int32_t *restrict y, const int8_t *restrict w, const 
     "smlad %[s2], %[u], %[zb], %[s2]\n" "ldrd %[za], %[zb], [%[x], %[apart]]\n"                             \
     "smlad %[s3], %[u], %[xb], %[s3]\n" "ldrd %[xa], %[xb], [%[x]], #8\n"
 
-/* Pairs of rows by both vectors; every other pair begins in the middle of a tile. On the stack: 0 y, 4 the number of
- * rows left, 8 the bytes that w advances in a row of tiles, 12 those that x advances, both with the loads ahead, 16 the
- * address of w after the last tile, 20 the distance from there to the next pair, one of two distances.
+/* Multiplies pairs of rows by both vectors; every second pair begins in the middle of a tile. On the stack: 0 y, 4 the
+ * number of rows left, 8 the bytes that w advances in a row of tiles, 12 those that x advances, both with the loads
+ * ahead, 16 the address of w after the last tile, 20 the distance from there to the next pair, one of two distances.
  */
 #define SW_TWO_ROWS_TWICE(tiles)                                                                                 \
     __asm__ volatile("sub sp, #24\n" "strd %[s0], %[s1], [sp]\n" "strd %[s2], %[s3], [sp, #8]\n"           \
@@ -101,7 +108,7 @@ static inline void sw_dots(int32_t *restrict y, const int8_t *restrict w, const 
 static inline void sw_dots_two(int32_t *restrict y, const int8_t *restrict w, const int16_t *restrict x, int rows,
                                int columns)
 {
-#if SW_APART > 510 /* the distance exceeds the offset of an instruction */
+#if SW_APART > 510 /* the distance exceeds the largest offset of an instruction */
     sw_dots(y, w, x, rows, columns);
     sw_dots(y + SW_APART, w, x + SW_APART, rows, columns);
 #else

@@ -1,8 +1,8 @@
 /* sw_dots.h for Arm processors with the dot-product instructions (Cortex-A75 and later).
  *
- * One instruction multiplies a tile by four 8-bit numbers and adds the products of each of its rows. A number of the
- * vector has 16 bits: x = 256 high + low + 128 with high and low between -128 and 127, so three products are needed,
- * the last one with ones. Sums are exact in any order.
+ * One instruction multiplies a tile by four 8-bit numbers and adds the products of each row of the tile. A number of
+ * the vector has 16 bits: x = 256 high + low + 128 with high and low between -128 and 127, so three products are
+ * needed: with high, with low, and with ones. Sums are exact in any order.
  */
 #ifndef SW_DOTS_NEON_H
 #define SW_DOTS_NEON_H
@@ -14,7 +14,7 @@
 static inline void sw_dots(int32_t *restrict y, const int8_t *restrict w, const int16_t *restrict x, int rows,
                            int columns)
 {
-    /* Bytes of eight numbers in the tiles' order. */
+    /* The positions of the bytes of eight numbers, in the tiles' order. */
     static const uint8_t high_bytes[8] = {1, 5, 3, 7, 9, 13, 11, 15}, low_bytes[8] = {0, 4, 2, 6, 8, 12, 10, 14};
     const uint8x8_t of_high = vld1_u8(high_bytes), of_low = vld1_u8(low_bytes);
     const int8x16_t ones = vdupq_n_s8(1);

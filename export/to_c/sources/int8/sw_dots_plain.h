@@ -4,7 +4,7 @@
 
 #include "sw_workspace.h"
 
-/* The vector is first copied in the tiles' order, so that compilers can vectorise the loop over the tiles. */
+/* The vector is first copied into the tiles' order, so that compilers can vectorise the loop over the tiles. */
 static inline void sw_dots(int32_t *restrict y, const int8_t *restrict w, const int16_t *restrict x, int rows,
                            int columns)
 {

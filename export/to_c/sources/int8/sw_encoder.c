@@ -1,10 +1,10 @@
-/* z_t = f_enc(window): LSTM over the rows from a zero state, layer norm of its last output, two linear layers. Products
- * in integers, the rest in float.
+/* The encoder: z_t = f_enc(window). An LSTM runs over the rows from a zero state; a layer norm of its last output and
+ * two linear layers follow. Products are in integers, all other operations in float.
  */
 #include "sw_networks.h"
 #include "sw_norm.h"
 
-/* Writes the logistic function of each gate's argument in place of its sum; that of g has twice the argument. */
+/* Replaces each gate's sum by the logistic function of the gate's argument; for the gate g, of twice the argument. */
 static void open_gates(sw_encoder_scratch *e, const sw_weights *w)
 {
     for (int c = 0; c < 4 * SW_LSTM_P; c += 8) {
@@ -17,7 +17,7 @@ static void open_gates(sw_encoder_scratch *e, const sw_weights *w)
     }
 }
 
-/* c = sigmoid(f) c + sigmoid(i) tanh(g), h = sigmoid(o) tanh(c). */
+/* Computes the cells c = sigmoid(f) c + sigmoid(i) tanh(g) and the hidden state h = sigmoid(o) tanh(c). */
 static void update_cells(sw_encoder_scratch *e, const sw_weights *w)
 {
     const float one = 1.0f / (float)SW_LOGISTIC_QMAX, product = one * one;

@@ -1,4 +1,4 @@
-/* Integers for activations: their range, and the rounding to them. */
+/* Integers for activations: the range of these integers, and the rounding to them. */
 #ifndef SW_INTEGER_H
 #define SW_INTEGER_H
 
@@ -11,14 +11,14 @@
 /* Returns the nearest integer of a number between -32768 and 32767; ties go to the even one. */
 static inline int16_t sw_rounded(float value)
 {
-    const float magic = 12582912.0f; /* as in sw_exp; the integer holds its bits */
+    const float magic = 12582912.0f; /* as in sw_exp; the integer is in the low bits of the sum */
     return (int16_t)(int32_t)(sw_to_bits(value + magic) - 0x4b400000u);
 }
 
 /* Returns the sum of two integers modulo 2^32; no exported program has numbers that overflow. */
 static inline int32_t sw_sum(int32_t a, int32_t b) { return (int32_t)((uint32_t)a + (uint32_t)b); }
 
-/* Return the larger and the smaller of two numbers; the second one if the first is NaN. */
+/* Return the larger and the smaller of two numbers; both return the second number if the first is NaN. */
 #if defined(__ARM_FEATURE_NUMERIC_MAXMIN) || defined(__ARM_FPV5__)
 static inline float sw_fmax(float a, float b) { return __builtin_fmaxf(a, b); }
 static inline float sw_fmin(float a, float b) { return __builtin_fminf(a, b); }
@@ -35,22 +35,24 @@ static inline int32_t sw_held(int32_t value, int32_t least, int32_t most)
     return value < least ? least : value > most ? most : value;
 }
 
-/* Returns value factor / 2^32, rounded, ties upwards: one instruction of a Cortex-M with the DSP extension. */
+/* Returns value factor / 2^32, rounded, with ties upwards: this is one instruction of a Cortex-M with the DSP
+ * extension.
+ */
 static inline int32_t sw_scaled(int32_t value, int32_t factor)
 {
     return (int32_t)(((int64_t)value * factor + 0x80000000LL) >> 32);
 }
 
-/* Returns start + value factor / 2^16, rounded down: one instruction as well. */
+/* Returns start + value factor / 2^16, rounded down: this is also one instruction. */
 static inline int32_t sw_scaled_on(int32_t start, int32_t factor, int16_t value)
 {
     return sw_sum(start, (int32_t)(((int64_t)factor * value) >> 16));
 }
 
-/* Converts a number to an integer by truncation, limited to the range of integers. */
+/* Truncates a number to an integer, limited to the range of integers. */
 static inline int32_t sw_cut(float value) { return (int32_t)sw_fmin(sw_fmax(value, -2147483648.0f), 2147483520.0f); }
 
-/* Returns a factor for sw_scaled, limited to the largest one. */
+/* Returns a factor for sw_scaled, limited to the largest factor. */
 static inline int32_t sw_factor(float value) { return (int32_t)sw_fmin(value * 4294967296.0f, 2147483520.0f); }
 
 /* Converts a 64-bit sum to float without a library. */

@@ -1,9 +1,9 @@
-/* The parameters of a trained program; the generated sw_weights.c defines those that are compiled in. Matrices are int8
- * with one scale for each output, W[o][i] ~ scale[o] q[o][i]. Their layout is that of sw_dots.h, and each is followed
- * by SW_AHEAD zeros for loads ahead of their use. The adjoint has a transposed copy of its own.
+/* The parameters of a trained program; the generated sw_weights.c defines the parameters that are compiled in. Matrices
+ * are int8 with one scale for each output, W[o][i] ~ scale[o] q[o][i]. Their layout is that of sw_dots.h, and each is
+ * followed by SW_AHEAD zeros for loads ahead of their use. The adjoint has its own, transposed copy of each matrix.
  *
- * An activation is scale times its int16. Forward scales are constants from calibration; an adjoint's scale is computed
- * when the adjoint is rounded.
+ * An activation is a scale times an int16. Forward scales are constants from calibration; an adjoint's scale is
+ * computed when the adjoint is rounded.
  */
 #ifndef SW_WEIGHTS_H
 #define SW_WEIGHTS_H
@@ -20,14 +20,14 @@
 extern const uint32_t sw_elu_points[2 * SW_ELU_START / SW_ELU_STEP];
 extern const uint32_t sw_logistic_points[2 * SW_LOGISTIC_START / SW_LOGISTIC_STEP];
 
-/* Constants of outputs, grouped in eights: value = sum scale + bias. Before a norm all are integers: the value, in a
- * unit of its layer, is sw_scaled(sum, scale) + bias, and sw_scaled_on(offset, gain, xhat) is sw_elu's argument; xhat
- * is an integer of the tape, SW_XHAT_QMAX at its bound, which is sqrt(n) in a layer of width n.
+/* Constants of outputs, grouped in eights: value = sum scale + bias. Before a norm all constants are integers: the
+ * value, in a unit of its layer, is sw_scaled(sum, scale) + bias, and sw_scaled_on(offset, gain, xhat) is sw_elu's
+ * argument; xhat is an integer of the tape, SW_XHAT_QMAX at its bound, which is sqrt(n) in a layer of width n.
  */
 enum { SW_SCALE, SW_BIAS, SW_GAIN, SW_OFFSET };
 
-/* Constants of an output in the adjoint: its gain relative to the layer's largest, in 1 / 2^22, and its row's scale
- * relative to the matrix's largest, in 1 / 2^23.
+/* Constants of an output in the adjoint: its gain relative to the layer's largest gain, in units of 1 / 2^22, and its
+ * row's scale relative to the matrix's largest scale, in units of 1 / 2^23.
  */
 enum { SW_ADJOINT_GAIN, SW_ADJOINT_SCALE };
 
@@ -38,7 +38,7 @@ typedef int8_t sw_prior_number; /* type of the prior's matrices (sw_prior_memory
 
 /* The parameters are read in place: little-endian, no pointers, every member aligned to SW_ALIGNMENT. */
 typedef struct sw_weights {
-    /* Scaling: (value - mean) factor of a window's columns, and physical forces = mean + std scaled. */
+    /* Scaling: a column of the window enters as (value - mean) factor; the physical forces are mean + std scaled. */
     SW_ALIGNED float window_mean[SW_SENSORS + 1];
     SW_ALIGNED float window_factor[SW_SENSORS + 1];
     SW_ALIGNED float force_mean[2];
@@ -46,8 +46,8 @@ typedef struct sw_weights {
     SW_ALIGNED float action_limit;  /* largest magnitude of an action, in U_inf W */
     SW_ALIGNED float action_factor; /* 1 / action_std, the action's factor in the state */
 
-    /* Encoder. LSTM gates in the order i, f, g, o. Inverse scales are integers per unit of an activation: here of the
-     * LSTM's inputs and hidden state, elsewhere of the inputs of layers.
+    /* Encoder. LSTM gates are in the order i, f, g, o. An inverse scale is the number of integers per unit of an
+     * activation: here of the LSTM's inputs and hidden state, elsewhere of a layer's inputs.
      */
     SW_ALIGNED int8_t lstm_input_rows[4 * SW_LSTM_P * SW_ROW_P + SW_AHEAD];
     SW_ALIGNED int8_t lstm_hidden_rows[4 * SW_LSTM_P * SW_LSTM_P + SW_AHEAD];
@@ -79,7 +79,7 @@ typedef struct sw_weights {
     SW_ALIGNED int8_t decoder_rows[SW_DECODER_P * SW_LATENT_P + SW_AHEAD];
     SW_ALIGNED int8_t decoder_adjoint_rows[SW_LATENT_P * SW_DECODER_P + SW_AHEAD];
     SW_ALIGNED float decoder_channel[SW_DECODER_P / 8][2][8];
-    SW_ALIGNED int32_t decoder_scale[SW_DECODER_P]; /* relative to the largest, in 1 / 2^31 */
+    SW_ALIGNED int32_t decoder_scale[SW_DECODER_P]; /* scale over the largest scale, in units of 1 / 2^31 */
     SW_ALIGNED float decoder_largest;
     SW_ALIGNED int8_t block_rows[SW_BLOCKS][SW_DECODER_P * SW_DECODER_P + SW_AHEAD];
     SW_ALIGNED int8_t block_adjoint_rows[SW_BLOCKS][SW_DECODER_P * SW_DECODER_P + SW_AHEAD];
@@ -94,7 +94,9 @@ typedef struct sw_weights {
     SW_ALIGNED int32_t residual_of_elu;
     SW_ALIGNED int32_t residual_factor[SW_BLOCKS + 1];
 
-    /* Cost and optimiser: lr / (1 - b1^i) and 1 / sqrt(1 - b2^i) of iteration i, and the default cost weights. */
+    /* Cost and optimiser: lr / (1 - b1^i) and 1 / sqrt(1 - b2^i) of Adam's iteration i, and the default cost
+     * weights.
+     */
     SW_ALIGNED float drag_reference;
     SW_ALIGNED float adam_rate[SW_ITERATIONS];
     SW_ALIGNED float adam_unbias[SW_ITERATIONS];

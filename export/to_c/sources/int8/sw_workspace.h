@@ -1,4 +1,4 @@
-/* Scratch memory of a control step with int8 weights. It is public only because the caller provides it. */
+/* Scratch memory of a control step with int8 weights. This structure is public only because the caller provides it. */
 #ifndef SW_WORKSPACE_H
 #define SW_WORKSPACE_H
 
@@ -58,7 +58,9 @@ typedef struct {
     int16_t vector[SW_MAX(SW_LSTM_P, SW_HEAD_P)];
 } sw_encoder_scratch;
 
-/* The decoder takes two steps of the horizon at a time; this is the distance of their vectors, and of their sums. */
+/* The decoder takes two steps of the horizon at a time; this is the distance between the vectors of both steps, and
+ * between their sums.
+ */
 #define SW_APART SW_MAX(SW_DECODER_P, SW_LATENT_P)
 
 typedef struct {
@@ -77,15 +79,15 @@ typedef struct {
 typedef struct sw_workspace {
     sw_program program;                       /* the running program */
     float z[SW_LATENT];                       /* present latent state */
-    float latents[SW_HORIZON_P][SW_LATENT];   /* 1 to SW_HORIZON steps ahead */
+    float latents[SW_HORIZON_P][SW_LATENT];   /* latent states 1 to SW_HORIZON steps ahead */
     float forces[2][SW_HORIZON_P];            /* Cd, then Cl */
-    float d_forces[2][SW_HORIZON_P];          /* dJ/d(Cd, Cl) */
+    float d_forces[2][SW_HORIZON_P];          /* dJ/d(Cd, Cl): derivatives of the cost J */
     float d_latents[SW_HORIZON_P][SW_LATENT]; /* dJ/dz through the forces alone */
     float limit; /* bound on an action in this control step */
     float plan[SW_HORIZON];
     float start[SW_HORIZON];    /* the optimiser's initial plan */
     float gradient[SW_HORIZON]; /* dJ/da */
-    float moment1[SW_HORIZON];  /* Adam's m and v */
+    float moment1[SW_HORIZON];  /* Adam's moments m and v */
     float moment2[SW_HORIZON];
     union {
         sw_prior_scratch prior;

@@ -1,5 +1,5 @@
 /* The replay of recorded rows through the controller on a host: an example of the calls, and a program for debuggers
- * and sanitisers. Only this file of the folder is not part of the library.
+ * and sanitisers. All other C files of the folder are part of the library.
  *
  *     cc -std=c99 -O3 *.c -o replay && ./replay < recorded.txt
  *     ./replay recorded.txt expected.txt
@@ -7,8 +7,8 @@
  * A row has the pressures Cp at the sensors and the action of the step before. From the first full window on, each row
  * has an answer of four numbers: the planned action, the predicted mean Cd and Cl, and the cost.
  *
- * With one file, each answer is printed, and its plan is used in the next step, as on a vehicle. With a second file,
- * each answer starts from a plan of zeros and is compared with a line of that file. The last line states how many
+ * With one file, the program prints each answer and uses its plan in the next step, as on a vehicle. With a second
+ * file, each answer starts from a plan of zeros and is compared with a line of that file. The last line states how many
  * answers agree; the status is 1 if an answer differs by more than different compilers do.
  */
 #include <stdio.h>

@@ -2,10 +2,10 @@
  *
  * The code is freestanding C99, without allocation, recursion, library calls or static state: it writes only to the
  * caller's structures, so that several controllers may run side by side. The work of a step does not depend on the
- * data, except for a few comparisons in the cost, and for the iterations, which are skipped if no weight needs them.
- * Compile the sources as C; C++ may include this header. The generated sw_settings.h has the sizes and the hash of the
- * program, and sw_weights.c its parameters. These need not be compiled in: the functions that end in _of use parameters
- * anywhere in memory (sw_program.h).
+ * data, except for a few comparisons in the cost, and except that the iterations are skipped if no cost weight needs
+ * them. Compile the sources as C; C++ may include this header. The generated sw_settings.h has the sizes and the hash
+ * of the program, and sw_weights.c its parameters. The parameters need not be compiled in: the functions whose names
+ * end in _of use parameters anywhere in memory (sw_program.h).
  */
 #ifndef STILLWAKE_H
 #define STILLWAKE_H
@@ -34,36 +34,36 @@ extern "C" {
 
 /* The input of a control step. Actions are jet flow rates in U_inf W, pressures are Cp. */
 typedef struct {
-    float window[SW_WINDOW][SW_COLUMNS]; /* oldest row first; row k is Cp at step k and the action commanded at k - 1 */
-    float plan[SW_HORIZON];  /* plan of the previous step, unchanged; the control step shifts it by one step */
+    float window[SW_WINDOW][SW_COLUMNS]; /* oldest row first; row k: Cp at step k, action commanded at step k - 1 */
+    float plan[SW_HORIZON];  /* plan that the previous step returned, unchanged; the step shifts it by one period */
     float free[SW_HORIZON];  /* 1 if the action of the shifted plan may change, 0 if it is committed */
     float weights[SW_TERMS]; /* weights of the cost terms */
     float speed;             /* the vehicle's speed, relative to the design speed */
-    float limit;             /* bound on the actions at any speed; the program's own bound is never exceeded */
+    float limit;             /* bound on the actions at every speed; the program's own bound also applies */
 } sw_input;
 
 /* The output of a control step. */
 typedef struct {
-    float plan[SW_HORIZON];      /* actions from now on; command the first one */
+    float plan[SW_HORIZON];      /* actions from the present period on; command the first action */
     float forces[SW_HORIZON][2]; /* predicted Cd and Cl, 1 to SW_HORIZON steps ahead */
     float terms[SW_TERMS];       /* unweighted cost terms of the plan */
-    float cost;                  /* weights . terms */
+    float cost;                  /* weighted sum of the cost terms */
 } sw_output;
 
 typedef enum {
     SW_OK = 0,
     SW_NOT_FINITE = 1,      /* an input or a result is NaN or infinite: do not command the plan */
-    SW_WRONG_ARITHMETIC = 2 /* this build, or the processor's mode, computes differently; the plan is zeros */
+    SW_WRONG_ARITHMETIC = 2 /* this build, or the processor's present mode, computes differently; the plan is zeros */
 } sw_status;
 
-/* Returns SW_OK, or SW_WRONG_ARITHMETIC: a known answer shows whether sums, divisions and small numbers follow IEEE
- * 754. Some flags of a compiler change them (-ffast-math and its parts), and so do modes of a processor (small numbers
- * as zero, rounding). Every control step makes this check itself.
+/* Checks with a known answer whether sums, divisions and small numbers follow IEEE 754; returns SW_OK or
+ * SW_WRONG_ARITHMETIC. Some compiler flags change the arithmetic (-ffast-math and its parts), and so do some processor
+ * modes (small numbers taken as zero, another rounding). Every control step makes this check itself.
  */
 sw_status sw_arithmetic(void);
 
-/* Resets the input: an empty window, no plan, every action free, the program's cost weights and action limit, the
- * design speed. Returns the result of sw_arithmetic.
+/* Resets the input: an empty window, no plan, every action free; the cost weights and the action limit are the
+ * program's, and the speed is the design speed. Returns the result of sw_arithmetic.
  */
 sw_status sw_input_reset(sw_input *input);
 
@@ -73,13 +73,14 @@ void sw_input_push(sw_input *input, const float pressures[SW_SENSORS], float pre
 /* Runs a control step. The workspace needs no preparation and holds no state between steps. */
 sw_status sw_control_step(sw_workspace *work, const sw_input *input, sw_output *output);
 
-/* Compares a control step, with all iterations and on a window of the program's own, with the exporter's answer; call
- * it once at the start. Returns SW_WRONG_ARITHMETIC if they differ: in any bit, or, if this build fuses operations, by
- * more than this explains. Returns SW_OK also if no answer was written. Resets `input` as sw_input_reset does.
+/* Runs a control step with all iterations on a window that comes from the program, and compares the result with the
+ * exporter's answer; call it once at the start. Returns SW_WRONG_ARITHMETIC if result and answer differ in any bit; in
+ * a build that fuses operations, if they differ by more than fusing explains. Returns SW_OK also if the exporter wrote
+ * no answer. Resets `input` as sw_input_reset does.
  */
 sw_status sw_known_answer(sw_workspace *work, sw_input *input, sw_output *output);
 
-/* These three functions accept the parameters of any program whose array sizes equal those of this library. */
+/* The following three functions accept the parameters of any program whose array sizes equal those of this library. */
 sw_status sw_input_reset_of(const sw_program *program, sw_input *input);
 sw_status sw_control_step_of(const sw_program *program, sw_workspace *work, const sw_input *input, sw_output *output);
 sw_status sw_known_answer_of(const sw_program *program, sw_workspace *work, sw_input *input, sw_output *output);

@@ -1,4 +1,4 @@
-/* The known answer of the control step's files. */
+/* The check of float arithmetic with a known answer, compiled with the flags of the control step. */
 #include "sw_arithmetic.h"
 
 #include "stillwake.h"

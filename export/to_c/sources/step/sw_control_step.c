@@ -1,5 +1,5 @@
-/* A control step: it takes the initial plan, encodes the window, optimises the plan, and predicts its effects. And the
- * input: a window to which a row is added.
+/* A control step: it takes the initial plan, encodes the window, optimises the plan, and predicts its effects. The file
+ * also has the functions of the input: its reset, and the row that is added to the window.
  */
 #include "stillwake.h"
 #include "sw_cost.h"
@@ -51,8 +51,9 @@ static void adam_step(sw_workspace *work, const float free_actions[SW_HORIZON], 
     }
 }
 
-/* Computes the weights for the iterations, and returns whether any is not 0. For the prior's trained goal, its plan
- * is already the best (contract/controller/goal.py): only the weights of other terms remain.
+/* Computes the weights for the iterations, and returns whether any is not 0. For the goal with which the prior was
+ * trained, the prior's plan is already the best (contract/controller/goal.py), so only the weights of other terms
+ * remain.
  */
 static int asked_of_iterations(float asked[SW_TERMS], const float weights[SW_TERMS])
 {
@@ -66,7 +67,7 @@ static int asked_of_iterations(float asked[SW_TERMS], const float weights[SW_TER
 #endif
     for (int i = 0; i < SW_TERMS; i++) any |= asked[i] > 0.0f || asked[i] < 0.0f;
 #else
-    any = 1; /* the initial plan may exceed the limit */
+    any = 1; /* without a prior: the initial plan may exceed the limit */
 #endif
     return any;
 }

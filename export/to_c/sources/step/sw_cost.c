@@ -1,10 +1,12 @@
-/* The cost's terms and gradient. At kinks equal largest or smallest Cd share the slope, and |Cl| has slope 0 at 0. */
+/* The cost's terms and gradient. At kinks, steps with equal largest or smallest Cd share the slope, and |Cl| has slope
+ * 0 at Cl = 0.
+ */
 #include "sw_cost.h"
 
 #include "sw_math.h"
 #include "sw_weights.h"
 
-/* A force over the horizon. */
+/* The statistics of a force over the horizon. */
 typedef struct {
     float mean, largest, smallest;
 } statistics;

@@ -1,4 +1,4 @@
-/* The control step of the compiled-in program. */
+/* The control step with the parameters that are compiled in. */
 #include "stillwake.h"
 #include "sw_weights.h"
 

@@ -1,4 +1,6 @@
-/* The optimiser's initial plan: a feedback on the past, applied over the horizon to predicted differences. */
+/* The optimiser's initial plan: a feedback on the past pressure differences, applied over the horizon to predicted
+ * differences.
+ */
 #include "sw_prior.h"
 
 #include "sw_math.h"
@@ -13,7 +15,7 @@ enum { ONE, SPEED, EFFORT, LIFT, LIMIT };
 #error "five weights of a unit on an input are added up here"
 #endif
 
-/* Returns the position of a cost weight in the range that the prior supports. */
+/* Returns the position of a cost weight within the range that the prior supports. */
 static float root_of(float weight, float dearest)
 {
     if (weight < dearest) return sw_sqrt(weight / dearest);
@@ -47,8 +49,8 @@ static void take_weights(sw_prior_scratch *prior, const sw_weights *w)
     }
 }
 
-/* Takes the rows before the present one, and the differences of the present one. The window lacks the oldest row, which
- * is taken to be equal to the one after it.
+/* Takes the rows before the present row, and the differences of the present row. The window lacks the oldest row, which
+ * is taken to be equal to the row after it.
  */
 static void take_past(sw_prior_scratch *prior, const float window[SW_WINDOW][SW_COLUMNS])
 {
@@ -62,7 +64,9 @@ static void take_past(sw_prior_scratch *prior, const float window[SW_WINDOW][SW_
     for (int c = 0; c < SW_PRIOR_ROW; c++) prior->rows[0][c] = prior->rows[1][c];
 }
 
-/* Returns the sum of products of weights with values, `apart` numbers apart; it adds two sums side by side. */
+/* Returns the sum of the products of weights with values that are `apart` numbers apart. It adds two sums side by
+ * side.
+ */
 static float product(const float *weights, const float *values, int apart, int count)
 {
     float sum = 0.0f, other = 0.0f;
@@ -75,7 +79,7 @@ static float product(const float *weights, const float *values, int apart, int c
     return sum + other;
 }
 
-/* Filters the past that begins at a row: the first columns of its rows. */
+/* Filters the past that begins at the row `begin`, in the first `columns` columns of the rows. */
 static void filter_past(sw_prior_scratch *prior, const sw_weights *w, int begin, int columns)
 {
     const float *weight = w->prior_filter;
@@ -88,7 +92,9 @@ static void filter_past(sw_prior_scratch *prior, const sw_weights *w, int begin,
     }
 }
 
-/* Multiplies the last layer's weights by the gates, which read sums of the newest rows; `rows` holds these. */
+/* Multiplies the last layer's weights by the gates, which depend on the sums of the sensors' pairs in the newest rows.
+ * These sums replace the content of `rows`.
+ */
 static void take_gates(sw_prior_scratch *prior, const sw_weights *w, const float window[SW_WINDOW][SW_COLUMNS])
 {
     const float(*newest)[SW_COLUMNS] = &window[SW_WINDOW - SW_PRIOR_MEMORY];
@@ -158,7 +164,9 @@ static float wanted(sw_prior_scratch *prior)
     return sw_tanh(sum + other);
 }
 
-/* Predicts the next differences after the past that begins at a row; it adds as `product`. */
+/* Predicts the differences that follow the past that begins at a row. Like `product`, the function adds two sums side
+ * by side.
+ */
 static void predict(sw_prior_scratch *prior, const sw_weights *w, int begin)
 {
     const float *values = prior->rows[begin];
