@@ -36,9 +36,9 @@ def prior_plan(
 
     Args:
         window: (L, S+1) rows (Cp_k, a_{k-1}), oldest first; L is at least the prior's memory.
-        committed: (H,) the actions where they are not free.
-        free: (H,) 1 where the prior decides.
-        reach: A, bound on |a| of the program, in U_inf W.
+        committed: (H,) actions of the plan; they apply where `free` is 0.
+        free: (H,) 1 where the prior decides the action, 0 elsewhere.
+        reach: A, the program's bound on |a|, in U_inf W.
         speed: speed of the vehicle, as a ratio to the design speed.
         goal: the present goal.
         limit: bound on |a| in this control step, in U_inf W.
@@ -59,23 +59,24 @@ def prior_plan(
 
 
 def gates_of(prior: PriorWeights, window: Array, scheduled: Array) -> Array:
-    """Compute the gates g, (n,), at a window and a schedule (5,)."""
+    """Compute the gates g of the n units, (n,), for a window and a schedule (5,)."""
     by_sums = np.tensordot(prior.sums, filtered_sums(prior, window), axes=2)
     return np.asarray(1.0 + np.tanh(prior.gate @ scheduled + by_sums))
 
 
 def filtered_sums(prior: PriorWeights, window: Array) -> Array:
-    """Compute the filtered sums of the pairs, (F, p), over the newest M rows including the present row."""
+    """Compute the filtered sums of the p pairs, (F, p) for F filters, over the newest M rows including the present
+    row."""
     newest = window[-prior.memory :]
     return np.asarray(prior.filters.T @ (newest[:, :-1:2] + newest[:, 1:-1:2]))
 
 
 def past_of(window: Array, memory: int) -> tuple[Array, Array]:
-    """Return the rows (y_i, a_i), (M, p + 1), before the present row, and the present differences y_t, (p,).
+    """Return the M rows (y_i, a_i) before the present row, (M, p + 1), and the present differences y_t, (p,).
 
     The window does not contain the oldest of these rows, which is set equal to the next row.
     """
     newest = window[-memory:]
-    # In the window, a row holds the action before its pressures. The present action is not decided yet.
+    # In the window, a row holds the action that precedes its pressures. The present action is not decided yet.
     rows = np.column_stack([newest[:, :-1:2] - newest[:, 1:-1:2], np.append(newest[1:, -1], 0.0)])
     return np.vstack([rows[:1], rows[:-1]]), rows[-1, :-1]
