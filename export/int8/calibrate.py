@@ -19,7 +19,7 @@ inputs also count."""
 
 
 def quantise_on(weight: Array, inputs: Array) -> Int8Matrix:
-    """Return the Int8Matrix whose products with n inputs of width m, (n, m), are close to those of a matrix (outputs, m).
+    """Return the Int8Matrix whose products with n inputs (n, m) are close to the products of a matrix (outputs, m).
 
     Nearest rounding minimises the error of each weight alone. But the error that counts is |(W - W_q) X|^2, and inputs
     are correlated: later columns can compensate the effect of one column's rounding on an output. With H = X^T X / n +

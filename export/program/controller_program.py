@@ -36,8 +36,8 @@ class ControllerProgram:
         action_limit: bound on the action's magnitude |a|, in U_inf W.
         sensors: names in the order of the window's columns.
         encoder_rows: number of the window's newest rows that the encoder reads.
-        prior: weights of the prior, which computes the plan from which the optimiser starts; if None, the optimiser starts
-            from the previous plan.
+        prior: weights of the prior, which computes the plan from which the optimiser starts; if None, the optimiser
+            starts from the previous plan.
     """
 
     encoder: EncoderWeights
