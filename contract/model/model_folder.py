@@ -4,8 +4,9 @@
 `decoder.`; narrower networks, if configured, have `slim_dynamics.` and `slim_decoder.`. `model.json` has the
 assumptions and the origin of the weights:
 
-    schema, config (all settings), scaling (contract.release.manifest.Scaling), layout (names, positions, base and
-    mirror images of all sensors, in the order of the scaling), sensors (the slim encoder's inputs in order),
+    schema, config (all settings), scaling (contract.release.manifest.Scaling),
+    layout (names, positions, base and mirror images of all sensors, in the order of the scaling),
+    sensors (the slim encoder's inputs in order),
     dataset_sha256, weights_sha256, metrics, ranking, versions
 
 A model of the first schema has no layout in its file; its sensors are the truck's. This module returns tensors as

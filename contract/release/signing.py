@@ -3,7 +3,9 @@
 A signature covers the bytes of the manifest, so that nothing has to be parsed before the signature is verified. The
 signature has its own file, together with the public key of its claimed signer:
 
-    stillwake-signature/1 key <32 bytes in hex> signature <64 bytes in hex>
+    stillwake-signature/1
+    key <32 bytes in hex>
+    signature <64 bytes in hex>
 
 The key in the file is no proof: it only states who claims to have signed. A signature is trusted only if the reader has
 the key from another source.
