@@ -5,8 +5,9 @@ its inputs in the horizon are differences that an autoregressive model predicts.
 differences and the action, a past of M rows, and the schedule s = (1, (speed - 1) / 0.4, effort, lift, limit) of the
 present speed and goal (`contract.controller.goal`),
 
-    g = 1 + tanh(gate s + sums . filters^T (Cp_first + Cp_second, rows t-M+1 .. t)), a_{t+k} = clip(r A tanh(output . (g
-    tanh((sum_j s_j first_j) . filters^T rows t+k-M .. t+k-1)))), y_{t+k+1} = predictor . rows t+k-M+1 .. t+k,
+    g = 1 + tanh(gate s + sums . filters^T (Cp_first + Cp_second, rows t-M+1 .. t)),
+    a_{t+k} = clip(r A tanh(output . (g tanh((sum_j s_j first_j) . filters^T rows t+k-M .. t+k-1)))),
+    y_{t+k+1} = predictor . rows t+k-M+1 .. t+k,
 
 where A is the program's bound on |a|, r A the bound that the goal allows, and clip the limit of this control step.
 Committed actions do not change. Schedule and gates are those of the present over the whole horizon, because the

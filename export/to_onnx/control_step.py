@@ -97,8 +97,8 @@ def lower_adam(
     bound: str,
     gradient: Callable[[Graph, str], str],
 ) -> str:
-    """Add nodes that compute the optimised plan (1, H), from the starting plan (1, H), the mask of free actions (H,) and
-    the bound on |a|, a scalar. `gradient` adds nodes for the gradient dJ/da (1, H) at a plan (1, H) to the given body.
+    """Add nodes that compute the optimised plan (1, H), from the starting plan (1, H), the mask of free actions (H,)
+    and the bound on |a|, a scalar. `gradient` adds nodes that compute dJ/da (1, H) at a plan (1, H) to the given body.
     """
     h, mpc = program.mpc.horizon, program.mpc
     beta1, beta2 = ADAM_BETAS
