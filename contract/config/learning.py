@@ -99,7 +99,7 @@ class TrainConfig(Settings, source=paper("section 2.2.4")):
     learning_rate: Positive[float] = 1e-3
     """Learning rate of Adam in every phase except the finish."""
     epochs: Annotated[Positive[float], PASSES] = 300.0
-    """Number of passes over the windows of the recording and of its mirror image; fractions are allowed."""
+    """Passes over the windows of the recording and of its mirror image; fractions are allowed."""
     segment: Annotated[
         AtLeastOne[int],
         WINDOWS,
