@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 Array: TypeAlias = npt.NDArray[np.float64]
-"""Numbers in double precision."""
+"""Array of numbers in double precision."""
 
 Precision: TypeAlias = npt.DTypeLike
 """Type of the numbers in a computation: np.float64, or np.float32 for a flow in training."""
@@ -15,16 +15,16 @@ Index: TypeAlias = npt.NDArray[np.intp]
 """Positions in another array, as returned by `np.arange` and `np.argsort`."""
 
 Mask: TypeAlias = npt.NDArray[np.bool_]
-"""Selection of entries of another array."""
+"""Array of flags that selects entries of another array."""
 
 MOST_VALUES: Final = 2**27
-"""Largest number of values in a file of unknown origin, 1 GiB in double precision: 90 sensors over eight hours of a
+"""Largest number of values in a file of unknown origin: 1 GiB in double precision, or 90 sensors over eight hours of a
 truck's control periods. A file with more values is refused before it is read."""
 
 
 class ArrayValue:
-    """A frozen dataclass with read-only arrays, which equals an instance with the same values. Subclasses are declared
-    with eq=False, because the `__eq__` that `dataclass` generates cannot compare arrays."""
+    """A frozen dataclass with read-only arrays. It equals an instance with equal values. Subclasses are declared with
+    eq=False, because the `__eq__` that `dataclass` generates cannot compare arrays."""
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
@@ -35,7 +35,7 @@ class ArrayValue:
                 object.__setattr__(self, name, own)
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        # Unpickled and deeply copied arrays are writeable.
+        # Unpickled and deeply copied arrays are writeable, so they are made read-only again.
         self.__dict__.update(state)
         ArrayValue.__post_init__(self)
 

@@ -15,13 +15,14 @@ _STREAMS = (1, 2)
 
 
 def leads_to(path: Path) -> Path:
-    """Return the path that results from following all links. Files are written there, and the links stay. Raises
-    StillwakeError for a cyclic link, or a link into a missing folder."""
+    """Return the path that results from following all links. A file is written to this path, and the links remain.
+    Raises StillwakeError for a cyclic link, or a link into a missing folder."""
     place = Path(os.path.realpath(path))
     if place.is_symlink():
         raise StillwakeError(f"cannot write {path}: {os.strerror(errno.ELOOP)}")
     for link in (path, *path.parents):
-        # The link may point to a disk that is not mounted. Only the target itself may be missing, no folder above it.
+        # The link may point to a disk that is not mounted. Only the link's target may be missing, and no folder above
+        # it.
         if link.is_symlink() and not link.exists() and (link != path or not place.parent.is_dir()):
             raise StillwakeError(f"cannot write {path}: {link} is a link to {link.readlink()}, which is not there")
     return place
@@ -30,10 +31,10 @@ def leads_to(path: Path) -> Path:
 def check_writable(path: Path, *, folder: bool = False) -> None:
     """Check before a computation whether its result can be written, by creating and removing a file next to the target.
 
-    Missing folders are not created; the test file is then created in the nearest existing folder. Raises StillwakeError
-    if `path` is a folder instead of a file or the reverse, has no name of its own, is where this process prints to, has
-    a hard link that would keep the old content, or cannot be written. `folder` states whether the result is a folder;
-    otherwise it is a file.
+    Missing folders are not created; the test file is then created in the nearest existing folder. `folder` states
+    whether the result is a folder; otherwise it is a file. Raises StillwakeError if `path` is a folder and the result
+    is a file or the reverse, if it has no name of its own, if it is the file to which this process prints, if it has a
+    hard link that would keep the old content, or if it cannot be written.
     """
     if not folder and path.is_dir():
         raise StillwakeError(f"cannot write {path}: it is a directory, must be a file")
@@ -71,12 +72,12 @@ def _check_file(path: Path, there: os.stat_result) -> None:
 @contextmanager
 def replacing(path: Path, *, keep: bool = False) -> Iterator[Path]:
     """Yield a temporary path next to the target of `path`; move it to the target if the block succeeds, remove it
-    otherwise. Links stay and lead to the new content, which gets the mode of the old.
+    otherwise. Links remain and lead to the new content, which gets the mode of the old content.
 
-    With `keep`, the files of a new directory are moved into the old directory, whose other files stay.
+    With `keep`, the files of a new directory are moved into the old directory, whose other files remain.
 
     Missing folders are created, and removed again if the block fails. The result is a file or a directory; an old
-    directory stays until the new one has replaced it.
+    directory remains until the new directory has replaced it.
 
     Raises StillwakeError if the target cannot be written.
     """
@@ -120,14 +121,15 @@ def replacing(path: Path, *, keep: bool = False) -> Iterator[Path]:
                 with suppress(OSError):
                     leftover.unlink()
         if made_parent:
-            # `rmdir` fails for a folder that is not empty, which then stays.
+            # `rmdir` fails for a folder that is not empty; such a folder remains.
             with suppress(OSError):
                 for folder in missing:
                     folder.rmdir()
 
 
 def _take_after(new: Path, old: Path) -> None:
-    """Copy mode and, if possible, owner from the old file or folder to the new one of the same name, recursively."""
+    """Copy the mode and, if possible, the owner from the old file or folder to the new file or folder, recursively by
+    name."""
     if new.is_symlink() or old.is_symlink() or not old.exists() or old.is_dir() != new.is_dir():
         return
     for item in new.iterdir() if new.is_dir() else ():

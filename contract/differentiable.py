@@ -8,14 +8,14 @@ from contract.arrays import Array
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Seen:
-    """The values of a sample that a training reads. As an argument of `back`, a scalar's gradient for each value.
+    """The values of a sample that a training reads, in units of the present speed.
 
-    All are in units of the present speed.
+    The argument of `back` has the gradient of a scalar with respect to each value instead.
 
     Attributes:
-        Cp: (2 p,) at the sensors, in pairs of mirror images.
+        Cp: pressure coefficients at the sensors of p mirrored pairs; the two sensors of a pair are adjacent, (2 p,).
         Cd, Cl: drag and lift coefficients of the body.
-        Uy: transverse velocity at the wake probe, in the present speed.
+        Uy: transverse velocity at the wake probe, in units of the present speed.
     """
 
     Cp: Array
@@ -25,13 +25,13 @@ class Seen:
 
     @property
     def differences(self) -> Array:
-        """Differences (p,) of the mirrored pairs."""
+        """Differences of Cp between the two sensors of each of the p mirrored pairs, (p,)."""
         return self.Cp[::2] - self.Cp[1::2]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FlowState:
-    """A flow at the beginning of a control period: its state in one vector, and the action in force.
+    """A flow at the beginning of a control period: its state in one vector, and the action of the jets at that time.
 
     State and actions are in units of the design speed, independent of the present speed.
     """
@@ -47,29 +47,32 @@ class DifferentiableFlow(Protocol):
         """Continue from a state with an empty tape.
 
         Args:
-            speeds: (n + 1,) ratios to the design speed at the n periods' samples and before them; linear in between.
+            speeds: (n + 1,) speeds as ratios to the design speed, for a run of n periods: the speed at the start, then
+                the speed at each period's sample; linear in between.
         """
         ...
 
     def advance(self, action: float) -> Seen:
-        """Advance by a control period, at the end of which the action is in force, and record the period on the tape.
-        Raises PlantError if the flow diverged, or the window is too long for the tape's memory."""
+        """Advance by a control period, over which the jets move to `action`, and record the period on the tape. Raises
+        PlantError if the flow diverged, or the run is too long for the tape's memory."""
         ...
 
     def back(self, weights: Seen) -> float:
-        """Go back a period. Return the gradient of this and later samples with respect to the period's action."""
+        """Go back by a period, and return the gradient of a scalar with respect to the period's action. `weights` has
+        the scalar's derivatives by the period's sample; the calls for later periods have passed those by later samples.
+        """
         ...
 
     def state(self) -> FlowState:
-        """Return the present state of the flow, for a later `begin`."""
+        """Return the present state of the flow, which `begin` accepts."""
         ...
 
     def at_rest(self, state: FlowState, speed: float) -> tuple[float, float] | None:
-        """Return the mean base pressure and the mean magnitude of the differences, in Cp, of the wake without jets;
-        None if no sensor is on the base. Raises PlantError if the flow diverged.
+        """Return the mean base pressure and the mean magnitude of the differences between mirrored sensors, in Cp, of
+        the wake without jets; None if no sensor is on the base. Raises PlantError if the flow diverged.
 
         Args:
             state: a developed wake at the design speed.
-            speed: constant, in units of the design speed.
+            speed: constant speed, in units of the design speed.
         """
         ...

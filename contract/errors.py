@@ -1,18 +1,19 @@
-"""The errors that a user can cause. Their common base class lets the command line print each as one line."""
+"""The errors that a user can cause. They have a common base class, so that the command line prints each error as one
+line."""
 
 from typing import ClassVar
 
 
 def install(extra: str) -> str:
-    """Return the pip command that installs an extra and the data that its commands start from. It installs from a
-    checkout because no package index has stillwake."""
+    """Return the pip command that installs an extra and the data from which its commands start. The command installs
+    from a checkout because no package index has stillwake."""
     data = " ./data" if extra in ("sim", "c", "train") else ""
     return f"pip install '.[{extra}]'{data} in a checkout of stillwake"
 
 
 class StillwakeError(Exception):
-    """An error that the user can correct. The message states the offending value and what would be right. `status` is
-    the exit status of a command that ends with this error."""
+    """An error that the user can correct. The message states the offending value and the values that are allowed.
+    `status` is the exit status of a command that ends with this error."""
 
     status: ClassVar[int] = 1
 
@@ -40,11 +41,11 @@ class TrainingError(StillwakeError):
 
 
 class ModelError(StillwakeError):
-    """A model directory that is incomplete, of another schema, or altered."""
+    """A model directory that is incomplete, altered, or of another schema."""
 
 
 class BundleError(StillwakeError):
-    """A release bundle that cannot be used; its subclasses are the kinds of fault."""
+    """A release bundle that cannot be used. Each subclass is one kind of fault."""
 
 
 class BundleContainerError(BundleError):
@@ -76,7 +77,8 @@ class BundleSignerError(BundleError):
 
 
 class KeyFileError(StillwakeError):
-    """A key file that is missing, has another kind of key, or already exists where a new key would be written."""
+    """A key file that is missing or has another kind of key, or that already exists where a new key would be
+    written."""
 
 
 class BusError(StillwakeError):
@@ -88,7 +90,7 @@ class FlashError(StillwakeError):
 
 
 class PlantError(StillwakeError):
-    """A flow solver that diverged, or was given a state, mesh or action from which it cannot continue."""
+    """A flow solver that diverged, or that was given a state, mesh or action from which it cannot continue."""
 
 
 class ExportError(StillwakeError):

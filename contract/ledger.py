@@ -1,7 +1,7 @@
-"""The drag ledger: every force along the road that the jets change, and the power that they take.
+"""The drag ledger: every force along the road that the jets change, and the power that the jets take.
 
-A drag reduction must be compared with its cost. The controller reduces the drag of the wall. The forces on the slot
-faces, the reaction to the jets' momentum and the jets' power are reported beside it, and `Cd_net` sums the forces.
+A drag reduction must be compared with its cost. The controller reduces the drag of the wall. The ledger also has the
+forces on the slot faces, the reaction to the jets' momentum and the jets' power. `Cd_net` is the sum of the forces.
 """
 
 from collections.abc import Mapping
@@ -19,8 +19,8 @@ class DragLedger(Generic[Value]):
     """Forces in units of rho U_inf^2 W / 2, at one instant or as time series.
 
     Attributes:
-        Cd, Cl: wall force without the slot faces.
-        Cd_slot_pressure, Cd_slot_viscous: pressure and viscous force on the slot faces.
+        Cd, Cl: drag and lift force on the wall without the slot faces.
+        Cd_slot_pressure, Cd_slot_viscous: pressure force and viscous force on the slot faces.
         Cd_momentum: reaction to the jets' momentum flux, negative for thrust.
         jet_power: power that the jets transfer to the flow, in units of rho U_inf^3 W / 2.
     """

@@ -21,7 +21,7 @@ class Arrays(dict[str, npt.NDArray[Any]]):
         raise ValueError(f"it lacks {name!r}")
 
     def numbers(self, name: str, *shape: int | None) -> Array:
-        """Return numbers of this shape, in which None means any length. NaN is allowed, infinity is not."""
+        """Return an array of numbers. In its `shape`, None means any length. NaN is allowed, infinity is not."""
         array = self[name]
         fits = array.ndim == len(shape) and all(n in (None, m) for n, m in zip(shape, array.shape, strict=True))
         if array.dtype.kind not in "fiu" or not fits or np.isinf(array).any():
@@ -30,7 +30,7 @@ class Arrays(dict[str, npt.NDArray[Any]]):
         return array.astype(np.float64)
 
     def text(self, name: str) -> str:
-        """Return the single text of this name."""
+        """Return the single text that has this name."""
         array = self[name]
         if array.dtype.kind != "U" or array.shape:
             raise ValueError(f"{name!r} is {array.dtype} of shape {array.shape}: must be a text")
@@ -38,9 +38,9 @@ class Arrays(dict[str, npt.NDArray[Any]]):
 
 
 def read_npz(path: Path, *, objects: bool = False) -> Arrays:
-    """Read all arrays of a file. Raises OSError if it cannot be opened; ValueError if it is no archive of arrays of
-    numbers and texts, is damaged, or holds more than `MOST_VALUES` values. With `objects`, an array of Python objects
-    becomes an empty array."""
+    """Read all arrays of a file. With `objects`, an array of Python objects becomes an empty array. Raises OSError if
+    the file cannot be opened; ValueError if the file is no archive of arrays of numbers and texts, is damaged, or holds
+    more than `MOST_VALUES` values."""
     if path.exists() and not path.is_file():
         raise ValueError("it is not a file")
     found, total = Arrays(), 0

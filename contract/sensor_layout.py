@@ -1,4 +1,5 @@
-"""The layout of the wall-pressure sensors of a data set or a plant: names, positions, base and mirror image.
+"""The layout of the wall-pressure sensors of a data set or a plant: names, positions, sensors on the base, and mirror
+images.
 
 The truck's 90 sensors are `contract.sensors.TRUCK`. A data set of another body has its own layout.
 """
@@ -18,19 +19,19 @@ SAME_PLACE: Final = 1e-4
 FARTHEST: Final = 1000.0
 """Largest distance of a sensor from the front of the body, in W; a larger number is taken for a mistake."""
 MAX_SENSORS: Final = 1_000
-"""Largest number of sensors; the limit bounds the time to compare every pair of them."""
+"""Largest number of sensors. The limit bounds the time for comparing every pair of sensors."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SensorLayout:
-    """The sensors in the order of a Cp array's columns.
+    """The n sensors of a layout, in the order of a Cp array's columns.
 
     Attributes:
-        names: (n,), all different.
-        positions: (n, 2), in the body's reference length W; x along the flow, y across it.
+        names: names of the sensors, all different, (n,).
+        positions: positions (x, y) in the body's reference length W, x along the flow, y across it, (n, 2).
         base: columns of the sensors on the base, whose mean is the base pressure; may be empty.
-        mirror: (n,), Cp[mirror] is the reading in the flow reflected in y = 0; None if the sensors have no mirror
-            images or the body is not symmetric.
+        mirror: column of each sensor's mirror image, (n,), so that Cp[mirror] is the reading in the flow reflected in y
+            = 0; None if the sensors have no mirror images or the body is not symmetric.
 
     Raises ConfigError for a contradictory layout.
     """
@@ -69,8 +70,8 @@ class SensorLayout:
     def of(
         cls, names: Sequence[str], positions: Array, *, base: Sequence[int] = (), symmetric: bool = True
     ) -> "SensorLayout":
-        """Build a layout. Mirror images are found from the positions, if every sensor has one. `symmetric` states
-        whether body and jets are symmetric about y = 0."""
+        """Build a layout. The mirror images are found from the positions, if every sensor has a mirror image.
+        `symmetric` states whether body and jets are symmetric about y = 0."""
         positions = np.asarray(positions, dtype=np.float64)
         return cls(
             names=tuple(names),
@@ -94,7 +95,8 @@ class SensorLayout:
         return np.array([self.names.index(name) for name in names], dtype=np.intp)
 
     def only(self, columns: Index) -> "SensorLayout":
-        """Return the layout of the columns, in their order, without mirror images, which may not be among them."""
+        """Return the layout of some columns, in the given order. It has no mirror images, because they may not be among
+        the columns."""
         return SensorLayout(
             names=tuple(self.names[column] for column in columns),
             positions=self.positions[columns],
@@ -134,7 +136,7 @@ def _mirror(positions: Array) -> Index | None:
 
 
 def _distance(to: Array, start: Array) -> Array:
-    """Return the distances (n, n) from every start to every position: the larger of |dx| and |dy|."""
+    """Return the distance from each of n starts to each of n positions, (n, n): the larger of |dx| and |dy|."""
     distance: Array = np.abs(to[None, :, :] - start[:, None, :]).max(axis=2)
     return distance
 

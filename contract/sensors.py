@@ -1,4 +1,4 @@
-"""The 90 wall-pressure sensors: order, names, positions and mirror image (paper, figure 1).
+"""The truck's 90 wall-pressure sensors: order, names, positions and mirror images (paper, figure 1).
 
 Order: 0-39 upper side front to rear, 40-79 lower side front to rear, 80-89 base from top to bottom.
 """
@@ -28,12 +28,13 @@ NAMES: Final[tuple[str, ...]] = (
 )
 
 BASE: Final = slice(2 * PER_SIDE, COUNT)
-"""Columns of the base sensors; the mean base Cp is their mean."""
+"""Columns of the sensors on the base. The mean base Cp is the mean over these columns."""
 
 
 def positions() -> Array:
     """Return the sensor coordinates in W, shape (90, 2), on the body's surface."""
-    # Evenly spaced positions between the rounded edge and the rear, without end points, rounded as in the paper.
+    # The positions are evenly spaced between the rounded edge and the rear, without end points, and rounded as in the
+    # paper.
     side_x = np.round(np.linspace(LEADING_EDGE_RADIUS, LENGTH, PER_SIDE + 2)[1:-1], 6)
     upper = np.column_stack([side_x, np.full(PER_SIDE, HALF_WIDTH)])
     lower = upper * (1.0, -1.0)

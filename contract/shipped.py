@@ -1,7 +1,7 @@
 """Paths of the shipped files: the release bundle, and the data for simulation and training.
 
 The bundle is part of the package. The data are a separate distribution, `stillwake-data`, which a vehicle does not
-install; a checkout has them in `data/`, even if they are not installed.
+install. A checkout has the data in `data/`, even if the distribution is not installed.
 """
 
 from importlib.util import find_spec
@@ -25,11 +25,12 @@ _DATA: Final = _folder()
 BUNDLE: Final = Path(__file__).resolve().parent / "release" / "shipped"
 """Path of the shipped release."""
 DEVELOPED: Final = _DATA / "developed.npz"
-"""Path of the flow state, with shedding and without action, where episodes begin; `developed` checks for it."""
+"""Path of the flow state from which episodes begin: a wake with shedding, without action. `developed` checks that the
+file exists."""
 RECORDING: Final = _DATA / "recording.h5"
-"""Path of the data set that the shipped bundle was trained on. `recording` checks that it exists."""
+"""Path of the data set on which the shipped bundle was trained. `recording` checks that the file exists."""
 MODEL: Final = _DATA / "model"
-"""Path of the model folder that the shipped bundle was exported from. `model` checks that it exists."""
+"""Path of the model folder from which the shipped bundle was exported. `model` checks that the folder exists."""
 
 
 def developed() -> Path:

@@ -1,6 +1,6 @@
 """Parallel work in processes of this machine, or on dask workers, which may be on other machines and may be lost.
 
-No process and no temporary file remains, however the work ends.
+No process and no temporary file remains, even if the work fails or is stopped.
 """
 
 import logging
@@ -22,18 +22,19 @@ if TYPE_CHECKING:
 J = TypeVar("J")
 
 _STOPS: Final = (signal.SIGINT, signal.SIGTERM)
-"""Signals that a terminal or service sends to every process; child processes ignore them, the parent reacts."""
+"""Signals that a terminal or service sends to every process. Child processes ignore these signals, so that only the
+parent reacts."""
 _POLL_S: Final = 0.2
 _CONNECT_S: Final = 10.0
 
 
 @contextmanager
 def process_pool(workers: int, initializer: Callable[[], None] | None = None) -> Iterator[ProcessPoolExecutor]:
-    """Open a pool of new processes; an error or a stop signal kills them during their work.
+    """Open a pool of new processes. An error or a stop signal kills the processes during their work.
 
     Args:
         workers: number of processes.
-        initializer: called in each process before its work.
+        initializer: function that each process calls before its work.
     """
     context = multiprocessing.get_context("spawn")
     with tempfile.TemporaryDirectory(prefix="stillwake-", ignore_cleanup_errors=True) as scratch:
@@ -62,15 +63,15 @@ def spread(
     looked: Callable[[Mapping[str, int]], None] = lambda threads: None,
     slots: Callable[[Mapping[str, int]], int] = len,
 ) -> None:
-    """Run jobs on dask workers, in order, one per slot at a time; a local worker that dies is replaced.
+    """Run jobs on dask workers, in order, one job per slot at a time; a local worker that dies is replaced.
 
     Args:
         call: returns a job's function and its arguments, which are sent to the worker; called when a slot is free.
-        workers: number of local processes to start; at most one per job is started.
-        scheduler: address of a running scheduler to use instead.
+        workers: largest number of local processes to start; there are never more processes than jobs.
+        scheduler: address of a running scheduler to use instead of local processes.
         names: returns, for the error message, the job's name and what remains of the job if its workers die.
-        finished: called in this process with every finished job and its result, in the order in which they finish.
-        looked: called at every poll with the threads of each worker by its address.
+        finished: called in this process with every finished job and its result, in the order in which the jobs finish.
+        looked: called at every poll with the number of threads of each worker, by the worker's address.
         slots: returns the number of jobs that run on these workers at once.
 
     Raises:
@@ -126,7 +127,7 @@ def _dask_client(workers: int, scheduler: str | None) -> "Iterator[Client]":
 
     logging.getLogger("distributed").setLevel(logging.CRITICAL)
     if scheduler is None:
-        # A separate temporary folder, because dask does not remove its files from the shared one.
+        # The cluster has a separate temporary folder, because dask does not remove its files from the shared folder.
         with (
             tempfile.TemporaryDirectory(prefix="stillwake-", ignore_cleanup_errors=True) as scratch,
             dask.config.set({"temporary-directory": scratch}),
@@ -151,8 +152,8 @@ def _local_cluster(workers: int) -> "LocalCluster":
     from distributed import LocalCluster
 
     # The cluster's thread and the workers that it starts, now or later, inherit the blocked signals. In this process
-    # the signals are only delayed until the cluster has started. Python's resource tracker would unblock them if it
-    # started in between, so it is started first.
+    # the signals are only delayed until the cluster has started. Python's resource tracker would unblock the signals if
+    # it started in between, so the tracker is started before.
     resource_tracker.ensure_running()
     before = signal.pthread_sigmask(signal.SIG_BLOCK, _STOPS)
     try:

@@ -7,7 +7,7 @@ from typing import Any, Final
 from contract.errors import ConfigError
 
 LARGEST_FILE: Final = 2**20
-"""Largest size of a file, in bytes; all settings take three thousand."""
+"""Largest size of a file, in bytes; a file with all settings has three thousand bytes."""
 
 
 def read_toml(source: Traversable, what: str) -> dict[str, Any]:

@@ -1,4 +1,5 @@
-"""Typed values from TOML and JSON trees by msgspec; errors state the place, the value and what is right."""
+"""Typed values from TOML and JSON trees, converted by msgspec. Errors state the place, the value and the allowed
+values."""
 
 import re
 from collections.abc import Mapping
@@ -29,9 +30,9 @@ _STEP: Final = re.compile(r"\.(\w+)|\[(\d+)\]")
 
 
 def typed(tree: object, kind: type[T], *, complete: bool = False) -> T:
-    """Convert a tree to a dataclass; whole numbers become floats and lists become tuples where the fields' types ask
-    for it. Raises ConfigError if a name is unknown or missing, or a value has another type. `complete` states whether
-    fields with defaults must be in the tree too."""
+    """Convert a tree to a dataclass; whole numbers become floats and lists become tuples where the fields' types
+    require it. `complete` states whether the tree must also have the fields with defaults. Raises ConfigError if a name
+    is unknown or missing, or a value has another type."""
     _check_names(tree, kind, "", complete=complete)
     try:
         value = msgspec.convert(tree, kind)
@@ -47,7 +48,7 @@ def typed(tree: object, kind: type[T], *, complete: bool = False) -> T:
 
 
 def _right(wording: str, hint: Any) -> str:
-    """Return what a value must be, from msgspec's message and the field's type."""
+    """Return the condition on a value, in words, from msgspec's message and the field's type."""
     if get_origin(hint) is Literal:
         *most, last = map(repr, get_args(hint))
         return f"must be {', '.join(most)} or {last}"
@@ -76,7 +77,8 @@ def _check_names(tree: object, kind: type, above: str, *, complete: bool) -> Non
 
 
 def _set_in_order(value: object) -> None:
-    """Put all fields into `vars` in declaration order: msgspec sets only the tree's fields, in the tree's order."""
+    """Put all fields into `vars` in declaration order, because msgspec sets only the fields in the tree, in the tree's
+    order."""
     if isinstance(value, list | tuple):
         for item in value:
             _set_in_order(item)
@@ -89,7 +91,8 @@ def _set_in_order(value: object) -> None:
 
 
 def _part_of(hint: Any) -> Any:
-    """Return the dataclass in a field's type, also in a list or if the field may be None; None without one."""
+    """Return the dataclass in a field's type, which may also be the type of a list's items or an optional type; None if
+    there is no dataclass."""
     if get_origin(hint) is Mapping:
         return None  # its keys are names of the user's
     return next((part for part in (hint, *get_args(hint)) if isinstance(part, type) and is_dataclass(part)), None)

@@ -30,9 +30,9 @@ class BodyConfig(Settings, source=paper("section 2.1")):
     leading_edge_radius: Annotated[float, _RADIUS, WIDTHS] = LEADING_EDGE_RADIUS
     """Radius of the two front corners; 0 leaves them sharp."""
     sensors_per_side: Annotated[int, within(1, 450, "as many as can be told apart")] = 40
-    """Sensors per side, upper and lower, evenly spaced between the rounded edge and the base."""
+    """Number of sensors on each side, upper and lower, evenly spaced between the rounded edge and the base."""
     sensors_on_base: Annotated[int, within(1, 100, "as many as can be told apart")] = 10
-    """Sensors on the base, evenly spaced between the two slots."""
+    """Number of sensors on the base, evenly spaced between the two slots."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -40,7 +40,8 @@ class BodyConfig(Settings, source=paper("section 2.1")):
 
     @property
     def wake_probe(self) -> tuple[float, float]:
-        """Probe position of the transverse velocity: as far downstream of the base as the truck's (10, 0)."""
+        """Position at which the transverse velocity is probed: its distance from the base is that of the truck's probe,
+        (10, 0)."""
         # Rounding makes the truck's value exactly 10.
         return round(self.length + _PROBE_DISTANCE, 9), 0.0
 

@@ -1,7 +1,8 @@
-"""The sensor layout of a body in the project's own solver: the paper's for the truck, the same spacing for others.
+"""The sensor layout of a body in the project's own solver. The truck has the paper's layout; other bodies have sensors
+with equal spacing.
 
-Order and names are the same for every body: `upper_00` .. front to rear, `lower_00` .. front to rear, `base_0` .. from
-top to bottom. The body's settings give the number of each kind.
+Order and names follow one rule for every body: `upper_00` .. front to rear, `lower_00` .. front to rear, `base_0` ..
+from top to bottom. The body's settings give the number of each kind.
 """
 
 import numpy as np
@@ -17,7 +18,7 @@ def layout_of(body: BodyConfig) -> SensorLayout:
     if body == TRUCK_BODY:
         return sensors.TRUCK
     sides, on_base = body.sensors_per_side, body.sensors_on_base
-    # The paper leaves out the end points and rounds the positions, so this does too.
+    # The paper leaves out the end points and rounds the positions, so this function does too.
     side_x = np.round(np.linspace(body.leading_edge_radius, body.length, sides + 2)[1:-1], 6)
     between_slots = np.linspace(1.0, -1.0, on_base + 2)[1:-1] * (HALF_WIDTH - JET_WIDTH)
     # The two halves are made exact mirror images before they are rounded; + 0.0 turns -0.0 into 0.0.

@@ -12,23 +12,23 @@ class CostWeights(Settings, section="mpc.weights", source=paper("section 2.4.1")
     """Weights of the MPC cost J (paper, section 2.4.1), computed from forces and actions in physical units."""
 
     drag_mean: Annotated[NonNegative[float], paper("equation 13", "the term has no factor")] = 1.0
-    """Weight of the horizon's mean C_d, minus `mpc.drag_reference`."""
+    """Weight of the mean C_d over the horizon minus `mpc.drag_reference`."""
     drag_fluctuation: NonNegative[float] = 0.1
-    """Weight of the largest minus the smallest C_d in the horizon."""
+    """Weight of the range of C_d in the horizon: its largest minus its smallest value."""
     lift: NonNegative[float] = 0.01
-    """Weight of the horizon's mean |C_l|."""
+    """Weight of the mean |C_l| over the horizon."""
     lift_mean: Annotated[NonNegative[float], paper("equation 14", "without this term")] = 0.0
-    """Weight of the horizon's squared mean C_l. The horizon is one shedding cycle, so this mean is the steady
+    """Weight of the squared mean of C_l over the horizon. The horizon is one shedding cycle, so this mean is the steady
     deflection of the wake, which the paper's terms let the optimiser accept to reduce drag."""
     smoothness: NonNegative[float] = 8.0
     """Weight of the mean squared difference between consecutive actions of the plan."""
     effort: Annotated[NonNegative[float], paper("equation 15", "without this term")] = 0.0
-    """Weight of the plan's mean squared action."""
+    """Weight of the mean squared action of the plan."""
     rate: Annotated[NonNegative[float], paper("equation 15", "without this term")] = 0.0
-    """Weight of the squared difference between the action in force and the first planned action."""
+    """Weight of the squared difference between the action that the jets have now and the first planned action."""
     prior: Annotated[NonNegative[float], paper("equation 15", "without this term")] = 0.0
-    """Weight of the plan's mean squared distance from the optimiser's initial plan: the prior's plan, or without a
-    prior the shifted previous plan."""
+    """Weight of the plan's mean squared distance from the optimiser's initial plan. The initial plan is the prior's
+    plan or, without a prior, the previous plan shifted by one step."""
 
     def as_tuple(self) -> tuple[float, ...]:
         """Return the weights in declaration order, which is the order of the controller's `weights` input."""
@@ -42,17 +42,17 @@ class CostWeights(Settings, section="mpc.weights", source=paper("section 2.4.1")
 
 @dataclass(frozen=True, kw_only=True)
 class MpcConfig(Settings, source=paper("section 2.4.2")):
-    """The fixed-iteration optimiser (paper, section 2.4)."""
+    """The optimiser of the MPC, with a fixed number of iterations (paper, section 2.4)."""
 
     horizon: Annotated[int, at_least(2), STEPS, paper("section 2.4")] = 25
-    """H: length of the optimiser's prediction; about one shedding cycle."""
+    """H: number of control periods that the optimiser predicts; about one shedding cycle."""
     iterations: AtLeastOne[int] = 5
-    """Adam iterations on the plan in each control step."""
+    """Number of Adam iterations on the plan in each control step."""
     learning_rate: Positive[float] = 1e-3
     """Learning rate of the Adam iterations on the plan."""
     epsilon: Annotated[Positive[float], ours("Kingma and Ba's; the paper gives none")] = 1e-8
-    """Constant that Adam adds to the root of the second moment. Far below the gradients, the first step equals the
-    learning rate; far above, it is gradient times learning rate / `mpc.epsilon`."""
+    """Constant that Adam adds to the root of the second moment. If it is far below the gradients, the first step equals
+    the learning rate; if it is far above them, the first step is the gradient times learning rate / `mpc.epsilon`."""
     drag_reference: Annotated[Finite[float], paper("section 2.4.1")] = 1.051
-    """C_d,ref: mean drag without control. It shifts the cost and changes no plan."""
+    """C_d,ref: mean drag coefficient without control. It shifts the cost and changes no plan."""
     weights: CostWeights = field(default_factory=CostWeights)

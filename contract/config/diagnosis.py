@@ -1,4 +1,5 @@
-"""Settings of the CAN identifiers for diagnosis and calibration; they must differ from the control messages'."""
+"""Settings of the CAN identifiers for diagnosis and calibration, which must differ from those of the control
+messages."""
 
 import re
 from collections.abc import Mapping
@@ -13,8 +14,8 @@ MOST_STANDARD: Final = 0x7FF
 MOST_EXTENDED: Final = 0x1FFF_FFFF
 _TEXT: Final = re.compile(r"0[xX]([0-9a-fA-F]{1,3}|[0-9a-fA-F]{8})")
 _SHORT: Final = 3
-"""Hex digits of an 11-bit identifier in candump's notation. A 29-bit identifier has eight digits; any other number of
-digits is taken for a typing error."""
+"""Number of hex digits of an 11-bit identifier in candump's notation. A 29-bit identifier has eight digits; any other
+number of digits is taken for a typing error."""
 _NOTATION: Final = "0x and 3 hex digits (11 bits, up to 0x7FF), or 0x and 8 (29 bits, up to 0x1FFFFFFF)"
 _PAGE: Final = "reference/diagnosis.md#identifiers-on-the-bus"
 
@@ -33,7 +34,7 @@ def parse_id(value: int | str) -> CanId | None:
     """Parse the identifier in a setting: up to three hex digits for 11 bits, eight for 29 bits. Return None if the text
     is no identifier.
 
-    An int has no leading zeros: it is read as three digits if they suffice, otherwise as eight.
+    An int has no leading zeros: it is read as three hex digits if three suffice, otherwise as eight.
     """
     if isinstance(value, int):
         value = f"0x{value:03X}" if value < 1 << 4 * _SHORT else f"0x{value:08X}"
@@ -52,16 +53,17 @@ _ID_OR_NONE: Final = Rule(wording=f"empty, {_NOTATION}", holds=lambda value: val
 class DiagnosisConfig(
     Settings, section="bus.diagnosis", source=standard("ISO 15765-4", "the first ECU of legislated diagnosis")
 ):
-    """The CAN identifiers that a tester and a calibration tool use to reach the ECU. `0x7E0`, with three digits, has 11
-    bits; `0x18DA10F1`, with eight, has 29. The ECU and the tool need the same settings."""
+    """The CAN identifiers with which a tester and a calibration tool reach the ECU. An identifier with three digits,
+    such as `0x7E0`, has 11 bits; one with eight digits, such as `0x18DA10F1`, has 29. The ECU and the tool need equal
+    settings."""
 
     request_id: Annotated[int | str, _ID] = "0x7E0"
     """Identifier of the tester's requests to this ECU alone (physical addressing)."""
     response_id: Annotated[int | str, _ID] = "0x7E8"
     """Identifier of the ECU's answers to the tester."""
     functional_id: Annotated[int | str, _ID_OR_NONE, ours("requests to every ECU get no answer", page=_PAGE)] = ""
-    """Identifier of the tester's requests to every ECU (functional addressing), usually 0x7DF or 0x18DB33F1; if empty,
-    they are ignored."""
+    """Identifier of the tester's requests to every ECU (functional addressing), usually 0x7DF or 0x18DB33F1; if it is
+    empty, the ECU ignores such requests."""
     xcp_command_id: Annotated[int | str, _ID, ours("free beside the others", page=_PAGE)] = "0x7D0"
     """Identifier of the calibration tool's commands."""
     xcp_response_id: Annotated[int | str, _ID, ours("free beside the others", page=_PAGE)] = "0x7D8"
@@ -109,7 +111,7 @@ class DiagnosisConfig(
 
     @property
     def names(self) -> Mapping[CanId, str]:
-        """What each identifier carries, as a short text."""
+        """The purpose of each identifier, as a short text."""
         found = {self.request: "UDS request", self.response: "UDS answer"}
         found |= {self.xcp_command: "XCP command", self.xcp_response: "XCP answer"}
         return found if self.functional is None else found | {self.functional: "UDS request to all"}

@@ -21,10 +21,10 @@ class Setting:
     """A row of the table of settings.
 
     Attributes:
-        name: dotted, as `--set` takes it.
-        unit: unit of the number; "" for a ratio, a count that the name states, or text.
+        name: dotted name of the setting, as `--set` takes it.
+        unit: unit of the number; "" for a ratio, for a count whose name states what is counted, or for text.
         bounds: condition on the value; for a choice of words, the words.
-        meaning: one paragraph; "" if the name is enough.
+        meaning: one paragraph on what the setting does; "" if the name is enough.
     """
 
     name: str
@@ -46,8 +46,8 @@ class Section:
     """A section of settings.
 
     Attributes:
-        name: dotted, as in the header of a TOML file.
-        meaning: one paragraph.
+        name: dotted name of the section, as in the header of a TOML file.
+        meaning: one paragraph on what the section is for.
         settings: settings of this section, without those of its subsections.
     """
 
@@ -68,7 +68,8 @@ def as_toml(listed: Sequence[Section], *, base: str | None = None) -> str:
 
     Args:
         listed: sections; each may have only some of its settings.
-        base: name of the settings that the file modifies, "paper" or "release"; None leaves the line out.
+        base: name of the settings that the file modifies, "paper" or "release"; None leaves out the line that states
+            the name.
     """
     parts = [] if base is None else [f"base = {_toml(base)}\n"]
     for section in listed:
@@ -117,7 +118,7 @@ def _settings(prefix: str, group: Any, paper: Any) -> Iterator[Setting]:
 
 
 def _bounds(hint: Any) -> str:
-    """Return the condition that a type sets: a rule's wording, or the words to choose from."""
+    """Return the condition that a type sets on a value: the wording of a rule, or the words to choose from."""
     for part in (hint, *get_args(hint)):
         if isinstance(part, Rule):
             return part.wording

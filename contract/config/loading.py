@@ -18,7 +18,7 @@ from contract.typed import LONGEST_SHOWN, typed
 
 def check_names(tree: Mapping[str, Any], above: str = "") -> None:
     """Check that every name in a tree is in `Config`, and that sections and values are where they belong. Raises
-    ConfigError, which states the wrong name and the nearest right names."""
+    ConfigError, which states the wrong name and the correct names that are most similar."""
     for key, value in tree.items():
         name = f"{above}.{key}" if above else key
         if name not in _hints():
@@ -39,7 +39,7 @@ def takes_text(name: str) -> bool:
 
 
 def _unknown(section: str, key: str) -> str:
-    """Return the message for an unknown key of a section, with the nearest keys. The section "" is the root."""
+    """Return the message for an unknown key of a section, with the most similar keys. The section "" is the root."""
     inside = [name.rpartition(".")[2] for name in _hints() if name.rpartition(".")[0] == section]
     if not section:
         inside.sort(key=lambda name: -SequenceMatcher(None, key, name).ratio())
@@ -68,16 +68,17 @@ def _walk(group: Any, above: str) -> Iterator[tuple[str, Any]]:
 _RELEASE = "release"
 """Name of the packaged settings with which the shipped bundle was built."""
 PAPER = "paper"
-"""Name of the settings without any change, which are the paper's values."""
+"""Name of the unmodified settings, which have the paper's values."""
 BASE_KEY = "base"
 """The key in a TOML file that states whether the file modifies the paper's settings or the release's."""
 RETIRED: Final = {"refine.iterations": False}
-"""Settings of earlier versions' files that this version does not have; a file may contain them with this value."""
+"""Settings that files of earlier versions may contain and this version does not have; a file may set them to this value
+only."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Loaded:
-    """Loaded settings, and the names of those that the user gave.
+    """Loaded settings, and the names of the settings that the user gave.
 
     Attributes:
         in_file: dotted names of the settings in the TOML file.
@@ -95,7 +96,7 @@ class Loaded:
 
 
 def load_config(path: Path | None = None, overrides: Sequence[str] = ()) -> Config:
-    """Return the settings that `load` returns, without the names of those that the user gave."""
+    """Return the settings that `load` returns, without the names of the settings that the user gave."""
     return load(path, overrides).config
 
 
@@ -104,7 +105,7 @@ def load(path: Path | None = None, overrides: Sequence[str] = (), *, base: Confi
     file, an unknown key, a wrong type or a value out of range.
 
     Args:
-        path: a TOML file. With `base = "paper"` as its first line, it modifies the paper's settings instead.
+        path: a TOML file. With `base = "paper"` as its first line, the file modifies the paper's settings instead.
         overrides: `section.key=value` strings, the value in TOML syntax. Text needs no quotation marks.
         base: settings that the file and the overrides modify, instead of the release's.
     """
@@ -127,8 +128,8 @@ def load(path: Path | None = None, overrides: Sequence[str] = (), *, base: Confi
 
 
 def training(*, quick: bool = False) -> Config:
-    """Return the settings for training a model: the release's, modified by those of a model without a prior, and for a
-    quick training also by those of `quick.toml`."""
+    """Return the settings for training a model. The release's settings are modified by the settings of a model without
+    a prior and, for a quick training, also by those of `quick.toml`."""
     tree = _packaged(_RELEASE)
     for name in ("trained", "quick") if quick else ("trained",):
         _merge(tree, _packaged(name))
@@ -143,7 +144,8 @@ def from_tree(tree: Mapping[str, Any]) -> Config:
 
 
 def without_retired(tree: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Return the nested mappings without the settings in `RETIRED`; raises ConfigError if one has another value."""
+    """Return the nested mappings without the settings in `RETIRED`. Raises ConfigError if one of these settings has a
+    value other than the one in `RETIRED`."""
     for name, value in RETIRED.items():
         section, _, key = name.partition(".")
         if not isinstance(inside := tree.get(section), Mapping) or key not in inside:
@@ -201,7 +203,7 @@ def _short(value: object) -> str:
 
 
 def _merge(tree: dict[str, Any], change: Mapping[str, Any]) -> None:
-    """Copy the values of `change` into the tree, section by section. The names of both must be in `Config`."""
+    """Copy the values of `change` into the tree, section by section. The names in both mappings must be in `Config`."""
     for key, value in change.items():
         if isinstance(value, Mapping):
             _merge(tree.setdefault(key, {}), value)

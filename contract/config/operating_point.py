@@ -1,7 +1,8 @@
 """The scales that convert between the non-dimensional flow and the engineering units of the bus.
 
 The defaults describe a full-size truck on a motorway. The simulated flow remains the paper's two-dimensional flow at Re
-= 500: the operating point sets time and other scales only, and does not turn the flow into a real truck's wake.
+= 500: the operating point sets the scales of time and other quantities only, and does not turn the flow into a real
+truck's wake.
 """
 
 from dataclasses import dataclass
@@ -23,7 +24,7 @@ class OperatingPoint(
     density: Annotated[
         float, within(0.01, 10_000, "gas or liquid"), Unit("kg/m3"), ours("air at 20 degrees C, at sea level")
     ] = 1.2
-    """rho: density, which scales pressures and forces."""
+    """rho: density of the air, which scales pressures and forces."""
 
     @property
     def convective_time(self) -> float:

@@ -27,16 +27,18 @@ class FlowConfig(Settings, source=paper("section 2.1")):
     """Reynolds number, clock, jets and grid of the plant (paper, section 2.1)."""
 
     reynolds: Positive[float] = 500.0
-    """U_inf W / nu: the paper's value, three to four orders of magnitude below a truck on a road."""
+    """Reynolds number U_inf W / nu. The paper's value is three to four orders of magnitude below that of a truck on a
+    road."""
     control_period: Annotated[Positive[float], TIME] = 0.2
-    """Time between two samples of the pressures, and between two actions."""
+    """Time from one sample of the pressures to the next, which is also the time from one action to the next."""
     substeps: Annotated[int, _SUBSTEPS, ours("half the time step changes no result noticeably", page=_MESH)] = 30
-    """Time steps of the solver per control period: dt = 1/150 t_c, which the jets at full amplitude require."""
+    """Number of the solver's time steps per control period. The default gives dt = 1/150 t_c, which the jets at full
+    amplitude require."""
     action_limit: Annotated[Positive[float], FLOW_RATE] = 0.075
     """Largest magnitude of the action: the jet flow rate at full amplitude."""
     refinement: Annotated[float, _REFINEMENT, ours("the grid of the mesh study", page=_MESH)] = 1.0
-    """Divisor of all grid spacings of the project's own solver; below 1, the grid is coarser and faster. The shipped
-    recording and controller were computed with 1."""
+    """Divisor of all grid spacings of the project's own solver; a value below 1 makes the grid coarser and the solver
+    faster. The shipped recording and controller were computed with 1."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,7 +46,7 @@ class ForcingConfig(Settings, source=paper("section 2.1")):
     """Open-loop training waveform and chirp (paper, section 2.1). Frequencies are in 1/t_c."""
 
     base_frequency: Annotated[Positive[float], FREQUENCY] = 0.2
-    """Frequency of the carrier, close to the wake's shedding frequency."""
+    """Frequency of the carrier, which is close to the wake's shedding frequency."""
     modulation_cutoff: Annotated[Positive[float], FREQUENCY] = 0.05
     """Cut-off of the low-pass filter on the noise that modulates the carrier's frequency."""
     modulation_index: Annotated[NonNegative[float], FREQUENCY] = 0.25
@@ -52,7 +54,7 @@ class ForcingConfig(Settings, source=paper("section 2.1")):
     envelope_frequency: Annotated[Positive[float], FREQUENCY] = 0.005
     """Frequency of the slow sine that modulates the amplitude."""
     envelope_depth: Fraction[float] = 0.45
-    """Share of the amplitude by which the slow sine reduces and raises it."""
+    """Depth of the slow sine: the largest share by which it reduces or raises the amplitude."""
     chirp_start: Annotated[Positive[float], FREQUENCY] = 0.1
     """Start frequency of the test episode's chirp, which ends at `forcing.chirp_end`."""
     chirp_end: Annotated[Positive[float], FREQUENCY] = 0.4
@@ -62,16 +64,18 @@ class ForcingConfig(Settings, source=paper("section 2.1")):
     exploration_time: Annotated[
         Positive[float], TIME, ours("a fifth of a shedding cycle", page="how-to/record-data.md")
     ] = 1.0
-    """Correlation time of the noise on a controller's commands in a recording; long enough for the wake to respond."""
+    """Correlation time of the noise on a controller's commands in a recording. It must be long enough for the wake to
+    respond."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class OpenFoamConfig(Settings, source=ours("the second plant is not the paper's case", page="how-to/use-openfoam.md")):
-    """Mesh and start of the second plant, OpenFOAM. In a coupled run its time step is that of `flow`."""
+    """Mesh and start of the second plant, OpenFOAM. In a coupled run, OpenFOAM uses the time step of `flow`."""
 
     refinement: Annotated[float, _REFINEMENT, ours("the mesh of the comparison", page="how-to/use-openfoam.md")] = 1.0
     """Divisor of all spacings of the body-fitted mesh; a finer mesh needs a smaller time step."""
     develop_time: Annotated[Positive[float], TIME] = 50.0
-    """Time without jets before the first run, from the developed wake of stillwake's solver."""
+    """Time that OpenFOAM runs without jets before its first run, starting from the developed wake of stillwake's
+    solver."""
     develop_substeps: AtLeastOne[int] = 20
-    """Time steps per control period during `openfoam.develop_time`."""
+    """Number of time steps per control period during `openfoam.develop_time`."""

@@ -3,8 +3,8 @@
     horizon: Annotated[int, at_least(2), STEPS, paper("section 2.4")] = 25
 
 `Settings` checks the rules of its fields when it is created; a condition on two fields is a `require` in the class's
-own `__post_init__`. A number without a unit is a ratio, or a count of what its name states; nothing is converted. A
-field without its own source has the source of its section.
+own `__post_init__`. A number without a unit is a ratio, or a count whose name states what is counted; no value is
+converted. A field without its own source has the source of its section.
 """
 
 from collections.abc import Callable, Mapping
@@ -38,8 +38,9 @@ class Source:
 
 
 def paper(place: str, note: str = "") -> Source:
-    """Mark a default as the paper's number at the given place, e.g. "section 2.1". The note says how the number follows
-    if the paper does not state it. Equation numbers are those of the manuscript, numbered throughout."""
+    """Mark a default as the paper's number at the given place, e.g. "section 2.1". If the paper does not state the
+    number, the note says how the number follows. Equations have the numbers of the manuscript, in which numbering does
+    not restart with each section."""
     return Source("paper", place=place, note=note)
 
 
@@ -49,7 +50,8 @@ def standard(name: str, note: str) -> Source:
 
 
 def ours(reason: str, *, page: str = "") -> Source:
-    """Mark a default as the project's own number, with the reason for it and, if given, a page with more."""
+    """Mark a default as the project's own number, with the reason for the number and, if given, a page that says
+    more."""
     return Source("ours", note=reason, page=page)
 
 
@@ -61,15 +63,15 @@ class Unit:
 
 
 WIDTHS: Final = Unit("W")
-"""Unit of lengths: widths of the body."""
+"""Unit of lengths: the width W of the body."""
 TIME: Final = Unit("t_c")
-"""Unit of times: convective times, W / U_inf."""
+"""Unit of times: the convective time, t_c = W / U_inf."""
 FREQUENCY: Final = Unit("1/t_c")
 FLOW_RATE: Final = Unit("U_inf W")
 """Unit of actions: flow rate of the jets per unit span."""
 STEPS: Final = Unit("control steps")
 PERIODS: Final = Unit("periods")
-"""Unit of durations on the vehicle's clock: control periods."""
+"""Unit of durations on the vehicle's clock: the control period."""
 FRAMES: Final = Unit("frames")
 BIT_RATE: Final = Unit("bit/s")
 MILLISECONDS: Final = Unit("ms")
@@ -83,7 +85,8 @@ T = TypeVar("T", int, float)
 
 TINY: Final = 1e-45
 HUGE: Final = 1e12
-"""Smallest and largest magnitude of a nonzero real setting. They also hold for a float32 value from calibration."""
+"""Largest magnitude of a nonzero real setting; `TINY` is the smallest. The bounds also apply to a float32 value from
+calibration."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -91,7 +94,7 @@ class Rule:
     """A condition on a text, or on a number, which must also be finite.
 
     Attributes:
-        wording: text of the condition, to follow "must be".
+        wording: text of the condition that completes the sentence "the value must be ...".
         or_none: whether None is also allowed.
     """
 
@@ -111,13 +114,14 @@ class Rule:
 
 
 def at_least(least: int, reason: str = "", *, or_none: bool = False) -> Rule:
-    """Return the rule of a lower bound, with its reason if one is given."""
+    """Return the rule that a value is at least `least`. The rule's wording contains the reason, if one is given."""
     wording = f"at least {least}{f', {reason}' if reason else ''}"
     return Rule(wording=wording, holds=lambda value: value >= least, or_none=or_none)
 
 
 def within(least: float, most: float, reason: str) -> Rule:
-    """Return the rule of a lower and an upper bound, with the reason for them."""
+    """Return the rule that a value is from `least` to `most`. The rule's wording contains the reason for these
+    bounds."""
     return Rule(wording=f"in {least}..{most}: {reason}", holds=lambda value: least <= value <= most)
 
 
@@ -132,11 +136,11 @@ AtLeastOneOrNone = Annotated[int | None, at_least(1, or_none=True)]
 class Settings:
     """Base class of the settings' dataclasses; it validates every instance when it is created.
 
-    Raises ConfigError for a value that breaks its field's rule; the message states section, field, value and rule.
+    Raises ConfigError for a value that breaks the rule of its field; the message states section, field, value and rule.
 
     Attributes:
-        section: the dotted name of the section in the tree; by default, the class name without "Config".
-        source: source of the defaults of fields whose types state none; None if every field states its own.
+        section: dotted name of the section in the tree; by default, the class name without "Config".
+        source: source of the defaults of fields whose types state no source; None if every field states its own.
     """
 
     section: ClassVar[str]
@@ -159,6 +163,6 @@ class Settings:
 
 
 def require(holds: bool, owner: Settings, name: str, wording: str) -> None:
-    """Raise ConfigError with the value of the named field, unless the condition holds."""
+    """Raise ConfigError, with the value of the named field, if the condition does not hold."""
     if not holds:
         raise ConfigError(f"{owner.section}.{name} = {quoted(getattr(owner, name))}: must be {wording}")

@@ -2,8 +2,8 @@
 
 A default is the paper's number if the paper has one. Each default states its source (`contract.config.rules`).
 
-Lengths are in W, times in t_c, actions a = jet flow rate in U_inf W. Values are checked when they are set, so every
-existing `Config` is valid. `contract.config.loading` reads trees from TOML and applies overrides.
+Lengths are in W, times in t_c, and actions a, which are jet flow rates, in U_inf W. Values are checked when they are
+set, so every existing `Config` is valid. `contract.config.loading` reads trees from TOML and applies overrides.
 """
 
 from dataclasses import dataclass, field
@@ -18,7 +18,7 @@ from contract.config.vehicle import BusConfig, EcuConfig, VehicleConfig
 
 @dataclass(frozen=True, kw_only=True)
 class Config:
-    """All settings. The sub-trees have the names of the sections in TOML."""
+    """All settings. The sub-trees have the names of the sections in a TOML file."""
 
     operating_point: OperatingPoint = field(default_factory=OperatingPoint)
     body: BodyConfig = field(default_factory=BodyConfig)
@@ -35,5 +35,5 @@ class Config:
 
     @property
     def period_ns(self) -> int:
-        """Control period in ns at the operating point, which is also the latency budget."""
+        """Control period in ns at the operating point; the latency budget of a control step has this length."""
         return self.operating_point.period_ns(self.flow.control_period)

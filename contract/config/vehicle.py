@@ -46,14 +46,14 @@ class E2eConfig(
     max_delta: Annotated[
         int, within(1, 127, "half the counter's period"), FRAMES, ours("lost frames that the ECU bridges", page=_GATE)
     ] = 4
-    """Largest counter increment that is still accepted as the next frame. With 4, three frames in a row may be lost,
-    which is the number that the ECU's fail-safe bridges."""
+    """Largest increment of the counter with which a frame is still accepted as the next frame. The default 4 allows a
+    loss of three frames in a row, which is the number that the ECU's fail-safe bridges."""
     window: Annotated[AtLeastOne[int], FRAMES] = 5
     """Latest checks that are judged together."""
     min_ok: Annotated[int, FRAMES] = 2
-    """Good checks in the window that make a stream valid."""
+    """Smallest number of good checks in the window with which a stream is valid."""
     max_errors: Annotated[int, FRAMES] = 2
-    """Largest number of CRC errors in the window."""
+    """Largest number of CRC errors in the window with which a stream is valid."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -70,9 +70,10 @@ class BackgroundConfig(
     load: Fraction[float] = 0.0
     """Share of the bus time that generated periodic messages take, stuff bits included."""
     dbc: str = ""
-    """DBC file whose messages, at their `GenMsgCycleTime`, replace the generated messages; contents are random."""
+    """DBC file whose messages replace the generated messages. Each message has the cycle time that the file states
+    (`GenMsgCycleTime`); its contents are random."""
     seed: Annotated[NonNegative[int], ours("an arbitrary number")] = 0
-    """Random seed of identifiers, phases and contents."""
+    """Random seed of the background messages' identifiers, phases and contents."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -88,21 +89,21 @@ class BusConfig(Settings, source=ours("needs no hardware", page="explanation/sim
     """The CAN bus. Bit rates are in bit/s."""
 
     interface: str = SIMULATED
-    """Kind of CAN interface. `simulated` is stillwake's own bus in virtual time. The others run in real time:
+    """Kind of CAN interface. `simulated` is stillwake's own bus in virtual time. The other interfaces run in real time:
     `virtual`, `udp_multicast`, `slcan`, `socketcan` or another interface of python-can. `python-can` reads python-can's
     own configuration, section `channel`."""
     channel: Annotated[str, ours("stillwake's own name")] = "stillwake"
     """Name (virtual), multicast address (udp_multicast, e.g. 239.74.163.2), serial port (slcan) or network device
-    (socketcan, e.g. can0) of the bus; the simulated bus has none."""
+    (socketcan, e.g. can0) of the bus. The simulated bus does not use this setting."""
     nominal_bitrate: Annotated[int, within(1, LARGEST_NOMINAL_BITRATE, "CAN's highest"), BIT_RATE, _CAN_FD] = 500_000
     """Bit rate of the arbitration phase, and of whole classic CAN frames."""
     data_bitrate: Annotated[Positive[int], BIT_RATE, _CAN_FD] = 2_000_000
-    """Bit rate of CAN FD's data phase."""
+    """Bit rate of the data phase of CAN FD frames."""
     frames: Annotated[Literal["fd", "classic"], ours("the stronger check", page="explanation/protection.md")] = "fd"
     """Set of messages: CAN FD, or classic CAN with eight data bytes, coarser pressures and a weaker check."""
     key: Annotated[str, ours("each user makes a secret key", page="explanation/protection.md")] = ""
-    """File with a 128-bit key. With it, both nodes authenticate every frame (AUTOSAR SecOC) and refuse unauthenticated
-    frames. Only CAN FD frames have room for it."""
+    """File with a 128-bit key. If it is given, both nodes authenticate every frame (AUTOSAR SecOC) and refuse
+    unauthenticated frames. Only CAN FD frames have space for the authenticator."""
     background: BackgroundConfig = field(default_factory=BackgroundConfig)
     e2e: E2eConfig = field(default_factory=E2eConfig)
     diagnosis: DiagnosisConfig = field(default_factory=DiagnosisConfig)
@@ -129,26 +130,30 @@ class SensorCheckConfig(
     section="ecu.sensor_check",
     source=ours("above the figures of healthy sensors", page=_LIES),
 ):
-    """Thresholds above which the ECU no longer uses a pressure sensor. Levels are ratios of variances; figures of
-    healthy sensors are over the whole shipped recording (docs/explanation/what-shuts-the-jets.md)."""
+    """Thresholds above which the ECU no longer uses a pressure sensor. Levels are ratios of variances. The values given
+    for healthy sensors were computed over the whole shipped recording (docs/explanation/what-shuts-the-jets.md)."""
 
     enabled: Annotated[bool, ours("a sensor that reads wrongly costs most of the drag reduction", page=_LIES)] = True
-    """Whether the ECU checks the pressures with the bundle's estimator, and continues without a faulty sensor."""
+    """Whether the ECU checks the pressures with the bundle's estimator, and continues without a sensor that is found
+    faulty."""
     liar_level: Positive[float] = 14.0
-    """Ratio at which a sensor is set aside: its deviation from the other sensors' estimate over the deviation of the
-    others from each other. Healthy sensors reach 8."""
+    """Ratio at which a sensor is set aside: the deviation of its reading from the estimate by the other sensors,
+    divided by the deviation of the other sensors from each other. Healthy sensors reach 8."""
     bias_level: Positive[float] = 20.0
-    """Ratio like `liar_level` over two shedding cycles, for small biases and drifts. Healthy sensors reach 16."""
+    """Ratio like `liar_level`, computed over two shedding cycles, that finds small biases and drifts. Healthy sensors
+    reach 16."""
     swap_level: Positive[float] = 2.5
-    """Ratio at which two sensors are taken for exchanged: disagreement of the pressures as wired over their
-    disagreement with the two exchanged. Healthy sensors reach 0.9."""
+    """Ratio at which two sensors are taken for exchanged: the disagreement of the pressures as they arrive, divided by
+    their disagreement if the two are exchanged. Healthy sensors reach 0.9."""
     doubt_level: Positive[float] = 16.0
-    """Disagreement among the pressures, explained by no single sensor, at which a period counts as doubtful; twice this
-    value once a sensor is set aside. Healthy sensors reach 12, under forcing beyond the training data."""
+    """Disagreement among the pressures, not explained by a single sensor, at which a period counts as doubtful. Once a
+    sensor is set aside, the limit is twice this value. Healthy sensors reach 12, if the forcing exceeds that of the
+    training data."""
     doubt_periods: Annotated[AtLeastOne[int], PERIODS, ours("a shedding cycle")] = 25
-    """Doubtful periods, minus others, at which the jets go to zero and the fault latches."""
+    """Count at which the jets go to zero and the fault latches. A doubtful period adds 1 to the count, any other period
+    subtracts 1."""
     flat_periods: Annotated[AtLeastOne[int], PERIODS, ours("longer than healthy readings repeat", page=_LIES)] = 10
-    """Consecutive periods with bit-identical readings after which a sensor is taken for stuck."""
+    """Number of consecutive periods with bit-identical readings after which a sensor is taken for stuck."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -157,23 +162,24 @@ class BenefitCheckConfig(
     section="ecu.benefit_check",
     source=ours("between useful and harmful control", page=_HELPS),
 ):
-    """Thresholds by which the ECU decides that control does not help (docs/explanation/what-shuts-the-jets.md)."""
+    """Thresholds with which the ECU decides that control does not help (docs/explanation/what-shuts-the-jets.md)."""
 
     enabled: Annotated[bool, ours("outside its design conditions a controller can raise drag", page=_HELPS)] = True
     """Whether the ECU compares base pressures with and without control, and shuts the jets if control does not help."""
     mean_periods: Annotated[AtLeastOne[int], PERIODS, ours("two shedding cycles")] = 50
-    """Periods over which pressures are averaged, with and without control."""
+    """Number of periods over which pressures are averaged, with and without control."""
     wake_periods: Annotated[AtLeastOne[int], PERIODS, ours("until shedding is restored", page=_HELPS)] = 150
-    """Periods with the jets shut after which the wake is taken to be the wake without control."""
+    """Number of periods with the jets shut after which the wake is taken to be the wake without control."""
     first_period: Annotated[AtLeastOne[int], PERIODS, ours("the wake needs a cycle to respond", page=_HELPS)] = 60
-    """First period of control that is judged; before it the wake has not yet responded."""
+    """First period of control that is judged; the wake has not responded earlier."""
     least_gain: NonNegative[float] = 0.04
     """Smallest share of the base suction that control must remove to count as help."""
     most_swing: Positive[float] = 1.15
-    """Largest mean difference of mirrored sensors that counts as help, relative to that without control."""
+    """Largest mean difference between mirrored sensors with which control counts as help, relative to the mean
+    difference without control."""
     doubt_periods: Annotated[AtLeastOne[int], PERIODS, ours("a shedding cycle")] = 25
-    """Periods in which control did not help, minus those in which it helped, at which the jets are shut for a test. The
-    fault latches if the test fails."""
+    """Count at which the jets are shut for a test. A period in which control did not help adds 1 to the count, a period
+    in which it helped subtracts 1. The fault latches if the test fails."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -189,10 +195,12 @@ class SpeedConfig(
     oldest_ms: Annotated[Positive[float], MILLISECONDS] = 500.0
     """Longest time from the measurement of a speed to its use in a control step, if no newer speed arrives."""
     most_acceleration: Annotated[Positive[float], Unit("m/s2")] = 15.0
-    """Largest acceleration of a vehicle. A speed that would need more to be reached from the last speed is rejected."""
+    """Largest acceleration of a vehicle. A speed is rejected if the change from the previous speed would need a larger
+    acceleration."""
     margin: Annotated[Fraction[float], ours("a 10 % wind and a gust", page="explanation/other-speeds.md")] = 0.12
-    """Share by which the speed may leave the release's range before the jets are shut: the air speed may still be
-    within. Up to this margin the ECU uses the end of the range. The jets restart when the speed is within the range."""
+    """Share by which the vehicle's speed may leave the release's range before the jets are shut, because the air speed
+    may still be in the range. Up to this margin the ECU uses the nearest end of the range. The jets restart when the
+    speed is in the range."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -200,36 +208,38 @@ class EcuConfig(Settings, source=ours("the paper has no ECU", page=_GATE)):
     """Timing and fail-safe behaviour of the ECU."""
 
     compute_time_ms: Annotated[NonNegative[float], MILLISECONDS, ours("a stated share of the 20 ms of a period")] = 8.0
-    """Time from frame to command that the virtual ECU takes for its control step. It is a stated share of the budget,
-    not a measurement; reports show the measured latency beside it."""
+    """Time from a pressure frame to the command, which the virtual ECU takes for its control step. This time is an
+    assumed share of the budget, not a measurement; reports also show the measured latency."""
     hold_periods: Annotated[NonNegative[int], PERIODS] = 1
-    """Missed periods during which the last command is held."""
+    """Number of missed periods during which the ECU repeats the last command."""
     decay_periods: Annotated[NonNegative[int], PERIODS] = 2
-    """Further missed periods that each halve the command; then it is zero and the fault latches."""
+    """Number of further missed periods, each of which halves the command. Then the command is zero and the fault
+    latches."""
     rearm_frames: Annotated[AtLeastOne[int], FRAMES, ours("a tenth of a second", page=_GATE)] = 5
-    """Consecutive good frames that, together with an enable edge, end a latched fault."""
+    """Number of consecutive good frames that, together with an enable edge, end a latched fault."""
     pressure_age: Annotated[Positive[float], PERIODS] = 1.5
-    """Largest age of pressures, from sampling to control step, that may be used for planning: one period of waiting for
-    the step, and half a period of transmission. A delay of 20 ms has little effect; at 40 ms the side force grows."""
+    """Largest age, from sampling to control step, of pressures that may be used for planning. The default allows one
+    period of waiting for the step, and half a period of transmission. A delay of 20 ms has little effect; with 40 ms
+    the side force grows."""
     loss_window: Annotated[AtLeastOne[int], PERIODS, ours("a second", page=_GATE)] = 50
-    """Latest periods under control that `ecu.loss_limit` refers to."""
+    """Number of latest periods under control among which `ecu.loss_limit` counts losses."""
     loss_limit: Annotated[int, PERIODS, ours("four sigma above a random loss of 25 %", page=_GATE)] = 25
-    """Periods without usable pressures, among the latest `ecu.loss_window`, at which the jets go to zero and the fault
-    latches. A controller that gets at most every second sample does not control the flow."""
+    """Number of periods without usable pressures, among the latest `ecu.loss_window`, at which the jets go to zero and
+    the fault latches. A controller that gets at most every second sample does not control the flow."""
     deadline_misses: Annotated[AtLeastOne[int], STEPS] = 3
-    """Steps off time (a period late or half a period early), among the latest `ecu.deadline_window`, at which the ECU
-    switches itself off. A number above the window disables the check."""
+    """Number of mistimed steps (a period late or half a period early), among the latest `ecu.deadline_window`, at which
+    the ECU switches itself off. A number above `ecu.deadline_window` disables the check."""
     deadline_window: Annotated[AtLeastOne[int], STEPS] = 10
-    """Latest steps that `ecu.deadline_misses` refers to."""
+    """Number of latest steps among which `ecu.deadline_misses` counts mistimed steps."""
     plan_ahead: Annotated[bool, ours("drag falls more", page="reference/results.md#what-limits-the-reduction")] = True
-    """Whether the ECU plans for the next control period. If so, the jets begin to move at its start, and computing may
-    take the whole present period. If not, they move as soon as the command arrives."""
+    """Whether the ECU plans for the next control period. If so, the jets begin to move at the start of that period, and
+    computing may take the whole present period. If not, the jets move as soon as the command arrives."""
     step_offset_ms: Annotated[
         NonNegative[float], MILLISECONDS, ours("a fifth of a period covers jitter", page="how-to/run-on-an-ecu.md")
     ] = 4.0
-    """Time from the expected arrival of a pressure frame to the control step that uses it. Pressures that arrive later
-    than expected by less than this are still used in their own period. The plan is for the next period, so waiting
-    costs nothing if the step is finished before the period ends."""
+    """Time from the expected arrival of a pressure frame to the control step that uses the frame. Pressures that are
+    late by less than this time are still used in their own period. The plan is for the next period, so waiting costs
+    nothing if the step is finished before the present period ends."""
     delay_steps: Annotated[int, _DELAY, PERIODS, paper("appendix B", "the case without delay")] = 0
     """Actuator delay in control periods that the controller compensates (paper, appendix B)."""
     sensor_check: SensorCheckConfig = field(default_factory=SensorCheckConfig)
@@ -245,7 +255,8 @@ class EcuConfig(Settings, source=ours("the paper has no ECU", page=_GATE)):
 
     @property
     def frozen_actions(self) -> int:
-        """Number of periods whose action is fixed before planning: actuator delay, plus 1 if the ECU plans ahead."""
+        """Number of periods whose action is fixed before planning: the actuator delay, plus 1 if the ECU plans
+        ahead."""
         return self.delay_steps + self.plan_ahead
 
 
@@ -256,14 +267,15 @@ class VehicleConfig(Settings, source=ours("the same as the ECU's", page=_GATE)):
     actuator_delay: Annotated[int, _DELAY, PERIODS, paper("appendix B", "the case without delay")] = 0
     """Delay of the jets after a command, in control periods. The controller assumes `ecu.delay_steps`."""
     action_step: Annotated[Positive[float], FLOW_RATE] = 0.075
-    """Largest change of the jets' action per period that the jets' driver permits, in U_inf W, except when it shuts
-    them. It equals `ecu.command_step`; the vehicle enforces it independently."""
+    """Largest change of the jets' action per period that the jets' driver permits, in U_inf W, except for shutting the
+    jets. The default equals that of `ecu.command_step`; the vehicle enforces its limit independently."""
     loss_window: Annotated[AtLeastOne[int], PERIODS] = 50
-    """Latest periods under control that `vehicle.loss_limit` refers to: one second, as in the ECU."""
+    """Number of latest periods under control among which `vehicle.loss_limit` counts losses: one second, as in the
+    ECU."""
     loss_limit: Annotated[int, PERIODS] = 25
-    """Periods without a usable command, among the latest `vehicle.loss_window`, at which the vehicle shuts its jets and
-    withdraws its enable request until that request has been low once. Counterpart of `ecu.loss_limit`: jets that follow
-    at most every second command are not under control."""
+    """Number of periods without a usable command, among the latest `vehicle.loss_window`, at which the vehicle shuts
+    its jets and withdraws its enable request until the vehicle's own request has been low once. This limit is the
+    counterpart of `ecu.loss_limit`: jets that follow at most every second command are not under control."""
 
     def __post_init__(self) -> None:
         super().__post_init__()

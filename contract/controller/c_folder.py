@@ -1,13 +1,13 @@
 """The folder of a C library, which has one control step in C99 and the ECU around it: file names and formats.
 
 `export` writes the folder; the ECU and the emulated microcontroller read it. The folder's `stillwake.h` describes the
-calls. Every folder has the same file names, independent of program and precision: sources that are the same for every
-program, the generated `sw_settings.h` and `sw_weights.c`, and `recorded.txt` and `expected.txt` for the example program
-`replay.c`. Folders of older versions have no `expected.txt` and no documents; nothing here needs them.
+calls. The file names do not depend on program or precision: sources that are equal for all programs, the generated
+`sw_settings.h` and `sw_weights.c`, and `recorded.txt` and `expected.txt` for the example program `replay.c`. Folders of
+older versions have no `expected.txt` and no documents; this module needs neither.
 
 A folder with `sw_ecu_settings.h` also has the whole ECU: `sw_ecu.h` and its sources beside the control step's, and
-programs with their own `main` in `examples/`. A folder without it has the control step alone, for example if the bus
-does not transmit the controller's sensors.
+programs with their own `main` in `examples/`. A folder without that header has the control step alone, for example if
+the bus does not transmit the controller's sensors.
 """
 
 import re
@@ -24,32 +24,35 @@ from contract.errors import LibraryError
 from contract.printable import quoted, shown
 
 PROGRAM_SETTINGS: Final = "sw_settings.h"
-"""Name of the header with sizes and settings of one program, and the hashes of the program and of its DBC."""
+"""Name of the header with sizes and settings of one program, and the hashes of that program and of the DBC."""
 ECU_SETTINGS: Final = "sw_ecu_settings.h"
-"""Name of the header with DBC messages, release figures and vehicle settings. Only a folder with the ECU has it."""
+"""Name of the header with DBC messages, release figures and vehicle settings. Only a folder with the ECU has this
+header."""
 PROGRAM_WEIGHTS: Final = "sw_weights.c"
 """Name of the source file with the arrays that `sw_weights.h` declares."""
 REPLAY: Final = "replay.c"
-"""Name of the example program, which runs control steps from recorded rows on a host. It is not part of the library."""
+"""Name of the example program, which runs control steps from recorded rows on a host and is not part of the library."""
 RECORDED: Final = "recorded.txt"
-NO_LIBRARY: Final = "this is not a folder written by `stillwake export --c`"
 """Name of the file with the example program's input rows: pressures, then the action commanded one step before."""
+NO_LIBRARY: Final = "this is not a folder written by `stillwake export --c`"
+"""Reason in an error message about a folder that is no C library."""
 EXPECTED: Final = "expected.txt"
 """Name of the file with the example program's expected answers to the recorded rows."""
 DOCUMENTS: Final = ("README.md", "CMakeLists.txt", "LICENSE", "zephyr/module.yml", "zephyr/CMakeLists.txt")
-"""Files of the folder that are not compiled and, but for sizes, the same for every library: the readme, the rules for
-CMake and Zephyr, and the licence."""
+"""Files of the folder that are not compiled and, except for sizes in the text, are equal for all libraries: the readme,
+the rules for CMake and Zephyr, and the licence."""
 BILL: Final = "sbom.cdx.json"
 """Name of the folder's bill of materials, in CycloneDX."""
 BOARD: Final = ("board", "loader")
-"""Folders with the firmware around the ECU: a board's drivers, start-up code and main loop; flashing and diagnosis."""
+"""Folders with the firmware around the ECU. `board` has a board's drivers, start-up code and main loop; `loader` has
+flashing and diagnosis."""
 COMPILE_FLAGS: Final = "compile_flags.txt"
 """Name of the file with compiler flags for editors (clangd), one flag per line; only in sample folders."""
 
 ProgramRows = npt.NDArray[np.float32]
 
 _MAX_BYTES: Final = 64 * 2**20
-"""Largest size of all sources of a folder, in bytes; the paper's weights take a few megabytes of text."""
+"""Largest size of all sources of a folder, in bytes; as text, the paper's weights take a few megabytes."""
 
 _NUMBER: Final = re.compile("[0-9]{1,9}")
 _ESCAPED: Final = re.compile(r"\\(.)")
@@ -74,7 +77,7 @@ class ProgramSettings:
 
     @property
     def definitions(self) -> dict[str, str]:
-        """All definitions as they are in the header."""
+        """All definitions, as the header states them."""
         return self._found
 
     def text(self, name: str) -> str:
@@ -92,7 +95,8 @@ class ProgramSettings:
         return int(value)
 
     def multiply_accumulates(self) -> int:
-        """Return the weight products of a control step; it has one forward pass more than adjoint passes."""
+        """Return the number of weight products in a control step, which has one forward pass more than adjoint
+        passes."""
         sizes = {
             name: self.number(f"SW_{name}")
             for name in ("WINDOW", "SENSORS", "LSTM", "HEAD", "LATENT", "DYN1", "DYN2", "DECODER", "BLOCKS")
@@ -141,8 +145,8 @@ def library_sources(contents: Mapping[str, bytes]) -> dict[str, bytes]:
 
 
 def read_sources(folder: Path, *, board: bool = False) -> dict[str, bytes]:
-    """Read all sources and headers of a folder by name; with `board`, also those in the folders `BOARD`, by their
-    paths. Raises LibraryError if the folder cannot be read or is too large."""
+    """Read all sources and headers of a folder by name. With `board`, the sources and headers in the folders `BOARD`
+    are also read, by their paths. Raises LibraryError if the folder cannot be read or is too large."""
     try:
         found = [item for item in folder.iterdir() if item.suffix in (".c", ".h")]
         for part in BOARD if board else ():
@@ -158,8 +162,8 @@ def read_sources(folder: Path, *, board: bool = False) -> dict[str, bytes]:
 
 
 def read_recorded(folder: Path) -> ProgramRows:
-    """Read the recorded rows of a folder, (n, S+1): pressures Cp, and the action commanded one step before in U_inf W.
-    Raises LibraryError if there are no rows, or a row has anything but numbers."""
+    """Read the n recorded rows of a folder, (n, S+1): pressures Cp at the S sensors, then the action commanded one step
+    before in U_inf W. Raises LibraryError if there are no rows, or a row has anything but numbers."""
     path = folder / RECORDED
     try:
         if path.stat().st_size > _MAX_BYTES:
@@ -184,7 +188,8 @@ def rows_text(rows: npt.NDArray[np.floating]) -> str:
 
 
 def rows_from_text(text: str) -> ProgramRows:
-    """Parse rows of numbers as the example program reads and prints them. Raises ValueError for other text."""
+    """Parse rows of numbers in the format that the example program reads and prints. Raises ValueError for other
+    text."""
     return np.loadtxt(text.splitlines(), dtype=np.float32, ndmin=2)
 
 
@@ -196,7 +201,7 @@ def check_replaceable(folder: Path) -> None:
 
 def write_folder(folder: Path, contents: Mapping[str, bytes]) -> None:
     """Write a library's folder, completely or not at all. A file's name may include one subfolder. Raises LibraryError
-    if the folder has other contents; StillwakeError if it cannot be written."""
+    if the folder has other contents; StillwakeError if the folder cannot be written."""
     check_replaceable(folder)
     with replacing(folder) as temporary:
         temporary.mkdir()

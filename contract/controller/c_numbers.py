@@ -1,7 +1,7 @@
-"""The parameters of a release as a C struct: the constant for the compiler, and the bytes that the compiler makes of
+"""The parameters of a release as a C struct: a constant for the compiler, and the bytes to which the compiler converts
 it.
 
-Both come from one description, the arrays in the order of the struct's members, so that compiled-in parameters and
+Both are built from one description, the arrays in the order of the struct's members, so that compiled-in parameters and
 those of an image (`contract.controller.image_payload`) are equal.
 """
 
@@ -33,7 +33,7 @@ class Numbers:
     alignment: int | None = None
 
     def definition(self, name: str) -> str:
-        """Return the C definition of a constant with these values, and a compile-time check of its layout."""
+        """Return the C definition of a constant with the struct's values, and a compile-time check of its layout."""
         check = f"typedef char {name}_as_packed[{self.as_packed} ? 1 : -1];"
         return f"const {self.struct} {name} = {self.initialiser};\n\n#if defined(__GNUC__)\n{check}\n#endif"
 

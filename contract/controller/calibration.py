@@ -1,8 +1,8 @@
 """The settings of a release that may be changed on the vehicle: the goal of the control, and the limits of the jets.
 
-The paper's controller gets its goal as data: the weights of the cost are inputs of every control step (section on
-multi-objective control), so that a fleet can trade drag for side force without training or flashing anything. The
-limits can be narrowed this way, never widened.
+The paper's controller reads its goal as data: the weights of the cost are inputs of every control step (section on
+multi-objective control). A fleet can thus exchange drag for side force without training or flashing. Calibration can
+narrow the limits but never widen them.
 """
 
 import struct
@@ -22,12 +22,13 @@ CALIBRATION_NAMES: Final = (*TERMS, "action_limit", "command_step", "delay_steps
 _PACKED: Final = struct.Struct(f"<{len(CALIBRATION_NAMES) - 1}fI")
 PACKED_BYTES: Final = _PACKED.size
 LARGEST_WEIGHT: Final = 1000.0
-"""Largest weight that is accepted, far above every useful one; the largest default is 8."""
+"""Largest weight that is accepted, which is far above every useful weight; the largest default is 8."""
 _MOST_STEPS: Final = 2**32 - 1
 
 
 def as_float32(value: float) -> float:
-    """Return the nearest float32, as the number with the fewest decimal digits that gives it: 0.1 stays 0.1."""
+    """Return the nearest float32, as the double with the fewest decimal digits that rounds to this float32: 0.1 stays
+    0.1."""
     with np.errstate(over="ignore"):
         return float(str(np.float32(value)))
 
@@ -87,7 +88,7 @@ class Calibration:
 
     @classmethod
     def unpack(cls, raw: bytes) -> "Calibration":
-        """Read the bytes that `pack` returns. Raises ConfigError for another length or an invalid value."""
+        """Read the bytes that `pack` returns. Raises ConfigError for bytes of another length or an invalid value."""
         if len(raw) != PACKED_BYTES:
             raise ConfigError(f"calibration of {len(raw)} bytes: must have {PACKED_BYTES}")
         return cls.of(_PACKED.unpack(raw))

@@ -30,8 +30,8 @@ ESTIMATOR: Final = "sensors.onnx"
 ESTIMATOR_INPUT: Final = "window"
 ESTIMATOR_OUTPUT: Final = "estimates"
 REACH: Final = 16.0
-"""Limit at which standardised readings are clipped. Healthy sensors stay within 11 in the shipped recording, and an
-estimate needs no larger value of a faulty sensor. The network in integers has the same range."""
+"""Limit to which standardised readings are clipped. Healthy sensors stay within 11 in the shipped recording, and the
+estimate of a faulty sensor needs no larger value. The network in integers has this range too."""
 
 
 class WindowView(NamedTuple):
@@ -39,14 +39,15 @@ class WindowView(NamedTuple):
 
     Attributes:
         left_out: sensors whose columns are not used.
-        exchanged: pair of sensors whose readings are exchanged first; empty for none.
+        exchanged: pair of sensors whose readings are exchanged before columns are left out; empty if none are
+            exchanged.
     """
 
     left_out: tuple[int, ...]
     exchanged: tuple[int, ...] = ()
 
     def order(self, sensors: int) -> list[int]:
-        """Return the order of the window's columns in this view, (S+1,)."""
+        """Return the order of the window's columns in this view, (S+1,) for S sensors and the action."""
         columns = list(range(sensors + 1))
         if self.exchanged:
             i, j = self.exchanged
@@ -73,8 +74,8 @@ class Hypotheses:
     or one of the P pairs is exchanged.
 
     Attributes:
-        view: (S + P, S) row of `estimates` for each hypothesis and sensor.
-        reading: (S + P, S) index of the reading that is compared with the estimate.
+        view: (S + P, S) row of `estimates` to use for each hypothesis and sensor.
+        reading: (S + P, S) index of the reading that is compared with this estimate, for each hypothesis and sensor.
     """
 
     view: Index
@@ -94,8 +95,8 @@ class Hypotheses:
         return cls(view=np.array(liars + swaps), reading=np.array(own + crossed))
 
     def residuals(self, readings: Array, estimates: Array) -> Array:
-        """Return the residuals (S + P, S), reading minus estimate, in Cp. Row j < S estimates every sensor without
-        sensor j; its entry j estimates sensor j from all others."""
+        """Return the residuals (S + P, S), reading minus estimate, in Cp. Row j < S has the residuals of all sensors,
+        estimated without sensor j; its entry j is the residual of sensor j, estimated from all others."""
         found: Array = readings[self.reading] - estimates[self.view, np.arange(len(readings))]
         return found
 
@@ -109,12 +110,12 @@ def estimator_shapes(window: int, sensors: int) -> Mapping[str, tuple[int, ...]]
 class EstimatorNetwork:
     """The network that computes all views, fitted by `train.sensor_estimator`.
 
-    Its input has two parts. First comes the standardised window, clipped to `REACH`, row by row, oldest row first; the
-    columns of sensors that are left out are zero. Then comes one flag for every sensor, 1 if the sensor is left out.
+    Its input has two parts. The first is the standardised window, clipped to `REACH`, row by row, oldest row first; the
+    columns of sensors that are left out are zero. The second is one flag for every sensor, 1 if the sensor is left out.
     The hidden layers have ReLU. The output is standardised Cp.
 
     Attributes:
-        window: L.
+        window: L, number of rows of the window.
         mean, std: mean and standard deviation of the columns of the window, (S+1,).
         layers: weight (outputs, inputs) and bias (outputs,) of each layer.
     """

@@ -1,14 +1,14 @@
 """The payload of an image for a microcontroller: a release's parameters as C reads them, then the text of their layout.
 
-The parameters are `sw_payload` of `sw_image.h`. The text is not read by C. It is the layout: one line for every setting
-and every struct on which the positions or the meaning of the parameters depend. Its SHA-256 identifies the layout in
-the image's header and in a build's `sw_layout.h`; a build refuses parameters of another layout. Nothing else in a
-library's headers belongs to a release, except what identifies the compiled-in release.
+The parameters are `sw_payload` of `sw_image.h`. The text, which C does not read, is the layout: one line for every
+setting and every struct on which the positions or the meaning of the parameters depend. Its SHA-256 identifies the
+layout in the image's header and in a build's `sw_layout.h`; a build refuses parameters of another layout. Nothing else
+in a library's headers belongs to a release, except the identity of the compiled-in release.
 
-An ECU must not use an invalid number as an index or a bound. The rules are stated here once: a build's `sw_layout.h`
-has them as a table, with which `sw_image_open` checks an image in C, and `check_numbers` checks it in Python.
-Floating-point numbers must be finite. Divisors and widths must be positive. Integers must be in a range in which no sum
-of the int8 library overflows. Rules that do not fit into the table are in C and in `_together`.
+An ECU must not use an invalid number as an index or a bound. The rules are stated in this module only: a build's
+`sw_layout.h` has them as a table, with which `sw_image_open` checks an image in C, and `check_numbers` checks an image
+in Python. Floating-point numbers must be finite. Divisors and widths must be positive. Integers must be in a range in
+which no sum of the int8 library overflows. Rules that do not fit into the table are in C and in `_together`.
 """
 
 import hashlib
@@ -25,7 +25,8 @@ from contract.errors import BundleContainerError
 
 LEAST_FIGURE: Final = 1e-9
 MOST_FIGURE: Final = 1e3
-"""Bounds of the magnitude, in Cp, of healthy residuals and of the wake without jets; their squares are divisors."""
+"""Largest magnitude, in Cp, of healthy residuals and of the wake without jets; `LEAST_FIGURE` is the smallest. Their
+squares are divisors."""
 _TYPES: Final = ("int8", "uint8", "int32", "float32", "float64")
 """Types, in the order of their numbers in `sw_image.c`."""
 _POSITIVE: Final = frozenset(
@@ -40,7 +41,8 @@ _ESTIMATOR_MOST: Final = 2.0**17
 """Largest magnitude of the estimator's weights for which every estimate is finite."""
 _GAIN_ONE: Final = 2.0**22
 _ROW_SCALE_ONE: Final = 2.0**23
-"""Scales that represent 1; they equal those in `export.to_c.int8_format`."""
+"""Value that represents a row's scale of 1, as `_GAIN_ONE` represents a gain of 1; both equal those in
+`export.to_c.int8_format`."""
 _OF_ELU_MOST: Final = 65535.0
 """Largest factor that converts an ELU's integer to the scale of the decoder's residuals."""
 
@@ -50,7 +52,8 @@ Range = tuple[float, float]
 
 
 class Limits(NamedTuple):
-    """The bounds of numbers in a payload: `groups` of `run` numbers each, `stride` bytes apart from `place` on."""
+    """The bounds of numbers in a payload: `groups` of `run` numbers each. The first group begins at byte `place`, and
+    each further group begins `stride` bytes after the one before."""
 
     name: str
     dtype: str
@@ -63,19 +66,19 @@ class Limits(NamedTuple):
 
     @property
     def in_c(self) -> str:
-        """The C initialiser of an `sw_limits`."""
+        """The C initialiser of an `sw_limits` with these bounds."""
         numbers = (*self[2:6], _TYPES.index(self.dtype))
         return f"{{{', '.join(f'{number}u' for number in numbers)}, {self.least!r}, {self.most!r}}}"
 
 
 def limits_in(members: Mapping[str, Member], layout: Mapping[str, str]) -> Iterator[Limits]:
-    """Return the table of limits, from a layout and its members by the names of struct and array."""
+    """Return the table of limits from a layout and its members, by the names of struct and array."""
     for name, (dtype, sides, place) in members.items():
         struct, _, member = name.partition(".")
         each = _ranges(struct, member, dtype, layout)
         if not each:
             continue
-        # Constants of outputs are interleaved in groups of eight, other constants one by one.
+        # Constants of outputs are interleaved in groups of eight; other constants are interleaved one by one.
         run = 1 if sides[-1] == len(each) else sides[-1]
         count, size = prod(sides), np.dtype(dtype).itemsize
         if len(each) == 1:
@@ -89,7 +92,7 @@ def limits_in(members: Mapping[str, Member], layout: Mapping[str, str]) -> Itera
 def wrong_in(
     payload: bytes, members: Mapping[str, Member], arrays: Mapping[str, npt.NDArray[Any]], layout: Mapping[str, str]
 ) -> str | None:
-    """Describe the first number that is outside its limits; None if all numbers are inside."""
+    """Describe the first number that is outside its limits; return None if all numbers are inside."""
     for one in limits_in(members, layout):
         dtype = np.dtype(one.dtype).newbyteorder("<")
         for group in range(one.groups):
@@ -136,7 +139,7 @@ def _of_floats(struct: str, member: str, layout: Mapping[str, str], positive: fl
 
 
 def _widest_integer(layout: Mapping[str, str]) -> float:
-    """Return the largest integer of the LSTM's hidden state, C's `SW_QMAX`. The state is rounded and not saturated."""
+    """Return the largest integer of the LSTM's hidden state, `SW_QMAX` in C. The state is rounded but not saturated."""
     lanes, most = _stated(layout, "SW_LANES", 8), _stated(layout, "SW_INT16_QMAX", 32767)
     padded = -(-_stated(layout, "SW_LSTM", 1) // lanes) * lanes
     is_full = padded <= _stated(layout, "SW_FULL_RANGE_WIDTH", padded)
@@ -144,7 +147,8 @@ def _widest_integer(layout: Mapping[str, str]) -> float:
 
 
 def _stated(layout: Mapping[str, str], name: str, otherwise: int) -> int:
-    """Return a definition as a number. Without it the image belongs to no ECU, and `otherwise` skips the check."""
+    """Return a definition as a number. If the definition is missing, the image belongs to no ECU, and the returned
+    `otherwise` disables the check."""
     return int(layout.get(name, otherwise))
 
 
@@ -169,15 +173,17 @@ LAYOUT: Final = "sw_layout.h"
 RELEASE_PART: Final = "sw_release.bin"
 WEIGHTS_PART: Final = "sw_weights.bin"
 ESTIMATOR_PART: Final = "sw_estimator_weights.bin"
-"""Names of the payload's parts; the last part exists only with a sensor check."""
+"""Name of the estimator's part of the payload, which exists only with a sensor check. The parts before are always
+present."""
 _ESTIMATOR_SETTINGS: Final = "sw_estimator_settings.h"
 _IDENTITY: Final = "SW_PROGRAM_SHA256"
 """Definition in `sw_settings.h` that identifies the compiled-in program."""
 _OF_ECU: Final = ("SW_RELEASE_LAYOUT", "SW_RELEASE_BYTES", "SW_PAST", "SW_SENSOR_CHECK")
-"""Settings of `sw_ecu_settings.h` on which the parameters depend; the other settings are the vehicle's."""
+"""Settings of `sw_ecu_settings.h` on which the parameters depend; all other settings in that header are the
+vehicle's."""
 _TITLE: Final = "layout 2 of a stillwake controller image\n"
-"""First line of a layout. Its number rises when a member's meaning changes but its size does not: in layout 1, the wake
-without jets was given as a share of the wake at the design speed."""
+"""First line of a layout. Its number rises when the meaning of a member changes and its size does not. In layout 1, the
+wake without jets was given as a share of the wake at the design speed."""
 _STRUCTS: Final = ("SW_RELEASE", "SW_WEIGHTS", "SW_HOT", "SW_ESTIMATOR")
 """The structs of a payload, in their order."""
 
@@ -222,7 +228,8 @@ def payload_of(files: Mapping[str, bytes]) -> bytes:
 
 
 def layout_in(payload: bytes, sha256: bytes) -> dict[str, str]:
-    """Return the definitions of a payload's layout. Raises BundleContainerError for another SHA-256."""
+    """Return the definitions of a payload's layout. Raises BundleContainerError if the layout's SHA-256 differs from
+    `sha256`."""
     start = payload.rfind(_TITLE.encode())
     if start < 0 or hashlib.sha256(payload[start:]).digest() != sha256:
         raise BundleContainerError(f"image: no text of its layout {sha256.hex()[:12]} behind its numbers")
@@ -254,7 +261,7 @@ def _definitions(layout: str) -> dict[str, str]:
 
 
 def _starts(layout: Mapping[str, str]) -> dict[str, int]:
-    """Return the offset of each struct of a payload, and of the end under the name ""."""
+    """Return the offset of each struct of a payload; the name "" has the offset of the payload's end."""
     found, start = {}, 0
     for struct in (*_STRUCTS, ""):
         found[struct] = start

@@ -45,12 +45,12 @@ FORCES: Final = 2
 
 
 class ControllerError(StillwakeError):
-    """The controller could not compute its step; the ECU latches a fault."""
+    """An error of the controller, which could not compute its step; the ECU latches a fault."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Sizes:
-    """The sizes from which the shapes of the interface follow: L, S and H."""
+    """The sizes from which the shapes of the interface follow: window L, number of sensors S and horizon H."""
 
     window: int
     sensors: int
@@ -68,10 +68,10 @@ class ControlStep:
     """Result of a control step.
 
     Attributes:
-        plan: (H,) actions a_t .. a_{t+H-1} in U_inf W; the first one is commanded.
+        plan: (H,) actions a_t .. a_{t+H-1} in U_inf W; the first action is commanded.
         forces: (H, 2) predicted (Cd, Cl) at t+1 .. t+H under the plan.
         terms: (8,) unweighted cost terms of the plan.
-        cost: J of the plan.
+        cost: cost J of the plan.
     """
 
     plan: Array
@@ -81,7 +81,7 @@ class ControlStep:
 
 
 class Controller(Protocol):
-    """An object that computes control steps: all that the ECU and the gates of the export need."""
+    """An object that computes control steps. The ECU and the gates of the export need nothing else."""
 
     def control_step(
         self,
@@ -96,7 +96,8 @@ class Controller(Protocol):
 
 
 class RunnableController(Controller, Protocol):
-    """A controller that runs on this machine and can be warmed up. `description` states what computes the step."""
+    """A controller that runs on this machine and can be warmed up. `description` states which program computes the
+    step."""
 
     description: str
 
@@ -112,10 +113,12 @@ class CompiledLibrary(Controller, Protocol):
         """Size of the scratch memory that the caller has to provide."""
 
     def known_answer(self) -> tuple[float, float]:
-        """Return action and cost of the control step by which a build checks itself at its start: those of a build that
-        fuses no operations, bit for bit. Raises ControllerError if there is no answer."""
+        """Return the expected action and cost of the control step that a build runs as its self-test at start. They
+        equal, bit for bit, the result of a build without fused operations. Raises ControllerError if there is no
+        expected result."""
 
 
 CompileLibrary = Callable[[Mapping[str, bytes], Sizes], CompiledLibrary]
-"""A function that compiles files by name, for given sizes, into a library on this machine; raises LibraryError.
-`ecu.in_c` has one. The command line passes it to `export`, which checks the C code without depending on a compiler."""
+"""A function that compiles files by name, for given sizes, into a library on this machine. The function raises
+LibraryError. `ecu.in_c` has such a function; the command line passes it to `export`, which thus checks the C code
+without depending on a compiler."""

@@ -5,9 +5,9 @@ s of these steps. So the past is interpolated between the rows of the control pe
 travelled) that the controller expects.
 
 Below the design speed the control periods are shorter than these steps. A controller that reacted fully in every period
-would react faster than it was designed to. The jets act on the pressures at the wall immediately, so it would drive the
-air back and forth. Therefore pressures and command move only part of the way in a period (`followed`): at s times the
-design speed, pressures by the share s and the command by the share s^2.
+would react faster than it was designed to. The jets act on the pressures at the wall immediately, so the controller
+would drive the air back and forth. Therefore pressures and command move only part of the way in a period (`followed`):
+at s times the design speed, the pressures by the share s and the command by the share s^2.
 """
 
 from collections.abc import Sequence
@@ -19,18 +19,18 @@ from contract.arrays import Array, Index
 
 
 class Places(NamedTuple):
-    """Interpolation positions of the rows that a controller reads, oldest first.
+    """Interpolation positions of the m rows that a controller reads, oldest first.
 
     Attributes:
-        newer: (m,) index of the row at that time or after it.
-        share: (m,) distance from that row towards the row before it, from 0 to below 1.
+        newer: (m,) index of the first recorded row at the position's time or later.
+        share: (m,) distance of the position from that row towards the row before, from 0 to below 1 of their distance.
     """
 
     newer: Index
     share: Array
 
     def of(self, rows: Array) -> Array:
-        """Interpolate rows (n, ...) at these positions; returns (m, ...)."""
+        """Interpolate the rows (n, ...) of n periods at these m positions; returns (m, ...)."""
         share = self.share.reshape(-1, *[1] * (rows.ndim - 1))
         newer, older = rows[self.newer], rows[self.newer - (self.share > 0.0)]
         return np.asarray(newer + share * (older - newer))
@@ -42,7 +42,7 @@ T = TypeVar("T", Array, float)
 def followed(before: T, new: T, share: float) -> T:
     """Return the stored pressures, or the command, after a period in which they move towards `new`.
 
-    They reach `new` if the share is 1 or more, that is, at the design speed and above.
+    The result is `new` if the share is 1 or more, that is, at the design speed and above.
     """
     return new if share >= 1.0 else before + share * (new - before)
 
@@ -51,9 +51,9 @@ def places(speeds: Sequence[float], length: int) -> Places:
     """Compute the positions of `length` rows, the newest at the newest period; fewer if the past is too short.
 
     Args:
-        speeds: (n,) speed at each period's sample, oldest first, as a ratio to the design speed, above 0; it is taken
-            for the speed of the period that ends with the sample.
-        length: L.
+        speeds: (n,) speed at each of n periods' samples, oldest first, as a ratio to the design speed, above 0. The
+            speed is taken for that of the period that ends with the sample.
+        length: number of rows, the window L of the controller.
     """
     newer, share = np.empty(length, dtype=np.intp), np.empty(length)
     at, age = len(speeds) - 1, 0.0

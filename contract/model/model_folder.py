@@ -1,17 +1,17 @@
 """A trained model on disk: a directory with `model.safetensors` and `model.json`, written completely or not at all.
 
 `model.safetensors` has the weights with the prefixes `encoder.` (the teacher on all sensors), `slim.`, `dynamics.` and
-`decoder.`; narrower networks, if configured, have `slim_dynamics.` and `slim_decoder.`. `model.json` has the weights'
-assumptions and origin:
+`decoder.`; narrower networks, if configured, have `slim_dynamics.` and `slim_decoder.`. `model.json` has the
+assumptions and the origin of the weights:
 
     schema, config (all settings), scaling (contract.release.manifest.Scaling),
     layout (names, positions, base and mirror images of all sensors, in the order of the scaling),
     sensors (the slim encoder's inputs in order),
     dataset_sha256, weights_sha256, metrics, ranking, versions
 
-A model of the first schema has no layout, because its layout is the truck's. Tensors are arrays here: `train` builds
-networks from them, `export` a controller program. safetensors is imported only when needed, because a vehicle imports
-this package without having safetensors.
+A model of the first schema has no layout in its file; its sensors are the truck's. This module returns tensors as
+arrays, from which `train` builds networks and `export` a controller program. safetensors is imported only when needed,
+because a vehicle imports this package without having safetensors.
 """
 
 import hashlib
@@ -35,17 +35,18 @@ from contract.typed import typed
 
 MODEL_SCHEMA: Final = "stillwake-model/2"
 MODEL_SCHEMA_1: Final = "stillwake-model/1"
-"""First schema, which is still read: a model of the truck's 90 sensors."""
+"""First schema, which can still be read: a model of the truck's 90 sensors."""
 DESCRIPTION: Final = "model.json"
 MODEL_WEIGHTS: Final = "model.safetensors"
 TEACHER: Final = "encoder"
 SLIM: Final = "slim"
 PRIOR: Final = "prior"
-"""Prefix of the prior's tensors. It computes the iterations' initial plan (`train.refinement`)."""
+"""Prefix of the tensors of the prior, which computes the initial plan of the iterations (`train.refinement`)."""
 RESTING: Final = "resting"
-"""Name of a tensor beside the prior's: (K, 3) speeds, base pressure and swing of the wake without jets."""
+"""Name of a tensor that accompanies the prior's: K rows of speed, base pressure and swing of the wake without jets, (K,
+3)."""
 PREDICTOR: Final = ("dynamics", "decoder")
-"""Networks that a model may also have in a narrower form, stored with the prefix `SLIM`."""
+"""Networks of which a model may also have a narrower form, stored with the prefix `SLIM`."""
 
 _NETWORKS: Final = (TEACHER, SLIM, PRIOR, *PREDICTOR, *(f"{SLIM}_{name}" for name in PREDICTOR))
 _HASH: Final = "weights_sha256"
@@ -57,16 +58,16 @@ Tensors = Mapping[str, npt.NDArray[Any]]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Description:
-    """Description of a model: the assumptions of the weights and their origin.
+    """Description of a model: the assumptions and the origin of the weights.
 
     Attributes:
         layout: layout of all sensors, in the order of the scaling.
         scaling: scaling of all pressures, the action and the forces.
-        sensors: names, in the order of the slim encoder's inputs.
-        dataset_sha256: SHA-256 of the recording that the model was fitted to.
+        sensors: names of the sensors that the slim encoder reads, in the order of its inputs.
+        dataset_sha256: SHA-256 of the recording to which the model was fitted.
         metrics: "teacher", "slim" and, with narrower networks, "deployed"
             (`train.distillation.evaluate.EncoderMetrics`), and "slim_latent" (L1/sigma against the teacher).
-        ranking: method and order of the sensors; for SHAP also every sensor's mean and std, and stability of the sets.
+        ranking: method and order of the sensors; for SHAP also mean and std of every sensor, and stability of the sets.
         versions: versions of the software; "torch_threads" is the number of threads during training.
     """
 
@@ -89,7 +90,7 @@ class Description:
 
 @dataclass(frozen=True, kw_only=True)
 class Provenance:
-    """Origin of a trained model, as a release that is exported from it states it.
+    """Origin of a trained model, in the form in which a release that is exported from the model states it.
 
     Attributes:
         metrics, versions, config: values as in the model's description.
@@ -102,7 +103,8 @@ class Provenance:
     config: Mapping[str, Any]
 
     def training(self) -> dict[str, Any]:
-        """Return the `provenance` of a bundle's manifest, without the hashes, which have their own fields."""
+        """Return the `provenance` of a bundle's manifest without the hashes, for which the manifest has other
+        fields."""
         return {"metrics": self.metrics, "versions": self.versions, "config": self.config}
 
 
@@ -121,11 +123,13 @@ class ModelFolder:
     config_tree: Mapping[str, Any]
 
     def network(self, name: str) -> dict[str, npt.NDArray[Any]]:
-        """Return one network's tensors with the names of its state dict; empty if the model has no such network."""
+        """Return one network's tensors with the names of its state dict; empty if the model does not have this
+        network."""
         return {key.partition(".")[2]: value for key, value in self.tensors.items() if key.split(".")[0] == name}
 
     def deployed(self, name: str) -> dict[str, npt.NDArray[Any]]:
-        """Return the vehicle's tensors of `dynamics` or `decoder`: the narrower network's, if there is one."""
+        """Return the tensors of `dynamics` or `decoder` that the vehicle uses: the narrower network's, if there is
+        one."""
         return self.network(f"{SLIM}_{name}") or self.network(name)
 
     @property
@@ -135,7 +139,8 @@ class ModelFolder:
 
     @property
     def resting(self) -> RestingWake | None:
-        """The wake without jets by speed; None for a model of one speed. Raises ModelError for another shape."""
+        """The wake without jets by speed; None for a model of one speed. Raises ModelError if the tensor has a wrong
+        shape."""
         table = self.tensors.get(f"{PRIOR}.{RESTING}")
         if table is None:
             return None
@@ -164,7 +169,7 @@ def check_free(path: Path) -> None:
 
 def write(path: Path, description: Description, tensors: Tensors) -> None:
     """Write the model directory, replacing an existing model. Raises StillwakeError if the directory cannot be written
-    or contains something other than a model."""
+    or contains anything other than a model."""
     import safetensors.numpy
 
     check_free(path)

@@ -12,8 +12,9 @@ from contract.sensors import TRUCK
 
 
 def read_to_append(path: Path, facts: Mapping[str, Any], layout: SensorLayout = TRUCK) -> tuple[Episode, ...]:
-    """Return the episodes of an existing data set, none if there is no file. Raises DatasetError if the file is no data
-    set, has the first schema or other sensors, or an episode with other facts; the message states the first.
+    """Return the episodes of an existing data set; empty if there is no file. Raises DatasetError if the file is no
+    data set, has the first schema or other sensors, or has an episode with other facts; the message states the first
+    difference.
 
     Args:
         facts: provenance that the existing episodes must share with the new episodes, such as the flow's settings.
@@ -45,8 +46,8 @@ def _to_append(path: Path, facts: Mapping[str, Any], layout: SensorLayout) -> Da
 
 
 def append(path: Path, episodes: Sequence[Episode], facts: Mapping[str, Any], layout: SensorLayout = TRUCK) -> None:
-    """Add episodes at the end of a data set, or create it if there is no file. The old file stays until the new file is
-    complete, and its episodes keep their values bit for bit.
+    """Add episodes at the end of a data set, or create it if there is no file. The old file remains until the new file
+    is complete, and the old episodes keep their values bit for bit.
 
     Args: as for `read_to_append`.
 

@@ -28,17 +28,17 @@ from contract.sensor_layout import SensorLayout
 from contract.sensors import TRUCK
 
 LARGEST_INTEGER: Final = 32767
-"""Largest integer; the smallest is its negative, so that a mirrored series has the same magnitudes."""
+"""Largest integer that is stored; the smallest is its negative, so that a mirrored series has equal magnitudes."""
 
 
 def pack(values: Array, finest: float, coarsest: float) -> tuple[npt.NDArray[np.int16], float]:
-    """Convert values to integers and their quantum: the finest power of two with which every value fits, at least
-    `finest`. Raises ValueError if a value lies outside +-32767 * coarsest; no value is clipped or wraps around.
+    """Convert values to integers and their quantum: the smallest power of two, at least `finest`, with which every
+    value fits. Raises ValueError if a value lies outside +-32767 * coarsest; no value is clipped or wraps around.
 
     Args:
-        values: finite, any shape.
-        finest: quantum of a series that fits into +-32767 times this quantum.
-        coarsest: largest quantum that is used; `finest` times a power of two.
+        values: finite values, any shape.
+        finest: smallest quantum, used for a series within +-32767 times this quantum.
+        coarsest: largest quantum; it is `finest` times a power of two.
     """
     quantum, peak = finest, float(np.abs(values).max(initial=0.0))
     while np.rint(peak / quantum) > LARGEST_INTEGER:
@@ -55,19 +55,21 @@ def unpack(integers: npt.NDArray[np.int16], quantum: float) -> Array:
 
 DATASET_SCHEMA: Final = "stillwake-dataset/3"
 DATASET_SCHEMA_2: Final = "stillwake-dataset/2"
-"""Older schema that is still read: the truck's sensors by name, all ten series, facts in the episodes' provenance."""
+"""Older schema that can still be read: the truck's sensors by name, all ten series, facts in the episodes'
+provenance."""
 DATASET_SCHEMA_1: Final = "stillwake-dataset/1"
-"""First schema, which is still read: float32 series, and one `Cd_slot` instead of pressure and viscous force."""
+"""First schema, which can still be read: float32 series, and one `Cd_slot` instead of pressure and viscous force."""
 SCHEMAS: Final = (DATASET_SCHEMA, DATASET_SCHEMA_2, DATASET_SCHEMA_1)
 
 EXACT_SERIES: Final = frozenset({"t", "action"})
-"""Series stored in double precision, because they are set and not measured."""
+"""Series stored in double precision, because their values are set and not measured."""
 QUANTUM: Final = 2.0**-15
 CP_QUANTUM: Final = 2.0**-13
-"""Finest quantum of measured series: with 16 bits, +-1 for most series and +-4 for Cp. The bus carries 2.7e-4 of Cp
-(0.1 Pa at the default operating point). A series with larger values uses the next power of two with which it fits."""
+"""Smallest quantum of Cp; that of all other measured series is `QUANTUM`. With 16 bits, Cp can be within +-4 and the
+other series within +-1. The bus transmits Cp in steps of 2.7e-4 (0.1 Pa at the default operating point). A series with
+larger values uses the next power of two with which its values fit."""
 COARSEST_QUANTUM: Final = 2.0**-8
-"""Coarsest quantum, so values beyond +-128 are refused: no coefficient of this flow comes near that."""
+"""Largest quantum. Values beyond +-128 are therefore refused; no coefficient of this flow comes near that value."""
 _CHUNK: Final = 1000
 """Number of control steps that are compressed together."""
 
@@ -78,7 +80,7 @@ class Dataset:
 
     Attributes:
         episodes: episodes with different names; every Cp has one column for each sensor of the layout.
-        layout: layout of the sensors; by default the truck's.
+        layout: layout of the sensors; by default the truck's layout.
         facts: facts about the plant. If None, the facts come from the episodes' provenance and times; see `plant`.
 
     Raises DatasetError for episodes that do not fit each other or the layout.
@@ -97,7 +99,7 @@ class Dataset:
                 raise DatasetError(problem)
 
     def with_role(self, role: Role) -> tuple[Episode, ...]:
-        """Return the episodes with this role; raises DatasetError if there are none."""
+        """Return the episodes with this role. Raises DatasetError if there are none."""
         found = tuple(episode for episode in self.episodes if episode.role == role)
         if not found:
             raise DatasetError(f"dataset has no episode with role {role!r}")
@@ -105,7 +107,8 @@ class Dataset:
 
     @property
     def plant(self) -> PlantFacts:
-        """The plant's facts. Missing facts come from the episodes' provenance, a missing control period also from t."""
+        """The plant's facts. Missing facts come from the episodes' provenance; a missing control period may also come
+        from the times t."""
         given = () if self.facts is None else (self.facts,)
         return first_known([*given, *(facts_in(item.provenance) for item in self.episodes), _clock(self.episodes)])
 
@@ -121,10 +124,8 @@ def read(path: Path) -> Dataset:
 
 
 def survey(path: Path) -> tuple[Dataset | None, tuple[str, ...]]:
-    """Read the valid episodes, and list every problem of the file, one line each.
-
-    The data set is None if no episode can be read.
-    """
+    """Read the valid episodes, and list every problem of the file, one line each. The data set is None if no episode
+    can be read."""
     problems: list[str] = []
     dataset = None
     try:
@@ -145,9 +146,9 @@ def schema_of(path: Path) -> str:
 def write(path: Path, dataset: Dataset) -> None:
     """Write a data set, completely or not at all.
 
-    `t` and `action` are stored in double precision, measured series as 16-bit integers: each value is within half of
-    the quantum that is stored with its series. Raises DatasetError if a series exceeds the range of 16 bits; the
-    message states episode and field. Raises StillwakeError if the file cannot be written.
+    `t` and `action` are stored in double precision, measured series as 16-bit integers: each stored value is within
+    half of the quantum that is stored with its series. Raises DatasetError if a series exceeds the range of 16 bits;
+    the message states episode and field. Raises StillwakeError if the file cannot be written.
     """
     # The file is built in memory first, because HDF5 gives no clear error when a disk is full.
     image = io.BytesIO()
@@ -199,7 +200,7 @@ def _column_problems(episode: Episode, layout: SensorLayout) -> list[str]:
 
 
 def _clock(episodes: tuple[Episode, ...]) -> PlantFacts:
-    """Return the control period as the time step of the first episode that has one."""
+    """Return the control period, which is the mean time step of the first episode with at least two times."""
     for episode in episodes:
         t = episode.series["t"]
         if len(t) > 1 and t[-1] > t[0]:
@@ -275,7 +276,8 @@ def _read_episode(name: str, node: h5py.Group | h5py.Dataset, schema: str, probl
         elif field in REQUIRED or schema != DATASET_SCHEMA:
             found.append(f"episode {name}: field {field!r} is missing")
     if schema == DATASET_SCHEMA_1 and "Cd_slot" in series:
-        # The single recorded force counts as pressure force, which is nearly all of it, so that the sum is unchanged.
+        # The single recorded force counts as pressure force, which is nearly all of the slot's force, so that the sum
+        # is unchanged.
         series["Cd_slot_pressure"] = series.pop("Cd_slot")
         series["Cd_slot_viscous"] = np.zeros_like(series["Cd_slot_pressure"])
     attributes = {}
@@ -323,7 +325,8 @@ def _fields_of(schema: str) -> tuple[str, ...]:
 
 
 def _read_series(name: str, field: str, stored: h5py.Dataset, problems: list[str]) -> Array | None:
-    """Read floating-point numbers unchanged, integers times their quantum; else append a problem and return None."""
+    """Read floating-point numbers unchanged, and integers times their quantum. If the series is invalid, append a
+    problem and return None."""
     unit, found = UNITS.get(field, "1"), stored.attrs.get("units")
     if found != unit:
         what = "has no attribute 'units'" if found is None else f"is in {found!r}"

@@ -18,17 +18,18 @@ from contract.errors import DatasetError
 from contract.ledger import LEDGER_FIELDS, DragLedger, ledger_of
 
 ForcesClock = Literal["log", "start", "t_c"]
-"""Clock of forces beside a log: s on the log's clock, s since the log's first pressure, or W / U_inf since then."""
+"""Clock of the forces in a file beside a log: s on the log's clock ("log"), s since the log's first pressure ("start"),
+or W / U_inf since that pressure ("t_c")."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class PlantFacts:
-    """Facts about the plant that training settings must agree with; None for an unknown fact.
+    """Facts about the plant that training settings must agree with; an unknown fact is None.
 
     Attributes:
         control_period: time between two samples, in t_c = W / U_inf.
         action_limit: bound on the action's magnitude, in U_inf W.
-        reynolds: U_inf W / nu.
+        reynolds: Reynolds number U_inf W / nu.
 
     Raises DatasetError for a number that is not positive and finite.
     """
@@ -43,7 +44,7 @@ class PlantFacts:
                 raise DatasetError(f"{name} = {value}: must be positive and finite")
 
     def as_dict(self) -> dict[str, float | None]:
-        """Return the facts by name, in order; the names are those of the settings `flow.*`."""
+        """Return the facts by name, in order; the names are those of the settings in `flow`."""
         return {name: getattr(self, name) for name in FACTS}
 
 
@@ -52,14 +53,14 @@ FACTS: Final = tuple(item.name for item in fields(PlantFacts))
 
 
 def facts_in(provenance: Mapping[str, Any]) -> PlantFacts:
-    """Return the facts that an episode's provenance states under "flow"; the others are None."""
+    """Return the facts that an episode's provenance states under "flow"; facts that are not stated are None."""
     flow = provenance.get("flow")
     found = flow if isinstance(flow, Mapping) else {}
     return PlantFacts(**{name: _number(found.get(name)) for name in FACTS})
 
 
 def first_known(facts: Iterable[PlantFacts]) -> PlantFacts:
-    """Combine facts: each one is taken from the first item in which it is known."""
+    """Combine facts: each fact has its value from the first item in which the value is known."""
     known: dict[str, float | None] = dict.fromkeys(FACTS)
     for one in facts:
         known = {name: value if known[name] is None else known[name] for name, value in one.as_dict().items()}
@@ -71,8 +72,9 @@ def _number(value: object) -> float | None:
 
 
 Role = Literal["train", "test", "extended", "controlled", "calm"]
-"""Use of an episode. The model is fitted to "train" and tested on "test". The other roles are held out too: "extended"
-has forcing beyond the training range, "controlled" has a controller, "calm" begins at the steady wake."""
+"""Use of an episode. The model is fitted to "train" and tested on "test". The other roles are not used for fitting
+either: "extended" has forcing beyond the training range, "controlled" has a controller, "calm" begins at the steady
+wake."""
 ROLES: Final[tuple[Role, ...]] = get_args(Role)
 
 UNITS: Final[Mapping[str, str]] = {
@@ -87,7 +89,8 @@ UNITS: Final[Mapping[str, str]] = {
     "jet_power": "rho U_inf^3 W / 2",
     "Uy_probe": "U_inf",
 }
-"""Series of an episode and their units. Every series has one row per control step; Cp has one column per sensor."""
+"""Unit of every series that an episode may have. A series has one row per control step; Cp has one column per
+sensor."""
 
 REQUIRED: Final = ("t", "action", "Cp", "Cd", "Cl")
 """Series that training and export read. The other series exist only if the plant provides them."""
@@ -98,10 +101,11 @@ class Episode:
     """One uninterrupted recording of n control steps.
 
     Attributes:
-        name: unique within the data set.
+        name: name of the episode, unique within the data set.
         role: use of the episode in training and tests.
-        series: the arrays of `REQUIRED` and any others of `UNITS`; Cp is (n, sensors), the others (n,).
-        initial_action: a_{-1}, the action in force before the first sample.
+        series: arrays of `REQUIRED` and, if recorded, of the other names in `UNITS`; Cp is (n, sensors), all others
+            (n,).
+        initial_action: action a_{-1} of the jets before the first sample.
         provenance: forcing parameters, seed, solver settings, software versions.
 
     Raises DatasetError for a part that does not fit; the message states episode and field.
@@ -122,16 +126,18 @@ class Episode:
 
     @property
     def previous_action(self) -> Array:
-        """a_{k-1} for every k, shape (n,), which the encoder reads together with Cp_k."""
+        """Action a_{k-1} for every sample k, shape (n,), which the encoder reads together with Cp_k."""
         return np.concatenate([[self.initial_action], self.series["action"][:-1]])
 
     def rows(self, columns: Index, sign: float = 1.0) -> Array:
-        """Return rows (Cp_k, a_{k-1}) of S sensors, (n, S+1). In a mirror image the action has the sign -1."""
+        """Return rows (Cp_k, a_{k-1}) of S sensors at the n samples, (n, S+1). For a mirror image, `sign` is -1: it
+        multiplies the action."""
         return np.column_stack([self.series["Cp"][:, columns], sign * self.previous_action])
 
     @property
     def ledger(self) -> DragLedger[Array]:
-        """The drag ledger; every entry has shape (n,). Raises DatasetError if one of its series was not recorded."""
+        """The drag ledger; every entry has shape (n,). Raises DatasetError if a series of the ledger was not
+        recorded."""
         for field in LEDGER_FIELDS:
             if field not in self.series:
                 raise DatasetError(f"episode {self.name}: the drag ledger needs the series {field!r}, which is missing")
@@ -139,7 +145,7 @@ class Episode:
 
 
 def problems_of(name: str, role: object, series: Mapping[str, Array], initial_action: float) -> list[str]:
-    """List every problem of an episode with these parts, one line each; empty if there is none."""
+    """List every problem of an episode with these parts, one line each; empty if there is no problem."""
     found: list[str] = []
 
     def refuse(field: str, reason: str) -> None:

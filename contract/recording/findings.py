@@ -1,4 +1,5 @@
-"""A check of a data set that finds everything on which training or export would fail, before either begins."""
+"""A check of a data set that finds everything on which training or export would fail, before training or export
+begins."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -16,30 +17,31 @@ from contract.recording.needs import Need
 from contract.recording.plausible import dominant_frequency, implausible, longest_run, share_near
 
 STEP_TOLERANCE: Final = 0.05
-"""Largest relative deviation of a time step from the control period. A clock error of a twentieth of a period distorts
-the recorded ramp of the jets less than the resolution of the four pressures does."""
+"""Largest deviation of a time step from the control period, as a share of the period. A clock error of a twentieth of a
+period distorts the recorded ramp of the jets less than the resolution of the four pressures does."""
 CLOCK_TOLERANCE: Final = 1e-3
-"""Largest relative deviation of the mean time step from the control period. Over a horizon of 25 steps, the model's
-clock is then wrong by a fortieth of a step."""
+"""Largest deviation of the mean time step from the control period, as a share of the period. Over a horizon of 25
+steps, the model's clock is then wrong by a fortieth of a step."""
 LIMIT_TOLERANCE: Final = 1e-6
-"""Largest relative excess of an action over the limit, which rounding in a text file explains."""
+"""Largest excess of an action over the limit, as a share of the limit, that rounding in a text file explains."""
 QUIET: Final = 0.05
 """Share of the action limit below which jets count as off or weak."""
 _SPAN: Final = (0.05, 50.0)
-"""Smallest and largest plausible extent of the sensors' positions, in W; in mm or m it is mostly outside."""
+"""Smallest and largest plausible extent of the sensors' positions, in W. The extent in mm or m is mostly outside this
+range."""
 _USED: Final = 0.25
-"""Smallest plausible ratio of the largest training action to the limit; with a wrong unit it is far smaller."""
+"""Smallest plausible ratio of the largest training action to the limit. With a wrong unit the ratio is far smaller."""
 _FREQUENCY: Final = (0.02, 2.0)
 """Smallest and largest plausible frequency of the peak of Cl's spectrum, in U_inf / W, with a wide margin. If times are
-in seconds, the peak is mostly outside."""
+in seconds, the peak is mostly outside this range."""
 _NARROW: Final = 0.1
 """Relative width of a frequency band that counts as one frequency."""
 _POOR: Final = 0.9
-"""Share of the actions' power in one narrow band above which the forcing counts as a single frequency. A sine has 1,
-even with an envelope; the paper's training waveform has 0.24, its chirp 0.42."""
+"""Share of the actions' power in one narrow band above which the forcing counts as a single frequency. The share is 1
+for a sine, even with an envelope, 0.24 for the paper's training waveform and 0.42 for its chirp."""
 _SKEWED: Final = 0.5
-"""Largest difference between the means of two mirrored sensors, in standard deviations of their pressures. It is 0.1 in
-the shipped recording, 0.25 in one of its episodes."""
+"""Largest difference between the means of two mirrored sensors, in standard deviations of their pressures. The
+difference is 0.1 in the whole shipped recording, and 0.25 in one of its episodes."""
 _SAME: Final = 1e-6
 """Relative difference up to which a fact and a setting count as equal."""
 
@@ -75,7 +77,7 @@ def findings(dataset: Dataset, config: Config, *, choosing: bool = True) -> tupl
 
 
 def agreeing(dataset: Dataset, config: Config) -> Config:
-    """Return the settings with the facts that the data set states."""
+    """Return the settings, with the facts that the data set states in place of the settings' own values."""
     known: dict[str, Any] = {name: value for name, value in dataset.plant.as_dict().items() if value is not None}
     return replace(config, flow=replace(config.flow, **known))
 
@@ -152,7 +154,7 @@ def _of_episode(episode: Episode, dataset: Dataset, config: Config) -> Iterator[
 
 
 def clock_problem(t: Array, period: float) -> str | None:
-    """Describe what is wrong with times that should rise by `period`; None if nothing is."""
+    """Describe the first error in times that should rise by `period`; return None if there is no error."""
     if len(t) < 2:
         return None
     steps = np.diff(t)
@@ -322,7 +324,8 @@ def _forcing(dataset: Dataset) -> Iterator[Finding]:
 
 
 def _units(dataset: Dataset) -> Iterator[Finding]:
-    """Report numbers that a wrong unit explains: millimetres, seconds, a limit in another unit than the actions."""
+    """Report numbers that a wrong unit explains: millimetres, seconds, or a limit that has another unit than the
+    actions."""
     positions = dataset.layout.positions
     span = float(np.ptp(positions, axis=0).max())
     if len(positions) > 1 and not _SPAN[0] <= span <= _SPAN[1]:

@@ -13,14 +13,15 @@ from contract.errors import DatasetError
 
 @contextmanager
 def opened(path: Path) -> Iterator[h5py.File]:
-    """Open a file for reading. Raises DatasetError if it is missing, refers to another file or to itself, or holds more
-    than `MOST_VALUES` values. A damaged file raises h5py's OSError, RuntimeError, KeyError, ValueError or TypeError."""
+    """Open a file for reading. Raises DatasetError if the file is missing, refers to another file or to itself, or
+    holds more than `MOST_VALUES` values. A damaged file raises h5py's OSError, RuntimeError, KeyError, ValueError or
+    TypeError."""
     if not path.is_file():
         raise DatasetError(f"{path}: no such dataset")
     values, seen = 0, set[int]()
     with h5py.File(path, "r") as file:
         groups: list[h5py.Group] = [file]
-        # h5py's own visitor fails on names that are not UTF-8.
+        # The groups are visited here because h5py's own visitor fails on names that are not UTF-8.
         for group in groups:
             for raw in group.id:
                 name = f"{group.name.rstrip('/')}/{raw.decode('utf-8', 'surrogateescape')}"[1:]

@@ -10,20 +10,22 @@ from contract.config.learning import TrainConfig
 from contract.config.tree import Config
 
 HORIZONS: Final = (5, 10, 25)
-"""Steps ahead at which open-loop prediction is tested; 25 is the truck's shedding cycle and the MPC's horizon."""
+"""Numbers of steps ahead at which open-loop prediction is tested; 25 is the truck's shedding cycle and the MPC's
+horizon."""
 
 STRETCH: Final = 64
-"""Number of latents that the distillation learns from in one pass over a stretch of the recording."""
+"""Number of consecutive latents from which the distillation learns in one pass over a part of the recording."""
 
 GATE_WINDOWS: Final = 50
 """Number of consecutive recorded windows that the export gates replay."""
 
 CALIBRATION_WINDOWS: Final = 400
-"""Number of recorded windows with which int8 rounding is calibrated, all kinds of forcing together."""
+"""Number of recorded windows with which int8 rounding is calibrated, counted over all kinds of forcing together."""
 
 LEAST_CALIBRATION: Final = 50
-"""Smallest number of windows to calibrate int8: two shedding cycles of the truck. With fewer, the measured ranges of
-the activations may miss parts of the cycle, and a value outside a calibrated range saturates on the vehicle."""
+"""Smallest number of windows to calibrate int8: two shedding cycles of the truck. With fewer windows, the measured
+ranges of the activations may miss parts of the cycle, and a value outside a calibrated range saturates on the vehicle.
+"""
 
 WINDOW_STEP: Final = 8
 """Number of steps of which the window must be a multiple for the sensor check of the ECU in C."""
@@ -31,14 +33,14 @@ WINDOW_STEP: Final = 8
 
 @dataclass(frozen=True, kw_only=True)
 class Need:
-    """A smallest number of control steps, and the explanation of its parts."""
+    """A smallest number of control steps, and an explanation of the parts that add up to this number."""
 
     steps: int
     reason: str
 
 
 def fitting_need(config: Config) -> Need:
-    """Return the steps that an episode with role "train" needs."""
+    """Return the number of steps that an episode with role "train" needs."""
     window, train = config.model.window, config.train
     needs = [_of_fit(window, train, train.unroll)]
     if train.finish.epochs:
@@ -49,13 +51,15 @@ def fitting_need(config: Config) -> Need:
 
 
 def judging_need(config: Config) -> Need:
-    """Return the steps that one episode with role "test" needs, for the longest roll-out in the model's test."""
+    """Return the number of steps that one episode with role "test" needs, for the longest roll-out in the model's
+    test."""
     window, ahead = config.model.window, max(HORIZONS)
     return Need(steps=window + ahead, reason=f"a window of {window} and {ahead} steps ahead")
 
 
 def roll_out_need(config: Config) -> Need | None:
-    """Return the steps that one episode with role "train" needs for distilling dynamics and decoder; else None."""
+    """Return the number of steps that one episode with role "train" needs for distilling dynamics and decoder; None if
+    they are not distilled."""
     if not config.model.is_slimmed:
         return None
     window, horizon = config.model.window, config.mpc.horizon
@@ -63,13 +67,14 @@ def roll_out_need(config: Config) -> Need | None:
 
 
 def gate_need(config: Config) -> Need:
-    """Return the steps that the first episode with role "test" needs, because the export's gates replay it."""
+    """Return the number of steps that the first episode with role "test" needs, because the export's gates replay
+    it."""
     window = config.model.window
     return Need(steps=window - 1 + GATE_WINDOWS, reason=f"{GATE_WINDOWS} windows of {window} for the export's gates")
 
 
 def calibration_need(config: Config) -> Need:
-    """Return the steps that a "train" episode of each kind of forcing needs for calibrating int8."""
+    """Return the number of steps that a "train" episode of each kind of forcing needs for calibrating int8."""
     window = config.model.window
     return Need(
         steps=window - 1 + LEAST_CALIBRATION,
@@ -78,7 +83,7 @@ def calibration_need(config: Config) -> Need:
 
 
 def window_for_c(steps: float) -> int:
-    """Return the window nearest to `steps` that the ECU in C accepts."""
+    """Return the number of rows nearest to `steps` that the ECU in C accepts as a window."""
     return max(1, round(steps / WINDOW_STEP)) * WINDOW_STEP
 
 

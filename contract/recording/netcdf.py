@@ -14,7 +14,7 @@ from contract.recording.episode import UNITS, Episode
 from contract.sensor_layout import SensorLayout
 
 FILL: Final = np.int16(-32768)
-"""Value of a missing integer, which no series has; netCDF's default, -32767, is a number here."""
+"""Value of a missing integer, which no series contains. netCDF's default, -32767, is a valid number in a series."""
 LONG_NAMES: Final = {
     "t": "time", "action": "flow rate of the jets", "Cp": "pressure coefficient", "Cd": "drag coefficient",
     "Cl": "side force coefficient", "Cd_slot_pressure": "drag of the slots by pressure",
@@ -27,8 +27,8 @@ def write_netcdf(path: Path, episode: Episode, layout: SensorLayout) -> None:
     """Write an episode as classic netCDF, completely or not at all.
 
     The dimensions are `t` and `sensor`; `sensor_name`, `x` and `y` are coordinates of the sensors. All numbers are
-    without dimension, as CF's unit "1" states; `long_name` has the reference. Measured series are the 16-bit integers
-    of a data set, with `scale_factor`. `dataset import` reads the file. Raises DatasetError as `dataset.write` does.
+    dimensionless, as CF's unit "1" states; `long_name` has the reference. Measured series are the 16-bit integers of a
+    data set, with `scale_factor`. `dataset import` reads the file. Raises DatasetError as `dataset.write` does.
     """
     from scipy.io import netcdf_file
 

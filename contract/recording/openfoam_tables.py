@@ -14,11 +14,11 @@ _SAME = 1e-6
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FoamTable:
-    """A table of OpenFOAM.
+    """A table of OpenFOAM with n rows.
 
     Attributes:
-        header: the comment lines, without #.
-        rows: the time and the values, (n, columns); brackets of vectors are ignored.
+        header: comment lines, without #.
+        rows: time and values of each row, (n, columns); brackets of vectors are ignored.
         files: files with the table's rows, in order.
     """
 
@@ -28,13 +28,13 @@ class FoamTable:
 
 
 def read_foam_table(folder: Path, file: str, *, cut_off: bool = False) -> FoamTable | None:
-    """Read the table in a function object's folder, which has a folder for every start of the case. The rows of each
-    start replace older rows from its first time on. None if there is no such file. Raises OSError, or ValueError that
-    states file and line.
+    """Read the table in a function object's folder, which has a folder for every start of the case. From its first time
+    on, the rows of a start replace those of earlier starts. Return None if there is no such file. Raises OSError, or
+    ValueError that states file and line.
 
     Args:
         file: regular expression of the file's name.
-        cut_off: whether an incomplete last line is ignored, as a case that is still running has it.
+        cut_off: whether an incomplete last line is ignored, which occurs while the case is still running.
     """
     starts = sorted((start, len(path.name), path) for path, start in _starts(folder, file))
     header: tuple[str, ...] = ()

@@ -1,7 +1,7 @@
 """Checks for implausible numbers of a wall, a force balance or a logger, with likely cause and remedy.
 
-The checks are per episode and per sensor. None of them stops training: the bounds are those of usual bodies in a
-stream, and the body may be unusual.
+The checks are per episode and per sensor. They do not stop training: the bounds are those of usual bodies in a stream,
+and the body may be unusual.
 """
 
 import itertools
@@ -15,7 +15,8 @@ from contract.recording.dataset import Dataset, Episode
 
 
 def dominant_frequency(values: Array, period: float) -> float | None:
-    """Return the frequency of the largest peak of a series' spectrum; None for less than 16 samples or a constant.
+    """Return the frequency of the largest peak of a series' spectrum; None for less than 16 samples or a constant
+    series.
 
     The spectrum has a Hann window and is zero-padded eightfold, so the peak is found to an eighth of 1 / duration.
     """
@@ -24,7 +25,7 @@ def dominant_frequency(values: Array, period: float) -> float | None:
         return None
     padded = 8 * len(values)
     spectrum = np.abs(np.fft.rfft(fluctuation * np.hanning(len(values)), padded))
-    # Lower frequencies are drift: less than one and a half periods in the record.
+    # Lower frequencies are drift, because the record has less than one and a half of their periods.
     first = 12
     return float((first + spectrum[first:].argmax()) / (padded * period))
 
@@ -41,48 +42,57 @@ def share_near(values: Array, period: float, frequency: float, width: float) -> 
 
 
 _HIGHEST: Final = 1.1
-"""Highest plausible mean Cp. 1 is the stagnation pressure of a steady stream; a tenth is for errors of p_inf and q."""
+"""Highest plausible mean Cp. 1 is the stagnation pressure of a steady stream; 0.1 is added for errors of p_inf and
+q."""
 _LOWEST: Final = -5.0
-"""Lowest plausible mean Cp: suction peaks at a leading edge or a rotating cylinder. A tenth more is accepted."""
+"""Lowest plausible mean Cp: suction peaks at a leading edge or a rotating cylinder. Values lower by a tenth are
+accepted."""
 _SWINGS: Final = (-6.0, 1.25)
-"""Bounds of Cp that at most one row in twenty may exceed; gusts and noise of 15 % at a stagnation point do not."""
+"""Bounds of Cp that at most one row in twenty may exceed. Gusts and noise of 15 % at a stagnation point do not exceed
+them."""
 _MOMENT: Final = 20.0
 """|Cp| above which a single row is an error: conical vortices on roofs reach 15 for moments."""
 _FORCE: Final = 5.0
-"""Largest plausible mean Cd and standard deviation of Cl. A plate across the stream has a Cd of 2, in a narrow tunnel
-4; only creeping flow, which has no wake, is above. Cylinders that oscillate with their wake have a Cl of 3."""
+"""Largest plausible mean Cd, and largest plausible standard deviation of Cl. A plate across the stream has a Cd of 2,
+in a narrow tunnel 4; only creeping flow, which has no wake, has more. Cylinders that oscillate with their wake have a
+Cl of 3."""
 _DRAG: Final = 0.02
-"""Smallest plausible mean Cd, based on the width across the stream: slender sections have 0.04."""
+"""Smallest plausible mean Cd, based on the width across the stream; slender sections have 0.04."""
 _FLAT: Final = 0.01
-"""Smallest plausible root mean square of all Cp: the base of a slender body has a tenth."""
+"""Smallest plausible root mean square of all Cp; at the base of a slender body it is 0.1."""
 _SCALE: Final = 3.0
-"""Largest plausible ratio of mean Cd or rms Cp between files: control removes half of the drag, rarely more."""
+"""Largest plausible ratio of mean Cd or rms Cp between files. Control removes half of the drag, rarely more."""
 _SCALE_OF_LIFT: Final = 10.0
-"""Largest plausible ratio between files of the deviation of Cl over that of Cp; both come from one wake."""
+"""Largest plausible ratio, between files, of the standard deviation of Cl divided by that of Cp; both come from one
+wake."""
 _FAR: Final = (4.0, 10.0)
-"""Smallest distances of a repeated extreme value that is no reading, such as -99, 99.99 or -9.99: from the next value,
-and from the median in interquartile ranges of the other values."""
+"""Smallest distances from which a repeated extreme value, such as -99, 99.99 or -9.99, is taken for no reading: its
+distance from the next value, and its distance from the median in interquartile ranges of the other values."""
 _STILL: Final = 20
-"""Number of rows during which a sensor may be constant while the others change: most of a shedding cycle."""
+"""Number of rows during which a sensor may be constant while the other sensors change: most of a shedding cycle."""
 _STEPS: Final = 4.0
-"""Expected change of a constant sensor, in steps of its resolution, above which it counts as stuck."""
+"""Expected change of a sensor that is constant, in steps of its resolution, above which the sensor counts as stuck."""
 _FINEST: Final = 2.0**-12
-"""Finest resolution that is assumed for a series: twice the resolution in which a data set is stored."""
+"""Smallest step between values that is assumed for a series: two times the step in which a data set stores Cp."""
 _CLIPPED: Final = 0.03
-"""Share of rows at the largest or smallest value, in runs of three or more, above which a sensor may be saturated."""
+"""Share of rows above which a sensor may be saturated. Rows at the largest or smallest value count, in runs of three or
+more."""
 _SHOWN: Final = 3
 """Largest number of episodes or sensors that one line lists."""
 _CELLS: Final = 256
-"""Number of cells per standard deviation of a column. Values in one cell count as equal, in 16 cells as similar."""
+"""Number of cells per standard deviation of a column. Values in one cell count as equal; values within 16 cells count
+as similar."""
 _ALIKE: Final = (10, 0.25)
-"""Number of equal rows in order, or share of equal rows in any order, above which a file is a copy of another."""
+"""Number of equal rows in order, or share of equal rows in any order, above which a file counts as a copy of another
+file."""
 
 _Note = tuple[str, str]
 """A note: the observation in an episode, and its cause with the remedy."""
 
 
 def implausible(dataset: Dataset) -> Iterator[str]:
-    """Report one line per cause, with the episodes and values that indicate it, then findings between episodes."""
+    """Report one line per cause, with the episodes and values that indicate the cause; then findings between
+    episodes."""
     names = (*dataset.layout.names, "Cd", "Cl")
     tables = [np.column_stack([item.series[name] for name in ("Cp", "Cd", "Cl")]) for item in dataset.episodes]
     missing = [_stand_for_none(table) for table in tables]
@@ -132,7 +142,8 @@ def _runs(mask: Mask) -> tuple[Any, Any]:
 
 
 def _stand_for_none(table: Array) -> Mask:
-    """Return where a value stands for a missing one: far from all others, and repeated or beyond any wall pressure."""
+    """Return a mask of values that represent a missing value: far from all others, and either repeated or beyond any
+    wall pressure."""
     found = np.zeros(table.shape, dtype=np.bool_)
     for extreme, sign in ((table.max(axis=0), 1.0), (table.min(axis=0), -1.0)):
         here = table == extreme
@@ -269,7 +280,7 @@ def _readings(
             here = table[:, k] == extreme
             starts, lengths = _runs(here)
             clipped = int(lengths[lengths >= 3].sum())
-            # Rows that a sine spends within four steps of its resolution of its peak, times two.
+            # A sine is within four steps of resolution from its peak in some rows; the bound is two times their share.
             usual = 2.0 * np.sqrt(4.0 * finest[k] / max(swing[k], finest[k])) / np.pi
             if clipped <= max(_CLIPPED, usual) * rows or len(starts) < 2:
                 continue
@@ -287,7 +298,8 @@ def _readings(
 
 
 def _activity(table: Array, k: int, spread: Array, action: Array, all_actions: Array) -> float:
-    """Return how much the other columns, or the jets, vary in these rows, relative to their variation in all rows."""
+    """Return the variation of the other columns, or of the jets, in these rows, relative to their variation in all
+    rows."""
     others = np.delete(np.arange(len(spread)), k)
     others = others[spread[others] > 0]
     moved = float(np.median(table[:, others].std(axis=0) / spread[others])) if others.size else 0.0
@@ -316,13 +328,14 @@ def _scales(episodes: Sequence[Episode], tables: Sequence[Array]) -> Iterator[st
 
 
 def _copies(episodes: Sequence[Episode], tables: Sequence[Array], spread: Array) -> Iterator[str]:
-    """Report files that contain rows of another file: a test on such rows tests nothing."""
+    """Report files that contain rows of another file, because a test on such rows tests nothing."""
     chosen = [*np.unique(np.linspace(0, len(spread) - 3, 4).astype(int)), -2, -1]
     cells = np.maximum(2 * _FINEST, spread[chosen] / _CELLS)
     rows = np.concatenate([np.round(table[:, chosen] / cells) for table in tables]).astype(np.int64)
     owner = np.repeat(np.arange(len(tables)), [len(table) for table in tables])
     step = np.concatenate([np.arange(len(table)) for table in tables])
-    # A periodic wake repeats itself in its file too. So only rows that are unlike all others of their file count.
+    # A periodic wake repeats itself in its own file too. So only rows that differ from all other rows of their file
+    # count.
     _, back, counts = np.unique(np.column_stack([owner, rows >> 4]), axis=0, return_inverse=True, return_counts=True)
     alone = counts[back.ravel()] == 1
     _, kind = np.unique(rows[alone], axis=0, return_inverse=True)

@@ -12,12 +12,12 @@ from contract.recording.needs import WINDOW_STEP, window_for_c
 from contract.recording.plausible import dominant_frequency, longest_run
 
 HORIZON_CYCLES: Final = 1.0
-"""The MPC's horizon, in shedding cycles (paper, section 2.4)."""
+"""The length of the MPC's horizon, in shedding cycles (paper, section 2.4)."""
 WINDOW_CYCLES: Final = 1.28
-"""The encoder's window, in shedding cycles: the paper's 32 steps at 25 steps per cycle."""
+"""The length of the encoder's window, in shedding cycles: the paper's 32 steps at 25 steps per cycle."""
 _PRACTICAL: Final = (10, 60)
 """Smallest and largest number of control steps per cycle for which horizon and window are derived from the cycle. With
-fewer steps the jets' ramp is coarse, with more a control step takes too long."""
+fewer steps the jets' ramp is coarse; with more steps a control step takes too long."""
 LEAST_CALM: Final = 25
 """Smallest number of unforced steps whose mean represents the uncontrolled flow: one cycle of the truck's wake."""
 

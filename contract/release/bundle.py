@@ -1,11 +1,11 @@
 """The release bundle: a directory with everything that is flashed onto an ECU.
 
-`manifest.json` states the sensors, scaling, limits, MPC settings and timing budget that the controller was built for,
-the data set, weights and program that it was built from, and the SHA-256 of every other file and of the DBC.
+`manifest.json` states the sensors, scaling, limits, MPC settings and timing budget for which the controller was built;
+the data set, weights and program from which it was built; and the SHA-256 of every other file and of the DBC.
 
 `manifest.sig`, if present, is an Ed25519 signature of the manifest's bytes (`contract.release.signing`), and so covers
 everything that the manifest states. Loading verifies everything; an error states the file or field. The manifest's own
-hash detects accidental changes, a signature by a trusted key deliberate changes.
+hash detects accidental changes. A signature by a trusted key detects deliberate changes too.
 
 `controller.onnx` computes one control step, with the inputs and outputs of `contract.controller.interface`.
 `sensors.onnx`, if present, estimates the pressures from each other for the ECU's sensor check
@@ -32,7 +32,7 @@ from contract.release.signing import PublicKey
 
 @dataclass(frozen=True, kw_only=True)
 class MadeEstimator:
-    """A sensor estimator for a bundle. `figures` is the estimator's part of the manifest."""
+    """A sensor estimator for a bundle. `figures` is the part of the manifest on this estimator."""
 
     graph: bytes
     figures: SensorEstimator
@@ -53,8 +53,9 @@ def pack(manifest: Manifest, contents: Mapping[str, bytes], key: Ed25519PrivateK
 
 
 def write(path: Path, manifest: Manifest, contents: Mapping[str, bytes], key: Ed25519PrivateKey | None = None) -> None:
-    """Write a bundle directory, completely or not at all; without a key it is unsigned. Raises BundleError for a bad
-    file name, or if the path is a directory with other contents; StillwakeError if the directory cannot be written."""
+    """Write a bundle directory, completely or not at all; without a key the bundle is unsigned. Raises BundleError for
+    a bad file name, or if the path is a directory with other contents; StillwakeError if the directory cannot be
+    written."""
     packed = pack(manifest, contents, key)
     check_replaceable(path)
     write_files(path, packed)
@@ -69,8 +70,9 @@ def check_replaceable(path: Path) -> None:
 
 
 def sign(path: Path, key: Ed25519PrivateKey, judge: Callable[[Bundle], object] | None = None) -> Bundle:
-    """Verify everything in a bundle except its signature, and sign it in place. Raises BundleError as `load` does;
-    StillwakeError if it cannot be written. `judge` is called before signing; it raises an error to prevent it."""
+    """Verify everything in a bundle except its signature, and sign the bundle in place. Raises BundleError as `load`
+    does; StillwakeError if the bundle cannot be written. `judge` is called before signing; it raises an error to
+    prevent the signature."""
     contents = read_files(path)
     contents.pop(SIGNATURE, None)
     bundle = read_checked(path, contents)
@@ -103,7 +105,8 @@ def renew(
     estimator: MadeEstimator | None = None,
     judge: Callable[[Bundle], object] | None = None,
 ) -> Bundle:
-    """Write a bundle again under another name, for this version's DBC, and sign it. The old DBC may differ.
+    """Write a bundle again under another name, for this version's DBC, and sign it. The old bundle may be for another
+    DBC.
 
     The new bundle may also have another operating point: the controller works in Cp and U_inf W, not in Pa and m/s. The
     control period and the budget follow from the operating point.
@@ -111,17 +114,17 @@ def renew(
     Everything else about the old bundle must be in order. Its controller is copied unchanged; the new manifest's
     provenance has the old manifest's hash. A change of the DBC does not affect the controller, because its inputs are
     pressures and flow rates, not frames. Raises BundleError as `load` does, and for a bad name or a target directory
-    with other contents; StillwakeError if it cannot be written.
+    with other contents; StillwakeError if the new bundle cannot be written.
 
     Args:
-        created: day, YYYY-MM-DD.
+        created: day of the new bundle, YYYY-MM-DD.
         trusted: the key that must have signed the old bundle, as in `load`.
-        operating_point: new width, speed or density, by name; the others are the old bundle's.
-        weights: new weights of the cost, by name; the others are the old bundle's.
-        security_version, hardware: new values; None keeps the old bundle's.
-        speeds: part of the old bundle's speed range; the ECU shuts the jets outside of it.
-        estimator: new sensor estimator; None keeps the old bundle's, if it has one.
-        judge: called with the new bundle before it is written, as in `sign`.
+        operating_point: new width, speed or density, by name; values that are not given are the old bundle's.
+        weights: new weights of the cost, by name; weights that are not given are the old bundle's.
+        security_version, hardware: new values; None uses the old bundle's value.
+        speeds: part of the old bundle's speed range; the ECU shuts the jets outside this part.
+        estimator: new sensor estimator; None uses the old bundle's estimator, if there is one.
+        judge: function that is called with the new bundle before the bundle is written, as in `sign`.
     """
     old = read_checked(path, read_files(path), trusted, any_dbc=True)
     provenance = {**old.manifest.provenance, "renewed_from": old.digest}
@@ -152,24 +155,24 @@ def _within(speeds: SpeedRange, old: SpeedRange | None) -> SpeedRange:
 
 def load(path: Path, trusted: PublicKey | None = None, *, any_dbc: bool = False) -> Bundle:
     """Read and verify a bundle directory. Raises BundleError if a file is missing, added, altered, of another schema or
-    not signed as required. The message states the file; the error's subclass tells the kind of fault.
+    not signed as required. The message states the file; each kind of fault has its own subclass of the error.
 
     Args:
-        trusted: the key that must have signed the bundle. If it is None, an unsigned bundle passes, and so does a valid
-            signature by any key; `Bundle.signer` is that key.
+        trusted: the key that must have signed the bundle. If it is None, an unsigned bundle passes, and so does a
+            bundle with a valid signature by any key; `Bundle.signer` is that key.
         any_dbc: also read a bundle for another version's DBC.
     """
     return read_checked(path, read_files(path), trusted, any_dbc=any_dbc)
 
 
 def verified(name: str, contents: Mapping[str, bytes], trusted: Collection[PublicKey]) -> Bundle:
-    """Verify files in memory with every check of `load`, and return their bundle. Raises BundleError as `load` does.
-    One of the keys in `trusted` must have signed the bundle."""
+    """Verify the files of a bundle in memory with every check of `load`, and return the bundle. One of the keys in
+    `trusted` must have signed the bundle. Raises BundleError as `load` does."""
     return read_checked(Path(name), contents, frozenset(trusted))
 
 
 def examine(path: Path, trusted: PublicKey | None = None) -> list[Check]:
-    """Return the results of every check that `load` makes, in the same order; failed checks have their errors.
+    """Return the results of every check that `load` makes, in the order of `load`; failed checks have their errors.
 
     The list ends at a check that cannot be made because an earlier check failed.
     """

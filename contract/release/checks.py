@@ -1,6 +1,6 @@
 """The checks of a release bundle's files. Nothing is parsed before its signature is verified.
 
-The manifest's own hash detects accidental changes, a signature by a trusted key deliberate changes.
+The manifest's own hash detects accidental changes. A signature by a trusted key detects deliberate changes too.
 """
 
 import hashlib
@@ -32,7 +32,7 @@ UNSIGNED: Final = "unsigned: its hashes show damage, not its author"
 
 _T = TypeVar("_T")
 Trusted = PublicKey | frozenset[PublicKey] | None
-"""The keys of which one must have signed the bundle; None if no signature is required."""
+"""The trusted keys, one of which must have signed the bundle; None if no signature is required."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -97,7 +97,7 @@ class Made:
     checks: list[Check] = field(default_factory=list)
 
     def check(self, name: str, verify: Callable[[], _T], in_words: Callable[[_T], str] = str) -> _T | None:
-        """Make a check on which no other check depends; return None if it failed and the checks are listed."""
+        """Make a check on which no other check depends. If the check fails and `lists` is set, return None."""
         try:
             value = verify()
         except BundleError as error:
@@ -109,7 +109,7 @@ class Made:
         return value
 
     def need(self, name: str, make: Callable[[], _T]) -> _T:
-        """Compute a value that later checks need; an error always ends the reading."""
+        """Compute a value that later checks need. An error always ends the reading."""
         try:
             return make()
         except BundleError as error:
@@ -126,7 +126,8 @@ def read_checked(
     any_dbc: bool = False,
 ) -> Bundle:
     """Check a bundle's files and return the bundle; nothing is parsed before its signature is verified. Raises
-    BundleError for the first check that fails. If `made` lists the checks, reading continues if possible."""
+    BundleError for the first check that fails. If `made` lists the checks, reading continues after a failed check if
+    possible."""
     made = Made() if made is None else made
     raw, signature, parts = made.need(MANIFEST, lambda: _taken_apart(path, contents))
 
@@ -136,7 +137,7 @@ def read_checked(
     signer = made.check(SIGNATURE, lambda: _verify_signature(path, raw, signature, trusted), signed_by)
     opened = made.need(MANIFEST, lambda: open_manifest(path, raw))
     made.check(MANIFEST, lambda: opened.digest)
-    # Names of the files that are present or must be present.
+    # The list has the files that are present and the files that must be present.
     names = sorted({CONTROLLER} | opened.hashes.keys() | parts.keys())
     sound = {name for name in names if made.check(name, partial(_verify_file, path, name, parts, opened.hashes))}
     if not any_dbc:

@@ -1,4 +1,4 @@
-"""The files of a bundle in a directory: read with bounds and checks, written completely or not at all.
+"""The files of a bundle in a directory: reading with bounds and checks, and writing completely or not at all.
 
 A bundle may come from anyone. So names must be plain, links are not followed, and sizes are limited while reading.
 
@@ -18,7 +18,7 @@ from contract.printable import is_name, quoted, shown
 
 MAX_FILES: Final = 64
 MAX_BYTES: Final = 32 * 2**20
-"""Largest size of all files together, in bytes: nearly two hundred controllers of the paper's size."""
+"""Largest size of all files together, in bytes: enough for nearly two hundred controllers of the paper's size."""
 MAX_BYTES_OF: Final = {"manifest.json": 2**20, "manifest.sig": 2**12}
 """Largest sizes, in bytes, of the files that are read before a signature has been verified."""
 
@@ -31,14 +31,14 @@ def is_plain_name(name: str) -> bool:
 
 
 def read_files(path: Path) -> dict[str, bytes]:
-    """Read all files of a bundle by name. Raises BundleContainerError if the path is no directory, is too large, or
-    contains anything but plain files; the message states the entry."""
+    """Read all files of a bundle by name. Raises BundleContainerError if the path is no directory, if the files are too
+    large, or if the directory contains anything but plain files; the message states the entry."""
     try:
         if path.is_dir():
             return _collect(path)
         if path.is_file():
             with path.open("rb") as file:
-                # Up to version 1.0.0 a bundle could be a zip file.
+                # Up to version 1.0.0 a bundle could be a zip file, which gets its own error message.
                 is_zip = file.read(4) == b"PK\x03\x04"
             hint = f"; unpack it: python -m zipfile -e {path} FOLDER" if is_zip else ""
             raise BundleContainerError(f"bundle {path}: must be a directory{hint}")
@@ -48,7 +48,7 @@ def read_files(path: Path) -> dict[str, bytes]:
 
 
 def write_files(path: Path, contents: Mapping[str, bytes]) -> None:
-    """Write a directory, replacing an existing one. Raises StillwakeError if it cannot be written."""
+    """Write a directory, replacing an existing directory. Raises StillwakeError if the directory cannot be written."""
     with replacing(path) as temporary:
         temporary.mkdir()
         for name, data in contents.items():
@@ -83,7 +83,8 @@ def _collect(path: Path) -> dict[str, bytes]:
 
 
 def _open_plain(path: Path, name: str) -> IO[bytes]:
-    """Open a file that was listed as plain, and check that it still is: no link is followed, and no pipe blocks."""
+    """Open a file that was listed as plain, and check that the file is still plain: no link is followed, and no pipe
+    blocks."""
     flags = os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
     try:
         file = os.fdopen(os.open(path / name, flags), "rb")
@@ -98,7 +99,7 @@ def _open_plain(path: Path, name: str) -> IO[bytes]:
 
 
 def _read_at_most(file: IO[bytes], most: int) -> bytes:
-    """Read up to `most` bytes in pieces, because a sparse file can state a size larger than any memory."""
+    """Read up to `most` bytes in pieces, because a sparse file can state a size that no memory can hold."""
     pieces: list[bytes] = []
     while most > 0 and (piece := file.read(min(most, _CHUNK))):
         pieces.append(piece)

@@ -37,7 +37,8 @@ SUFFIX: Final = ".swi"
 HEADER_BYTES: Final = 512
 """Size of the header, in bytes."""
 VEHICLE: Final = slice(148, 192)
-"""Header bytes compared with the vehicle's: control period, operating point, action limit, number of sensors."""
+"""Header bytes that are compared with the vehicle's: control period, operating point, action limit, number of
+sensors."""
 _MAX_NAME: Final = 64
 """Largest size of a name, in bytes."""
 _MAGIC: Final = b"SWCTRL01"
@@ -55,10 +56,10 @@ class ImageFacts:
         layout: SHA-256, 32 bytes, that identifies the build's layout of the payload.
         dbc: SHA-256 of stillwake.dbc, 32 bytes.
         digest: digest of the release, 32 bytes.
-        period_ns: control period.
+        period_ns: control period in ns.
         operating_point: width in m, speed in m/s, density in kg/m3.
-        action_limit: action limit of the jets, in free-stream speed times width.
-        hardware: name of the ECU hardware that the image may be flashed to; None for any.
+        action_limit: largest magnitude of the jets' action, in free-stream speed times width.
+        hardware: name of the ECU hardware to which the image may be flashed; None for any hardware.
     """
 
     layout: bytes
@@ -80,7 +81,7 @@ class ImageFacts:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ControllerImage:
-    """A verified image; `signer` is the key that signed it, None if it is unsigned."""
+    """A verified image. `signer` is the key that signed the image; None if the image is unsigned."""
 
     facts: ImageFacts
     payload: bytes
@@ -104,7 +105,7 @@ class ControllerImage:
 
 
 def seal(payload: bytes, facts: ImageFacts, key: Ed25519PrivateKey | None) -> bytes:
-    """Build the image of a payload, signed if there is a key; raises BundleContainerError for a bad name."""
+    """Build the image of a payload, and sign it if a key is given. Raises BundleContainerError for a bad name."""
     header = _FACTS.pack(
         _MAGIC,
         HEADER_BYTES + len(payload),
@@ -150,7 +151,7 @@ def signer_of(image: bytes) -> PublicKey | None:
 
 
 def read(image: bytes) -> ControllerImage:
-    """Check an image and return it, whichever key signed it.
+    """Check an image and return it; any key may have signed the image.
 
     Raises:
         BundleContainerError: the image is damaged, or the bytes are no image.

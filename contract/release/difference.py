@@ -1,6 +1,7 @@
 """A comparison of two bundles or two controller images, and a description of an image's contents.
 
-Bundles are compared by signer, manifest and files; images by the header's facts, the layout, and every array by name.
+Bundles are compared by signer, manifest and files. Images are compared by the facts in the header, by the layout, and
+by every array by name.
 """
 
 from collections.abc import Iterator, Mapping
@@ -85,7 +86,7 @@ def _of_image(image: ControllerImage) -> dict[str, str]:
 
 
 _MISSING: Final = "-"
-"""Shown in place of a value that one of the two does not have."""
+"""Text that is shown in place of a value that only the other bundle or image has."""
 
 
 class Difference(NamedTuple):
@@ -97,8 +98,8 @@ class Difference(NamedTuple):
 
 
 def differences(a: Path, b: Path) -> list[Difference]:
-    """List all differences, manifest fields by dotted names. The bundles may be for other versions' DBCs. Raises
-    BundleError as `contract.release.bundle.load` does, except for the DBC."""
+    """List all differences between two bundles or images; fields of a manifest have dotted names. The bundles may be
+    for other versions' DBCs. Raises BundleError as `contract.release.bundle.load` does, except for the DBC."""
     rows = []
     ours, theirs = _facts(a), _facts(b)
     for name in [*ours, *(name for name in theirs if name not in ours)]:
@@ -107,7 +108,7 @@ def differences(a: Path, b: Path) -> list[Difference]:
 
 
 def _facts(path: Path) -> dict[str, Any]:
-    """Return everything that is compared, in the order in which it is shown."""
+    """Return the values that are compared, by name, in the order in which they are shown."""
     if is_image(path):
         return {**_of_image(opened(path))}
     bundle = bundles.load(path, any_dbc=True)

@@ -41,10 +41,10 @@ class KeyList:
     """The keys that may sign releases. Raises KeyFileError for a version or a number of keys out of range.
 
     Attributes:
-        version: version of the list; an ECU replaces its list by one with a greater version.
+        version: version of the list; an ECU only replaces its list by a list with a greater version.
         keys: keys that may sign releases.
-        revoked: keys that may no longer sign releases. A key on neither list may not sign either; this list informs
-            people.
+        revoked: keys that may no longer sign releases. This list informs people: a key on neither list may not sign
+            either.
     """
 
     version: int
@@ -66,7 +66,7 @@ class KeyList:
 
 
 def is_list(path: Path) -> bool:
-    """Return whether a file begins like a key list; False if it cannot be read."""
+    """Return whether a file begins like a key list; False if the file cannot be read."""
     with suppress(OSError), path.open("rb") as file:
         return file.read(len(_MAGIC)) == _MAGIC
     return False
@@ -81,7 +81,8 @@ def encode(listed: KeyList, root: Ed25519PrivateKey) -> bytes:
 
 
 def signer(raw: bytes) -> PublicKey:
-    """Verify a list's signature and return the root key. Raises KeyFileError without a valid signature."""
+    """Verify a list's signature and return the root key that signed. Raises KeyFileError if there is no valid
+    signature."""
     if raw.startswith(b"{"):
         raise KeyFileError("key list: has an old format; make it again with `stillwake bundle keylist`")
     if len(raw) < _HEADER.size + _SIGNATURE or not raw.startswith(_MAGIC):

@@ -27,20 +27,22 @@ from contract.typed import typed
 _SCHEMA: Final = "stillwake-bundle/8"
 """The schema that this version reads. Older schemas do not state the wake without jets at other speeds."""
 FIRST_SECURITY_VERSION: Final = 1
-"""Security version of a release if it was never raised, and the smallest that an ECU with a store accepts."""
+"""Smallest security version of a release, which is also the smallest that an ECU with a store accepts. A release has
+this version if the security version was never raised."""
 LARGEST_SECURITY_VERSION: Final = 2**32 - 1
 MANIFEST: Final = "manifest.json"
 MAX_STEPS: Final = 10_000
-"""Largest window and horizon, in steps: hundreds of times the release's, and still cheap to allocate."""
+"""Largest window and horizon, in steps. This is hundreds of times the window of the release, and needs little
+memory."""
 MAX_RESTING: Final = 100
-"""Largest number of speeds for which the wake without jets is stated. The ECU searches them in every period."""
+"""Largest number of speeds for which the wake without jets is stated. The ECU searches these speeds in every period."""
 WeightPrecision = Literal["float32", "int8"]
 """Type of the weights; `controller.onnx` calculates in float32 with both types."""
 PRECISIONS: Final[tuple[WeightPrecision, ...]] = get_args(WeightPrecision)
 
 _SHA256: Final = re.compile("[0-9a-f]{64}")
 _DATE: Final = re.compile("[0-9]{4}-[0-9]{2}-[0-9]{2}")
-"""The only form of ISO 8601 that is written and accepted; `date.fromisoformat` alone would also accept week dates."""
+"""The only form of ISO 8601 that is written and accepted; `date.fromisoformat` would also accept week dates."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,8 +73,9 @@ class Scaling:
 
 FAST_PERIODS: Final = 4
 SLOW_PERIODS: Final = 64
-"""Averaging times of the residuals in the ECU's sensor check, in control periods. The short one, a sixth of a shedding
-cycle, removes most of a sensor's noise. The long one, two cycles, shows a small bias or a drift."""
+"""Long averaging time of the residuals in the ECU's sensor check, in control periods; `FAST_PERIODS` is the short time.
+The short time, a sixth of a shedding cycle, removes most of a sensor's noise. The long time, two cycles, shows a small
+bias or a drift."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -102,9 +105,9 @@ class RestingWake:
     """The wake without jets as a function of the vehicle's speed; the ECU's benefit check compares pressures with it.
 
     Attributes:
-        speeds: (K,) in units of the design speed, rising.
-        base: (K,) mean pressure of the release's sensors on the base, in Cp.
-        swing: (K,) mean magnitude of the differences of its mirrored sensors, in Cp.
+        speeds: K speeds in units of the design speed, rising, (K,).
+        base: mean pressure of the release's sensors on the base at each speed, in Cp, (K,).
+        swing: mean magnitude of the differences between the release's mirrored sensors at each speed, in Cp, (K,).
     """
 
     speeds: tuple[float, ...]
@@ -169,8 +172,8 @@ class Manifest:
 
     @property
     def past(self) -> int:
-        """Number of past control periods needed for the controller's window; more than the window's rows if the vehicle
-        may be slower than the design speed."""
+        """Number of past control periods that the controller's window needs. This number exceeds the window's number of
+        rows if the vehicle may be slower than the design speed."""
         slowest = 1.0 if self.speeds is None else self.speeds.slowest
         return self.window if slowest == 1.0 else ceil(self.window / slowest) + 1
 

@@ -1,9 +1,9 @@
 """Content that is forbidden in a bundle's graphs; the bytes are checked before ONNX Runtime reads them.
 
-A graph may come from anyone. ONNX Runtime refuses unknown operators. Opening its session refuses other inputs, outputs
-and shapes, and a first step runs in bounded time and memory (`contract.runtime`). Two cases remain: constants in other
-files, and operators that are not ONNX's own. Both put a certain text into the file, wherever they are in the graph, and
-no exported graph contains such a text. When a graph is signed, it is checked more strictly (`export.release.judged`).
+A graph may come from anyone. ONNX Runtime refuses unknown operators. Opening the graph's session refuses other inputs,
+outputs and shapes, and a first step runs in bounded time and memory (`contract.runtime`). Two cases remain: constants
+in other files, and operators that are not ONNX's own. Each of them puts a certain text somewhere into the file, and no
+exported graph contains this text. When a graph is signed, it is checked more strictly (`export.release.judged`).
 """
 
 from typing import Final

@@ -1,6 +1,7 @@
 """Images as lines of text, which workshop and flash tools read: Intel HEX, and Motorola S-records in the form S37.
 
-Addresses begin at 0: they are offsets in the image, as in a download by diagnosis, and no addresses of an ECU's memory.
+Addresses begin at 0: they are offsets in the image, as in a download through UDS, and not addresses in the memory of an
+ECU.
 """
 
 from collections.abc import Callable, Mapping
@@ -9,9 +10,9 @@ from typing import Final
 from contract.release.controller_image import SUFFIX
 
 LINE: Final = 32
-"""Bytes in a line. Every tool accepts 32, and 64 KiB is a multiple of it."""
+"""Number of bytes in a line. Every tool accepts 32, and 64 KiB is a multiple of 32."""
 HIGH: Final = 1 << 16
-"""Number of addresses that an Intel HEX line can state; a line of another type states the part above."""
+"""Number of addresses that an Intel HEX line can state. The higher part of an address is in a line of another type."""
 
 
 def intel_hex(content: bytes) -> bytes:
@@ -31,7 +32,7 @@ def s_records(content: bytes) -> bytes:
 
 
 FORMATS: Final[Mapping[str, Callable[[bytes], bytes]]] = {SUFFIX: bytes, ".hex": intel_hex, ".s19": s_records}
-"""Formats of an image's file, by the end of its name."""
+"""Functions that convert an image to the content of a file, by the suffix of the file's name."""
 
 
 def _hex_line(kind: int, address: int, data: bytes = b"") -> str:

@@ -1,14 +1,14 @@
 """Ed25519 signatures (RFC 8032) of release manifests: keys as PEM files, and the text of `manifest.sig`.
 
-A signature covers the bytes of the manifest, so that nothing has to be parsed before it is verified. It is in a file of
-its own, together with the public key of its claimed signer:
+A signature covers the bytes of the manifest, so that nothing has to be parsed before the signature is verified. The
+signature has its own file, together with the public key of its claimed signer:
 
     stillwake-signature/1
     key <32 bytes in hex>
     signature <64 bytes in hex>
 
-The key in the file is no proof: it only states who signed. A signature is trusted only if the reader has the
-key from another source.
+The key in the file is no proof: it only states who claims to have signed. A signature is trusted only if the reader has
+the key from another source.
 """
 
 import hashlib
@@ -42,9 +42,9 @@ _SMALL_ORDER: Final = frozenset(
         "ee" + "ff" * 30 + "7f",
     )
 )
-"""The y coordinates of the points of small order, whose multiple by eight is the identity; the last two are not
-reduced. A "signature" by one of these keys is valid for any text, so they are refused as keys (RFC 8032, section 8.8;
-the list is libsodium's)."""
+"""The y coordinates of the points of small order, whose multiple by eight is the identity; the last two coordinates are
+not reduced. A "signature" by such a key is valid for any text, so these points are refused as keys (RFC 8032, section
+8.8; the list is libsodium's)."""
 _OWNER_ONLY: Final = 0o600
 _ALL_READ: Final = 0o644
 
@@ -67,8 +67,8 @@ def sign(key: Ed25519PrivateKey, data: bytes) -> bytes:
 
 
 def signer(signature: bytes, data: bytes) -> PublicKey | None:
-    """Check a signature file against the signed bytes. Raises ValueError if the file does not have the form above.
-    Returns the key that the file states, or None if the signature was not made with this key."""
+    """Check a signature file against the signed bytes. Returns the key that the file states, or None if the signature
+    was not made with this key. Raises ValueError if the file does not have the form of `manifest.sig`."""
     match = _TEXT.fullmatch(signature)
     if match is None:
         raise ValueError("not of the form stillwake-signature/1")
@@ -93,7 +93,7 @@ def public_key(key: Ed25519PrivateKey) -> PublicKey:
 
 
 def write_key_pair(folder: Path, key: Ed25519PrivateKey) -> PublicKey:
-    """Write `release.key` (PKCS #8, readable by its owner alone) and `release.pub` into a folder, which is created if
+    """Write `release.key` (PKCS #8, readable only by its owner) and `release.pub` into a folder, which is created if
     needed. Raises KeyFileError if one of the files exists, or the folder cannot be written."""
     secret = key.private_bytes(
         serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, serialization.NoEncryption()
@@ -104,7 +104,8 @@ def write_key_pair(folder: Path, key: Ed25519PrivateKey) -> PublicKey:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         for name, content, mode in ((PRIVATE_KEY, secret, _OWNER_ONLY), (PUBLIC_KEY, public, _ALL_READ)):
-            # Exclusive creation with the final mode, so that others can at no moment read the key.
+            # The file is created exclusively and with its final mode, so that other users can at no moment read the
+            # key.
             with os.fdopen(os.open(folder / name, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode), "wb") as file:
                 written.append(folder / name)
                 file.write(content)

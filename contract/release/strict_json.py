@@ -1,7 +1,7 @@
 """Strict JSON: everything is refused that readers could understand differently or that could overload them.
 
 Python's `json` accepts more than the standard: NaN, numbers beyond a double, duplicate keys, lone surrogates, integers
-of any length, nesting to the limit of the stack. A manifest may come from anyone, so all of these are refused.
+of any length, nesting to the limit of the stack. A manifest may come from anyone, so this module refuses all of them.
 """
 
 import hashlib
@@ -11,13 +11,13 @@ from math import isfinite
 from typing import Any, Final
 
 MAX_DEPTH: Final = 32
-"""Deepest nesting; a release's manifest has six levels."""
+"""Largest depth of nesting that is accepted; a release's manifest has six levels."""
 _MAX_DIGITS: Final = 19
 """Number of digits of the largest 64-bit integer."""
 
 
 def decode(raw: bytes) -> dict[str, Any]:
-    """Return the table in a file; raises ValueError for anything else."""
+    """Return the table in a file. Raises ValueError if the file contains anything else."""
     try:
         tree = json.loads(
             raw.decode("utf-8"),

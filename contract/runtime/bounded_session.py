@@ -1,4 +1,5 @@
-"""Sessions of ONNX Runtime for graphs of unknown origin: on one thread, first tried in bounded time and memory."""
+"""Sessions of ONNX Runtime on one thread, for graphs of unknown origin. A graph first runs once in bounded time and
+memory."""
 
 import os
 from collections.abc import Mapping
@@ -84,7 +85,7 @@ class BoundedGraph:
             session = onnxruntime.InferenceSession(
                 self.model, options, providers=["CPUExecutionProvider"], enable_fallback=False
             )
-            # ONNX Runtime lists inputs with a default separately. Reading a name fails if it is no valid text.
+            # ONNX Runtime lists inputs with a default separately. Reading a name fails if the name is no valid text.
             listed = (*session.get_inputs(), *session.get_outputs(), *session.get_overridable_initializers())
             found = {item.name: item.shape for item in listed}
         except Exception as error:
@@ -100,8 +101,8 @@ class BoundedGraph:
 def _options() -> Any:
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = options.inter_op_num_threads = 1
-    # Errors are raised, so they need not be printed too. The optional `weights` input, an initialiser that may be
-    # overridden, would cause a warning at every load.
+    # Errors are raised as exceptions, so they need not be printed. The optional `weights` input, an initialiser that
+    # may be overridden, would cause a warning whenever the graph is loaded.
     options.log_severity_level = 4
     # The graph's bytes were checked for external constants. If the graph refers to a file all the same, the search
     # starts at a path that is no folder, and not in the working directory.
@@ -115,7 +116,7 @@ def _options() -> Any:
 
 @cache
 def _register_bounded_memory() -> None:
-    """Register an allocator of bounded size that sessions can use; ONNX Runtime accepts one per process."""
+    """Register an allocator of bounded size that sessions can use; ONNX Runtime accepts one allocator per process."""
     onnxruntime.create_and_register_allocator(
         onnxruntime.OrtMemoryInfo(
             "Cpu", onnxruntime.OrtAllocatorType.ORT_ARENA_ALLOCATOR, 0, onnxruntime.OrtMemType.DEFAULT

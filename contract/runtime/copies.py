@@ -7,7 +7,8 @@ from typing import ClassVar, NoReturn, Self
 class CopiedWhole:
     """A stateful object for which `copy.copy` acts like `copy.deepcopy`: the copy shares nothing with the original.
 
-    A shallow copy would share the arrays but count its steps separately, so each copy would change the other's arrays.
+    A shallow copy would share the arrays with the original but count its own steps, so each would change the arrays of
+    the other.
     """
 
     def __copy__(self) -> Self:
@@ -18,7 +19,7 @@ class NeverCopied:
     """An object with resources of this process, which cannot be copied: a child process, a library's memory, a socket.
 
     Attributes:
-        INSTEAD: advice in the error message on what to do instead of copying.
+        INSTEAD: end of the error message, which states what to do instead of copying.
     """
 
     INSTEAD: ClassVar[str]

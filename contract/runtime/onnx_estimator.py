@@ -24,7 +24,7 @@ class OnnxEstimator:
         shapes = estimator_shapes(sizes.window, sizes.sensors)
         feeds = {ESTIMATOR_INPUT: np.zeros(shapes[ESTIMATOR_INPUT], dtype=np.float32)}
         graph = BoundedGraph(name=ESTIMATOR, model=model, shapes=shapes, feeds=feeds, outputs=(ESTIMATOR_OUTPUT,))
-        # The model may come from anyone, so it is first tried with bounded time and memory.
+        # The model may come from anyone, so it first runs with bounded time and memory.
         graph.tried(WARM_UP_LIMIT_S)
         self._session = graph.session()
         graph.run_on_zeros(self._session, _WARM_UP_STEPS, WARM_UP_LIMIT_S)
@@ -40,7 +40,8 @@ class OnnxEstimator:
         return None if model is None else cls(model, bundle.manifest.sizes)
 
     def estimates(self, window: Array) -> Array:
-        """Return estimates (V, S) in Cp for a window (L, S+1); raises ControllerError unless they are finite."""
+        """Return the estimates (V, S) in Cp for a window (L, S+1), with V views and S sensors; raises ControllerError
+        unless they are finite."""
         try:
             (values,) = self._session.run([ESTIMATOR_OUTPUT], {ESTIMATOR_INPUT: window.astype(np.float32)})
         except Exception as error:

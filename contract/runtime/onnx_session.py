@@ -13,12 +13,13 @@ from contract.runtime.bounded_session import BoundedGraph
 
 WARM_UP_LIMIT_S: Final = 10.0
 """Longest time for all steps of a warm-up, in s. The paper's controller takes some milliseconds per step, and its
-deadline is 20 ms. A graph that takes a thousand times as long does not end or is no controller."""
+deadline is 20 ms. A graph that takes a thousand times longer does not end or is no controller."""
 
 
 class OnnxController:
     """A controller that runs `controller.onnx`. Raises BundleControllerError if the model does not load or its shapes
-    contradict the sizes. A copy has its own session. `description` tells people what computes the step."""
+    contradict the sizes. A copy has its own session. `description` states for people which program computes the step.
+    """
 
     def __init__(self, model: bytes, sizes: Sizes) -> None:
         self._made_of = model, sizes
@@ -29,9 +30,9 @@ class OnnxController:
 
     @classmethod
     def of(cls, bundle: Bundle) -> "OnnxController":
-        """Open a bundle's controller. Raises BundleControllerError if it does not load or fit the manifest.
+        """Open a bundle's controller. Raises BundleControllerError if it does not load or does not fit the manifest.
 
-        The model may come from anyone, so one step is first tried with bounded time and memory.
+        The model may come from anyone, so one step first runs with bounded time and memory.
         """
         model, sizes = bundle.files[CONTROLLER], bundle.manifest.sizes
         _graph(model, sizes).tried(WARM_UP_LIMIT_S)
@@ -44,7 +45,7 @@ class OnnxController:
 
     def warm_up(self, steps: int, limit_s: float = WARM_UP_LIMIT_S) -> None:
         """Run steps on zeros, so that the first real step does not include ONNX Runtime's first allocations. Raises
-        BundleControllerError if they exceed the time limit, fail, or give numbers that are not finite."""
+        BundleControllerError if the steps exceed the time limit, fail, or give numbers that are not finite."""
         self._graph.run_on_zeros(self._session, steps, limit_s)
 
     def control_step(

@@ -1,4 +1,4 @@
-"""The gate between reference and lowering: the same control steps by both, with tolerances of the differences.
+"""The gate between reference and lowering: both compute the same control steps, and tolerances limit the differences.
 
 The reasons for the tolerances: float32 has about 7 digits, and a roll-out of 25 steps with layer norms amplifies its
 rounding to about 1e-6 in a force of order 1. Adam moves an action by about lr per iteration for any size of the
@@ -21,12 +21,13 @@ from export.program.windows import random_window
 from export.reference.mpc import control_step
 
 SPEEDS: Final = (1.0, 0.6, 1.4)
-"""Speeds of the vehicle, as ratios to the design speed, used for the cases in turn if the program depends on the
+"""Speeds of the vehicle, as ratios to the design speed; the cases use them in turn if the program depends on the
 speed."""
 LIMITS: Final = (1.0, 0.8, 0.3, 1.2, 0.55)
-"""Bounds on |a|, as shares of the program's bound, used for the cases in turn."""
+"""Bounds on the action's magnitude |a|, as fractions of the controller's own bound; the cases use them in turn."""
 BEYOND: Final = 100.0
-"""Factor on the weights of effort and lift in every fourth case, which is outside the prior's training range."""
+"""Factor on the weights of effort and lift in every fourth case. It puts the goal outside the prior's training
+range."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,10 +35,10 @@ class ParityTolerance:
     """The largest allowed differences.
 
     Attributes:
-        move: largest difference of an action, as a share of iterations * lr, Adam's largest move; paper: 2.5e-5 U_inf
-            W.
+        move: largest difference of an action, as a share of iterations * lr, which is Adam's largest move; with the
+            paper's settings it is 2.5e-5 U_inf W.
         force: largest difference of a predicted Cd or Cl.
-        cost: largest difference of a term or of J.
+        cost: largest difference of a cost term or of the cost J.
     """
 
     move: float = 5e-3
@@ -47,7 +48,8 @@ class ParityTolerance:
 
 @dataclass(frozen=True, kw_only=True)
 class ParityReport:
-    """Largest differences between lowering and reference over `cases` control steps; actions in U_inf W."""
+    """Largest differences between lowering and reference over `cases` control steps. The difference of actions is in
+    U_inf W."""
 
     cases: int
     action: float
@@ -76,10 +78,10 @@ def control_cases(
     program: ControllerProgram, windows: Sequence[Array] | None = None, *, count: int = 20, seed: int = 0
 ) -> Iterator[ControlCase]:
     """Yield control steps with random warm starts and up to a quarter of the plan committed. In every second step the
-    cost weights differ from their defaults, with all terms switched on.
+    cost weights differ from their defaults, and all terms have a weight above zero.
 
     Args:
-        windows: recorded windows (L, S+1), one case each; random windows if None.
+        windows: recorded windows (L, S+1) of L rows and S sensors, one per case; random windows if None.
         count: number of cases if `windows` is None.
     """
     rng = np.random.default_rng(seed)
@@ -104,7 +106,7 @@ def control_cases(
 
 
 def case_speed(program: ControllerProgram, number: int) -> float:
-    """Return the vehicle's speed in a case."""
+    """Return the vehicle's speed in a case, as a ratio to the design speed."""
     return float(np.float32(SPEEDS[number % len(SPEEDS)])) if program.knows_speed else 1.0
 
 
@@ -115,7 +117,7 @@ def check_parity(
     *,
     tolerance: ParityTolerance | None = None,
 ) -> ParityReport:
-    """Compare a serialised ONNX controller with the reference; see `check_lowering`."""
+    """Compare a serialised ONNX controller with the reference, as `check_lowering` does."""
     return check_lowering(program, OnnxController(model, program.sizes), "ONNX graph", windows, tolerance=tolerance)
 
 
@@ -128,11 +130,11 @@ def check_lowering(
     tolerance: ParityTolerance | None = None,
 ) -> ParityReport:
     """Compare a lowering with the reference. Raises ExportError if a difference exceeds its tolerance or is not a
-    number; the message states it.
+    number; the message states the difference.
 
     Args:
         program: the program that the lowering should compute; for int8 weights, the program with dequantised weights.
-        windows: recorded windows (L, S+1), one case each.
+        windows: recorded windows (L, S+1) of L rows and S sensors, one per case.
     """
     tolerance = ParityTolerance() if tolerance is None else tolerance
     differences = []
@@ -153,7 +155,7 @@ def check_lowering(
         ("force", force, tolerance.force),
         ("cost", cost, tolerance.cost),
     ):
-        # The comparison is written so that NaN fails too.
+        # The comparison is written so that NaN fails the gate too.
         if not difference <= allowed:
             raise ExportError(
                 f"{name} and reference differ by {difference:.2g} in {figure}, at most {allowed:.2g} is allowed"

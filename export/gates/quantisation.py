@@ -1,7 +1,7 @@
 """The effect of int8 weights on the controller: the difference in actions, and the cost of these actions.
 
-The gate compares behaviour, not bits: both programs get the same windows and warm starts, and the model of the float
-program computes the cost of the quantised program's plan.
+The gate compares behaviour, not bits: both programs start from equal windows and warm starts, and the model of the
+float program computes the cost of the quantised program's plan.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -25,10 +25,10 @@ class QuantisationLimits:
 
     Attributes:
         rms_action_error: largest permitted rms error of the commanded action a_t, in U_inf W. One step moves an action
-            by up to about iterations * lr (5e-3 with the paper's settings); the default is a fifth of that. The largest
-            error is reported but has no limit: Adam follows the sign of a gradient, and where the gradient is close to
-            zero the two programs may move in opposite directions at nearly no cost.
-        max_cost_gap: largest permitted increase of J, in units of Cd.
+            by up to about iterations * lr (5e-3 with the paper's settings); the default limit is a fifth of that move.
+            The largest error is reported but has no limit: Adam follows the sign of a gradient, and where the gradient
+            is close to zero the two programs may move in opposite directions at nearly no cost.
+        max_cost_gap: largest permitted increase of the cost J, in units of Cd.
     """
 
     rms_action_error: float = 1e-3
@@ -41,9 +41,9 @@ class QuantisationReport:
 
     Attributes:
         max_action_error, rms_action_error: largest and rms error of the commanded action a_t, in U_inf W.
-        max_plan_error: largest error of any action of a plan.
-        max_cost_gap, mean_cost_gap: J(quantised plan) - J(float plan), both by the float program with its own weights;
-            positive if the quantised plan is worse.
+        max_plan_error: largest error of any action of a plan, in U_inf W.
+        max_cost_gap, mean_cost_gap: J(quantised plan) - J(float plan). The float program computes both costs J with its
+            own weights; the gap is positive if the quantised plan is worse.
     """
 
     cases: int
@@ -59,7 +59,8 @@ Answer = Callable[[Array, Array, Array, Array | None, float, float | None], Cont
 
 
 def exact_answers(program: ControllerProgram, windows: Iterable[Array]) -> list[ControlStep]:
-    """Compute the float program's control steps for consecutive windows (L, S+1); a plan is the next step's warm start.
+    """Compute the float program's control steps for consecutive windows (L, S+1). Each plan is the next step's warm
+    start.
 
     Speeds and goals vary from window to window if the program depends on them.
     """
@@ -74,8 +75,8 @@ def exact_answers(program: ControllerProgram, windows: Iterable[Array]) -> list[
 def compare_answers(
     program: ControllerProgram, answer: Answer, windows: Sequence[Array], exact_steps: Sequence[ControlStep]
 ) -> QuantisationReport:
-    """Compute the control steps of `exact_answers` with another lowering; both start from the float program's plan.
-    Raises ExportError if there are no windows."""
+    """Compute the control steps of `exact_answers` with another lowering, and compare. In each step, both programs
+    start from the float program's previous plan. Raises ExportError if there are no windows."""
     h = program.mpc.horizon
     plan, free = np.zeros(h), np.ones(h)
     weights = np.array(program.mpc.weights.as_tuple())
@@ -102,8 +103,8 @@ def compare_answers(
 
 
 def _asked(program: ControllerProgram, number: int) -> tuple[Array | None, float, float | None]:
-    """Return weights, speed and limit of a window. Weights and limit are the program's, and for every second window of
-    a program with a prior the middle of the prior's range."""
+    """Return weights, speed and limit for a window. Weights and limit are the program's or, for every second window of
+    a program with a prior, those in the middle of the prior's range."""
     speed, own = case_speed(program, number), program.mpc.weights
     if program.prior is None or number % 2 == 0:
         return None, speed, None
@@ -114,10 +115,10 @@ def _asked(program: ControllerProgram, number: int) -> tuple[Array | None, float
 
 
 def check_quantisation(report: QuantisationReport, limits: QuantisationLimits, *, name: str = "int8 weights") -> None:
-    """Raise ExportError, with the compared lowering and the figure, if the report exceeds a limit."""
+    """Raise ExportError if the report exceeds a limit; the message states the compared lowering and the figure."""
     for figure in ("rms_action_error", "max_cost_gap"):
         found, allowed = getattr(report, figure), getattr(limits, figure)
-        # The comparison is written so that NaN fails too.
+        # The comparison is written so that NaN fails the gate too.
         if not found <= allowed:
             raise ExportError(
                 f"{name}: {figure} is {found:.2g}, at most {allowed:.2g} is allowed; "

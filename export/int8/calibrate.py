@@ -1,6 +1,6 @@
 """Rounding of matrices with error feedback on each layer's recorded inputs (`quantise_on`, `layer_inputs`).
 
-Correcting biases by the mean of the remaining error was tried and dropped: after error feedback it gains nothing.
+A correction of biases by the mean of the remaining error was tried and dropped: after error feedback it gains nothing.
 """
 
 from collections.abc import Sequence
@@ -14,24 +14,25 @@ from export.int8.rounded_program import QMAX, Int8Matrix, RoundedProgram, quanti
 from export.program.controller_program import ControllerProgram
 
 DAMPING: Final = 0.01
-"""Share of H's mean diagonal that is added to H, so that errors in directions without inputs also count."""
+"""Share of the mean diagonal of H (`quantise_on`) that is added to H's diagonal, so that errors in directions without
+inputs also count."""
 
 
 def quantise_on(weight: Array, inputs: Array) -> Int8Matrix:
-    """Return the Int8Matrix whose products with inputs (n, m) are close to those of a matrix (outputs, m).
+    """Return the Int8Matrix whose products with n inputs (n, m) are close to the products of a matrix (outputs, m).
 
     Nearest rounding minimises the error of each weight alone. But the error that counts is |(W - W_q) X|^2, and inputs
     are correlated: later columns can compensate the effect of one column's rounding on an output. With H = X^T X / n +
     damping, and U the upper Cholesky factor of its inverse, H^-1 = U^T U, rounding column j by e changes every later
     column k by -e U_jk / U_jj, the best compensation (optimal brain surgeon; Frantar et al., "GPTQ", ICLR 2023).
 
-    The scales are those of `quantise_matrix`. A row's largest weight, which sets its scale, keeps its integer,
-    so rounding the result again changes no integer.
+    The scales are those of `quantise_matrix`. The largest weight of a row, which sets the row's scale, has the integer
+    of nearest rounding, so rounding the result again changes no integer.
     """
     nearest = quantise_matrix(weight)
     scales = nearest.scales.astype(np.float64)
     covariance = inputs.T @ inputs / len(inputs)
-    # If all inputs are zero, any positive damping is right.
+    # If all inputs are zero, any positive number serves as damping.
     damping = DAMPING * covariance.trace() / len(covariance) or 1.0
     inverse = np.linalg.inv(covariance + damping * np.eye(len(covariance)))
     upper = np.linalg.cholesky(inverse).T
@@ -48,7 +49,8 @@ def quantise_on(weight: Array, inputs: Array) -> Int8Matrix:
 
 
 def rounded_on(program: ControllerProgram, windows: Sequence[Array]) -> RoundedProgram:
-    """Round a program on recorded windows (L, S+1); raises ExportError if there are none."""
+    """Round a program on recorded windows (L, S+1) of L rows and S sensors. Raises ExportError if there are no
+    windows."""
     inputs = _by_matrix(layer_inputs(program, windows))
     return RoundedProgram.of(program, lambda name, weight: quantise_on(weight, inputs[name]))
 

@@ -3,8 +3,8 @@
 The encoder runs over the windows. Dynamics and decoder run over roll-outs from every window's latent state with a few
 plans: zero, full amplitude in either direction, random plans, and random walks that resemble an optimised plan.
 
-The integer scales of an int8 lowering's activations follow from their ranges: the largest magnitudes over these inputs.
-A lowering adds a margin and saturates beyond it.
+The integer scales of an int8 lowering's activations follow from the activations' ranges, which are the largest
+magnitudes over these inputs. A lowering adds a margin and saturates beyond the margin.
 """
 
 from collections.abc import Sequence
@@ -29,14 +29,15 @@ _STRIDE: Final = 0.25
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LayerInputs:
-    """The inputs by layer, one per row; those of dynamics and decoder over all steps of all roll-outs.
+    """The inputs of each layer, one input per row. The rows of dynamics and decoder cover all steps of all roll-outs.
 
     Attributes:
         row, recurrent: scaled rows of the windows, and the LSTM's output before each row.
-        head, latent: inputs of the encoder's linear layers: after the norm, and after the ELU.
-        state: input of the dynamics, [z, a / action_std]; `hidden1` and `hidden2` are the inputs of its further layers.
-        z: input of the decoder.
-        blocks: inputs of the decoder's blocks; `elus` are the outputs of their ELUs.
+        head, latent: inputs of the encoder's two linear layers, after the norm and after the ELU.
+        state: input of the dynamics, [z, a / action_std], with latent state z and action a; `hidden1` and `hidden2` are
+            the inputs of the further layers of the dynamics.
+        z: input of the decoder, the latent state.
+        blocks: inputs of the decoder's blocks; `elus` are the outputs of the ELUs in the blocks.
         forces: input of the decoder's last layer.
         prior, sums: inputs of the prior: filtered rows of the past, and filtered sums; empty without a prior.
     """
@@ -57,12 +58,12 @@ class LayerInputs:
 
 
 def layer_inputs(program: ControllerProgram, windows: Sequence[Array]) -> LayerInputs:
-    """Run a program on windows (L, S+1); raises ExportError if there are none."""
+    """Run a program on windows (L, S+1) of L rows and S sensors. Raises ExportError if there are no windows."""
     if not windows:
         raise ExportError("int8 calibration: no windows to measure activations with")
     encoder = encoder_layers(program, np.array(windows))
     plans = _plans(program, np.random.default_rng(0))
-    # Every latent state is combined with every plan; the rows of a step are together.
+    # Every latent state is combined with every plan; the rows of one time step are adjacent.
     z = np.repeat(linear(program.encoder.output, encoder.latent), len(plans), axis=0)
     actions = np.tile(plans, (len(windows), 1))
     latents = np.moveaxis(rollout(program, z, actions), 1, 0)
@@ -118,7 +119,7 @@ class ActivationRanges:
         row: a scaled row of the window.
         head: input of the encoder's first linear layer, after the norm.
         latent: input of the encoder's second linear layer, after the ELU.
-        state: input of the dynamics, [z, a / action_std], and of the decoder.
+        state: input [z, a / action_std] of the dynamics, with latent state z and action a, and input z of the decoder.
         hidden1, hidden2: outputs of the dynamics' ELUs.
         blocks: inputs of the decoder's blocks.
         elus: outputs of the blocks' ELUs.
@@ -137,7 +138,7 @@ class ActivationRanges:
 
 
 def activation_ranges(program: ControllerProgram, windows: Sequence[Array]) -> ActivationRanges:
-    """Measure the ranges on windows (L, S+1); raises ExportError if there are none."""
+    """Measure the ranges on windows (L, S+1) of L rows and S sensors. Raises ExportError if there are no windows."""
     seen = layer_inputs(program, windows)
     return ActivationRanges(
         **{name: _largest(getattr(seen, name)) for name in ("row", "head", "latent", "hidden1", "hidden2", "forces")},

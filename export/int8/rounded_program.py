@@ -23,18 +23,18 @@ from export.program.controller_program import ControllerProgram, map_matrices
 from export.program.float32 import as_float32
 
 QMAX: Final = 127
-"""Largest magnitude of a quantised weight: -128 is left out, so that negating a row is exact."""
+"""Largest magnitude of a quantised weight. The integer -128 is not used, so that a row can be negated exactly."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Int8Matrix:
-    """A matrix as values (outputs, inputs) in int8 and one positive scale per output, float32."""
+    """A matrix as int8 values (outputs, inputs), and one positive float32 scale per output."""
 
     values: npt.NDArray[np.int8]
     scales: npt.NDArray[np.float32]
 
     def dequantised(self) -> npt.NDArray[np.float32]:
-        """Return scale[r] q[r, c], rounded to float32 as ONNX's DequantizeLinear does."""
+        """Return the weights scale[r] q[r, c], rounded to float32 as ONNX's DequantizeLinear does."""
         return self.values.astype(np.float32) * self.scales[:, None]
 
 
@@ -46,9 +46,10 @@ def quantise_matrix(weight: Array) -> Int8Matrix:
 
 
 def row_scales(weight: Array) -> npt.NDArray[np.float32]:
-    """Return the scale of every row: its largest magnitude over 127; 1 for a row of zeros."""
+    """Return the scale of every row, which is the row's largest magnitude divided by 127; 1 for a row of zeros."""
     largest = np.abs(weight).max(axis=1)
-    # The lower bound keeps the scale a normal float32; with a smaller scale, a row's products vanish in float32 anyway.
+    # The lower bound ensures that the scale is a normal float32. With a smaller scale, the products of the row would
+    # vanish in float32 anyway.
     return np.where(largest > 0, np.maximum(largest / QMAX, np.finfo(np.float32).tiny), 1.0).astype(np.float32)
 
 
@@ -68,7 +69,7 @@ class RoundedProgram:
 
     @classmethod
     def of(cls, source: ControllerProgram, rounding: Callable[[str, Array], Int8Matrix]) -> "RoundedProgram":
-        """Round every matrix with `rounding(name, matrix)`; raises ExportError for a matrix that float32 cannot
+        """Round every matrix with `rounding(name, matrix)`. Raises ExportError for a matrix that float32 cannot
         hold."""
         stored: dict[str, Int8Matrix] = {}
 
@@ -76,8 +77,8 @@ class RoundedProgram:
             as_float32(weight, name)  # for its refusal: the scales are float32
             rounded = rounding(name, weight)
             dequantised = rounded.dequantised().astype(np.float64)
-            # A lowering's scale is the largest float32 weight over 127. In one row of 128 it differs by one float32 ulp
-            # from the scale with which the weight was rounded.
+            # A lowering's scale is the largest float32 weight of a row divided by 127. In one row of 128, this scale
+            # differs by one float32 ulp from the scale with which the weight was rounded.
             stored[name] = Int8Matrix(values=rounded.values, scales=row_scales(dequantised))
             return dequantised
 
@@ -90,7 +91,7 @@ Program = ControllerProgram | RoundedProgram
 
 
 def effective(program: Program) -> ControllerProgram:
-    """Return the program that a lowering computes, for the reference."""
+    """Return the program that a lowering computes; the reference must compute the program with these weights."""
     return program.program if isinstance(program, RoundedProgram) else program
 
 
@@ -118,7 +119,7 @@ class RoundedEstimator:
 
 
 def rounded_estimator(network: EstimatorNetwork) -> RoundedEstimator:
-    """Round a network to nearest; a network that is already rounded keeps its integers."""
+    """Round each weight of a network to the nearest integer; a network that is already rounded does not change."""
     matrices = [quantise_matrix(weight) for weight, _ in network.layers]
     layers = [
         (matrix.dequantised().astype(float), bias) for matrix, (_, bias) in zip(matrices, network.layers, strict=True)

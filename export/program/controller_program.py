@@ -1,9 +1,9 @@
 """The controller as data: everything that a lowering needs, and nothing else.
 
-Its weight matrices have names, by which rounding replaces and a lowering stores them. The names are those of the
+The weight matrices have names, by which rounding replaces and a lowering stores them. The names are those of the
 tensors: `lstm.weight_input`, `dynamics.hidden.weight`, `decoder.blocks.0.linear.weight`. Of the small prior, only the
-matrices on filtered rows are among them: `prior.first` (5 n, F (p + 1)), one row per schedule variable and unit, and
-`prior.sums` (n, F p). One hash identifies a program in every lowering.
+two matrices on filtered rows have names: `prior.first` (5 n, F (p + 1)), with one row per schedule variable and unit,
+and `prior.sums` (n, F p), for n units, F filters and p sensor pairs. One hash identifies a program in every lowering.
 """
 
 import hashlib
@@ -31,12 +31,13 @@ class ControllerProgram:
 
     Attributes:
         encoder, dynamics, decoder: the networks (paper, table 1).
-        scaling: scaled = (value - mean) / std of pressures and forces; actions are scaled a / action_std.
+        scaling: scaled = (value - mean) / std of pressures and forces; actions are scaled as a / action_std.
         mpc: horizon H, iterations, learning rate, default cost weights.
-        action_limit: bound on |a|, in U_inf W.
+        action_limit: bound on the action's magnitude |a|, in U_inf W.
         sensors: names in the order of the window's columns.
         encoder_rows: number of the window's newest rows that the encoder reads.
-        prior: computes the plan from which the optimiser starts; if None, the optimiser starts from the previous plan.
+        prior: weights of the prior, which computes the plan from which the optimiser starts; if None, the optimiser
+            starts from the previous plan.
     """
 
     encoder: EncoderWeights
@@ -86,8 +87,8 @@ class ControllerProgram:
         prior: StateDict | None = None,
     ) -> "ControllerProgram":
         """Build a program from the tensors of the trained networks, named as in their state dicts. Raises ExportError,
-        with the tensor or part, if a tensor is missing, unknown, not finite or of the wrong shape, or if parts are
-        inconsistent."""
+        whose message states the tensor or part, if a tensor is missing, unknown, not finite or of the wrong shape, or
+        if parts are inconsistent."""
         return cls(
             encoder=EncoderWeights.from_state(encoder),
             dynamics=DynamicsWeights.from_state(dynamics),
@@ -102,7 +103,8 @@ class ControllerProgram:
 
     @property
     def window(self) -> int:
-        """L, control steps of history: the rows that the encoder or the prior reads, whichever are more."""
+        """L, the number of past control steps in the window. The encoder and the prior may read different numbers of
+        rows; L is the larger number."""
         return max(self.encoder_rows, 0 if self.prior is None else self.prior.memory)
 
     @property
@@ -147,9 +149,9 @@ def _check_scaling(scaling: Scaling, sensors: int) -> None:
 
 
 def program_of(model: ModelFolder, mpc: MpcConfig) -> ControllerProgram:
-    """Return a trained model's controller with these optimiser settings; raises ExportError for inconsistent weights.
+    """Return a trained model's controller with these optimiser settings. Raises ExportError for inconsistent weights.
 
-    The program has the slim encoder, and slim dynamics and decoder if the model has them, but not the teacher.
+    The program has the slim encoder, and the slim dynamics and decoder if the model has them, but not the teacher.
     """
     about = model.description
     return ControllerProgram.from_state(
@@ -216,7 +218,8 @@ def map_matrices(program: ControllerProgram, change: Callable[[str, Array], Arra
 
 
 def program_sha256(program: ControllerProgram) -> str:
-    """Return the SHA-256, in hex, over every weight as a little-endian float64 with its name, and every setting."""
+    """Return the SHA-256, in hex, over every weight as a little-endian float64 with its name, and over every
+    setting."""
     digest = hashlib.sha256()
     parts = ("scaling", "mpc", "encoder", "dynamics", "decoder")
     settings: dict[str, Any] = {name: asdict(getattr(program, name)) for name in parts}

@@ -25,7 +25,7 @@ LAYER_NORM_EPSILON: Final = 1e-5
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Linear:
-    """A linear layer y = W x + b; W (outputs, inputs), b (outputs,)."""
+    """A linear layer y = W x + b, with W (outputs, inputs) and b (outputs,)."""
 
     weight: Array
     bias: Array
@@ -41,7 +41,8 @@ class Norm:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Lstm:
-    """An LSTM, gates in PyTorch's order i, f, g, o: weight_input (4h, S+1), weight_recurrent (4h, h), biases (4h,)."""
+    """An LSTM of width h with S + 1 inputs: weight_input (4h, S+1), weight_recurrent (4h, h), biases (4h,). The gates
+    have PyTorch's order i, f, g, o."""
 
     weight_input: Array
     weight_recurrent: Array
@@ -56,7 +57,7 @@ class Lstm:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class EncoderWeights:
-    """An LSTM, a layer norm of its last hidden state, then two linear layers with an ELU between them."""
+    """The encoder: an LSTM, a layer norm of its last hidden state, then two linear layers with an ELU between them."""
 
     lstm: Lstm
     norm: Norm
@@ -65,7 +66,8 @@ class EncoderWeights:
 
     @classmethod
     def from_state(cls, state: StateDict) -> "EncoderWeights":
-        """Read a state dict; raises ExportError with the tensor that is missing, unknown or of the wrong shape."""
+        """Read a state dict. Raises ExportError, which states the tensor that is missing, unknown or of the wrong
+        shape."""
         tensors = _Tensors("encoder", state)
         width = tensors.size("lstm.weight_hh_l0", axis=1)
         inputs = tensors.size("lstm.weight_ih_l0", axis=1)
@@ -87,7 +89,7 @@ class EncoderWeights:
 
     @property
     def inputs(self) -> int:
-        """S + 1: the sensors and the action."""
+        """S + 1, the number of inputs of a row: the S sensors and the action."""
         return int(self.lstm.weight_input.shape[1])
 
     @property
@@ -97,8 +99,8 @@ class EncoderWeights:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DynamicsWeights:
-    """The dynamics f(z, a): three linear layers, layer norm and ELU after the first two. Input is [z, a /
-    action_std]."""
+    """The dynamics f(z, a) of latent state z and action a: three linear layers, with layer norm and ELU after the first
+    two layers. The input is [z, a / action_std]."""
 
     input: Linear
     norm_in: Norm
@@ -108,7 +110,8 @@ class DynamicsWeights:
 
     @classmethod
     def from_state(cls, state: StateDict) -> "DynamicsWeights":
-        """Read a state dict; raises ExportError with the tensor that is missing, unknown or of the wrong shape."""
+        """Read a state dict. Raises ExportError, which states the tensor that is missing, unknown or of the wrong
+        shape."""
         tensors = _Tensors("dynamics", state)
         latent = tensors.size("output.weight", axis=0)
         first = tensors.size("input.weight", axis=0)
@@ -138,7 +141,7 @@ class ResidualWeights:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DecoderWeights:
-    """A linear layer, residual blocks, and a linear layer to the scaled forces."""
+    """The decoder: a linear layer, residual blocks, and a linear layer whose outputs are the scaled forces."""
 
     input: Linear
     blocks: tuple[ResidualWeights, ...]
@@ -146,7 +149,8 @@ class DecoderWeights:
 
     @classmethod
     def from_state(cls, state: StateDict) -> "DecoderWeights":
-        """Read a state dict; raises ExportError with the tensor that is missing, unknown or of the wrong shape."""
+        """Read a state dict. Raises ExportError, which states the tensor that is missing, unknown or of the wrong
+        shape."""
         tensors = _Tensors("decoder", state)
         width = tensors.size("input.weight", axis=0)
         latent = tensors.size("input.weight", axis=1)
@@ -174,16 +178,17 @@ class DecoderWeights:
 class PriorWeights:
     """The prior of the plan (`export.reference.prior`): a feedback on M past rows, and a predictor of the next row.
 
-    A row is (y, a): the differences of the sensors' pairs in Cp, first minus second, and the action in U_inf W. No
-    layer on rows has a bias, so if the pairs are mirror images, a mirrored wake gets the mirrored plan.
+    A row is (y, a): the differences of Cp in each of the p sensor pairs, first sensor minus second, and the action in
+    U_inf W. No layer on rows has a bias, so if the pairs are mirror images, a mirrored wake gets the mirrored plan.
 
     Attributes:
-        filters: (M, F) weights of the rows, oldest first; units read the F filtered rows.
-        first: (5, n, F, p + 1), a unit's weights on the filtered rows for each of `contract.controller.goal.SCHEDULED`.
-        gate: (n, 5), the weights of a unit's gate for each of `SCHEDULED`.
-        sums: (n, F, p), the gate's weights on the filtered sums of the pairs in Cp.
-        output: (n,), weights of the gated units.
-        predictor: (p, M, p + 1), weights that predict the next differences from the past up to the present row.
+        filters: (M, F) weights of the rows in F filters, oldest row first; the n units read the F filtered rows.
+        first: (5, n, F, p + 1) weights of each unit on the filtered rows, for each of the 5 variables in
+            `contract.controller.goal.SCHEDULED`.
+        gate: (n, 5) weights of each unit's gate on the variables in `SCHEDULED`.
+        sums: (n, F, p) weights of each unit's gate on the filtered sums of Cp in the pairs.
+        output: (n,) weights of the gated units.
+        predictor: (p, M, p + 1) weights that predict the next differences from the M rows up to the present row.
     """
 
     filters: Array
@@ -195,10 +200,12 @@ class PriorWeights:
 
     @classmethod
     def from_state(cls, state: StateDict) -> "PriorWeights":
-        """Read a state dict; raises ExportError with the tensor that is missing, unknown or of the wrong shape.
+        """Read a state dict. Raises ExportError, which states the tensor that is missing, unknown or of the wrong
+        shape.
 
-        A model of version 1.0.0 depends on the speed at most. It has "slope", the change of "first" (n, F, p + 1) per
-        design speed that the vehicle is faster; or it has "hidden" (n, M, p + 1) in place of filters, first and slope.
+        The plan of a model of version 1.0.0 depends on the speed at most, not on the goal. Such a model has "slope",
+        (n, F, p + 1): the change of "first", of this shape too, if the vehicle is faster by the design speed. Or it has
+        "hidden", (n, M, p + 1), in place of filters, first and slope.
         """
         tensors, is_dense = _Tensors("prior", state), "hidden" in state
         if is_dense or "slope" in state:
@@ -251,7 +258,8 @@ class PriorWeights:
 
 
 class _Tensors:
-    """A reader that returns each tensor of a network once, checked, and records the unread tensors."""
+    """A reader that returns each tensor of a network once, after checking it, and records which tensors were not
+    read."""
 
     def __init__(self, network: str, state: StateDict) -> None:
         self._network = network

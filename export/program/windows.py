@@ -1,4 +1,4 @@
-"""Windows of a controller, from a recording or random, for gates, calibration and benchmarks."""
+"""Windows of a controller, recorded or random, for gates, calibration and benchmarks."""
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from export.program.controller_program import ControllerProgram
 def recorded_windows(
     program: ControllerProgram, episode: Episode, count: int, layout: SensorLayout = TRUCK
 ) -> list[Array]:
-    """Return the episode's last `count` consecutive windows (L, S+1), with rows (Cp_k, a_{k-1}).
+    """Return the episode's last `count` consecutive windows (L, S+1) of L rows and S sensors; row k is (Cp_k, a_{k-1}).
 
     The last windows are used because a recording begins with a transient. Raises ConfigError if the layout lacks a
     sensor of the program; ExportError if the episode is too short.
@@ -26,9 +26,9 @@ def recorded_windows(
 
 
 def random_window(program: ControllerProgram, rng: np.random.Generator) -> Array:
-    """Return a window (L, S+1) as rough as recorded windows: each column is a few slow random sines.
+    """Return a window (L, S+1) that is as rough as recorded windows: each column is a sum of a few slow random sines.
 
-    Pressures have the mean and spread of the program's scaling; actions are within its limit.
+    Pressures have the mean and standard deviation of the program's scaling; actions are within the program's limit.
     """
     columns = len(program.sensors) + 1
     t = np.arange(program.window)[:, None, None]

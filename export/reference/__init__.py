@@ -1,1 +1,1 @@
-"""The specification: a control step in NumPy float64, with its hand-written adjoint."""
+"""The specification of a control step: an implementation in NumPy float64, with a hand-written adjoint."""

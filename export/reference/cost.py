@@ -29,7 +29,8 @@ from contract.controller.interface import TERMS
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CostGradient:
-    """The gradients dJ/dforces (..., H, 2), and dJ/da (..., H) with the forces held fixed."""
+    """The gradient of J with respect to the forces, (..., H, 2), and with respect to the plan with the forces held
+    fixed, (..., H)."""
 
     forces: Array
     plan: Array
@@ -38,7 +39,7 @@ class CostGradient:
 def cost_terms(
     forces: Array, plan: Array, previous_action: Array | float, drag_reference: float, start: Array | None = None
 ) -> Array:
-    """Return the unweighted terms, shape (..., 8), in the order of `TERMS`; without `start` the term `prior` is
+    """Return the unweighted terms, shape (..., 8), in the order of `TERMS`. Without `start` the term `prior` is
     zero."""
     cd, cl = forces[..., 0], forces[..., 1]
     terms = {
@@ -57,7 +58,8 @@ def cost_terms(
 def cost_gradient(
     forces: Array, plan: Array, previous_action: Array | float, weights: Array, start: Array | None = None
 ) -> CostGradient:
-    """Return the gradient of J = weights . terms; `weights` is (8,) in `TERMS`' order, `start` as in `cost_terms`."""
+    """Return the gradient of the cost J = weights . terms. `weights` is (8,) in the order of `TERMS`; `start` is the
+    plan of the term `prior`, as in `cost_terms`."""
     weight = dict(zip(TERMS, weights, strict=True))
     horizon = plan.shape[-1]
     cd, cl = forces[..., 0], forces[..., 1]

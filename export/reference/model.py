@@ -1,13 +1,13 @@
 """The three networks in NumPy float64 (paper, section 2.2 and table 1), with the adjoints for the MPC.
 
-This is the specification for the tests of every lowering. All functions act on the last axes of their arrays, with any
-leading axes: windows are (..., L, S+1), latent states z (..., n_z), actions a (...,) in U_inf W, and forces (..., 2)
-are the physical (Cd, Cl).
+This module is the specification for the tests of every lowering. All functions act on the last axes of their arrays,
+with any leading axes: windows are (..., L, S+1), latent states z (..., n_z), actions a (...,) in U_inf W, and forces
+(..., 2) are the physical (Cd, Cl).
 
 The `*_layers` functions return the inputs of every layer of a network, for the adjoints and int8 calibration.
 
 Each layer acts on the last axis of an array (..., n). Its adjoint (vector-Jacobian product) takes the layer's input and
-dJ/d(output), and returns dJ/d(input).
+the gradient dJ/d(output), and returns dJ/d(input).
 """
 
 from dataclasses import dataclass
@@ -41,7 +41,8 @@ def elu_adjoint(x: Array, dy: Array) -> Array:
 
 
 def layer_norm(norm: Norm, x: Array) -> Array:
-    """Compute y = g xhat + b with xhat = (x - mean x) / sqrt(var x + 1e-5), the variance over n (not n - 1)."""
+    """Compute y = g xhat + b with xhat = (x - mean x) / sqrt(var x + 1e-5), where var x is the sum of squares divided
+    by n (not n - 1)."""
     normalised, _ = _normalise(x)
     return normalised * norm.weight + norm.bias
 
@@ -60,7 +61,7 @@ def sigmoid(x: Array) -> Array:
 
 
 def _normalise(x: Array) -> tuple[Array, Array]:
-    # These are the sums of `mean` and `var` without NumPy's overhead, two thirds of the time for short vectors.
+    # These sums give `mean` and `var` without NumPy's overhead, which is two thirds of the time for short vectors.
     n = x.shape[-1]
     centred = x - np.add.reduce(x, axis=-1, keepdims=True) / n
     inverse_std = 1.0 / np.sqrt(np.add.reduce(centred * centred, axis=-1, keepdims=True) / n + LAYER_NORM_EPSILON)
@@ -72,9 +73,9 @@ class EncoderLayers:
     """The inputs of the encoder's layers.
 
     Attributes:
-        rows: x_k, the scaled rows of the window, (..., L, S+1).
-        recurrent: h before each row, (..., L, width); before the first row it is 0.
-        output: h after the last row, (..., width).
+        rows: scaled rows x_k of the window, (..., L, S+1).
+        recurrent: hidden state h before each row, (..., L, width); before the first row, h is 0.
+        output: hidden state h after the last row, (..., width).
         head: LayerNorm(h), input of the first linear layer.
         latent: input of the last linear layer, after the ELU.
     """
@@ -88,10 +89,10 @@ class EncoderLayers:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DynamicsLayers:
-    """The inputs of the dynamics' layers.
+    """The inputs of the layers of the dynamics.
 
     Attributes:
-        state: [z, a / action_std], (..., n_z + 1).
+        state: input [z, a / action_std] of the first layer, (..., n_z + 1).
         product1, product2: W x + b of the first two layers, (..., width).
         normed1, normed2: layer norms of product1 and product2.
         hidden1, hidden2: ELUs of normed1 and normed2, inputs of the second and of the third layer.
@@ -126,7 +127,7 @@ class DecoderLayers:
 
 
 def encode(program: ControllerProgram, window: Array) -> Array:
-    """Compute z_t = f_enc(S_t).
+    """Compute the latent state z_t = f_enc(S_t) of the window S_t.
 
     With x_k the scaled row k of the window, an LSTM runs over the L rows from h = c = 0: c = sigmoid(f) c + sigmoid(i)
     tanh(g) and h = sigmoid(o) tanh(c), where (i, f, g, o) = W x_k + U h + b. Then z = W_2 ELU(W_1 LayerNorm(h) + b_1) +
@@ -137,7 +138,7 @@ def encode(program: ControllerProgram, window: Array) -> Array:
 
 
 def encoder_layers(program: ControllerProgram, window: Array) -> EncoderLayers:
-    """Return the layers' inputs for z; arguments as for `encode`."""
+    """Return the inputs of the encoder's layers; the arguments are those of `encode`."""
     weights, scaling = program.encoder, program.scaling
     rows = np.asarray((window[..., -program.encoder_rows :, :] - scaling.window_mean) / scaling.window_std)
     h = _lstm(weights.lstm, rows)
@@ -147,7 +148,7 @@ def encoder_layers(program: ControllerProgram, window: Array) -> EncoderLayers:
 
 
 def step(program: ControllerProgram, z: Array, a: Array) -> Array:
-    """Compute z_{t+1} = z_t + f_dyn(z_t, a_t); (..., n_z), (...,) -> (..., n_z).
+    """Compute the next latent state z_{t+1} = z_t + f_dyn(z_t, a_t); (..., n_z), (...,) -> (..., n_z).
 
     f_dyn = W_3 ELU(LN(W_2 ELU(LN(W_1 [z, a / action_std] + b_1)) + b_2)) + b_3.
     """
@@ -166,7 +167,7 @@ def step_adjoint(program: ControllerProgram, z: Array, a: Array, dz_next: Array)
 
 
 def dynamics_layers(program: ControllerProgram, z: Array, a: Array) -> DynamicsLayers:
-    """Return the layers' inputs for z_{t+1}; arguments as for `step`."""
+    """Return the inputs of the layers of the dynamics; the arguments are those of `step`."""
     weights = program.dynamics
     state = np.concatenate([z, np.asarray(a)[..., None] / program.scaling.action_std], axis=-1)
     product1 = linear(weights.input, state)
@@ -205,7 +206,7 @@ def decode_adjoint(program: ControllerProgram, z: Array, dforces: Array) -> Arra
 
 
 def decoder_layers(program: ControllerProgram, z: Array) -> DecoderLayers:
-    """Return the layers' inputs for the forces at z (..., n_z)."""
+    """Return the inputs of the decoder's layers at latent states z (..., n_z)."""
     x = linear(program.decoder.input, z)
     blocks = []
     for block in program.decoder.blocks:
@@ -217,7 +218,7 @@ def decoder_layers(program: ControllerProgram, z: Array) -> DecoderLayers:
 
 
 def _lstm(lstm: Lstm, rows: Array) -> Array:
-    """Return h_0 .. h_L, (..., L+1, width), for rows (..., L, S+1)."""
+    """Return the hidden states h_0 .. h_L, (..., L+1, width), for L rows (..., L, S+1)."""
     h = c = np.zeros((*rows.shape[:-2], lstm.width))
     outputs = [h]
     for x in np.moveaxis(rows, -2, 0):

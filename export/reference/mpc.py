@@ -1,12 +1,12 @@
-"""One control step in NumPy float64 (paper, section 2.4): start, prediction, adjoint, projected Adam.
+"""One control step in NumPy float64 (paper, section 2.4): starting plan, prediction, adjoint, projected Adam.
 
 The plan is a_t .. a_{t+H-1}. Adam runs a fixed number of iterations from zero moments, so a control step depends on the
 window and the previous plan only, and always takes the same time.
 
 `control_step` and `evaluate` take one plan (H,). The other functions take any number of plans at once, (..., H). The
 latent state z (..., n_z), the previous action a_{t-1} (...,) and the mask of free actions (..., H) are given per plan
-or once for all plans. Cost weights are (8,), the program's if None. `start` is the reference plan of the cost's term
-`prior`; without `start` that term is zero.
+or once for all plans. Cost weights are (8,); None stands for the program's weights. `start` is the reference plan of
+the cost's term `prior`; without `start` that term is zero.
 """
 
 from collections.abc import Iterable, Iterator
@@ -36,10 +36,10 @@ def control_step(
     speed: float = 1.0,
     limit: float | None = None,
 ) -> ControlStep:
-    """Compute the outputs of `controller.onnx`; arguments as in `contract.controller.interface`.
+    """Compute the outputs of `controller.onnx`; the arguments are those in `contract.controller.interface`.
 
-    If the plan starts at a prior, the optimiser uses only terms that the prior does not know (`unknown_to_prior`).
-    Terms and cost are those of the given weights.
+    If the plan starts at a prior, the optimiser uses only the terms that the prior does not take into account
+    (`unknown_to_prior`). The returned terms and cost are those of the given weights.
 
     Args:
         window: (L, S+1) rows (Cp_k, a_{k-1}), oldest first.
@@ -47,7 +47,7 @@ def control_step(
         free: (H,) 1 where the shifted plan may be changed, 0 where it is committed.
         weights: (8,) cost weights; the program's if None.
         speed: speed of the vehicle, as a ratio to the design speed.
-        limit: bound on |a|, in U_inf W; the program's if None or above it.
+        limit: bound on |a|, in U_inf W; the program's bound if None or larger than the program's bound.
     """
     previous_action = float(window[-1, -1])
     z = encode(program, window)
@@ -70,7 +70,7 @@ def starting_plan(
     speed: float = 1.0,
     limit: float | None = None,
 ) -> Array:
-    """Return the plan from which the optimiser starts, (H,): the prior's, or without a prior the shifted previous
+    """Return the plan from which the optimiser starts, (H,): the prior's plan or, without a prior, the shifted previous
     plan."""
     shifted = shift(plan)
     if program.prior is None:
@@ -81,12 +81,12 @@ def starting_plan(
 
 
 def shift(plan: Array) -> Array:
-    """Return the previous plan one step later, with its last action repeated."""
+    """Return the previous plan shifted by one step; its last action is repeated."""
     return np.concatenate([plan[..., 1:], plan[..., -1:]], axis=-1)
 
 
 def rollout(program: ControllerProgram, z: Array, plan: Array) -> Array:
-    """Compute z_t .. z_{t+H} with the plan, shape (..., H+1, n_z)."""
+    """Compute the latent states z_t .. z_{t+H} with the plan, shape (..., H+1, n_z)."""
     latents = [np.broadcast_to(z, (*plan.shape[:-1], z.shape[-1]))]
     for a in np.moveaxis(plan, -1, 0):
         latents.append(step(program, latents[-1], a))
@@ -94,7 +94,7 @@ def rollout(program: ControllerProgram, z: Array, plan: Array) -> Array:
 
 
 def predict(program: ControllerProgram, z: Array, plan: Array) -> Array:
-    """Compute (Cd, Cl) at t+1 .. t+H with the plan, shape (..., H, 2)."""
+    """Compute the forces (Cd, Cl) at t+1 .. t+H with the plan, shape (..., H, 2)."""
     return decode(program, rollout(program, z, plan)[..., 1:, :])
 
 
@@ -106,7 +106,7 @@ def evaluate(
     weights: Array | None = None,
     start: Array | None = None,
 ) -> ControlStep:
-    """Compute predicted forces, cost terms and cost of one plan (H,) from latent state z (n_z,)."""
+    """Compute the predicted forces, the cost terms and the cost of one plan (H,) from the latent state z (n_z,)."""
     forces = predict(program, z, plan)
     terms = cost_terms(forces, plan, previous_action, program.mpc.drag_reference, start)
     return ControlStep(plan=plan, forces=forces, terms=terms, cost=float(terms @ _weights(program, weights)))
@@ -120,7 +120,7 @@ def gradient(
     weights: Array | None = None,
     start: Array | None = None,
 ) -> Array:
-    """Compute dJ/da_k, shape (..., H), by the discrete adjoint.
+    """Compute the gradient dJ/da_k, shape (..., H), by the discrete adjoint.
 
     Let lambda_k = dJ/dz_{t+k}; lambda_H comes from the forces at t+H alone. Backwards in k, (lambda_k, dJ/da_k) =
     step_adjoint(lambda_{k+1}), and the share of the forces at t+k is added to each lambda_k.
@@ -148,7 +148,7 @@ def optimise(
     weights: Array | None = None,
     limit: float | None = None,
 ) -> Array:
-    """Run the program's iterations of `adam` at its learning rate."""
+    """Optimise a plan by `adam`, with the program's number of iterations and learning rate."""
     rates = [program.mpc.learning_rate] * program.mpc.iterations
     for optimised in adam(program, z, plan, previous_action, rates, free_mask=free_mask, weights=weights, limit=limit):
         plan = optimised
@@ -168,13 +168,14 @@ def adam(
 ) -> Iterator[Array]:
     """Run projected Adam on the free actions, starting from `plan`; yields the plan after each iteration.
 
-    For i = 1, 2, ..: m <- b1 m + (1 - b1) g, v <- b2 v + (1 - b2) g^2,
+    With gradient g, moments m and v, and constants b1 and b2, for i = 1, 2, ..:
+    m <- b1 m + (1 - b1) g, v <- b2 v + (1 - b2) g^2,
     a <- project(a - lr (m / (1 - b1^i)) / (sqrt(v / (1 - b2^i)) + eps)).
 
     Args:
         learning_rates: lr of each iteration, one for all plans or one per plan, (...,).
         free_mask: 1 where an action may be changed, 0 where it is committed.
-        limit: bound on |a|; the program's if None or above it.
+        limit: bound on |a|; the program's bound if None or larger than the program's bound.
     """
     beta1, beta2 = ADAM_BETAS
     is_free, bound = np.asarray(free_mask) > 0.5, _bound(program, limit)

@@ -5,8 +5,9 @@ its inputs in the horizon are differences that an autoregressive model predicts.
 differences and the action, a past of M rows, and the schedule s = (1, (speed - 1) / 0.4, effort, lift, limit) of the
 present speed and goal (`contract.controller.goal`),
 
-    g = 1 + tanh(gate s + sums . filters^T (Cp_first + Cp_second, rows t-M+1 .. t)), a_{t+k} = clip(r A tanh(output . (g
-    tanh((sum_j s_j first_j) . filters^T rows t+k-M .. t+k-1)))), y_{t+k+1} = predictor . rows t+k-M+1 .. t+k,
+    g = 1 + tanh(gate s + sums . filters^T (Cp_first + Cp_second, rows t-M+1 .. t)),
+    a_{t+k} = clip(r A tanh(output . (g tanh((sum_j s_j first_j) . filters^T rows t+k-M .. t+k-1)))),
+    y_{t+k+1} = predictor . rows t+k-M+1 .. t+k,
 
 where A is the program's bound on |a|, r A the bound that the goal allows, and clip the limit of this control step.
 Committed actions do not change. Schedule and gates are those of the present over the whole horizon, because the
@@ -36,9 +37,9 @@ def prior_plan(
 
     Args:
         window: (L, S+1) rows (Cp_k, a_{k-1}), oldest first; L is at least the prior's memory.
-        committed: (H,) the actions where they are not free.
-        free: (H,) 1 where the prior decides.
-        reach: A, bound on |a| of the program, in U_inf W.
+        committed: (H,) actions of the plan; they apply where `free` is 0.
+        free: (H,) 1 where the prior decides the action, 0 elsewhere.
+        reach: A, the program's bound on |a|, in U_inf W.
         speed: speed of the vehicle, as a ratio to the design speed.
         goal: the present goal.
         limit: bound on |a| in this control step, in U_inf W.
@@ -59,23 +60,24 @@ def prior_plan(
 
 
 def gates_of(prior: PriorWeights, window: Array, scheduled: Array) -> Array:
-    """Compute the gates g, (n,), at a window and a schedule (5,)."""
+    """Compute the gates g of the n units, (n,), for a window and a schedule (5,)."""
     by_sums = np.tensordot(prior.sums, filtered_sums(prior, window), axes=2)
     return np.asarray(1.0 + np.tanh(prior.gate @ scheduled + by_sums))
 
 
 def filtered_sums(prior: PriorWeights, window: Array) -> Array:
-    """Compute the filtered sums of the pairs, (F, p), over the newest M rows including the present row."""
+    """Compute the filtered sums of the p pairs, (F, p) for F filters, over the newest M rows including the present
+    row."""
     newest = window[-prior.memory :]
     return np.asarray(prior.filters.T @ (newest[:, :-1:2] + newest[:, 1:-1:2]))
 
 
 def past_of(window: Array, memory: int) -> tuple[Array, Array]:
-    """Return the rows (y_i, a_i), (M, p + 1), before the present row, and the present differences y_t, (p,).
+    """Return the M rows (y_i, a_i) before the present row, (M, p + 1), and the present differences y_t, (p,).
 
     The window does not contain the oldest of these rows, which is set equal to the next row.
     """
     newest = window[-memory:]
-    # In the window, a row holds the action before its pressures. The present action is not decided yet.
+    # In the window, a row holds the action that precedes its pressures. The present action is not decided yet.
     rows = np.column_stack([newest[:, :-1:2] - newest[:, 1:-1:2], np.append(newest[1:, -1], 0.0)])
     return np.vstack([rows[:1], rows[:-1]]), rows[-1, :-1]

@@ -1,4 +1,5 @@
-"""The writer of a release bundle from gated lowerings, with a manifest of their assumptions and their origin."""
+"""The writer of a release bundle from lowerings that passed the gates, with a manifest of their assumptions and
+origin."""
 
 from dataclasses import asdict, dataclass
 from datetime import date
@@ -23,8 +24,8 @@ class Vehicle:
 
     Attributes:
         control_period: control period in t_c.
-        budget_ms: largest time between a pressure frame and the command, in ms.
-        compute_time_ms: part of budget_ms for the control step.
+        budget_ms: largest time from a pressure frame to the command, in ms.
+        compute_time_ms: part of budget_ms that is assigned to the control step, in ms.
     """
 
     operating_point: OperatingPoint
@@ -34,7 +35,7 @@ class Vehicle:
 
     @classmethod
     def of(cls, config: Config) -> "Vehicle":
-        """Return the configured vehicle."""
+        """Return the vehicle that the settings describe."""
         return cls(
             operating_point=config.operating_point,
             control_period=config.flow.control_period,
@@ -44,7 +45,8 @@ class Vehicle:
 
 
 def speeds_of(provenance: Provenance) -> SpeedRange | None:
-    """Return the speeds at which a model's prior was trained; None without a prior, or for the design speed only."""
+    """Return the range of speeds at which a model's prior was trained; None if there is no prior, or if the prior was
+    trained for the design speed only."""
     refined = provenance.config.get("refine", {})
     slowest, fastest = refined.get("slowest", 1.0), refined.get("fastest", 1.0)
     return SpeedRange(slowest=slowest, fastest=fastest) if slowest < fastest else None
@@ -63,15 +65,16 @@ def write_release(
     key: Ed25519PrivateKey | None = None,
     estimator: MadeEstimator | None = None,
 ) -> None:
-    """Write a release bundle, completely or not at all. Raises StillwakeError if the path cannot be written, or holds
-    something else; BundleControllerError if the estimator is for other sensors or another window.
+    """Write a release bundle, completely or not at all. Raises StillwakeError if the path cannot be written, or
+    contains something other than a bundle; BundleControllerError if the estimator is for other sensors or another
+    window.
 
     Args:
         provenance: provenance of the training; the gates' figures are added under `export`.
-        positions: (x, y) of every sensor in the body's reference length, if they are known.
+        positions: (x, y) of every sensor in the body's reference length W, if they are known.
         resting: the wake without jets by speed, if it is known.
-        key: key to sign the release with; unsigned if None.
-        estimator: estimator of the same sensors and window; without it, the ECU does not check its sensors.
+        key: key to sign the release with; the release is unsigned if None.
+        estimator: estimator of the release's sensors and window; without it, the ECU does not check its sensors.
     """
     lowered = gated.lowered
     program = lowered.effective

@@ -1,4 +1,4 @@
-"""The writer of a gated C library as a folder, with recorded rows for its example program."""
+"""The writer of a C library that passed the gates as a folder, with recorded rows for the library's example program."""
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -20,13 +20,13 @@ def write_c_release(
     ecu: Mapping[str, bytes] | None = None,
     bill: Callable[[Mapping[str, bytes]], bytes] | None = None,
 ) -> None:
-    """Write the library's folder, completely or not at all. Raises LibraryError if the folder holds something else;
-    StillwakeError if the folder cannot be written.
+    """Write the library's folder, completely or not at all. Raises LibraryError if the folder contains something other
+    than a library; StillwakeError if the folder cannot be written.
 
     Args:
-        windows: consecutive recorded windows (L, S+1), whose rows are written to the folder.
-        ecu: files of the ECU around the control step and its documents; None for a folder without ECU.
-        bill: computes the bill of materials from all files of the folder; None for a folder without it.
+        windows: consecutive recorded windows (L, S+1) of L rows and S sensors, whose rows are written to the folder.
+        ecu: files of the ECU around the control step, and the ECU's documents; None for a folder without ECU.
+        bill: computes the bill of materials from all files of the folder; None for a folder without bill.
     """
     assert gated.lowered.library is not None
     assert gated.library is not None
@@ -42,5 +42,5 @@ def recorded_rows(windows: Sequence[Array]) -> str:
 
 
 def rows_of(windows: Sequence[Array]) -> Array:
-    """Return the rows of consecutive windows (L, S+1), (n, S+1)."""
+    """Return the n different rows of consecutive windows (L, S+1), as an array (n, S+1)."""
     return np.concatenate([windows[0], *(window[-1:] for window in windows[1:])])

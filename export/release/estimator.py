@@ -1,4 +1,5 @@
-"""A sensor estimator for a bundle: the fitted network rounded, measured and lowered to ONNX."""
+"""A sensor estimator for a bundle: the fitted network is rounded, its residuals are measured, and it is lowered to
+ONNX."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -18,10 +19,11 @@ def lowered_estimator(
     fitted: EstimatorNetwork, recording: Dataset, sensors: Sequence[str], provenance: Mapping[str, Any]
 ) -> MadeEstimator:
     """Return the estimator of these sensors for a bundle, with the root mean squares of its residuals, averaged over
-    time as in the sensor check. They are measured on the episodes that were not used for training, or on the training
-    episodes if there are no others.
+    time as in the sensor check. The residuals are measured on the episodes that were not used for training, or on the
+    training episodes if there are no other episodes.
 
-    The provenance gets `r2` of each sensor's estimate from the others, and the roles `judged_on` of the episodes.
+    The provenance gets `r2`, the coefficient of determination of each sensor's estimate from the other sensors, and
+    `judged_on`, the roles of the episodes.
     """
     rounded = rounded_estimator(fitted)
     network, window, columns = rounded.network, fitted.window, recording.layout.indices(sensors)
@@ -44,7 +46,8 @@ def lowered_estimator(
 
 
 def _residuals(network: EstimatorNetwork, rows: Array) -> Array:
-    """Compute the residuals, (n - L + 1, S, S): entry [., j, i] is that of sensor i, estimated without j and i."""
+    """Compute the residuals over n rows, (n - L + 1, S, S): entry [., j, i] is the residual of sensor i, estimated
+    without sensors j and i."""
     sensors, length = network.sensors, network.window
     windows = np.lib.stride_tricks.sliding_window_view(rows, length, axis=0).transpose(0, 2, 1)
     hypotheses = Hypotheses.of(sensors)

@@ -1,4 +1,4 @@
-"""Lowerings that have passed every gate; only these are written."""
+"""Lowerings that have passed every gate; only these lowerings are written."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -22,12 +22,12 @@ from export.to_c.library import replay, with_answer
 
 @dataclass(frozen=True, kw_only=True)
 class GraphReport:
-    """The gates' figures, which the manifest's provenance holds under `export`.
+    """The gates' figures, which the manifest's provenance states under `export`.
 
     Attributes:
-        controller_bytes: size of `controller.onnx`.
-        parity: ONNX graph compared with the reference with the same weights.
-        quantisation: int8 compared with float weights; None for a float release.
+        controller_bytes: size of `controller.onnx` in bytes.
+        parity: differences between the ONNX graph and the reference with equal weights.
+        quantisation: differences between int8 and float weights; None for a float release.
     """
 
     controller_bytes: int
@@ -40,11 +40,11 @@ class LibraryReport:
     """The gates' figures of the C library.
 
     Attributes:
-        parity: float32 compared with the reference; None for int8.
-        quantisation: int8 with integer products compared with the float reference; None for float32.
-        workspace_bytes: size of the scratch memory that the caller provides.
-        replayed: (n, 4), the example program's expected answers to the windows: action, mean Cd and Cl, cost.
-        known_answer: the control step that a build must compute when it starts.
+        parity: differences between float32 and the reference; None for int8.
+        quantisation: differences between int8 with integer products and the float reference; None for float32.
+        workspace_bytes: size of the scratch memory that the caller provides, in bytes.
+        replayed: (n, 4) expected answers of the example program to n windows: action, mean Cd and Cl, cost.
+        known_answer: action and cost that a build must compute in its self-test when it starts.
     """
 
     parity: ParityReport | None
@@ -56,7 +56,7 @@ class LibraryReport:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Gated:
-    """The lowerings and their gates' figures; `library` is None without a C library."""
+    """The lowerings and their gates' figures; `library` is None if there is no C library."""
 
     lowered: Lowered
     graph: GraphReport
@@ -71,15 +71,16 @@ def gate(
     compiled: CompileLibrary | None = None,
 ) -> Gated:
     """Run every lowering through its gates. Raises ExportError if a lowering differs from the reference by more than
-    its gate allows; the message states both figures. Raises LibraryError if no C compiler compiles the library.
+    its gate allows; the message states the difference and the limit. Raises LibraryError if no C compiler compiles the
+    library.
 
     Args:
-        windows: consecutive recorded windows (L, S+1) that the gates replay.
+        windows: consecutive recorded windows (L, S+1) of L rows and S sensors, which the gates replay.
         limits: the allowed effect of int8 weights; the default limits if None.
         compiled: compiles the library; required if there is a library.
     """
     limits = QuantisationLimits() if limits is None else limits
-    # Both lowerings are compared with these control steps, whose computation takes longest.
+    # Both lowerings are compared with the same exact control steps, which take longest to compute.
     exact = exact_answers(lowered.program.source, windows) if isinstance(lowered.program, RoundedProgram) else []
     graph, library = _gate_graph(lowered, windows, exact, limits), None
     if lowered.library is not None:

@@ -1,4 +1,5 @@
-"""The check of a graph before it is signed: by onnx's own checker, and for the operators that the export writes."""
+"""The check of a graph before it is signed: onnx's own checker, and a check that the graph has only operators that the
+export writes."""
 
 from collections.abc import Iterator
 from typing import Final
@@ -27,8 +28,8 @@ SHAPING: Final = frozenset(
 
 
 def judge(bundle: Bundle) -> None:
-    """Check a bundle's graphs and run a step of each, in bounded time and memory. Raises BundleControllerError if a
-    graph is not valid, or does not compute as the manifest states."""
+    """Check a bundle's graphs and run a step of each graph, in bounded time and memory. Raises BundleControllerError if
+    a graph is not valid, or does not fit the manifest."""
     for name in (CONTROLLER, ESTIMATOR):
         if name in bundle.files:
             try:
@@ -40,7 +41,8 @@ def judge(bundle: Bundle) -> None:
 
 
 def check_model(content: bytes) -> int:
-    """Return the number of nodes of a valid graph; raises ValueError, with the reason, for an invalid graph."""
+    """Return the number of nodes of a valid graph. Raises ValueError, whose message states the reason, for an invalid
+    graph."""
     try:
         model = onnx.load_from_string(content)
         onnx.checker.check_model(model, full_check=True)
@@ -60,7 +62,7 @@ def check_model(content: bytes) -> int:
 
 
 def _nodes(graph: onnx.GraphProto) -> Iterator[onnx.NodeProto]:
-    """Yield all nodes, including those of bodies."""
+    """Yield all nodes, including those in the bodies of Scans."""
     for node in graph.node:
         yield node
         for part in node.attribute:

@@ -15,7 +15,8 @@ from export.to_onnx.control_step import build_controller
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Lowered:
-    """The lowerings to write once they have passed their gates. `library` is the C library's files by name, or None."""
+    """The lowerings that are written once they have passed their gates. `library` has the C library's files by name, or
+    is None."""
 
     program: Program
     graph: bytes
@@ -23,7 +24,7 @@ class Lowered:
 
     @property
     def effective(self) -> ControllerProgram:
-        """The program that the lowerings compute, for the reference."""
+        """The program that the lowerings compute, which the reference must compute too."""
         return effective(self.program)
 
     @property
@@ -32,7 +33,7 @@ class Lowered:
 
     @property
     def program_sha256(self) -> str:
-        """The hash in the bundle's manifest and the library's header."""
+        """The hash that the bundle's manifest and the library's header state."""
         return program_sha256(self.effective)
 
 
@@ -40,7 +41,8 @@ def lower(program: Program, *, calibration: Sequence[Array], with_library: bool)
     """Lower a program. Raises ExportError if the program cannot be lowered; the message states the reason.
 
     Args:
-        calibration: recorded windows (L, S+1) for an int8 library's activation ranges; those of the rounding.
+        calibration: recorded windows (L, S+1) for an int8 library's activation ranges; they are the windows on which
+            the program was rounded.
     """
     graph = build_controller(program).SerializeToString()
     return Lowered(program=program, graph=graph, library=library_of(program, calibration) if with_library else None)
@@ -54,5 +56,5 @@ def library_of(program: Program, calibration: Sequence[Array]) -> dict[str, byte
 
 
 def int8_library(program: ControllerProgram, calibration: Sequence[Array]) -> dict[str, bytes]:
-    """Return the C library of a program, rounded on these windows."""
+    """Return the C library of a program that is rounded on these windows."""
     return library_of(rounded_on(program, calibration), calibration)

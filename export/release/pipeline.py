@@ -1,6 +1,7 @@
-"""The export of a model folder as a release bundle and, on request, a C library: read, round, lower, gate, write.
+"""The export of a model folder as a release bundle and, on request, a C library.
 
-Every lowering has passed its gates before the first file is written.
+The export reads the model, rounds its weights, builds the lowerings, checks them by gates, and writes the files. Every
+lowering has passed its gates before the first file is written.
 """
 
 import hashlib
@@ -48,9 +49,9 @@ class CLibrary:
 
     Attributes:
         compiled: compiles the library for its gate.
-        ecu: returns the files of the ECU around the control step from the release and the rows (n, S+1) of the folder;
-            called after the bundle is written. Without it the folder has no ECU.
-        bill: returns the bill of materials from all files of the folder and the release; called after `ecu`.
+        ecu: returns the files of the ECU around the control step, from the release and the rows (n, S+1) of the folder;
+            called after the bundle is written. If it is None, the folder has no ECU.
+        bill: returns the bill of materials, from all files of the folder and the release; called after `ecu`.
     """
 
     folder: Path
@@ -79,7 +80,7 @@ def calibration_windows(
 
     There are about `CALIBRATION_WINDOWS` windows, or fewer if the episodes have fewer. Episodes with fewer than
     `LEAST_CALIBRATION` windows are left out. An episode whose provenance states no forcing is a kind of its own. Raises
-    ExportError if all episodes are too short; the message states the longest.
+    ExportError if all episodes are too short; the message states the longest episode.
     """
     held = {item.name: windows_in(len(item), program.window) for item in episodes}
     last = {
@@ -103,7 +104,7 @@ def calibration_windows(
 
 def gate_windows(program: ControllerProgram, episodes: Sequence[Episode], layout: SensorLayout = TRUCK) -> list[Array]:
     """Return the last `GATE_WINDOWS` windows (L, S+1) of the first episode that has this number of windows. Raises
-    ExportError if all episodes are too short; the message states the longest."""
+    ExportError if all episodes are too short; the message states the longest episode."""
     for item in episodes:
         if windows_in(len(item), program.window) >= GATE_WINDOWS:
             return recorded_windows(program, item, GATE_WINDOWS, layout)
@@ -126,18 +127,19 @@ def export_all(
     notice: Callable[[str], None] = lambda line: None,
     phase: Callable[[str], None] = lambda name: None,
 ) -> tuple[Gated, Bundle]:
-    """Write the bundle, read it as users do, and write the C library if requested, once both have passed their gates.
+    """Write the bundle, read the bundle as users do, and write the C library if requested. Nothing is written until
+    both the bundle's graph and the library have passed their gates.
 
     Args:
         model: directory written by `train`.
         recording: data set whose test episode the gates replay, and whose training episodes calibrate int8.
         config: `config.mpc` is used for the controller; control period and action limit must be the model's.
-        precision: "int8" or "float32", of both.
-        key: key to sign the bundle with; unsigned if None.
-        named: whether the user named the recording; if not, it must be the recording that the model was fitted to.
-        estimator: a sensor estimator for the bundle; None for a bundle without it.
-        notice: called with a line if the recording is not the model's.
-        phase: called with each of `EXPORT_PHASES` when it begins.
+        precision: "int8" or "float32", for bundle and library.
+        key: key to sign the bundle with; the bundle is unsigned if None.
+        named: whether the user named the recording; if not, it must be the recording to which the model was fitted.
+        estimator: a sensor estimator for the bundle; None for a bundle without estimator.
+        notice: called with a line of text if the recording is not the model's.
+        phase: called with each of `EXPORT_PHASES` when the phase begins.
 
     Raises:
         ModelError: the model directory is not valid.
@@ -149,7 +151,7 @@ def export_all(
     """
     if precision not in PRECISIONS:
         raise ExportError(f"--precision {precision}: must be int8 or float32")
-    # Check both outputs before the work, so that neither is written if the other cannot be.
+    # Both outputs are checked before the work, so that neither is written if the other cannot be written.
     bundle.check_replaceable(output)
     if library is not None:
         c_folder_format.check_replaceable(library.folder)
@@ -189,14 +191,15 @@ def export_library(
     recording: Path,
     phase: Callable[[str], None] = lambda name: None,
 ) -> Gated:
-    """Write the C library of an existing release, from the model that was exported to it. Raises ExportError if the
-    release is of another model, or rounding gives other integers; StillwakeError as `export_all` does.
+    """Write the C library of an existing release, from the model from which the release was exported. Raises
+    ExportError if the release is of another model, or rounding gives other integers; StillwakeError as `export_all`
+    does.
 
     Args:
         model: directory written by `train`.
-        release: release with the settings of its controller.
-        recording: data set that the model was fitted to.
-        phase: called with each of `EXPORT_PHASES` when it begins.
+        release: existing release, with the settings of its controller.
+        recording: data set to which the model was fitted.
+        phase: called with each of `EXPORT_PHASES` when the phase begins.
     """
     c_folder_format.check_replaceable(library.folder)
     manifest = release.manifest
@@ -249,7 +252,7 @@ def _lowered(
 
 
 def check_settings(own: Config, config: Config) -> None:
-    """Raise ExportError for another control period or action limit than the model's, or a computing time above the
+    """Raise ExportError if control period or action limit differ from the model's, or if the computing time exceeds the
     period.
 
     The manifest would refuse such settings too, but only after the work, when the C library is already written.
@@ -272,11 +275,12 @@ def check_settings(own: Config, config: Config) -> None:
 def _recording_of(
     path: Path, of_model: str, layout: SensorLayout, named: bool, notice: Callable[[str], None]
 ) -> Dataset:
-    """Read the recording for gates and calibration: the model's own, or one of the same sensors that the user named.
+    """Read the recording for gates and calibration: the model's own recording, or a recording of the model's sensors
+    that the user named.
 
     Args:
-        of_model: SHA-256 of the recording that the model was fitted to.
-        layout: the sensors that another recording must have.
+        of_model: SHA-256 of the recording to which the model was fitted.
+        layout: the sensors that a recording other than the model's must have.
     """
     recording = dataset.read(path)
     digest = hashlib.sha256(path.read_bytes()).hexdigest()

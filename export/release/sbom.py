@@ -2,8 +2,9 @@
 
     python -m export.release.sbom 2026-11-26 WHEEL...
 
-writes a file next to each wheel, for `make packages`. Equal inputs give equal bytes: the day is an argument, and the
-serial number is computed from the content. A package's licence is the one that its installation states.
+This command writes a file next to each wheel, for `make packages`. Equal inputs give equal bytes: the day is an
+argument, and the serial number is computed from the content. The licence of a package is taken from the metadata of its
+installation.
 """
 
 import re
@@ -38,7 +39,7 @@ def release_bom(bundle: Bundle, contents: Mapping[str, bytes]) -> bytes:
     """Return the bill of a verified release: its files, its controller's training data, and the software used.
 
     Args:
-        contents: all its files by name; `Bundle.files` lacks manifest and signature.
+        contents: all files of the release by name; `Bundle.files` lacks manifest and signature.
     """
     manifest, licence, release = bundle.manifest, _licence(bundle), _release(bundle)
     learned, file = ComponentType.MACHINE_LEARNING_MODEL, ComponentType.FILE
@@ -57,7 +58,8 @@ def release_bom(bundle: Bundle, contents: Mapping[str, bytes]) -> bytes:
 
 
 def folder_bom(contents: Mapping[str, bytes], bundle: Bundle) -> bytes:
-    """Return the bill of a C library's folder: its files by their paths, the release, and the code of others in it."""
+    """Return the bill of a C library's folder: its files by their paths, the release, and third-party code in the
+    folder."""
     hashes = {name: sha256(data) for name, data in sorted(contents.items())}
     digest, name = sha256(repr(hashes).encode()), f"{bundle.manifest.name} in C"
     folder = _part(ComponentType.FIRMWARE, name, licence=_licence(bundle), version=digest[:12])
@@ -75,7 +77,8 @@ def folder_bom(contents: Mapping[str, bytes], bundle: Bundle) -> bytes:
 
 
 def wheel_bom(wheel: Path, day: str) -> bytes:
-    """Return the bill of a wheel and its required packages, in the versions installed here; extras are optional.
+    """Return the bill of a wheel and of the packages that it requires, in the versions installed on this machine.
+    Packages of extras are marked as optional.
 
     Args:
         day: date of the bill, YYYY-MM-DD.
@@ -113,7 +116,7 @@ def _release(bundle: Bundle) -> Component:
 
 
 def write_bom(of: Path, content: bytes) -> Path:
-    """Write a bill next to the file or folder `of`; raises StillwakeError if that is not possible."""
+    """Write a bill next to the file or folder `of`. Raises StillwakeError if the bill cannot be written."""
     path = of.with_name(f"{of.name}.cdx.json")
     with replacing(path) as temporary:
         temporary.write_bytes(content)

@@ -1,1 +1,1 @@
-"""The program as a C99 library: the arrays and sources of its folder."""
+"""The program as a C99 library: the arrays and sources in the library's folder."""

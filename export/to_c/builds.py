@@ -1,4 +1,5 @@
-"""Descriptions of a library's folder for CMake, Zephyr, PlatformIO and CMSIS-Pack, from one list of its sources."""
+"""Descriptions of a library's folder for CMake, Zephyr, PlatformIO and CMSIS-Pack, all generated from one list of
+sources."""
 
 import json
 from collections.abc import Mapping
@@ -17,14 +18,15 @@ SOURCES: Final = "sources.cmake"
 KCONFIG: Final = "zephyr/Kconfig"
 PLATFORMIO: Final = "library.json"
 PACK: Final = "stillwake.flow_controller.pdsc"
-"""Name of the CMSIS-Pack's description file: vendor and pack name, in the format that CMSIS prescribes."""
+"""Name of the CMSIS-Pack's description file, which consists of vendor and pack name, as CMSIS prescribes."""
 _ABOUT: Final = "Learned controller of jets that cut the drag of a truck's wake: a control step, and the ECU around it"
 _HOME: Final = "https://pypi.org/project/stillwake"
 _APART: Final = ("board", "examples")
 """Folders with programs, which are not part of the library."""
 _CLASS: Final = "Flow control"
 _FLAGS: Final = ("-O2", "-ffp-contract=off")
-"""Compiler flags: with them plans equal the exporter's, and decisions those of the Python ECU, bit for bit."""
+"""Compiler flags. With them, plans equal those of the exporter, and decisions equal those of the Python ECU, bit for
+bit."""
 _IN_WORDS: Final = {
     "controller": "one control step: a window of pressures in, a plan of the jets out",
     "ecu": "the ECU around the control step: CAN frames in and out",
@@ -38,8 +40,8 @@ class LibraryPart:
 
     Attributes:
         folder: path of the part's folder; "." for the library's folder itself.
-        needs: names of the parts that this part needs.
-        sources, headers: paths of the files.
+        needs: names of the other parts that this part needs.
+        sources, headers: paths of the part's files.
     """
 
     name: str
@@ -55,7 +57,7 @@ class LibraryPart:
 
 
 def parts(files: Mapping[str, bytes]) -> tuple[LibraryPart, ...]:
-    """Return the parts of a library, each after the parts that it needs; raise LibraryError if the library has no
+    """Return the parts of a library, each part after the parts that it needs. Raises LibraryError if the library has no
     settings.
 
     Args:
@@ -87,7 +89,7 @@ def parts(files: Mapping[str, bytes]) -> tuple[LibraryPart, ...]:
 
 
 def build_files(files: Mapping[str, bytes]) -> dict[str, bytes]:
-    """Return the files that build systems read, except the files that are the same for every library (`DOCUMENTS`)."""
+    """Return the files that build systems read, except the files that are equal for all libraries (`DOCUMENTS`)."""
     found = parts(files)
     made = {SOURCES: _cmake(found), KCONFIG: _kconfig(found), PLATFORMIO: _platformio(found), PACK: _pack(found)}
     return {name: text.encode() for name, text in made.items()}

@@ -1,6 +1,6 @@
 """The sensor estimator of a release as C: its sizes and its weights, for `ecu/c/sw_estimator.h`.
 
-Integers and scales are those of the bundle's `sensors.onnx`. Its matrices are int8 with one scale per output; biases,
+Integers and scales are those of the bundle's `sensors.onnx`. The matrices are int8 with one scale per output; biases,
 standardisation and the small last layer are float32.
 """
 
@@ -23,13 +23,13 @@ SIZES: Final = "sw_estimator_settings.h"
 NUMBERS: Final = "sw_estimator_weights.c"
 
 ONE: Final = int(INT16_QMAX / REACH)
-"""The integer of a flag, and of a reading one standard deviation from its mean; readings within `REACH` have 16
-bits."""
+"""The integer that represents a flag, and a reading one standard deviation above its mean. Readings within `REACH` fit
+into 16 bits."""
 
 
 def estimator_files(content: bytes) -> dict[str, bytes]:
     """Return the generated files by name, from a verified bundle's `sensors.onnx`. Raises ExportError for a network
-    that the C sources cannot run; the message states the supported networks."""
+    that the C sources cannot compute; the message states the supported networks."""
     rounded = read_estimator(content)
     _check(rounded)
     found = numbers("sw_estimator_weights", _arrays(rounded), ALIGNMENTS["int8"])

@@ -1,7 +1,8 @@
 """A program's parameters in the layout of the C sources (`export/to_c/sources/float32/sw_weights.h`).
 
-The numbers are derived in float64 and rounded once: matrices are centred if a norm follows, 1 / action_std is folded
-into the action's row, and both LSTM biases are added. Vectors are padded with zeros to whole registers.
+The numbers are derived in float64 and rounded once. Matrices are centred if a norm follows, the action's row is
+multiplied by 1 / action_std, and the two biases of the LSTM are added. Vectors are padded with zeros to whole
+registers.
 """
 
 from collections.abc import Mapping
@@ -21,10 +22,10 @@ from export.reference.mpc import ADAM_BETAS
 
 Integers = npt.NDArray[np.int32]
 ArrayValues = Array | npt.NDArray[np.int8] | Integers | npt.NDArray[np.uint32]
-"""The numbers of an array in C, where float64 becomes float."""
+"""The numbers of an array in C. float64 in Python becomes float in C."""
 
 FLOAT32_LANES = 16
-"""Number of float32 values in the widest vector register that compilers are to fill."""
+"""Number of float32 values in the widest vector register that compilers should be able to fill."""
 
 PRIOR_UNITS_AT_A_TIME = 8
 """Number of the prior's units that `sw_prior.c` computes together."""
@@ -49,7 +50,8 @@ def padded(values: Array) -> Array:
 
 
 def centred(values: Array) -> Array:
-    """Return C W or C b with C = I - 11^T / n: the mean over the outputs, the first axis, is zero."""
+    """Return C W or C b with C = I - 11^T / n for n outputs: the mean over the outputs, which are the first axis, is
+    zero."""
     return np.asarray(values - values.mean(axis=0))
 
 
@@ -82,7 +84,7 @@ def _encoder(program: ControllerProgram) -> dict[str, Array]:
 
 
 def _gates(stacked: Array) -> Array:
-    """Join the four gates along the last axis, each padded separately."""
+    """Join the four gates along the last axis; each gate is padded separately."""
     return np.concatenate([padded(gate) for gate in np.split(stacked, 4, axis=-1)], axis=-1)
 
 
@@ -121,8 +123,8 @@ def _decoder(program: ControllerProgram) -> dict[str, Array]:
 
 
 def optimiser_arrays(program: ControllerProgram) -> dict[str, Array]:
-    """Return the cost's reference, Adam's factors of every iteration, the default cost weights, and the place of the
-    known answer (`with_answer`)."""
+    """Return the reference drag of the cost, Adam's factors for every iteration, the default cost weights, and a place
+    for the known answer (`with_answer`)."""
     beta1, beta2 = ADAM_BETAS
     number = np.arange(1, program.mpc.iterations + 1)
     return {
@@ -136,10 +138,11 @@ def optimiser_arrays(program: ControllerProgram) -> dict[str, Array]:
 
 
 def prior_arrays(program: ControllerProgram, integers: Mapping[str, Int8Matrix]) -> dict[str, ArrayValues]:
-    """Return the prior's filters, each from its first row to its last row, and its layers; nothing without a prior.
+    """Return the prior's filters, each from its first to its last nonzero row, and the prior's layers; an empty mapping
+    without a prior.
 
     Args:
-        integers: integers of the prior's two matrices by name; a matrix without integers is stored as floats of scale
+        integers: integers of the prior's two matrices by name; a matrix without integers is stored as floats with scale
             1.
     """
     if program.prior is None:
@@ -149,7 +152,7 @@ def prior_arrays(program: ControllerProgram, integers: Mapping[str, Int8Matrix])
     first, first_scale = _stored(prior.first.reshape(-1, prior.first[0, 0].size), integers.get("prior.first"))
     sums, sums_scale = _stored(prior.sums.reshape(units, -1), integers.get("prior.sums"))
     by_unit = {
-        # A unit's weights on an input, one for each schedule variable, are next to each other.
+        # The weights of a unit on one input are adjacent; there is one weight for each schedule variable.
         "sw_prior_first": first.reshape(-1, units, first.shape[1]).transpose(1, 2, 0),
         "sw_prior_first_scale": first_scale.reshape(-1, units).T,
         "sw_prior_gate": prior.gate,
@@ -195,7 +198,8 @@ def prior_settings(prior: PriorWeights) -> dict[str, int | np.float32]:
 
 
 def _filter_ranges(prior: PriorWeights) -> Integers:
-    """Return (F, 2): a filter's first row, and the number of rows up to its last; one row for a filter of zeros."""
+    """Return the first row of each of the F filters, and the number of rows up to its last row, (F, 2). Rows of zeros
+    at the ends do not count; a filter of zeros has one row."""
     ranges = []
     for column in prior.filters.T:
         read = np.flatnonzero(column) if column.any() else np.zeros(1, int)

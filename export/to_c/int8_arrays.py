@@ -1,6 +1,7 @@
 """A program's parameters in the layout of the int8 C sources (`export/to_c/sources/int8/sw_weights.h`).
 
-Integers and scales are the rounded program's, as in the int8 ONNX graph. Biases are taken from the program unchanged.
+Integers and scales are those of the rounded program, as in the int8 ONNX graph. Biases are those of the program,
+unchanged.
 """
 
 from collections.abc import Mapping
@@ -21,7 +22,7 @@ from export.to_c.int8_format import INT8_LANES, packed, padded_size, qmax
 def int8_arrays(rounded: RoundedProgram, ranges: ActivationRanges) -> dict[str, ArrayValues]:
     """Return every array of `sw_weights.h` by its C name: matrices in int8, tables in uint32, constants of layers with
     a norm in int32, all other arrays in float64. Raises ExportError for a decoder without residual blocks, a layer that
-    is too wide, a layer whose ELU outputs come near the end of their range, or an LSTM with huge weights."""
+    is too wide, a layer whose ELU outputs come near the end of their range, or an LSTM with too large weights."""
     program = rounded.program
     if not program.decoder.blocks:
         raise ExportError("decoder: no residual blocks, the C library needs at least one")
@@ -42,12 +43,12 @@ def int8_arrays(rounded: RoundedProgram, ranges: ActivationRanges) -> dict[str, 
 
 
 def _inverse_scale(largest: float, width: int) -> float:
-    """Return the number of integers per unit of an activation; for a range of zero any number is right."""
+    """Return the number of integers per unit of an activation. For a range of zero, any number is allowed."""
     return qmax(padded_size(width)) / (form.ACTIVATION_MARGIN * largest if largest > 0 else 1.0)
 
 
 def _channels(*columns: Array) -> Array:
-    """Group the constants of the outputs in eights, (n / 8, constants, 8), with zeros in the padding."""
+    """Group the constants of the n outputs in eights, (n / 8, constants, 8); the padding has zeros."""
     rows = np.pad(np.stack(columns, axis=-1), [(0, -len(columns[0]) % INT8_LANES), (0, 0)])
     return rows.reshape(-1, INT8_LANES, len(columns)).transpose(0, 2, 1)
 
@@ -55,8 +56,8 @@ def _channels(*columns: Array) -> Array:
 def _layer(name: str, matrix: Int8Matrix, bias: Array, norm: Norm, inverse_scale: float) -> Mapping[str, ArrayValues]:
     """Return the constants of a layer with norm and ELU: `sw_NAME_channel`, `sw_NAME_adjoint` and `sw_NAME_layer`.
 
-    A scaled sum is an integer whose unit is as small as two limits allow: a factor of C's sw_scaled is below 1/2, and
-    the sum over all outputs may not overflow.
+    A scaled sum is an integer. Its unit is as small as two limits allow: the factor of C's sw_scaled must be below 1/2,
+    and the sum over all outputs must not overflow.
     """
     _stay_below(
         form.ELU_ARGUMENT_MAX, np.abs(norm.weight) * np.sqrt(len(bias)) + np.abs(norm.bias), "ELUs behind a norm"
@@ -68,7 +69,8 @@ def _layer(name: str, matrix: Int8Matrix, bias: Array, norm: Norm, inverse_scale
     offset = form.ELU_ARGUMENT_ONE * (norm.bias + form.ELU_RANGE)
     gain_max = np.abs(norm.weight).max() or 1.0
     largest = float(matrix.scales.max())
-    # In the adjoint a value times gain and slope is reduced to its upper 32 bits, which is a quarter of the product.
+    # In the adjoint, the product of a value, the integer of a gain and the integer of a slope is reduced to its upper
+    # 32 bits. If the gain is the largest and the slope is 1, the result is a quarter of the value.
     quarter = form.GAIN_ONE * 256 / 2**form.SCALED_BITS
     return {
         f"sw_{name}_channel": _integers(_channels(scales / unit * 2**form.SCALED_BITS, bias / unit, gain, offset)),
@@ -100,7 +102,7 @@ def _encoder(rounded: RoundedProgram, ranges: ActivationRanges) -> Mapping[str, 
     by_input, by_hidden = matrices["lstm.weight_input"], matrices["lstm.weight_recurrent"]
     head, output = matrices["encoder.hidden.weight"], matrices["encoder.output.weight"]
     row = _inverse_scale(ranges.row, weights.inputs)
-    # The hidden state never leaves [-1, 1].
+    # The hidden state never leaves [-1, 1], so its scale needs no calibration.
     cell = float(qmax(padded_size(lstm.width)))
     middle = _inverse_scale(ranges.head, lstm.width)
     reach = np.abs(lstm.weight_input).sum(axis=1) * form.ACTIVATION_MARGIN * ranges.row + np.abs(
@@ -112,7 +114,7 @@ def _encoder(rounded: RoundedProgram, ranges: ActivationRanges) -> Mapping[str, 
     )
     _stay_below(form.ELU_ARGUMENT_MAX, of_head, "the encoder's ELUs")
     _fed_by_elu(weights.output.weight)
-    # Gate g uses tanh(x) = 2 logistic(2 x) - 1.
+    # C computes tanh(x) of gate g as 2 logistic(2 x) - 1, so the argument of this gate is doubled.
     arguments = form.LOGISTIC_ONE * np.repeat([1.0, 1.0, 2.0, 1.0], lstm.width)
     by_gate = (
         by_input.scales / row * arguments,
@@ -142,7 +144,8 @@ def _stay_below(limit: float, reach: Array, what: str) -> None:
 
 
 def _fed_by_elu(weight: Array) -> None:
-    """Check a layer's width: ELU outputs use all 16 bits for every width."""
+    """Check the width of a layer that follows an ELU. ELU outputs use all 16 bits, so a wide layer's sum could
+    overflow."""
     if weight.shape[1] > form.FULL_RANGE_WIDTH:
         raise ExportError(
             f"a layer of width {weight.shape[1]} after an ELU: int8 lowering accepts at most {form.FULL_RANGE_WIDTH}"
@@ -150,7 +153,7 @@ def _fed_by_elu(weight: Array) -> None:
 
 
 def _gates(stacked: npt.NDArray[np.int8]) -> npt.NDArray[np.int8]:
-    """Join the rows of the four gates, each gate padded separately."""
+    """Join the rows of the four gates; each gate is padded separately."""
     return np.concatenate([np.pad(gate, [(0, -len(gate) % INT8_LANES), (0, 0)]) for gate in np.split(stacked, 4)])
 
 
@@ -194,7 +197,7 @@ def _decoder(rounded: RoundedProgram, ranges: ActivationRanges) -> Mapping[str, 
         "sw_decoder_adjoint_rows": packed(first.values.T),
         "sw_decoder_channel": _channels(first.scales.astype(np.float64) / latent / unit, weights.input.bias / unit),
         "sw_decoder_scale": _integers(_scales(first) / first.scales.max() * (2**31 - 1)),
-        # C's sw_scaled with a factor of 2^31 halves its argument.
+        # The scale is doubled because C's sw_scaled with a factor of 2^31 halves its argument.
         "sw_decoder_largest": np.array(2.0 * first.scales.max()),
         "sw_block_rows": np.array([packed(matrix.values) for matrix in blocks]),
         "sw_block_adjoint_rows": np.array([packed(matrix.values.T) for matrix in blocks]),
@@ -210,7 +213,8 @@ def _decoder(rounded: RoundedProgram, ranges: ActivationRanges) -> Mapping[str, 
 
 
 def _residual_unit(first: Int8Matrix, weights: DecoderWeights, latent: float, finest: float) -> float:
-    """Return the unit of the decoder's int32 residual sum: 1/512 of the finest integer computed from it, or larger."""
+    """Return the unit of the decoder's int32 residual sum: at least 1/512 of the smallest unit of the integers that are
+    computed from the sum."""
     sums = np.abs(first.values.astype(np.float64)).sum(axis=1) * (form.INT16_QMAX + 1) * first.scales / latent
     reach = np.max(sums + np.abs(weights.input.bias)) + len(weights.blocks) * form.ELU_RANGE
     unit = max(1.0 / finest / 512.0, 1.01 * float(reach) / 2**31)

@@ -1,7 +1,7 @@
 """The integers of the int8 C library: their ranges, the packing of matrices, and tables of functions.
 
-With int8 matrices and int16 activations, a product's sum of n terms is below 127 qmax(n) n < 2^31. The constants here
-are written into `sw_settings.h` (`c_constants`), so that the C sources define no number a second time.
+With int8 matrices and int16 activations, a product's sum of n terms is below 127 qmax(n) n < 2^31. The constants of
+this module are written into `sw_settings.h` (`c_constants`), so that the C sources define no number a second time.
 """
 
 from collections.abc import Callable
@@ -14,57 +14,61 @@ from contract.arrays import Array
 from contract.errors import ExportError
 
 _WORD: Final = 4
-"""Number of int8 weights in a 32-bit word; a tile is one word wide and has as many rows."""
+"""Number of int8 weights in a 32-bit word. A tile is one word wide and has as many rows as a word has weights."""
 
 INT8_LANES: Final = 2 * _WORD
-"""Multiple to which every length is padded, two words; constants of outputs are grouped by it."""
+"""Number to whose multiple every length is padded: the number of weights in two words. Constants of outputs are grouped
+by this number."""
 
 ACTIVATION_MARGIN: Final = 1.5
-"""Ratio of the activation at which an integer saturates to the calibrated range."""
+"""Ratio of the activation at which its integer saturates to the largest calibrated activation."""
 
 AHEAD: Final = 16
-"""Number of zeros after every matrix, for loads ahead of their use."""
+"""Number of zeros after every matrix, because the C code loads weights ahead of their use."""
 
 INT16_QMAX: Final = 32767
 
 SUM_QMAX: Final = (2**31 - 1) // 127
-"""Largest sum of magnitudes of a vector whose product with int8 weights cannot overflow 32 bits."""
+"""Largest sum of the magnitudes of a vector's numbers with which a product with int8 weights cannot overflow 32
+bits."""
 
 FULL_RANGE_WIDTH: Final = SUM_QMAX // INT16_QMAX
 """Widest vector of 16-bit numbers whose product with int8 weights cannot overflow 32 bits."""
 
 XHAT_QMAX: Final = 32767
-"""The integer of a normalised value at its bound, sqrt(n) in a layer of width n."""
+"""The integer of a normalised value at its bound, which is sqrt(n) in a layer of width n."""
 
 POINTS_PER_UNIT: Final = 32
 """Number of table points per unit of the argument; between points the function is interpolated linearly."""
 
 ELU_ONE: Final = 4096
-"""The integer of an ELU output of 1 in every layer, up to `ELU_RANGE`, so that one table serves all layers."""
+"""The integer of an ELU output of 1. It is equal in all layers, so that one table serves all layers; outputs up to
+`ELU_RANGE` fit."""
 
 ELU_RANGE: Final = 8
 
 ELU_MAX: Final = 6.4
-"""Largest calibrated output, with a margin to the range's end."""
+"""Largest calibrated output of an ELU; the rest of `ELU_RANGE` is a margin."""
 
 ELU_ARGUMENT_ONE: Final = 1 << 18
-"""The integer of an argument of 1 in ELU's table."""
+"""The integer of an argument of 1 in the table of ELU."""
 
 ELU_ARGUMENT_MAX: Final = 4000.0
-"""Largest argument of an ELU that, in units of 1 / `ELU_ARGUMENT_ONE`, is an int32 with a bit to spare."""
+"""Largest argument of an ELU that, in units of 1 / `ELU_ARGUMENT_ONE`, fits in an int32 with one bit in reserve."""
 
 SLOPE_SHIFT: Final = 4
-"""The shift from `ELU_ONE` to 256, the unit of ELU's slopes on the tape, which are bytes."""
+"""Number of bits by which slopes of ELU on the tape are shifted, from the unit `ELU_ONE` to the unit 256, because they
+are stored as bytes."""
 
 GAIN_ONE: Final = 1 << 22
-"""The integer of the largest gain of a layer in its adjoint; times a slope of 256 it is a quarter of an int32's
-range."""
+"""The integer of a layer's largest gain in the layer's adjoint; its product with a slope of 256 is a quarter of the
+range of an int32."""
 
 ROW_SCALE_ONE: Final = 1 << 23
-"""The integer of the largest scale of a matrix in the adjoint of the layer before it."""
+"""The integer of the largest scale of a layer's matrix in the layer's adjoint."""
 
 SCALED_BITS: Final = 32
-"""C's sw_scaled multiplies by a factor below 1/2, in units of 1 / 2^SCALED_BITS."""
+"""Number of bits for the factor of C's sw_scaled, which is below 1/2 and in units of 1 / 2^SCALED_BITS."""
 
 LOGISTIC_ONE: Final = 16384
 """The integer of an argument of 1 in the table of the logistic function."""
@@ -75,7 +79,7 @@ LOGISTIC_QMAX: Final = 32767
 LOGISTIC_RANGE: Final = 16
 
 GATE_MAX: Final = 6e4
-"""Largest argument of a gate that, doubled and in units of 1 / `LOGISTIC_ONE`, is an int32."""
+"""Largest gate argument whose double, in units of 1 / `LOGISTIC_ONE`, still fits in an int32."""
 
 
 def c_constants() -> dict[str, int | np.float32]:
@@ -99,21 +103,21 @@ def c_constants() -> dict[str, int | np.float32]:
 
 
 def qmax(width: int) -> int:
-    """Return the largest integer of a vector of this padded width whose product cannot overflow 32 bits; in C, SW_QMAX.
-    Raises ExportError if the vector is so wide that too few integers are left."""
+    """Return the largest integer of a vector of this padded width with which a product cannot overflow 32 bits; in C,
+    SW_QMAX. Raises ExportError if the vector is so wide that too few integers are left."""
     if width > 4 * FULL_RANGE_WIDTH:
         raise ExportError(f"a layer of width {width}: int8 lowering accepts at most {4 * FULL_RANGE_WIDTH}")
     return INT16_QMAX if width <= FULL_RANGE_WIDTH else SUM_QMAX // width
 
 
 def padded_size(size: int) -> int:
-    """Round a length up to whole pairs of words."""
+    """Round a length up to a multiple of `INT8_LANES`."""
     return size + -size % INT8_LANES
 
 
 def packed(values: npt.NDArray[np.int8]) -> npt.NDArray[np.int8]:
-    """Pack a matrix for `sw_dots` in tiles of 4 x 4. Tiles of the same rows are together; order in a row: 0, 2, 1,
-    3."""
+    """Pack a matrix for `sw_dots` in tiles of 4 x 4 weights. Tiles of the same matrix rows are adjacent; the four
+    weights of a row in a tile have the order 0, 2, 1, 3."""
     whole = np.pad(values, [(0, -size % INT8_LANES) for size in values.shape])
     outputs, inputs = whole.shape
     tiles = whole.reshape(outputs // _WORD, _WORD, inputs // _WORD, _WORD)[..., [0, 2, 1, 3]]
@@ -121,8 +125,8 @@ def packed(values: npt.NDArray[np.int8]) -> npt.NDArray[np.int8]:
 
 
 def elu_points() -> npt.NDArray[np.uint32]:
-    """Return ELU at -8, -8 + 1/32, .. below 8 in units of 1 / `ELU_ONE`, for C's sw_between; at most the largest
-    int16."""
+    """Return the table of ELU for C's sw_between: points -8, -8 + 1/32, .. below 8, in units of 1 / `ELU_ONE`. The
+    values are limited to the largest int16."""
 
     def elu(x: Array) -> Array:
         held: Array = np.minimum(ELU_ONE * np.where(x < 0, np.expm1(np.minimum(x, 0)), x), INT16_QMAX)
@@ -132,8 +136,8 @@ def elu_points() -> npt.NDArray[np.uint32]:
 
 
 def logistic_points() -> npt.NDArray[np.uint32]:
-    """Return the logistic function at -16, -16 + 1/32, .. below 16 in units of 1 / `LOGISTIC_QMAX`, for C's
-    sw_between."""
+    """Return the table of the logistic function for C's sw_between: points -16, -16 + 1/32, .. below 16, in units of 1
+    / `LOGISTIC_QMAX`."""
     return _points(lambda x: LOGISTIC_QMAX / (1.0 + np.exp(-x)), LOGISTIC_RANGE)
 
 

@@ -1,8 +1,7 @@
 """The C99 library of one control step: hand-written sources, generated settings and weights.
 
-Only the numbers are generated: `sw_settings.h` and `sw_weights.c` (`contract.controller.c_folder`).
-
-The other files of a folder are documents, and the expected answers of its example program.
+Only the numbers are generated: `sw_settings.h` and `sw_weights.c` (`contract.controller.c_folder`). The other files of
+a folder are documents and the expected answers of its example program.
 """
 
 from collections.abc import Mapping, Sequence
@@ -39,7 +38,7 @@ from export.to_c.int8_format import c_constants
 ALIGNMENTS: Final = {"int8": 16, "float32": 64}
 """Alignment of the arrays in bytes: a word of Cortex-M or a vector register (int8), and a cache line (float32)."""
 _TABLES: Final = ("sw_elu_points", "sw_logistic_points")
-"""Tables that are equal for every program, and so are compiled in."""
+"""Tables that are equal for every program and are therefore compiled in."""
 _HOT: Final = ("sw_dyn1_rows", "sw_dyn1_adjoint_rows", "sw_dyn2_rows", "sw_dyn2_adjoint_rows", "sw_dyn3_rows",
                "sw_dyn3_adjoint_rows")  # fmt: skip
 """Names of the arrays in the C struct `sw_hot`."""
@@ -55,7 +54,8 @@ def c_library(program: RoundedProgram, ranges: ActivationRanges) -> dict[str, by
 
 def c_library(program: Program, ranges: ActivationRanges | None = None) -> dict[str, bytes]:
     """Return all files of the library by name: in float32, or with integer products for a rounded program. Raises
-    ExportError for a value that float32 cannot hold, or a program that the library cannot run; the message states it.
+    ExportError for a value that float32 cannot hold, or a program that the library cannot compute; the message states
+    the value or the property.
 
     Args:
         ranges: ranges of the activations of a rounded program.
@@ -73,7 +73,8 @@ def c_library(program: Program, ranges: ActivationRanges | None = None) -> dict[
 def weights_files(
     arrays: Mapping[str, ArrayValues], definitions: Mapping[str, int | str | np.float32], alignment: int
 ) -> dict[str, bytes]:
-    """Return `sw_settings.h` with these definitions, and numbers by their names in C: as a source, and packed."""
+    """Return `sw_settings.h` with these definitions, and the numbers by their names in C, both as a source file and as
+    packed bytes."""
     rest = {name: values for name, values in arrays.items() if name not in (*_HOT, *_TABLES)}
     hot = {name: arrays[name] for name in _HOT if name in arrays}
     constants = {"sw_own_weights": numbers("sw_weights", rest, alignment)}
@@ -92,7 +93,7 @@ def weights_files(
 
 
 def with_answer(library: Mapping[str, bytes], answer: tuple[float, float]) -> dict[str, bytes]:
-    """Give the library whose `sw_known_answer` expects an answer, its first action and its cost."""
+    """Return the library with the answer that `sw_known_answer` expects: the first action and the cost."""
 
     def member(values: Sequence[float]) -> Numbers:
         return Numbers(struct="sw_weights", members={"known_answer": np.array(values, np.float32)})
@@ -136,7 +137,7 @@ def sources_in(folder: str) -> dict[str, bytes]:
 
 
 def settings(program: ControllerProgram, precision: WeightPrecision) -> dict[str, int | str | np.float32]:
-    """Return all definitions of `sw_settings.h`. Numbers that C shares with Python are defined here only."""
+    """Return all definitions of `sw_settings.h`. Numbers that C shares with Python are defined only in Python."""
     mpc = program.mpc
     beta1, beta2 = ADAM_BETAS
     return {
@@ -147,7 +148,7 @@ def settings(program: ControllerProgram, precision: WeightPrecision) -> dict[str
         "SW_WINDOW": program.window,
         "SW_SENSORS": len(program.sensors),
         "SW_HORIZON": mpc.horizon,
-        # In C, a term's name in capitals after `SW_` is the term's index.
+        # In C, the name of a term in capitals after `SW_` is the index of the term.
         **{f"SW_{name.upper()}": index for index, name in enumerate(TERMS)},
         "SW_TERMS": len(TERMS),
         "SW_LSTM": program.encoder.lstm.width,
@@ -173,7 +174,7 @@ _FLOAT_BYTES = 4
 
 
 def documents(library: Mapping[str, bytes]) -> dict[str, bytes]:
-    """Return README, rules for CMake and licence, with the sizes of this library filled in."""
+    """Return the README, the rules for CMake and the licence, with the sizes of this library filled in."""
     root = files("export.to_c").joinpath("folder")
     found = {name: root.joinpath(name).read_bytes() for name in DOCUMENTS}
     text = found["README.md"].decode("utf-8")
@@ -183,13 +184,13 @@ def documents(library: Mapping[str, bytes]) -> dict[str, bytes]:
 
 
 def replay(controller: Controller, windows: Sequence[Array], horizon: int) -> Array:
-    """Return the example program's expected answers, (n, 4): planned action, predicted mean Cd and Cl, and cost.
+    """Return the expected answers of the example program, (n, 4): planned action, predicted mean Cd and Cl, and cost.
 
     Every answer starts from a plan of zeros. If plans were passed on to the next step, a difference in rounding could
     grow from answer to answer, by an amount that depends on the plant.
 
     Args:
-        windows: n windows (L, S+1) of consecutive control steps.
+        windows: n windows (L, S+1) of consecutive control steps, with L rows and S sensors.
     """
     plan, free = np.zeros(horizon), np.ones(horizon)
     steps = [controller.control_step(window, plan, free) for window in windows]

@@ -1,11 +1,11 @@
 """`controller.onnx`: one control step in standard ONNX operators (`contract.controller.interface`).
 
-The graph has the encoder, then fixed-iteration projected Adam as one Scan over its iterations, whose body holds a
-forward Scan and a backward Scan over the horizon, then one more roll-out for the forces and the cost of the result. It
-follows the hand-written adjoint of `export.reference.mpc`. Nothing is traced or unrolled, so the number of nodes does
-not depend on H or the iterations.
+The graph has three parts: the encoder; projected Adam with a fixed number of iterations, as one Scan over the
+iterations, whose body has a forward Scan and a backward Scan over the horizon; and one more roll-out for the forces and
+the cost of the result. The graph follows the hand-written adjoint of `export.reference.mpc`. Nothing is traced or
+unrolled, so the number of nodes does not depend on H or the iterations.
 
-The divisors of Adam's moments m and v do not depend on the data, so its Scan computes
+The divisors of Adam's moments m and v do not depend on the data, so the Scan over the iterations computes
 
     M = b1 M + g,    V = b2 V + g^2,    a = a - rate_i M / (sqrt(V) + floor_i),
 
@@ -33,8 +33,8 @@ from export.to_onnx.prior import lower_prior, lower_schedule, lower_unknown
 
 
 def build_controller(lowered: Program) -> onnx.ModelProto:
-    """Lower a program to ONNX, with int8 weights if it is rounded; arithmetic is float32 in both cases. Raises
-    ExportError for a value that float32 cannot hold."""
+    """Lower a program to ONNX, with int8 weights if it is a rounded program; arithmetic is float32 in both cases.
+    Raises ExportError for a value that float32 cannot hold."""
     store, program = store_for(lowered), effective(lowered)
     shapes = program.sizes.shapes()
     graph = Graph()
@@ -75,7 +75,7 @@ def build_controller(lowered: Program) -> onnx.ModelProto:
 
 
 def previous_action(graph: Graph, sizes: Sizes, window: str) -> str:
-    """Add a_{-1}, the last column of the last row, as (1,)."""
+    """Add the previous action a_{-1}, which is the last column of the window's last row, as (1,)."""
     last, column = sizes.window - 1, sizes.sensors
     corner = graph.op(
         "Slice", window, graph.index([last, column]), graph.index([last + 1, column + 1]), graph.index([0, 1])
@@ -84,7 +84,7 @@ def previous_action(graph: Graph, sizes: Sizes, window: str) -> str:
 
 
 def shifted(graph: Graph, plan: str, horizon: int) -> str:
-    """Add the previous plan one step later, with its last action repeated, as a row (1, H)."""
+    """Add the previous plan, shifted by one step with its last action repeated, as a row (1, H)."""
     rest, last = graph.slice(plan, 1, horizon), graph.slice(plan, horizon - 1, horizon)
     return graph.op("Unsqueeze", graph.op("Concat", rest, last, axis=0), graph.index([0]))
 
@@ -97,13 +97,13 @@ def lower_adam(
     bound: str,
     gradient: Callable[[Graph, str], str],
 ) -> str:
-    """Add the optimised plan (1, H), from the starting plan (1, H), the mask of free actions (H,) and the bound on |a|,
-    (). `gradient` adds dJ/da (1, H) at a plan (1, H) to the given body.
+    """Add nodes that compute the optimised plan (1, H), from the starting plan (1, H), the mask of free actions (H,)
+    and the bound on |a|, a scalar. `gradient` adds nodes that compute dJ/da (1, H) at a plan (1, H) to the given body.
     """
     h, mpc = program.mpc.horizon, program.mpc
     beta1, beta2 = ADAM_BETAS
     number = np.arange(1, mpc.iterations + 1)[:, None]
-    # Each row is an iteration.
+    # Each row of these arrays belongs to an iteration.
     spread_scale = np.sqrt((1.0 - beta2) / (1.0 - beta2**number))
     mean_scale = (1.0 - beta1) / (1.0 - beta1**number)
     rates = graph.constant(mpc.learning_rate * mean_scale / spread_scale, "adam_rate")

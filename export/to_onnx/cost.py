@@ -1,4 +1,5 @@
-"""The cost terms and their gradient as ONNX nodes: `reference.cost`, with one matrix for all quadratic terms."""
+"""The cost terms and their gradient as ONNX nodes. They compute `reference.cost`, with one matrix for all quadratic
+terms."""
 
 from dataclasses import dataclass
 
@@ -11,7 +12,7 @@ from export.to_onnx.graph_builder import Graph
 
 @dataclass(frozen=True, kw_only=True)
 class CostGradientNames:
-    """The names of dJ/d(Cd, -Cd, Cl) (H, 3), and of dJ/da (1, H) with the forces held fixed."""
+    """The names of two gradients in a graph: dJ/d(Cd, -Cd, Cl) (H, 3), and dJ/da (1, H) with the forces held fixed."""
 
     signed_forces: str
     plan: str
@@ -19,7 +20,7 @@ class CostGradientNames:
 
 class Cost:
     """The cost J for given weights (8,) and previous action (1,), which are values of the outermost graph. `start` is
-    the plan (1, H) from which the optimiser starts, `iterated` the weights (8,) of the gradient."""
+    the plan (1, H) from which the optimiser starts; `iterated` has the weights (8,) for the gradient."""
 
     def __init__(
         self, graph: Graph, mpc: MpcConfig, weights: str, previous_action: str, start: str, iterated: str
@@ -35,7 +36,7 @@ class Cost:
         self._prepare(graph, start)
 
     def terms(self, graph: Graph, forces: str, plan: str) -> str:
-        """Add the unweighted terms, (8,)."""
+        """Add nodes that compute the unweighted terms, (8,)."""
         cd, cl = self._drag_and_lift(graph, forces)
         mean_lift = _reduce(graph, "ReduceMean", cl)
         first = graph.slice(plan, 0, 1)
@@ -52,14 +53,15 @@ class Cost:
         return graph.op("Concat", *(terms[name] for name in TERMS), axis=0)
 
     def total(self, graph: Graph, terms: str) -> str:
-        """Add J, a scalar."""
+        """Add nodes that compute J, a scalar."""
         return graph.op("ReduceSum", graph.op("Mul", self._weights, terms), keepdims=0)
 
     def gradient(self, graph: Graph, signed_forces: str, plan: str) -> CostGradientNames:
-        """Add the gradient of `reference.cost.cost_gradient`, at (Cd, -Cd, Cl) (H, 3) and a plan (1, H).
+        """Add nodes that compute the gradient of `reference.cost.cost_gradient`, at (Cd, -Cd, Cl) (H, 3) and a plan (1,
+        H).
 
-        With both Cd and -Cd, the columns' maxima give the drag's fluctuation, max Cd - min Cd = max Cd + max(-Cd), and
-        all columns use the same nodes.
+        The columns Cd and -Cd together give the drag's fluctuation, max Cd - min Cd = max Cd + max(-Cd), so that all
+        columns use the same nodes.
         """
         share = _share_of_maximum(graph, signed_forces)
         fluctuation = graph.op("Mul", share, self._by_maximum)
@@ -67,17 +69,19 @@ class Cost:
         mean = graph.op("Mul", _reduce(graph, "ReduceMean", signed_forces), self._by_mean)
         steady = graph.op("Add", mean, self._by_drag)
         through_forces = graph.op("Add", graph.op("Add", fluctuation, lift), steady)
-        # A row times a matrix: ONNX Runtime takes three times as long for a matrix times a column.
+        # The plan is a row, because ONNX Runtime takes three times as long for a matrix times a column as for a row
+        # times a matrix.
         through_plan = graph.op("Gemm", plan, self._curvature, self._minus_pull)
         return CostGradientNames(signed_forces=through_forces, plan=through_plan)
 
     def _prepare(self, graph: Graph, start: str) -> None:
-        """Compute the gradient's terms in the weights, the previous action and the start p, once per control step.
+        """Add nodes for the gradient's terms in the weights, the previous action and the start p, once per control
+        step.
 
         The terms in the actions are quadratic: their gradient is Q a - q, with increments D and first unit vector e_0,
 
-            Q = 2 w_smoothness D^T D / (H - 1) + 2 (w_effort + w_prior) I / H + 2 w_rate e_0 e_0^T, q = 2 w_rate a_{-1}
-            e_0 + 2 w_prior p / H.
+            Q = 2 w_smoothness D^T D / (H - 1) + 2 (w_effort + w_prior) I / H + 2 w_rate e_0 e_0^T,
+            q = 2 w_rate a_{-1} e_0 + 2 w_prior p / H.
         """
         h = self._horizon
         increments = np.diff(np.eye(h), axis=0)
@@ -97,7 +101,7 @@ class Cost:
         to_previous = graph.op("Mul", graph.constant(-2.0 * first, "first"), rate)
         prior = graph.op("Mul", self._weight["prior"], graph.constant([-2.0 / h]))
         self._minus_pull = graph.op("Add", to_previous, graph.op("Mul", start, prior))
-        # The rows (3,) are for Cd, -Cd and Cl.
+        # The entries of these rows (3,) are for Cd, -Cd and Cl.
         self._by_maximum = graph.op("Mul", self._weight["drag_fluctuation"], graph.constant([1.0, 1.0, 0.0]))
         self._by_drag = graph.op("Mul", self._weight["drag_mean"], graph.constant([1.0 / h, 0.0, 0.0]))
         self._by_sign = graph.op("Mul", self._weight["lift"], graph.constant([0.0, 0.0, 1.0 / h]))
@@ -126,6 +130,6 @@ def _square(graph: Graph, x: str) -> str:
 
 
 def _share_of_maximum(graph: Graph, x: str) -> str:
-    # The gradient is 1 at a column's largest value; ties share it evenly.
+    # The gradient is 1 at the largest value of a column; equal largest values share the gradient evenly.
     ties = graph.op("Cast", graph.op("Equal", x, _reduce(graph, "ReduceMax", x)), to=1)
     return graph.op("Div", ties, _reduce(graph, "ReduceSum", ties))

@@ -1,7 +1,7 @@
 """The force decoder and its adjoint as ONNX nodes; all H steps of the horizon are one batch of rows.
 
 The forces' scaling is folded into the last matrix and bias. In a block ELU(y) = max(y, 0) + exp(min(y, 0)) - 1. The
-term -1 is left out of the rows that pass from block to block; the biases of the following layers compensate it.
+term -1 is left out of the rows that pass from block to block; the biases of the following layers compensate for this.
 """
 
 from dataclasses import dataclass
@@ -16,14 +16,15 @@ from export.to_onnx.graph_builder import Graph, NormNames, PutMatrix, centred, c
 
 @dataclass(frozen=True, kw_only=True)
 class BlockTape:
-    """The values for a residual block's adjoint: xhat, and p = ELU' g r (see `to_onnx.dynamics`), both (H, width)."""
+    """The values that a residual block's adjoint needs: xhat, and p = ELU' g r (see `to_onnx.dynamics`), both (H,
+    width)."""
 
     xhat: str
     slope: str
 
 
 class DecoderGraph:
-    """The decoder f_dec in a graph, with matrices prepared once."""
+    """The decoder f_dec in a graph; its matrices are prepared once."""
 
     def __init__(self, graph: Graph, program: ControllerProgram, store: PutMatrix) -> None:
         weights, scaling = program.decoder, program.scaling
@@ -43,14 +44,14 @@ class DecoderGraph:
         self._signed_output_bias = graph.constant(taped_bias[[0, 0, 1]] * [1.0, -1.0, 1.0], "decoder.output.bias")
 
     def forces(self, graph: Graph, latents: str) -> str:
-        """Add the physical (Cd, Cl), (H, 2), from latents (H, n_z)."""
+        """Add nodes that compute the physical (Cd, Cl), (H, 2), from latents (H, n_z)."""
         x = graph.op("Gemm", latents, self._input, self._input_bias, transB=1)
         for block in self._blocks:
             x = block.plain(graph, x)
         return graph.op("Gemm", x, self._output, self._output_bias, transB=1)
 
     def signed_forces(self, graph: Graph, latents: str) -> tuple[str, list[BlockTape]]:
-        """Add (Cd, -Cd, Cl), (H, 3), for `Cost.gradient`, and the tape for `adjoint`."""
+        """Add nodes that compute (Cd, -Cd, Cl), (H, 3), for `Cost.gradient`, and the tape for `adjoint`."""
         x = graph.op("Gemm", latents, self._input, self._input_bias, transB=1)
         tapes = []
         for block in self._blocks:
@@ -59,7 +60,7 @@ class DecoderGraph:
         return graph.op("Gemm", x, self._signed_output, self._signed_output_bias, transB=1), tapes
 
     def adjoint(self, graph: Graph, tapes: list[BlockTape], d_signed_forces: str) -> str:
-        """Add dJ/dz (H, n_z) from dJ/d(Cd, -Cd, Cl) (H, 3)."""
+        """Add nodes that compute dJ/dz (H, n_z) from dJ/d(Cd, -Cd, Cl) (H, 3)."""
         d = graph.op("MatMul", d_signed_forces, self._signed_output)
         for block, tape in zip(reversed(self._blocks), reversed(tapes), strict=True):
             d = block.adjoint(graph, tape, d)
@@ -77,12 +78,13 @@ class _Block:
         self._zero = graph.constant(0.0)
 
     def plain(self, graph: Graph, x: str) -> str:
-        """Add the block's output (H, width)."""
+        """Add nodes that compute the block's output (H, width)."""
         y = self._norm.apply(graph, graph.op("Gemm", x, self._forward, self._bias))
         return graph.op("Add", x, graph.op("Elu", y))
 
     def taped(self, graph: Graph, x: str) -> tuple[str, BlockTape]:
-        """Add the block's output, which is too high by one for each block so far, and the values for the adjoint."""
+        """Add nodes that compute the values for the adjoint, and the block's output. The output is too high by one for
+        each block up to this block."""
         u = graph.op("Gemm", x, self._forward, self._taped_bias)
         y, inverse_std = self._norm.with_inverse_std(graph, u)
         slope = graph.op("Exp", graph.op("Min", y, self._zero))
@@ -99,5 +101,5 @@ class _Block:
 
 
 def _without_ones(layer: Linear, ones: int) -> Array:
-    """Return the bias of a layer whose inputs are all too high by `ones`."""
+    """Return the bias of a layer whose inputs are all too high by `ones`, so that the layer's output is unchanged."""
     return np.asarray(layer.bias - ones * layer.weight.sum(axis=1))

@@ -15,8 +15,8 @@ diag(g) is folded into the constant matrix before it, and for both layers the ot
 on their narrow side. Let d_k be the sum of dJ/dz through the forces alone, over all steps from k + 1 on, and e_k the
 rest of the adjoint, through later steps. The Scan then computes
 
-    e_{k-1} = e_k + (e_k + d_k) B_k W_2 diag(g_1) A_k, B = W_3 diag(g_2) diag(p_2) (I - xhat_2 xhat_2^T / n),    A =
-    diag(p_1) (I - xhat_1 xhat_1^T / n) W_1.
+    e_{k-1} = e_k + (e_k + d_k) B_k W_2 diag(g_1) A_k,
+    B = W_3 diag(g_2) diag(p_2) (I - xhat_2 xhat_2^T / n),    A = diag(p_1) (I - xhat_1 xhat_1^T / n) W_1.
 """
 
 from dataclasses import dataclass
@@ -30,7 +30,7 @@ from export.to_onnx.graph_builder import Graph, NormNames, PutMatrix, centred, c
 
 @dataclass(frozen=True, kw_only=True)
 class Rollout:
-    """A forward pass: latents (H, n_z) at t+1 .. t+H, and inputs and outputs of norms and ELUs, (H, 1, width)."""
+    """A forward pass: latents (H, n_z) at t+1 .. t+H, and the inputs and outputs of norms and ELUs, (H, 1, width)."""
 
     latents: str
     before: tuple[str, str]
@@ -38,7 +38,8 @@ class Rollout:
 
 
 class DynamicsGraph:
-    """The dynamics f_dyn in a graph: matrices prepared once, used by any number of roll-outs and adjoints."""
+    """The dynamics f_dyn in a graph. Its matrices are prepared once and used by any number of roll-outs and
+    adjoints."""
 
     def __init__(self, graph: Graph, program: ControllerProgram, store: PutMatrix) -> None:
         weights = program.dynamics
@@ -47,7 +48,7 @@ class DynamicsGraph:
         first = centred(graph, store(graph, "dynamics.input.weight"))
         second = centred(graph, store(graph, "dynamics.hidden.weight"))
         third = store(graph, "dynamics.output.weight")
-        # The columns of the first layer are the latent state, then the action.
+        # The first columns of the first layer are for the latent state, the last column is for the action.
         by_state = graph.slice(first, 0, latent, 1)
         by_action = graph.slice(first, latent, latent + 1, 1)
         per_action = graph.constant(1.0 / program.scaling.action_std, "1 / action_std")
@@ -55,7 +56,7 @@ class DynamicsGraph:
         self._forward = (transposed(graph, by_state), transposed(graph, second))
         self._output = third
         first_bias, self._hidden_bias, self._output_bias = _biases(graph, weights.input, weights.hidden, weights.output)
-        # This is b_1 plus the effect of k times b_3 on the first layer, (H, width).
+        # This bias is b_1 plus the effect of k times b_3 on the first layer, (H, width).
         steps = graph.constant(np.arange(self._horizon)[:, None], "steps")
         per_step = graph.op("MatMul", self._output_bias, self._forward[0])
         self._bias_by_step = graph.op("Add", graph.op("Mul", steps, per_step), first_bias)
@@ -63,13 +64,13 @@ class DynamicsGraph:
         self._norms = norm_in, NormNames(graph, weights.norm_hidden, "dynamics.norm_hidden")
         self._backward = graph.op("Mul", second, self._norms[0].gain)
         self._output_backward = graph.op("Mul", third, self._norms[1].gain)
-        # The transposed matrices divided by n, for means of products over a layer's width n.
+        # These are the transposed matrices divided by the width n of a layer, for means of products over the layer.
         self._output_backward_means = _per_width(graph, self._output_backward, self._norms[1])
         self._forward_means = _per_width(graph, self._forward[0], self._norms[0])
         self._column = graph.index([self._horizon, 1])
 
     def rollout(self, graph: Graph, z: str, plan: str) -> Rollout:
-        """Add the latent states with a plan (1, H) in U_inf W, from z (1, n_z)."""
+        """Add nodes that compute the latent states with a plan (1, H) in U_inf W, starting from z (1, n_z)."""
         actions = graph.op("Reshape", plan, self._column)
         drive = graph.op("Gemm", actions, self._by_action_row, self._bias_by_step)
 
@@ -92,11 +93,12 @@ class DynamicsGraph:
         return Rollout(latents=latents, before=(u1s, u2s), after=(h1s, h2s))
 
     def adjoint(self, graph: Graph, rollout: Rollout, through_forces: str, through_plan: str) -> str:
-        """Add dJ/da (1, H), from dJ/dz_{k+1} through the forces alone, (H, n_z), and dJ/da through the plan alone."""
+        """Add nodes that compute dJ/da (1, H), from dJ/dz_{k+1} through the forces alone, (H, n_z), and dJ/da through
+        the plan alone."""
         h, widths = self._horizon, [norm.width for norm in self._norms]
         xhat1, p1 = self._linearise(graph, 0, rollout)
         xhat2, p2 = self._linearise(graph, 1, rollout)
-        # Compute B_k and the transposed A_k of all steps, (H, n_z, width), and d_k B_k.
+        # These nodes compute B_k and the transposed A_k of all steps, (H, n_z, width), and d_k B_k.
         w3_p2_xhat2 = self._products(graph, graph.op("Mul", p2, xhat2), self._output_backward_means)
         b = graph.op("Sub", graph.op("Mul", p2, self._output_backward), graph.op("Mul", w3_p2_xhat2, xhat2))
         w1_xhat1 = self._products(graph, xhat1, self._forward_means)
@@ -113,7 +115,7 @@ class DynamicsGraph:
 
         zero = graph.constant([[0.0] * self._latent])
         _, d1s = graph.scan(body, states=[zero], sequences=[d_b, b, a], reverse=True)
-        # dJ/da_k = v w, with v of the first layer and w the action's column of W_1.
+        # The gradient dJ/da_k is v w, with v of the first layer and w the action's column of W_1.
         t = graph.op("Mul", d1s, p1)
         t_xhat1 = graph.op("ReduceMean", graph.op("Mul", t, xhat1), graph.index([2]), keepdims=1)
         v = graph.op("Sub", t, graph.op("Mul", t_xhat1, xhat1))
@@ -121,12 +123,12 @@ class DynamicsGraph:
         return graph.op("Gemm", self._by_action_row, rows, through_plan, transB=1)
 
     def _products(self, graph: Graph, rows: str, columns: str) -> str:
-        """Multiply rows (H, 1, n) by a matrix (n, n_z), to (H, n_z, 1)."""
+        """Multiply H rows (H, 1, n) by a matrix (n, n_z); the result is (H, n_z, 1)."""
         return graph.op("Reshape", graph.op("MatMul", rows, columns), graph.index([self._horizon, self._latent, 1]))
 
     def _linearise(self, graph: Graph, layer: int, rollout: Rollout) -> tuple[str, str]:
         xhat, inverse_std = self._norms[layer].normalise(graph, rollout.before[layer])
-        # ELU' follows from ELU itself: 1 above zero, exp(x) = elu + 1 below.
+        # The slope ELU' follows from the output of ELU: it is 1 if the output is positive, otherwise the output plus 1.
         zero, one = graph.constant(0.0), graph.constant(1.0)
         slope = graph.op("Add", graph.op("Min", rollout.after[layer], zero), one)
         return xhat, graph.op("Mul", slope, inverse_std)

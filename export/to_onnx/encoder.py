@@ -8,12 +8,13 @@ from export.to_onnx.graph_builder import Graph, NormNames, PutMatrix
 
 
 def lower_encoder(graph: Graph, program: ControllerProgram, window: str, store: PutMatrix) -> str:
-    """Add z_t as a row (1, n_z) from the window (L, S+1)."""
+    """Add nodes that compute the latent state z_t as a row (1, n_z), from the window (L, S+1)."""
     weights, scaling = program.encoder, program.scaling
     width = weights.lstm.width
     gates = _onnx_gates(width)
     mean = graph.constant(scaling.window_mean, "window_mean")
-    # The deviation is a factor, so that one too small for float32 is refused; a divisor would round to zero.
+    # The standard deviation is used as a factor 1 / std, so that a value too small for float32 is refused; as a
+    # divisor, it would be rounded to zero.
     std = np.array(scaling.window_std)
     rows = window
     if program.encoder_rows < program.window:
@@ -24,7 +25,7 @@ def lower_encoder(graph: Graph, program: ControllerProgram, window: str, store: 
         weight = store(graph, f"encoder.{name}.weight")
         return graph.op("Gemm", x, weight, graph.constant(bias, f"encoder.{name}.bias"), transB=1)
 
-    # The operator has a leading direction axis in all inputs, and a batch axis of one in the sequence.
+    # All inputs of ONNX's LSTM have an axis for the direction first; the sequence also has a batch axis of length one.
     biases = np.concatenate([weights.lstm.bias_input[gates], weights.lstm.bias_recurrent[gates]])
     _, hidden = graph.ops(
         "LSTM",
@@ -41,6 +42,7 @@ def lower_encoder(graph: Graph, program: ControllerProgram, window: str, store: 
 
 
 def _onnx_gates(width: int) -> Index:
-    """Return the rows in PyTorch's gate order i, f, g, o that give ONNX's order i, o, f, c (its c is PyTorch's g)."""
+    """Return the indices that reorder rows from PyTorch's gate order i, f, g, o to ONNX's order i, o, f, c; ONNX's c is
+    PyTorch's g."""
     i, f, g, o = np.split(np.arange(4 * width), 4)
     return np.concatenate([i, o, f, g])

@@ -1,8 +1,8 @@
-"""A small writer of ONNX graphs: nodes by operator name, shared constants, and Scan bodies that read outer values.
+"""A small writer of ONNX graphs: nodes by operator name, shared constants, and bodies of Scans that read outer values.
 
 A weight matrix is stored as float32, or as int8 followed by a DequantizeLinear. Everything derived from a matrix (its
 transpose, its centred form) is computed in the outermost graph, never inside a Scan. For float weights ONNX Runtime
-folds these nodes when the session is built; for int8 weights they run once per control step.
+folds these nodes when the session is built; for int8 weights the nodes run once per control step.
 """
 
 from collections.abc import Sequence
@@ -20,15 +20,15 @@ from export.program.float32 import as_float32
 from export.program.weights import LAYER_NORM_EPSILON, Norm
 
 OPSET: Final = 18
-"""The oldest operator set with LayerNormalization and with axes as inputs of every reduction."""
+"""The oldest operator set with LayerNormalization, and in which the axes of every reduction are an input."""
 IR_VERSION: Final = 8
 
 
 class Graph:
     """A collection of nodes; every value has a name.
 
-    A body from `body()` becomes the inside of a `scan`. It reads any value of the graphs around it by name, and its
-    constants are stored in the outermost graph. Equal constants are stored once.
+    A body from `body()` becomes the inside of a `scan`. The body reads any value of the graphs around it by name, and
+    its constants are stored in the outermost graph. Equal constants are stored once.
     """
 
     def __init__(self, parent: "Graph | None" = None) -> None:
@@ -50,16 +50,16 @@ class Graph:
     def output(self, value: str, shape: Sequence[int], name: str | None = None) -> None:
         """Declare a value to be a float32 output, under another name if one is given."""
         if name is not None:
-            # An Identity is added only if needed: inside a Scan its dispatch takes time in every step.
+            # An Identity is added only if needed, because inside a Scan its dispatch takes time in every step.
             self._nodes.append(helper.make_node("Identity", [value], [name]))
         self._outputs.append(helper.make_tensor_value_info(name or value, TensorProto.FLOAT, shape))
 
     def constant(self, values: npt.ArrayLike, name: str = "const") -> str:
-        """Add a float32 constant; raises ExportError if a value has no finite float32."""
+        """Add a float32 constant. Raises ExportError if a value has no finite float32."""
         return self._root._store(name, as_float32(values, name))
 
     def index(self, values: Sequence[int]) -> str:
-        """Add an int64 constant: axes, starts, ends, shapes."""
+        """Add an int64 constant, such as axes, starts, ends or shapes."""
         return self._root._store("index", np.array(values, dtype=np.int64))
 
     def stored(self, array: npt.NDArray[Any], name: str) -> str:
@@ -74,15 +74,16 @@ class Graph:
         return name
 
     def op(self, kind: str, *inputs: str, **attributes: Any) -> str:
-        """Add a node with one output; returns the output's name."""
+        """Add a node with one output, and return the output's name."""
         return self.ops(kind, *inputs, outputs=1, **attributes)[0]
 
     def slice(self, x: str, *bounds: int) -> str:
-        """Add a slice of a value from a start to an end, along the first axis or along the axis given third."""
+        """Add a slice of a value from a start to an end, along the first axis or along the axis that is the third
+        bound."""
         return self.op("Slice", x, *(self.index([bound]) for bound in bounds))
 
     def ops(self, kind: str, *inputs: str, outputs: int, **attributes: Any) -> tuple[str, ...]:
-        """Add a node with several outputs."""
+        """Add a node with several outputs, and return their names."""
         names = tuple(self._root._unique(kind.lower()) for _ in range(outputs))
         self._nodes.append(helper.make_node(kind, list(inputs), list(names), **attributes))
         return names
@@ -94,10 +95,10 @@ class Graph:
     def scan(
         self, body: "Graph", *, states: Sequence[str], sequences: Sequence[str], reverse: bool = False
     ) -> tuple[str, ...]:
-        """Run `body` over the first axis of `sequences`; returns the final states, then the stacked outputs.
+        """Run `body` over the first axis of `sequences`. Returns the final states, then the stacked outputs.
 
         The body's inputs are the states and then one slice of every sequence; its outputs are the new states and then
-        the values to stack. In reverse, slices are taken and stacked from the last to the first.
+        the values to stack. With `reverse`, slices are taken and stacked from the last to the first.
         """
         stacked = len(body._outputs) - len(states)
         directions = {"scan_input_directions": [int(reverse)] * len(sequences)}
@@ -147,8 +148,8 @@ class PutMatrix(Protocol):
         """Store the matrix with this name (`export.program.controller_program`).
 
         Args:
-            rows: another order of the outputs, if an operator needs it.
-            leading: number of leading axes of length 1, if an operator needs them.
+            rows: order of the outputs, if an operator needs an order other than PyTorch's.
+            leading: number of leading axes of length 1 that an operator needs.
         """
 
 
@@ -166,8 +167,9 @@ class Float32Store:
 class Int8Store:
     """A store of the integers of a rounded program: one byte per weight and one scale per row.
 
-    The value must be used directly in a product or a sum. ONNX Runtime moves a DequantizeLinear past operators that
-    only rearrange (Transpose, Slice, Unsqueeze), and version 1.20 aborts on that with one scale per row.
+    The stored value must be used directly in a product or a sum. ONNX Runtime moves a DequantizeLinear past operators
+    that only rearrange (Transpose, Slice, Unsqueeze), and its version 1.20 aborts when it moves one with a scale per
+    row.
     """
 
     def __init__(self, program: RoundedProgram) -> None:
@@ -182,7 +184,7 @@ class Int8Store:
 
 
 def store_for(program: Program) -> PutMatrix:
-    """Return the store for a program's matrices."""
+    """Return the store for the matrices of a program."""
     return Int8Store(program) if isinstance(program, RoundedProgram) else Float32Store(program)
 
 
@@ -195,26 +197,26 @@ def _with_axes(values: npt.NDArray[Any], leading: int) -> npt.NDArray[Any]:
 
 
 def centred(graph: Graph, weight: str) -> str:
-    """Add C W with C = I - 11^T / n: the matrix whose product has mean zero over the outputs.
+    """Add C W with C = I - 11^T / n for n outputs: the matrix whose product has mean zero over the outputs.
 
-    A layer norm gives the same result for both. Its adjoint ends in a product with C, which is then already contained
-    in the matrix: (W^T C) v = (C W)^T v.
+    A layer norm gives the same result after W and after C W. The adjoint of a layer norm ends in a product with C,
+    which the matrix C W already contains: (W^T C) v = (C W)^T v.
     """
     return graph.op("Sub", weight, graph.op("ReduceMean", weight, graph.index([0]), keepdims=1))
 
 
 def centred_bias(bias: Array) -> Array:
-    """Return C b, for use with `centred`."""
+    """Return the centred bias C b, for use with `centred`."""
     return np.asarray(bias - bias.mean())
 
 
 def transposed(graph: Graph, weight: str) -> str:
-    """Add the (inputs, outputs) form, by which a row vector is multiplied."""
+    """Add the transposed matrix (inputs, outputs), by which a row vector is multiplied."""
     return graph.op("Transpose", weight, perm=[1, 0])
 
 
 class NormNames:
-    """A layer norm's constants in the graph."""
+    """The names of a layer norm's constants in the graph."""
 
     def __init__(self, graph: Graph, norm: Norm, name: str) -> None:
         self.width = len(norm.weight)
@@ -222,17 +224,18 @@ class NormNames:
         self.offset = graph.constant(norm.bias, f"{name}.bias")
 
     def apply(self, graph: Graph, x: str) -> str:
-        """Add LN(x) over the last axis."""
+        """Add nodes that compute the layer norm LN(x) over the last axis."""
         return graph.op("LayerNormalization", x, self.gain, self.offset, epsilon=LAYER_NORM_EPSILON)
 
     def normalise(self, graph: Graph, x: str) -> tuple[str, str]:
-        """Add xhat and r = 1 / sqrt(var x + eps): the operator with unit gain and its third output."""
+        """Add nodes that compute xhat and r = 1 / sqrt(var x + eps), which is the third output of the operator with
+        gain 1."""
         one, zero = graph.constant(np.ones(self.width)), graph.constant(np.zeros(self.width))
         xhat, _, inverse_std = graph.ops("LayerNormalization", x, one, zero, outputs=3, epsilon=LAYER_NORM_EPSILON)
         return xhat, inverse_std
 
     def with_inverse_std(self, graph: Graph, x: str) -> tuple[str, str]:
-        """Add LN(x) over the last axis, and r."""
+        """Add nodes that compute LN(x) over the last axis, and r = 1 / sqrt(var x + eps)."""
         y, _, inverse_std = graph.ops(
             "LayerNormalization", x, self.gain, self.offset, outputs=3, epsilon=LAYER_NORM_EPSILON
         )

@@ -1,7 +1,7 @@
-"""The graphs of a release without Scan and int8, for runtimes that have less of ONNX than ONNX Runtime.
+"""The graphs of a release without Scan and int8, for runtimes that support less of ONNX than ONNX Runtime.
 
-The number of nodes grows with the horizon and the iterations, so a release holds the graph with Scan. OpenVINO 2026.4
-multiplies by the transpose of a square constant that is used both as it is and transposed; here these are two
+The number of nodes grows with the horizon and the iterations, so a release has the graph with Scan. If a square
+constant is used both as it is and transposed, OpenVINO 2026.4 multiplies by its transpose; so this module writes two
 constants.
 """
 
@@ -15,8 +15,9 @@ from onnxruntime import InferenceSession
 
 
 def portable(model: onnx.ModelProto) -> onnx.ModelProto:
-    """Return a graph of a release with each Scan replaced by its steps, in order, and each value that no input
-    determines by a constant. Every input has to be given, because other runtimes take a default for a constant."""
+    """Return a graph of a release in which each Scan is replaced by its steps, in order, and each value that no input
+    determines is replaced by a constant. A caller must give every input, because other runtimes treat an input's
+    default as a constant."""
     graph = model.graph
     writer = _Writer(graph)
     nodes = writer.written(graph.node, {}, "")
@@ -50,8 +51,8 @@ def _model(
 
 
 class _Writer:
-    """A writer of nodes without Scan. The length of a Scan is that of its first sequence if this is a constant, the
-    rates of the iterations; otherwise it is the horizon."""
+    """A writer of nodes without Scan. If the first sequence of a Scan is a constant, which the rates of the iterations
+    are, the Scan has the length of this sequence; otherwise it has the length of the horizon."""
 
     def __init__(self, graph: onnx.GraphProto) -> None:
         inputs = {value.name: value for value in graph.input}
@@ -59,8 +60,8 @@ class _Writer:
         self._horizon = inputs["plan"].type.tensor_type.shape.dim[0].dim_value if "plan" in inputs else 0
 
     def written(self, nodes: Iterable[Any], names: dict[str, str], suffix: str) -> list[onnx.NodeProto]:
-        """Return the nodes with `suffix` on the names of their outputs. `names` maps a body's names to those here; the
-        outputs are added to it."""
+        """Return the nodes, with `suffix` appended to the names of their outputs. `names` maps the names in a body to
+        the names in this graph; the names of the outputs are added to `names`."""
         found = []
         for node in nodes:
             if node.op_type == "Scan":
@@ -70,7 +71,8 @@ class _Writer:
             copy.CopyFrom(node)
             copy.input[:] = [names.get(name, name) for name in node.input]
             if node.op_type == "CumSum":
-                # The standard wants a scalar; ONNX Runtime also takes a row of one, as the graph has it.
+                # The standard requires a scalar axis; ONNX Runtime also accepts an array of length one, which the graph
+                # has.
                 copy.input[1] = self._constant(0)
             names |= {name: name + suffix for name in node.output if name and suffix}
             copy.output[:] = [names.get(name, name) for name in node.output]

@@ -16,11 +16,12 @@ from export.to_onnx.graph_builder import Graph, PutMatrix, transposed
 
 
 def lower_schedule(graph: Graph, weights: str, speed: str | None, share: str) -> tuple[str, str]:
-    """Add the schedule (5, 1), and the bound that the goal allows as a share of the program's limit, ().
+    """Add nodes that compute the schedule (5, 1), and the bound on |a| that the goal allows, as a share of the
+    program's limit, a scalar.
 
     Args:
-        speed: (); None if the prior does not depend on the speed.
-        share: (), the bound on |a| as a share of the program's limit, at most 1.
+        speed: scalar ratio of the vehicle's speed to the design speed; None if the prior does not depend on the speed.
+        share: scalar bound on |a| as a share of the program's limit, at most 1.
     """
     row = graph.index([1])
     drag, effort, lift = (
@@ -29,7 +30,7 @@ def lower_schedule(graph: Graph, weights: str, speed: str | None, share: str) ->
     asked = graph.op("Concat", effort, lift, axis=0)
     dearest = graph.op("Mul", drag, graph.constant([DEAREST_EFFORT, DEAREST_LIFT]))
     root = graph.op("Sqrt", graph.op("Div", asked, dearest))
-    # A cost without drag divides by zero here, and Where selects the other value.
+    # If the cost has no weight on drag, this division is by zero, and Where selects the other value.
     any_at_all = graph.op("Cast", graph.op("Greater", asked, graph.constant(0.0)), to=1)
     prices = graph.op("Where", graph.op("Greater", dearest, asked), root, any_at_all)
     one, zero = graph.constant(1.0), graph.constant(0.0)
@@ -44,7 +45,8 @@ def lower_schedule(graph: Graph, weights: str, speed: str | None, share: str) ->
 
 
 def lower_unknown(graph: Graph, weights: str, *, knows_goal: bool) -> str:
-    """Add the weights (8,) of the iterations after a prior, which knows drag and goal, or drag alone."""
+    """Add nodes that compute the weights (8,) for the iterations after a prior. The terms that the prior takes into
+    account have weight zero: drag, effort and lift, or drag alone."""
     known = {"drag_mean", "effort", "lift"} if knows_goal else {"drag_mean"}
     return graph.op("Mul", weights, graph.constant([float(name not in known) for name in TERMS], "unknown"))
 
@@ -62,13 +64,14 @@ def lower_prior(
     reach: str,
     bound: str,
 ) -> str:
-    """Add the plan (1, H) from which the optimiser starts.
+    """Add nodes that compute the plan (1, H) from which the optimiser starts.
 
     Args:
-        window, committed, free: (L, S+1); (1, H) actions where they are not free; (H,).
-        schedule: (5, 1).
-        reach: (), the bound on |a| that the goal allows, in U_inf W.
-        bound: (), on |a| in this control step.
+        window: (L, S+1) rows (Cp_k, a_{k-1}), oldest first.
+        committed, free: (1, H) actions that apply where they are not free; (H,) mask of free actions.
+        schedule: (5, 1) values of the schedule variables.
+        reach: scalar bound on |a| that the goal allows, in U_inf W.
+        bound: scalar bound on |a| in this control step, in U_inf W.
     """
     columns, length = prior.pairs + 1, prior.memory * (prior.pairs + 1)
     past, y = _past(graph, prior, sizes, window)
@@ -97,20 +100,21 @@ def lower_prior(
 
 
 def _units(graph: Graph, prior: PriorWeights, store: PutMatrix, schedule: str) -> str:
-    """Add the units' matrix on the past, (M (p + 1), n), the sum over the schedule."""
+    """Add nodes that compute the matrix of the n units on the past rows, (M (p + 1), n), as a sum over the schedule
+    variables."""
     scheduled, units, count, columns = prior.first.shape
     by_row = graph.op("Mul", schedule, graph.constant(np.ones((1, units))))
     weighted = graph.op("Mul", store(graph, "prior.first"), graph.op("Reshape", by_row, graph.index([-1, 1])))
     stacked = graph.op("Reshape", weighted, graph.index([scheduled, units, count * columns]))
     by_filter = transposed(graph, graph.op("ReduceSum", stacked, graph.index([0]), keepdims=0))
-    # Rows are filters here, as in the product with the matrix of filters.
+    # The rows of this matrix are filters, as the product with the matrix of filters requires.
     by_filter = graph.op("Reshape", by_filter, graph.index([count, columns * units]))
     by_age = graph.op("MatMul", graph.constant(prior.filters, "prior.filters"), by_filter)
     return graph.op("Reshape", by_age, graph.index([prior.memory * columns, units]))
 
 
 def _gates(graph: Graph, prior: PriorWeights, store: PutMatrix, sizes: Sizes, window: str, schedule: str) -> str:
-    """Add the gates, (n, 1)."""
+    """Add nodes that compute the gates of the n units, (n, 1)."""
     both = np.repeat(np.eye(prior.pairs), 2, axis=0)
     newest = graph.slice(window, sizes.window - prior.memory, sizes.window, 0)
     sums = graph.op("MatMul", newest, graph.constant(np.vstack([both, np.zeros(prior.pairs)]), "sums"))
@@ -121,7 +125,8 @@ def _gates(graph: Graph, prior: PriorWeights, store: PutMatrix, sizes: Sizes, wi
 
 
 def _past(graph: Graph, prior: PriorWeights, sizes: Sizes, window: str) -> tuple[str, str]:
-    """Add the rows (y, a) before the present row, (1, M (p + 1)), and the present differences, (1, p)."""
+    """Add nodes that compute the M rows (y, a) before the present row, (1, M (p + 1)), and the p present differences,
+    (1, p)."""
     memory, pairs = prior.memory, prior.pairs
     newest = graph.slice(window, sizes.window - memory, sizes.window, 0)
     row, size = _history(graph, newest, memory, pairs), memory * (pairs + 1) - 1
@@ -132,15 +137,16 @@ def _past(graph: Graph, prior: PriorWeights, sizes: Sizes, window: str) -> tuple
 
 
 def _history(graph: Graph, window: str, length: int, pairs: int) -> str:
-    """Convert rows (Cp_k, a_{k-1}), (L, S+1), to (1, L (p + 1) - 1): y_k and a_k in turn, without the last action.
+    """Convert L rows (Cp_k, a_{k-1}), (L, S+1), to one row of y_k and a_k in turn without the last action, (1, L (p +
+    1) - 1).
 
-    The first row's action is older than the memory. It is dropped, and the other actions move up by a row.
+    The first row's action is older than the memory. This action is dropped, and the other actions move up by a row.
     """
     signs = np.zeros((2 * pairs + 1, pairs + 1))
     for pair in range(pairs):
         signs[2 * pair, pair + 1], signs[2 * pair + 1, pair + 1] = 1.0, -1.0
     signs[-1, 0] = 1.0
-    # Rows (a_{k-1}, y_k) one after another; without the first number they are the history.
+    # The result has rows (a_{k-1}, y_k), one after another. Without the first number they are the history.
     turned = graph.op("MatMul", window, graph.constant(signs, "differences"))
     size = length * (pairs + 1)
     row = graph.op("Reshape", turned, graph.index([1, size]))

@@ -1,4 +1,4 @@
-"""The estimates of pressures from the other pressures as ONNX nodes; all views of the window are one batch."""
+"""The estimation of pressures from the other pressures as ONNX nodes; all views of the window are one batch."""
 
 from typing import Final
 
@@ -23,7 +23,7 @@ DOC: Final = "Pressures estimated from each other: see contract.controller.estim
 
 
 def build_estimator(rounded: RoundedEstimator) -> onnx.ModelProto:
-    """Build `sensors.onnx` of a network; raises ExportError if one of its weights has no finite float32."""
+    """Build `sensors.onnx` of a network. Raises ExportError if a weight of the network has no finite float32."""
     network = rounded.network
     sensors, length = network.sensors, network.window
     seen_by = views(sensors)

@@ -1,4 +1,4 @@
-"""The assembly of a data set from files, one per episode; everything is checked before anything is written."""
+"""The assembly of a data set from files, one file per episode. Everything is checked before anything is written."""
 
 import hashlib
 from collections.abc import Callable, Mapping, Sequence
@@ -29,9 +29,9 @@ class MadeEpisode:
     """An episode that was computed from a file, for example from a part of a CAN log and its forces.
 
     Attributes:
-        series: those of `contract.recording.episode.REQUIRED`; Cp is dimensionless.
-        initial_action: the action before the first row.
-        provenance: further facts, stored beside the file's name and hash.
+        series: arrays of the series in `contract.recording.episode.REQUIRED`; Cp is dimensionless.
+        initial_action: action before the first row.
+        provenance: further facts, stored with the file's name and hash.
     """
 
     name: str
@@ -43,7 +43,7 @@ class MadeEpisode:
 @dataclass(frozen=True, kw_only=True)
 class EpisodeSource:
     """A file and the role of its episode. `made` is the episode, if it was already computed. Otherwise the file is
-    read, and the episode is named after the file without its suffix, or after the folder of an OpenFOAM case."""
+    read, and the name of the episode is that of the file without its suffix, or that of an OpenFOAM case's folder."""
 
     path: Path
     role: Role
@@ -68,15 +68,15 @@ def assemble(
     told: Callable[[Path, str], None] = lambda path, note: None,
 ) -> Dataset:
     """Read every file into an episode. Raises DatasetError if a file cannot be read or does not fit; the message states
-    file and place, and what would be right.
+    the file, the place and the allowed values.
 
     Args:
         sources: source files in the order of the episodes.
-        facts: control period and action limit must be known.
+        facts: facts about the plant; control period and action limit must be known.
         references: value in the files that equals 1 in the data set, by series or sensor.
         renamed: name in the files, by series or sensor.
-        progress: called with every file before it is read.
-        told: function that receives a file and a note on it, such as names that are neither series nor sensors.
+        progress: called with every file before the file is read.
+        told: function that receives a file and a note on the file, such as names that are neither series nor sensors.
     """
     renamed, references = dict(renamed or {}), dict(references or {})
     if facts.control_period is None or facts.action_limit is None:
@@ -143,7 +143,7 @@ def _episode(
     path, arrays, period, limit = source.path, contents.arrays, facts.control_period, facts.action_limit
     assert period is not None
     assert limit is not None
-    # In a CSV file the initial action is a column, of which the first row counts.
+    # In a CSV file the initial action is a column; its first row is used.
     initial = float(np.ravel(arrays.pop(INITIAL_ACTION, np.zeros(1)))[0])
     for name in REQUIRED:
         if name not in arrays and name != "t":

@@ -23,12 +23,12 @@ _CLOCK_OF_UNIT: Final[Mapping[str, ForcesClock]] = {"t_c": "t_c", "W/U_inf": "t_
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TimeSeries:
-    """A force as a function of time.
+    """A force as a function of time, with n rows.
 
     Attributes:
-        name: name in the file.
-        t: rising, (n,).
-        values: (n,).
+        name: name of the force in the file.
+        t: times, rising, (n,).
+        values: values of the force, (n,).
 
     Raises DatasetError for times that do not rise or a number that is not finite.
     """
@@ -53,12 +53,12 @@ class TimeSeries:
             )
 
     def at(self, times: Array, *, longest_gap: float, slack: float) -> Array:
-        """Interpolate the values linearly between the rows. Raises DatasetError for times outside the rows, or in a
-        gap; the message states both.
+        """Interpolate the values linearly between the rows, at m times. Raises DatasetError for times outside the rows,
+        or in a gap between rows; the message states the limits of the rows or of the gap.
 
         Args:
             times: rising, (m,), in the unit of `t`.
-            longest_gap: largest distance between two rows that is interpolated.
+            longest_gap: largest distance between two rows over which values are interpolated.
             slack: time by which the first and the last of `times` may lie outside the rows, because clocks differ.
         """
         if times[0] < self.t[0] - slack or times[-1] > self.t[-1] + slack:
@@ -79,7 +79,7 @@ class TimeSeries:
         return np.asarray(np.interp(times, self.t, self.values))
 
     def at_times(self, t: Array) -> "TimeSeries":
-        """Return this force with other times of its rows, (n,)."""
+        """Return this force with its n rows at the times t, (n,)."""
         return TimeSeries(path=self.path, name=self.name, t=t, values=self.values)
 
 
@@ -88,8 +88,8 @@ class ForcesTable:
     """The forces of a table.
 
     Attributes:
-        forces: arrays of forces by the names in `FORCE_COLUMNS`.
-        clock: clock of the times according to the column's unit; None if the column states no such unit.
+        forces: forces as functions of time, by the names in `FORCE_COLUMNS`.
+        clock: clock of the times according to the column's unit; None if the column does not state such a unit.
     """
 
     forces: Mapping[str, TimeSeries]
@@ -99,8 +99,8 @@ class ForcesTable:
 def read_forces(
     path: Path, renamed: Mapping[str, str], references: Mapping[str, Reference] | None = None
 ) -> ForcesTable:
-    """Read t, Cd and Cl from a table or a file of arrays. Raises DatasetError if the file cannot be read, one of the
-    three is missing, or they do not fit each other.
+    """Read t, Cd and Cl from a table or a file of arrays. Raises DatasetError if the file cannot be read, or if t, Cd
+    and Cl are not all present or do not fit each other.
 
     Args:
         renamed: name in the file of t, Cd and Cl. For a name that is not given, the name in the file may be followed by

@@ -1,4 +1,5 @@
-"""Import of an OpenFOAM case as an episode: its probes' p, its force coefficients, and the commanded actions."""
+"""Import of an OpenFOAM case as an episode: the pressures p of its probes, its force coefficients, and the commanded
+actions."""
 
 import os
 import re
@@ -17,21 +18,23 @@ from contract.recording.openfoam_tables import FoamTable, read_foam_table
 from contract.sensor_layout import SensorLayout
 
 _ACTIONS: Final = "actions.csv"
-"""Name of the actions' file beside postProcessing: t, in the case's time, and action. Without it, no control."""
+"""Name of the actions' file beside postProcessing, with the columns t, in the case's time, and action. A case without
+this file has no control."""
 _POST: Final = "postProcessing"
 _PRESSURES: Final = r"p(_[-+.\de]+)?"
 _FORCES: Final = r"(coefficient|forceCoeffs)(_[-+.\de]+)?\.dat"
 _NUMBER: Final = re.compile(r"[-+]?\d*\.?\d+(?:[eE][-+]?\d+)?")
 _NOT_FOUND: Final = 1e299
-"""Magnitude above which a probe's value means that the probe is outside the mesh; OpenFOAM then writes -1e300."""
+"""Magnitude of a probe's value above which the probe is outside the mesh; OpenFOAM then writes -1e300."""
 _GAP: Final = 1.05
-"""Largest distance between two rows that is interpolated, in control periods."""
+"""Largest distance between two rows over which values are interpolated, in control periods."""
 _AT: Final = 0.01
 """Largest distance of a probe from its sensor, as a share of the extent of the sensors."""
 
 
 def case_of(path: Path) -> Path | None:
-    """Return the case of a path, which is the case's folder, postProcessing or anything in it; None without a case."""
+    """Return the case to which a path belongs. The path is the case's folder, postProcessing or anything in
+    postProcessing. Return None if there is no case."""
     path = Path(os.path.realpath(path))  # `resolve` raises RuntimeError for a link that leads round
     if (path / _POST).is_dir():
         return path
@@ -90,7 +93,8 @@ def read_case(
 
 
 def _table(path: Path, case: Path, file: str, what: str) -> FoamTable:
-    """Return the table of the function object in which the path lies; otherwise the only table that there is."""
+    """Return the table of the function object in whose folder the path lies; if there is only one table, return this
+    table."""
     tables = {}
     try:
         for folder in sorted((case / _POST).iterdir()):
@@ -126,7 +130,7 @@ def _scale(name: str, layout: SensorLayout, references: Mapping[str, Reference],
 
 def _probes_of(pressures: FoamTable, layout: SensorLayout) -> Index:
     """Return the probe of every sensor, which is the probe at the sensor's position. If the case has another origin and
-    length, and all probes are arranged like the sensors, probes and sensors correspond by their order."""
+    length scale, and all probes are arranged like the sensors, probes and sensors correspond by their order."""
     path, count = pressures.files[0], pressures.rows.shape[1] - 1
     numbers = [(line.split("(")[0].split()[:1], "(" in line, _NUMBER.findall(line)) for line in pressures.header]
     places = [found[1:3] for word, bracket, found in numbers if word == ["Probe"] and bracket and len(found) == 4]
@@ -181,7 +185,8 @@ def _at(path: Path, times: Array, values: Array, t: Array, period: float) -> Arr
 
 
 def _actions(case: Path, t: Array, scale: float) -> tuple[Array, Array, tuple[Path, ...]]:
-    """Return the action commanded at every time, the action before the first time, and the file, if there is one."""
+    """Return the action commanded at every time, the action before the first time, and the path of the actions' file,
+    if the case has one."""
     path = case / _ACTIONS
     if not path.is_file():
         return np.zeros(len(t)), np.zeros(1), ()
@@ -192,7 +197,7 @@ def _actions(case: Path, t: Array, scale: float) -> tuple[Array, Array, tuple[Pa
     times, commands = table.numbers("t"), table.numbers("action") * scale
     if (np.diff(times) <= 0).any():
         raise DatasetError(f"{path}: t does not rise at row {int(np.argmax(np.diff(times) <= 0)) + 1}")
-    # A command is in force until the next; the tolerance admits rounded times.
+    # A command is in force until the next command; the tolerance allows for rounded times.
     within = 1e-6 * max(1.0, float(np.abs(t).max()))
     at = np.searchsorted(times, t + within, side="right") - 1
     before = int(np.searchsorted(times, t[0] - within)) - 1

@@ -52,8 +52,8 @@ _REFERENCE: Final = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(
 
 @dataclass(frozen=True, kw_only=True)
 class Reference:
-    """The value in the files that equals 1 in the data set, for example 40 N for a force coefficient of 1. Without a
-    unit, the value is in the file's unit."""
+    """The value in the files that equals 1 in the data set, for example 40 N for a force coefficient of 1. A value
+    without a unit is in the unit that the file uses."""
 
     number: float
     unit: str | None
@@ -64,7 +64,7 @@ class Reference:
 
 
 def references_of(texts: Sequence[str]) -> dict[str, Reference]:
-    """Parse --reference NAME=NUMBER[UNIT] options to references by name; raises ConfigError for anything else."""
+    """Parse options --reference NAME=NUMBER[UNIT] to references by name. Raises ConfigError for other texts."""
     found: dict[str, Reference] = {}
     for text in texts:
         option = f"--reference {text}"
@@ -88,7 +88,7 @@ def split_unit(column: str) -> tuple[str, str | None]:
 
 
 def factor(path: Path, name: str, inside: str, unit: str | None, reference: Reference | None) -> float:
-    """Return the factor that converts the numbers of `name` to the data set's unit. `inside` is their name in the file,
+    """Return the factor that converts the numbers of `name` to the data set's unit. `inside` is the name in the file,
     and `unit` the unit that the file states. Raises DatasetError if the numbers have a dimension but no reference, or a
     reference of another dimension."""
     base, size = ("1", 1.0) if unit is None else _base(unit)
@@ -108,7 +108,7 @@ def factor(path: Path, name: str, inside: str, unit: str | None, reference: Refe
 
 
 def seconds_in(unit: str | None) -> float | None:
-    """Return the seconds in a unit of time; None for any other unit."""
+    """Return the number of seconds in a unit of time; None for a unit of anything else."""
     base, size = ("1", 1.0) if unit is None else _base(unit)
     return size if base == "s" else None
 
@@ -153,12 +153,12 @@ def read_source(
     references: Mapping[str, Reference],
 ) -> Contents:
     """Read the arrays in `names` that the file has, and the pressures. Raises DatasetError if the file cannot be read,
-    lacks a renamed array, or an array is no series of numbers or has an unknown unit; the message states file and
-    array.
+    if it lacks a renamed array, or if an array is no series of numbers or has an unknown unit; the message states file
+    and array.
 
     Args:
         names: series that may be in the file, without Cp.
-        renamed: name in the file of a series, a sensor or Cp, if it differs.
+        renamed: name in the file of a series, a sensor or Cp, if this name differs.
         references: value in the file that equals 1 in the data set, by series or sensor; the reference of Cp also
             applies to sensors.
     """
@@ -189,7 +189,8 @@ def read_source(
             used |= names_of_columns
         unit = stored[inside].unit if inside in stored else None
         unit = unit or (split_unit(inside)[1] if inside != name else None)
-        # Each column of a pressure array may have its own reference. Another number of columns is refused later.
+        # Each column of a pressure array may have its own reference. An array with a wrong number of columns is refused
+        # later.
         columns = layout.names if name == "Cp" and found[name].shape[1] == len(layout) else (name,)
         found[name] = found[name] * np.squeeze(
             [factor(path, name, inside, unit, reference_of(one, layout, references)) for one in columns]
@@ -211,8 +212,9 @@ def reference_of(name: str, layout: SensorLayout, references: Mapping[str, Refer
 def _in_this_file(
     path: Path, there: Sequence[str], renamed: Mapping[str, str], wanted: Sequence[str]
 ) -> dict[str, str]:
-    """Return the names in this file that differ from the data set's, also by a unit in brackets. Raises DatasetError
-    for a renamed array that is in the file under neither name: a series such as t would silently be ignored."""
+    """Return, by the data set's names, the names in this file that differ from them; a unit in brackets is also a
+    difference. Raises DatasetError for a renamed array that is in the file under neither name, because a series such as
+    t would otherwise be ignored silently."""
     plain = {split_unit(column)[0]: column for column in there}
     found = {name: plain[name] for name in wanted if name not in there and name in plain}
     for name, inside in renamed.items():
@@ -228,7 +230,8 @@ def _in_this_file(
 def _ordered(
     path: Path, pressures: Array, layout: SensorLayout, stored: Mapping[str, Stored]
 ) -> tuple[Array, frozenset[str]]:
-    """Return the columns in the layout's order, if an array of names in the file states the order of its columns."""
+    """Return the columns of the pressures in the layout's order, if an array of names in the file states the columns'
+    order; otherwise unchanged."""
     for name, one in stored.items():
         texts = one.texts
         if len(texts) == pressures.shape[1] and set(texts) >= set(layout.names):

@@ -20,7 +20,8 @@ DEFAULT_FILL: Final = 9.9692099683868690e36
 """Value that netCDF stores in place of floating-point numbers that were never written."""
 UNWRITTEN: Final = "is the default fill value of netCDF, so this value was never written"
 _DEFAULT_OF_INTEGERS: Final = {2: -(2**15) + 1, 4: -(2**31) + 1, 8: -(2**63) + 2}
-"""Values of netCDF for signed integers that were never written, by size in bytes; single bytes have none."""
+"""Values that netCDF stores in place of signed integers that were never written, by size in bytes; single bytes have no
+such value."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -28,10 +29,10 @@ class Stored:
     """An array of a file.
 
     Attributes:
-        values: array as it is stored.
-        attributes: metadata of the array, by name. Those of CF are used: scale_factor, add_offset, _FillValue,
-            missing_value, valid_min, valid_max, valid_range, units, and netCDF's _Unsigned.
-        netcdf: whether the file is netCDF's, whose default fill values apply if the array states none.
+        values: array as the file stores it.
+        attributes: metadata of the array, by name. This class uses CF's attributes: scale_factor, add_offset,
+            _FillValue, missing_value, valid_min, valid_max, valid_range, units, and netCDF's _Unsigned.
+        netcdf: whether the file is a netCDF file, whose default fill values apply if the array states no fill value.
     """
 
     values: Any
@@ -40,14 +41,14 @@ class Stored:
 
     @property
     def unit(self) -> str | None:
-        """The unit as the file states it; None if it states none."""
+        """The unit as the file states it; None if the file states no unit."""
         text = np.ravel(self.attributes.get("units", "")).tolist()[:1]
         unit = text[0].decode(errors="replace") if text and isinstance(text[0], bytes) else "".join(map(str, text))
         return unit.strip() or None
 
     @property
     def texts(self) -> tuple[str, ...]:
-        """The texts of the array; empty if it holds anything else."""
+        """The texts of the array; empty if the array holds anything else."""
         values = np.asarray(self.values).ravel()
         cells = values.tolist() if values.dtype.kind in "OSU" else ()
         found = [cell.decode(errors="replace") if isinstance(cell, bytes) else cell for cell in cells]
@@ -55,8 +56,8 @@ class Stored:
 
     def numbers(self, path: Path, name: str, *, columns: bool = False, one: bool = False) -> Array:
         """Return the unpacked numbers: as a series (n,), which may be stored as one row or one column; with `columns`
-        as (n, sensors); with `one` as one number. Raises DatasetError if they are not numbers, have another shape, or
-        one is missing or not finite; the message states the place."""
+        as (n, sensors); with `one` as a single number. Raises DatasetError if the values are not numbers, have another
+        shape, or if a value is missing or not finite; the message states the place."""
         raw = np.asarray(self.values)
         if raw.dtype.kind not in "fiu":
             raise DatasetError(f"{path}: array {name!r} holds {raw.dtype}, must hold numbers")
@@ -86,7 +87,7 @@ class Stored:
         return array
 
     def _gaps(self, path: Path, name: str, raw: npt.NDArray[Any], array: Array) -> dict[str, Mask]:
-        """Return, for every reason, where a value is missing or invalid."""
+        """Return, for every reason, a mask of the values that are missing or invalid for this reason."""
         found: dict[str, Mask] = {}
         for key in ("missing_value", "_FillValue"):
             found[f"is missing by its {key}"] = np.isin(raw, self._like(path, name, key, raw.dtype))
@@ -99,7 +100,7 @@ class Stored:
             bounds = self._like(path, name, key, raw.dtype)
             if bounds.size:
                 low, high = bounds[0] if key != "valid_max" else -np.inf, bounds[-1] if key != "valid_min" else np.inf
-                # CF: bounds are packed like the numbers, unless the bounds have the type of the unpacked numbers.
+                # In CF, bounds are packed like the numbers, unless the bounds have the type of the unpacked numbers.
                 of = array if bounds.dtype.kind == "f" != raw.dtype.kind else raw
                 found[f"is outside its {key}"] = (of < low) | (of > high)
         return found
@@ -131,7 +132,7 @@ _HDF5: Final = b"\x89HDF"
 _USER_BLOCK: Final = 512
 """Number of bytes that MATLAB writes before the HDF5 file."""
 _TABLES: Final = ("None", "__function_workspace__")
-"""SciPy's names for MATLAB's tables and objects, which it cannot read."""
+"""SciPy's names for MATLAB's tables and objects, which SciPy cannot read."""
 
 
 def stored_arrays(path: Path) -> dict[str, Stored]:
@@ -182,13 +183,14 @@ def _values(file: h5py.File, node: h5py.Dataset) -> Any:
 
 
 def _text(node: Any) -> Any:
-    """Return MATLAB's characters as a text; None for anything else in a cell."""
+    """Return MATLAB's characters as a text. Return None if a cell contains anything else."""
     values = np.ravel(node[()]) if isinstance(node, h5py.Dataset) else np.empty(0)
     return "".join(map(chr, values.tolist())) if values.dtype == np.uint16 else None
 
 
 def _attributes(node: h5py.Dataset) -> dict[str, Any]:
-    """Return the array's attributes. A fill value from creation counts as `_FillValue`, except 0, which means none."""
+    """Return the array's attributes. The fill value with which the array was created counts as `_FillValue`, except 0,
+    which means that there is no fill value."""
     found: dict[str, Any] = {}
     for name in node.attrs:
         try:
@@ -230,7 +232,8 @@ def _read_matlab(path: Path) -> dict[str, Stored]:
 
 
 def _flat(found: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, Any]]:
-    """Return the arrays of nested structures; their names are joined by slashes like those of HDF5's groups."""
+    """Return the arrays of nested structures. An array's name joins the names of its structures by slashes, as with
+    HDF5's groups."""
     for name, values in found.items():
         if name in _TABLES:
             yield "a MATLAB table or object, whose columns only MATLAB can read: save them as variables", None
