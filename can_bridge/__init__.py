@@ -1,1 +1,2 @@
-"""The CAN bus: wire format, end-to-end protection, the command gate, and adapters to real and virtual buses."""
+"""The CAN bus: messages as bytes, end-to-end protection, the check of jet commands, and adapters to real and virtual
+buses."""
