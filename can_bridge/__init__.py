@@ -1,2 +1,1 @@
-"""The CAN bus: messages as bytes, end-to-end protection, the check of jet commands, and adapters to real and virtual
-buses."""
+"""The CAN bus: messages, end-to-end protection, the check of jet commands, and adapters to real and virtual buses."""

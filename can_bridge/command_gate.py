@@ -57,8 +57,7 @@ class GateLimits:
         """
         scale = config.operating_point.flow_rate_scale
         limit = config.flow.action_limit * scale
-        # A limit may itself be a multiple of the resolution. The small number keeps a rounding error from reducing such
-        # a limit by one step.
+        # The small number keeps a rounding error from reducing a limit that is itself a multiple of the resolution.
         steps = math.floor(limit / FLOW_RESOLUTION_M2_PER_S + 1e-6)
         if steps > INT16_MAX:
             widest = INT16_MAX * FLOW_RESOLUTION_M2_PER_S
@@ -75,8 +74,7 @@ class GateLimits:
         )
 
     def narrowed(self, other: Self) -> Self:
-        """Return the limits with the smaller range and the smaller step of the two; the ages are those of this
-        object."""
+        """Return the limits with the smaller range and the smaller step of the two, and this object's ages."""
         return replace(
             self,
             flow_m2_per_s=min(self.flow_m2_per_s, other.flow_m2_per_s),

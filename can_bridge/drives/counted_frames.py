@@ -19,10 +19,9 @@ SLACK: Final = 2.0
 """Largest difference, in periods, between the time since the previous frame and the time that the two counters
 imply."""
 _LONGEST: Final = 1000
-"""Largest number of periods without a frame within a stretch, so that a change of the logger's clock does not add a
-huge number of rows."""
+"""Largest number of periods without a frame within a stretch, so that a change of the clock adds no endless rows."""
 _JUMP: Final = 0.5
-"""Largest permanent shift, in periods, of the times within a stretch. After a larger shift the counter is not
+"""Largest permanent shift of the times within a stretch, in periods. After a larger shift the counter is not
 reliable."""
 _AROUND: Final = 16
 """Number of frames whose median time gives the clock: more than a burst has, and enough to average jitter of 0.4
@@ -52,8 +51,7 @@ class FrameStretch:
         return np.array([frame.time_s for frame in self.frames])
 
     def between(self, a: int, b: int) -> "FrameStretch":
-        """Return the frames at the positions from a up to, but not including, b; `index` counts from the first of these
-        frames."""
+        """Return the frames at the positions a to b - 1; `index` counts from the first of these frames."""
         return FrameStretch(index=self.index[a:b] - self.index[a], frames=self.frames[a:b])
 
     def __len__(self) -> int:

@@ -76,8 +76,7 @@ class Travel:
 
     @classmethod
     def steady(cls, start_s: float, convective_time: float) -> "Travel":
-        """Return the distance travelled at a constant speed since `start_s`, at which a body length takes
-        `convective_time` s."""
+        """Return the distance travelled since `start_s`, if a body length takes `convective_time` s."""
         return cls(time_s=np.array([start_s, start_s + convective_time]), way=np.array([0.0, 1.0]))
 
     def at(self, time_s: Array) -> Array:

@@ -174,8 +174,8 @@ def _between(first: str, second: str) -> float | None:
     months = [text[: one.start()].split()[-1:] for text, one in zip((first, second), found, strict=True) if one]
     if months[0] == months[1]:
         return (days[1] - days[0]) * _DAY_S + seconds[1] - seconds[0]
-    # If the month changes, one day has passed: trigger blocks are never further apart, and the names of months depend
-    # on the language.
+    # If the month changes, one day has passed: blocks are never further apart, and names of months depend on the
+    # language.
     return _DAY_S + seconds[1] - seconds[0] if days[1] < days[0] else None
 
 

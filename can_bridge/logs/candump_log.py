@@ -52,8 +52,7 @@ _LATE: Final = 0.1
 
 
 def read_candump(lines: Lines, since_epoch: SinceEpoch) -> Iterator[Entry]:
-    """Yield the entries of the lines. Raises ValueError with the number of the first line that candump does not
-    write."""
+    """Yield the entries of the lines. Raises ValueError with the number of a line that candump does not write."""
     clock = _Clock(since_epoch)
     after_error = False
     for number, line in lines:
@@ -100,8 +99,7 @@ class _Clock:
         return time_s
 
     def check(self) -> None:
-        """Raise ValueError if too many frames are not later than the frame before, as with constant time differences
-        (-t d)."""
+        """Raise ValueError if too many frames are not later than the frame before, as with constant differences."""
         if self._not_later > _LATE * self._count:
             raise self._differences(f"{self._not_later} of {self._count} frames are not later than the one before")
 

@@ -65,8 +65,7 @@ class Records:
         self._path = path
 
     def read(self, since_epoch: SinceEpoch) -> Iterator[Entry]:
-        """Yield the entries of the records in the order of time. Raises BusError if asammdf is missing, or if no group
-        has CAN frames."""
+        """Yield the entries of the records in the order of time. Raises BusError without asammdf or CAN frames."""
         with self._opened() as measurement:
             start = measurement.start_time
             start_s = since_epoch(start) if start.tzinfo is None else start.timestamp()
@@ -82,8 +81,8 @@ class Records:
                     try:
                         columns = _columns(measurement, index, fields, rows)
                     except (ValueError, self._failure):
-                        # If a logger loses power, the bytes of its last frame, which are stored outside the record, may
-                        # be missing.
+                        # If a logger loses power, the bytes of its last frame, which are not in the record, may be
+                        # missing.
                         columns = _columns(measurement, index, fields, rows - 1)
                         others.append(LogEvent("frame without its bytes"))
                     groups.append(_frames(kind, columns, start_s))

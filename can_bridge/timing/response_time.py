@@ -138,8 +138,7 @@ def _busy_ns(rhythms: _Rhythms, blocking: int) -> int | None:
     """Return the longest time in ns for which a blocking frame and then these messages occupy the bus without a break;
     None if there is no bound."""
     load = sum((Fraction(busy, period) for (period, _), busy in rhythms.items()), Fraction(0))
-    # With a load of 1 the busy period ends only if there is neither blocking nor jitter. With a smaller load it always
-    # ends.
+    # With a load of 1 the busy period ends only without blocking and jitter. With a smaller load it always ends.
     if load > 1 or (load == 1 and (blocking or any(jitter for _, jitter in rhythms))):
         return None
     busy = blocking + sum(rhythms.values())

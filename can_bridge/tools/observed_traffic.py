@@ -160,8 +160,7 @@ class Traffic:
         return max(0, now_ns - self.last_ns)
 
     def rate_hz(self, now_ns: int) -> float:
-        """Return the rate of the newest frames in 1/s; 0 with fewer than two frames, or if no frame came for a long
-        time."""
+        """Return the rate of the newest frames in 1/s; 0 with fewer than two frames, or after a long silence."""
         span = self.recent_ns[-1] - self.recent_ns[0]
         if span <= 0:
             return 0.0

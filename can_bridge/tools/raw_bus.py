@@ -52,8 +52,7 @@ def frame_of(message: can.Message) -> Frame | None:
 
 
 def id_text(message: can.Message | Frame) -> str:
-    """Return an identifier as candump writes it: three hexadecimal digits, or eight digits if the identifier has 29
-    bits."""
+    """Return an identifier as candump writes it: three hexadecimal digits, or eight for 29 bits."""
     if isinstance(message, Frame):
         return f"{message.frame_id:08X}" if message.is_extended else f"{message.frame_id:03X}"
     return f"{message.arbitration_id:08X}" if message.is_extended_id else f"{message.arbitration_id:03X}"

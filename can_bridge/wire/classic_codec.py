@@ -110,8 +110,7 @@ def parse_pressure(data: bytes) -> Pressure | None:
 
 
 def emit_vehicle_speed(message: VehicleSpeed) -> bytes:
-    """Return the message as 8 bytes. Raises ValueError for a value that is not finite or out of range; an age has no
-    upper limit."""
+    """Return the message as 8 bytes. Raises ValueError for a value not finite or out of range; any age is valid."""
     density, speed = speed_steps(message)
     if message.age_ns < 0:
         raise ValueError(f"VehicleSpeed.age_ns = {message.age_ns}: must not be negative")

@@ -8,8 +8,7 @@ from contract.config.diagnosis import MOST_EXTENDED, MOST_STANDARD, CanId
 MAX_FRAME_ID: Final = MOST_STANDARD
 """Largest 11-bit identifier."""
 MAX_EXTENDED_ID: Final = MOST_EXTENDED
-"""Largest 29-bit identifier. No message of our DBC has a 29-bit identifier; diagnosis and other traffic may have
-one."""
+"""Largest 29-bit identifier. No message of our DBC has such an identifier; diagnosis and other traffic may."""
 
 CLASSIC_LENGTHS: Final = tuple(range(9))
 FD_LENGTHS: Final = (*CLASSIC_LENGTHS, 12, 16, 20, 24, 32, 48, 64)

@@ -138,7 +138,6 @@ def _crc15_table() -> tuple[int, ...]:
 
 
 def _stuff_positions(bits: str) -> list[int]:
-    """Return the positions of the stuff bits, counted in the sequence with stuff bits."""
     positions, run, last, sent = [], 0, "", 0
     for bit in bits:
         run = run + 1 if bit == last else 1

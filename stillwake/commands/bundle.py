@@ -216,8 +216,7 @@ def _verify(where: Path, trusted: PublicKey | None) -> None:
 
 
 def _first_step(release: Bundle) -> Check:
-    """Run one step of each ONNX graph, in bounded time and memory, with the inputs and outputs that the manifest
-    states."""
+    """Run one step of each ONNX graph, in bounded time and memory, with the manifest's inputs and outputs."""
     # The import is here, because ONNX Runtime takes a while to load and leaves a file in the temporary folder.
     from contract.runtime.onnx_estimator import OnnxEstimator
     from contract.runtime.onnx_session import OnnxController
@@ -296,7 +295,6 @@ def _show(listed: KeyList, root: PublicKey) -> None:
 
 
 def _folded(head: str) -> Column:
-    """Return a column whose texts are never cut."""
     return Column(head, overflow="fold")
 
 

@@ -99,7 +99,6 @@ def _bounds(one: Setting) -> str:
 
 
 def _origin(source: Source) -> str:
-    """Return a sentence on the source of a default."""
     note = f": {source.note}" if source.note else ""
     page = f" (docs/{source.page})" if source.page else ""
     return f"Default ({source.name}){note}{page}."

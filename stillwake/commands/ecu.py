@@ -179,7 +179,6 @@ def provision(
 def _run_release(
     given: list[str], bundle: Path | None, trust: str | None, library: Path | None, options: "ProcessOptions"
 ) -> None:
-    """Run the ECU with one release, in this process."""
     from contract.controller.interface import RunnableController
     from contract.runtime.onnx_session import OnnxController
     from ecu.daemon import service
@@ -208,7 +207,6 @@ def _run_release(
 def _run_store(
     given: list[str], slots: Path, root: Path | None, hardware: str | None, options: "ProcessOptions", *, access: Path
 ) -> None:
-    """Run the ECU with the releases in a folder."""
     from can_bridge.uds.security import AccessKey
     from ecu.daemon.store_service import serve_store
     from ecu.flashable.ecu_folder import read_folder

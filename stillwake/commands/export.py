@@ -296,7 +296,6 @@ def _check_c_settings(config: Config, *, has_fmu: bool) -> None:
 
 
 def _export_shipped(files: _Files, given: list[str]) -> None:
-    """Write the shipped bundle's library, FMU and image, with the vehicle's settings compiled in."""
     config = settings("export --c", given, uses=USES_IN_C).config
     _check_c_settings(config, has_fmu=files.fmu is not None)
 
@@ -320,7 +319,6 @@ def _measured(figures: Iterable[tuple[str, Any]]) -> Iterator[tuple[str, str]]:
 
 
 def _settings(model: Path, given: list[str], *, uses: Sequence[str] = USES) -> Config:
-    """Return the model's settings with the user's changes."""
     try:
         own = model_folder.read_description(model)["config"]
     except ModelError:

@@ -131,8 +131,7 @@ def in_real_time(loaded: Loaded) -> Loaded:
             f"bus.interface = {bus.interface!r}: two processes need a bus between them, such as {INTERFACE}"
         )
     if bus.interface == INTERFACE and "bus.channel" not in loaded.given:
-        # Routers do not forward these addresses (RFC 2365). The process's number gives two simultaneous measurements
-        # different addresses.
+        # Routers do not forward these addresses (RFC 2365), and two simultaneous measurements have different addresses.
         high, low = divmod(os.getpid() % 65536, 256)
         bus = replace(bus, channel=f"239.255.{high}.{low}")
     changed = loaded.in_overrides | {"bus.interface", "bus.channel"} - named
@@ -142,8 +141,7 @@ def in_real_time(loaded: Loaded) -> Loaded:
 def measured(
     subjects: Sequence[Subject], loaded: Loaded, folder: Path, *, periods: int, window: int
 ) -> "list[MeasuredRun]":
-    """Measure the controllers one after another. Each controller's tables are written into a folder with the
-    controller's name."""
+    """Measure the controllers one after another, and write each one's tables into a folder of its name."""
     from can_bridge.e2e.profiles import profile_of
     from can_bridge.wire.message_sets import message_set
     from firmware_sim.latency.measured import MeasuredRun

@@ -137,8 +137,7 @@ def _check_round(
     paper: bool,
     overwrite: bool,
 ) -> None:
-    """Raise StillwakeError for options that are only for forced episodes, or only for the round that was not
-    requested."""
+    """Refuse options that are only for forced episodes, or only for the round that was not requested."""
     option, own = ("--under", "controlled") if steady is None else ("--from-steady", "calm")
     if paper:
         raise StillwakeError(f"{option} and --paper are two recordings: give one of them")
@@ -257,9 +256,7 @@ def _continued(output: Path) -> Iterator[None]:
 
 @contextmanager
 def _progress(episodes: int) -> Iterator[dict[str, Any]]:
-    """Yield `progress` and `notice` for a recording of `episodes` episodes."""
-    # A block of steps takes seconds, and its steps count only when it is complete. So the speed is averaged over many
-    # blocks.
+    # The steps of a block count when the block is complete, after seconds, so the speed is an average over many blocks.
     with progress("steps", estimate_over=600.0) as report:
         done: dict[str, tuple[int, int]] = {}
 

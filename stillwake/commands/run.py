@@ -181,8 +181,7 @@ def _spans(
     *,
     averages: bool,
 ) -> "Spans":
-    """Return the times at which the phases of a run begin and end. Invalid times are refused before a C library is
-    made."""
+    """Return the times of a run's phases. Invalid times are refused before a C library is made."""
     from firmware_sim.bench.spans import Spans
 
     if controlled is None:

@@ -71,8 +71,7 @@ def _lock(path: Path, file: Path) -> None:
         with suppress(FileNotFoundError):
             if os.path.samestat(os.fstat(held), file.stat()):
                 break
-        # The previous owner of the lock has removed the file meanwhile, so this lock is on a file that no other command
-        # can find.
+        # The previous owner has removed the file meanwhile, so a lock on it has no effect on other commands.
         os.close(held)
     with suppress(OSError):
         os.ftruncate(held, 0)

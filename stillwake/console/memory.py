@@ -30,8 +30,7 @@ _SIGNS: Final = ("failed to map segment", "annot allocate memory", "can't start 
 
 
 def shortage(command: str) -> str | None:
-    """Describe the memory that a command lacks, in one line. Return None if there is no limit, or the limit is high
-    enough."""
+    """Describe the memory that a command lacks, in one line; None if there is no limit, or a limit high enough."""
     threads = os.environ.get("OPENBLAS_NUM_THREADS", os.environ.get("OMP_NUM_THREADS", ""))
     more = min(int(threads), os.cpu_count() or 1) - 1 if threads.isdigit() else 0
     needs = NEEDS_MB.get(command, LEAST_MB) + _A_THREAD_MB * max(0, more)
@@ -49,8 +48,7 @@ def shortage(command: str) -> str | None:
 
 
 def check_memory(words: Sequence[str]) -> None:
-    """Raise MemoryError if the command in `words` needs more memory than the limits allow. A call for help is not
-    checked."""
+    """Raise MemoryError if the command in `words` needs more memory than the limits allow. Calls for help pass."""
     if words and not {"--help", "-h"} & set(words) and (missing := shortage(words[0])) is not None:
         raise MemoryError(missing)
 

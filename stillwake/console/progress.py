@@ -150,8 +150,7 @@ class Report:
         still_wanted()
         now, changes = self._clock(), {"completed": done, "total": total, "note": note}
         if task not in self._tasks:
-            # Steps that an earlier call of the command did are not used for the speed. rich accepts fractions of a
-            # step.
+            # Steps that an earlier call did are not used for the speed; rich accepts fractions of a step.
             self._tasks[task] = self._bar.add_task(task, total=total, completed=done, note=note, unit=unit)  # type: ignore[arg-type]
             self._begin(task)
             self._latest[task] = now

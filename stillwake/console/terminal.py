@@ -23,8 +23,7 @@ def make_console(*, stderr: bool = False) -> Console:
 
 
 class PlainConsole(Console):
-    """A console that shows control characters as escapes, as Python's repr does. Only `style` or a `Text` gives
-    colour."""
+    """A console that shows control characters as escapes. Only `style` or a `Text` gives colour."""
 
     def print(self, *objects: Any, **options: Any) -> None:
         """Print as rich does, but without breaking lines of text, so that paths and commands stay whole."""

@@ -112,13 +112,11 @@ class Ecus:
         return LoopEcu(ecu=ecu, kind="python", computed_by=self._graph.description)
 
     def ahead(self, name: str) -> Callable[[], None] | None:
-        """Return a function that makes an ECU in C, to be called while the loop runs; None if there is nothing to
-        make."""
+        """Return a function that makes an ECU in C while the loop runs; None if there is nothing to make."""
         return partial(self.prepare, name) if name in COMPILING and name not in self._in_c else None
 
     def prepare(self, name: str) -> None:
-        """Make an ECU in C, which takes seconds, unless it exists already. Raises StillwakeError if the ECU is not
-        available."""
+        """Make an ECU in C, which takes seconds, unless it exists. Raises StillwakeError if it is not available."""
         from can_bridge.secoc.key import read_secret
         from firmware_sim.bench.ecus import loop_ecu
 

@@ -130,8 +130,7 @@ class OpenBus(NeverCopied):
 
     def close(self) -> None:
         """Disconnect. A second call does nothing. An adapter that was removed causes no error."""
-        # An unplugged adapter accepts no command. The error of closing such an adapter would hide the error that ended
-        # the work.
+        # The error of closing an unplugged adapter would hide the error that ended the work.
         with suppress(can.CanError, OSError):
             self._bus.shutdown()
 
@@ -142,8 +141,7 @@ class OpenBus(NeverCopied):
         self.close()
 
     def _send(self, message: can.Message, name: str, timeout_s: float) -> None:
-        """Send a message once, within `timeout_s`. Raises BusError with the frame's name if the bus fails or the time
-        is over."""
+        """Send a message once. Raises BusError with the frame's name if the bus fails or `timeout_s` is over."""
         try:
             self._bus.send(message, timeout=timeout_s)
         except (can.CanError, OSError, ValueError) as error:

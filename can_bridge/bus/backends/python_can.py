@@ -224,8 +224,8 @@ class PythonCanBus(OpenBus):
         self._keep(frame, False)
 
     def receive(self, timeout_s: float) -> Frame | None:
-        """Return the next frame, or None if no frame arrives within `timeout_s`. Raises BusError if the bus failed or
-        delivers only garbage."""
+        """Return the next frame; None if none arrives within `timeout_s`. Raises BusError for a failed bus or only
+        garbage."""
         deadline = time.monotonic() + timeout_s
         while True:
             left = max(0.0, deadline - time.monotonic())
@@ -235,8 +235,7 @@ class PythonCanBus(OpenBus):
                 return frame
 
     def receive_all(self) -> list[Frame]:
-        """Return up to QUEUE_SIZE frames that have arrived, oldest first, without waiting. Raises BusError as `receive`
-        does."""
+        """Return up to QUEUE_SIZE arrived frames, oldest first, without waiting. Raises BusError as `receive` does."""
         frames: list[Frame] = []
         for _ in range(RECEPTION_LIMIT):
             message = self._received(0.0)

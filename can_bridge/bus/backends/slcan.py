@@ -51,8 +51,7 @@ def why_refused(line: bytes) -> Rejection | None:
 
 
 class SlcanBus(slcanBus):
-    """A connection to one adapter. It raises `UnusableReceptionError` for an unusable line, and continues with the next
-    line."""
+    """A connection to one adapter. For an unusable line it raises `UnusableReceptionError` and then continues."""
 
     _line_cut = False
 
@@ -131,8 +130,7 @@ class SlcanBus(slcanBus):
             raise can.CanOperationError(f"the serial port failed: {error}") from error
 
     def shutdown(self) -> None:
-        """Close the channel and the port. The port is closed even if it no longer accepts the command that closes the
-        channel."""
+        """Close the channel, and the port even if it no longer accepts the command that closes the channel."""
         if self._is_shutdown:
             return
         try:

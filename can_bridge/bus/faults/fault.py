@@ -40,8 +40,7 @@ class WrappedBus:
         return self._bus.receive_all()
 
     def health(self) -> BusHealth:
-        """Return the health of the CAN controller of the wrapped bus; healthy if that bus does not report its
-        health."""
+        """Return the health of the wrapped bus's CAN controller; healthy if that bus does not report it."""
         health: Callable[[], BusHealth] | None = getattr(self._bus, "health", None)
         return HEALTHY if health is None else health()
 
@@ -69,8 +68,7 @@ class FrameArrivals:
 
 @dataclass(frozen=True, kw_only=True)
 class Span(Settings, section="span"):
-    """A time span from `start_s` up to, but not including, `end_s`. Raises ConfigError for a parameter out of its
-    bounds."""
+    """A time span from `start_s` until before `end_s`. Raises ConfigError for a parameter out of its bounds."""
 
     start_s: NonNegative[float] = 0.0
     end_s: float = inf

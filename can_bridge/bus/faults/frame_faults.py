@@ -65,8 +65,7 @@ class BurstLoss(SidedFault, section="burst_loss"):
 
     def change(self, random: Random) -> Change:
         """See `SidedFault.change`. The function drops the frames of each burst."""
-        # The chain starts in its stationary distribution: the state before the first frame is bad with probability
-        # `loss`.
+        # The chain starts in its stationary distribution: the first state is bad with probability `loss`.
         bad = random.random() < self.loss
 
         def change(frame: Frame) -> list[Frame]:
@@ -147,8 +146,7 @@ class Reorder(FrameFault, section="reorder"):
     window: Annotated[int, at_least(1)] = 2
 
     def acting(self, port: Injector) -> tuple[Send, Receive]:
-        """See `BusFault.acting`. A complete group is received in a random order. Frames on which the fault does not act
-        never wait."""
+        """See `BusFault.acting`. Each complete group is received in a random order; unaffected frames never wait."""
         kept: list[Frame] = []
 
         def shuffled() -> list[Frame]:
@@ -210,7 +208,7 @@ class FlipBits(SidedFault, section="flip_bits"):
 
 @dataclass(frozen=True, kw_only=True)
 class StuckAt(SidedFault, section="stuck_at"):
-    """In the span, a node repeats the data of the first frame of each identifier. `acted` counts the changed frames."""
+    """A node repeats the data of the first frame of each identifier in the span. `acted` counts the changed frames."""
 
     counter_runs: bool = False
     """Whether counter and CRC continue, as if the application were stuck but the communication stack were not; frames
@@ -243,8 +241,7 @@ def _spec_of(frame: Frame) -> MessageSpec | None:
 
 
 def payload_bits(spec: MessageSpec) -> range:
-    """Return the indices of the message's bits after the header. Bits are counted from the least significant bit of
-    each byte."""
+    """Return the message's bits after the header, counted from the least significant bit of each byte."""
     return range(profile_of(spec).header_bits, 8 * spec.protected)
 
 

@@ -163,8 +163,7 @@ class SimulatedBus:
         return frame_ns(frame, nominal_bitrate=self._config.nominal_bitrate, data_bitrate=self._config.data_bitrate)
 
     def under_way(self, frame_id: int) -> int:
-        """Return the number of frames with this 11-bit identifier that a node has sent and that have not arrived
-        yet."""
+        """Return the number of frames with this 11-bit identifier that were sent and have not arrived yet."""
         return sum(port.queue.count(frame_id) for port in self._ports)
 
     def activity(self) -> BusActivity:

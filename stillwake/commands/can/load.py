@@ -73,8 +73,7 @@ def figures(found: "BusLoad") -> dict[str, Any]:
 
 
 def facts(config: Config) -> dict[str, Any]:
-    """Return the settings and versions on which the figures depend, and the hash of the file with the background
-    traffic."""
+    """Return the settings and versions on which the figures depend, and the hash of the background's file."""
     bus = config.bus
     file = Path(bus.background.dbc) if bus.background.dbc else None
     return {

@@ -54,8 +54,7 @@ def _heading(summary: Summary, matching: str, source: str) -> Text:
 
 
 def _table(summary: Summary, matching: str, now_ns: int, width: int) -> Table:
-    """Return a table with one row for each message and one row for each of its signals. The table fits into 80
-    columns."""
+    """Return a table of 80 columns with one row for each message and one row for each of its signals."""
     value = min(24, max(10, width - OTHER_COLUMNS))
     table = Table(box=SIMPLE_HEAD, show_edge=False, pad_edge=False, padding=0)
     table.add_column("message, signal", no_wrap=True, min_width=21)

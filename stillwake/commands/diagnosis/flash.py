@@ -187,7 +187,6 @@ def _effort(flashed: "Flashed", length: int) -> str:
 
 
 def _comparison(release: Bundle, length: int, facts: "EcuFacts") -> Table:
-    """Return a table that compares the release to be flashed with the values that the ECU reports."""
     from can_bridge.flashing.backing import Slot
     from contract.release.checks import dbc_sha256
 
