@@ -1,8 +1,8 @@
 """The frames of one message in a log, numbered by their E2E counter, to find missing, repeated and misplaced frames.
 
 A log's times are times of reception: a frame may have waited for other traffic, and loggers write in bursts. The
-counter numbers the sender's frames; the time only shows how often the counter has wrapped. The log is divided into
-stretches, in which the counter runs without interruption. A new stretch begins where counter and time disagree
+counter numbers the sender's frames; the time only shows the number of times that the counter has wrapped. A stretch is
+a part of the log in which the counter runs without interruption. A new stretch begins where counter and time disagree
 permanently, because the sender restarted or the logger's clock was set, and after a long gap.
 """
 

@@ -187,7 +187,8 @@ def _without(
     specs: Sequence[MessageSpec],
     so: str = "",
 ) -> DatasetError:
-    """Return an error that states why the log has no usable frame of these messages, and what else the log contains."""
+    """Return an error that states why the log has no usable frame of these messages, and lists the log's other
+    frames."""
     wanted = " or ".join(f"{spec.name} (0x{spec.frame_id:x})" for spec in specs)
     for counts, reason in (
         (forged, "authentication code: bus.key is not the key of this drive"),

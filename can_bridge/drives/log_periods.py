@@ -1,9 +1,8 @@
 """Numbered pressures and the commands that answer them, as one row for each control period.
 
-Row k has the pressures of frame k and the action commanded for these pressures: that of the first command that echoes
-frame k's counter. A command may be based on an older frame, because the ECU held its command or shut the jets when a
-frame was missing; it then belongs to the period in which it arrived. A command for the next period is the action of the
-next row.
+Row k has the pressures of frame k, and the action that the first command with frame k's counter commands. A command may
+be based on an older frame, because the ECU held its command or shut the jets when a frame was missing; such a command
+belongs to the period in which it arrived. A command for the next period is the action of the next row.
 """
 
 from collections.abc import Sequence
@@ -21,14 +20,14 @@ from contract.config.operating_point import OperatingPoint
 from contract.config.vehicle import SpeedConfig
 
 _HELD: Final = (Mode.HOLD, Mode.DECAY, Mode.FAULT)
-"""Modes in which a command is no answer to the frame whose counter it echoes."""
+"""Modes in which a command does not answer the frame whose counter it echoes."""
 _UNKNOWN_LAG: Final = 0.5
 """Assumed time from pressure to command, in periods, if no command echoes a pressure's counter."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Scales:
-    """Conversion from the messages' units to those of a data set.
+    """Conversion from the messages' units to the units of a data set.
 
     Attributes:
         period: control period in W / U_inf.
@@ -52,7 +51,7 @@ class Scales:
 
 
 class Samples(NamedTuple):
-    """The contents of the n pressure frames of a stretch.
+    """The contents of n pressure frames without a restart of the sender (a `FrameStretch`).
 
     Attributes:
         pressure_pa: pressures in Pa, (n, 4); NaN if a sensor was invalid or the frame's pressures were too old.
@@ -92,11 +91,11 @@ def samples_of(stretch: FrameStretch, messages: MessageSet, period_s: float) -> 
 
 def clock_of(stretch: FrameStretch, sampled_s: Array, period_s: float | None = None) -> SenderClock:
     """Fit a line to the sampling times of the n frames, (n,), by medians, so that single late frames do not change the
-    line. `period_s` is the sender's period in s, if it is known better than from this stretch."""
+    line. `period_s` is the sender's period in s, if it is known better than from these frames."""
     index = stretch.index.astype(np.float64)
     if period_s is None:
-        # This is the Theil-Sen slope, restricted to pairs of frames that are half the stretch apart, because the slopes
-        # of these pairs have the largest weight.
+        # This is the Theil-Sen slope, restricted to pairs that are half of all frames apart, because their slopes have
+        # the largest weight.
         half = len(stretch) // 2
         period_s = float(np.median((sampled_s[half:] - sampled_s[:-half]) / (index[half:] - index[:-half])))
     late = sampled_s - period_s * index
@@ -113,13 +112,12 @@ def table_of(
     modulus: int,
 ) -> Array:
     """Return the four pressures in Pa and the jets' flow in m2/s, one row for each period, (n + 1, 5). The first row is
-    one period before the stretch's first frame, and n is the number of periods of the stretch. NaN means that the log
-    has no value.
+    one period before the first frame, and the frames cover n periods. NaN means that the log has no value.
 
     Args:
         stretch: numbered pressure frames.
         pressure_pa: pressures of these frames.
-        commands: commands received during the stretch, without repetitions.
+        commands: commands received during the time of these frames, without repetitions.
         messages: message set of the frames.
         clock: times of the rows.
         modulus: number of values of the pressures' counter.

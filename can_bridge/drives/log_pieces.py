@@ -19,7 +19,7 @@ SHORTEST_PIECE: Final = 16
 _SAME: Final = 1e-6
 """Distance in control periods by which rounding may put a row outside a piece."""
 _SHOWN: Final = 5
-"""Largest number of filled gaps of a stretch that are listed one by one."""
+"""Largest number of filled gaps of one table that are listed one by one."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -31,7 +31,7 @@ class Piece:
         time_s: time of each row in s on the log's clock, (n,).
         Cp: pressure coefficients, (n, 4), in the sensor order of the Pressure message.
         action: action commanded at each row in U_inf W, (n,).
-        initial_action: action in force before row 0, in U_inf W.
+        initial_action: action of the jets before row 0, in U_inf W.
     """
 
     first_row: int
@@ -76,8 +76,9 @@ class Cutter:
             )
 
     def add(self, table: Array, clock: SenderClock, moves: Mask) -> None:
-        """Cut one stretch into pieces. `table` is the result of `table_of`, converted to coefficients; it is NaN in
-        rows in which the vehicle does not move or its speed is unknown, and `moves` is False there."""
+        """Cut the table of one `FrameStretch` into pieces. `table` is the result of `table_of`, converted to
+        coefficients; it is NaN in rows in which the vehicle does not move or its speed is unknown, and `moves` is False
+        there."""
         present = np.isfinite(table)
         self.ever_valid |= present[:, :SENSORS].any(axis=0)
         whole = np.flatnonzero(present.all(axis=1))
@@ -124,8 +125,8 @@ class Cutter:
     def _keep(self, table: Array, a: int, b: int, clock: SenderClock) -> None:
         """Fill the gaps in the rows from a up to, but not including, b, and append these rows as one piece."""
         # A gap of one column may end where another column is cut, and then has no neighbour from which to interpolate.
-        # The action in force before the first row must be known; if it is not, the jets must be shut in the first row,
-        # and the action counts as 0.
+        # The jets' action before the first row must be known. If it is not, the jets must be shut in the first row, and
+        # the action counts as 0.
         whole = np.flatnonzero(np.isfinite(table[a:b]).all(axis=1)) + a
         action = table[:, -1]
         begins = whole[np.isfinite(action[whole - 1]) | (action[whole] == 0.0)]

@@ -137,7 +137,7 @@ def series_of(
         point = _point_of(path, speeds, nominal_s, scales)
     stretches, repeated, misplaced = number(log.pressures, period_s=nominal_s, modulus=modulus)
     samples = [samples_of(one, log.messages, nominal_s) for one in stretches]
-    # The sender's period on the log's clock is found by a fit to the longest stretch, if that stretch is long enough.
+    # The sender's period on the log's clock is found by a fit to the longest `FrameStretch`, if it is long enough.
     period_s = nominal_s
     longest = max(range(len(stretches)), key=lambda i: len(stretches[i]))
     if len(stretches[longest]) >= SHORTEST_PIECE:
@@ -243,8 +243,8 @@ def _point_of(path: Path, speeds: VehicleSpeeds, period_s: float, scales: Scales
 def _air(
     speeds: VehicleSpeeds | None, clock: SenderClock, rows: int, nominal_s: float, scales: Scales
 ) -> tuple[Array, Array]:
-    """Return speed in m/s and density in kg/m3 at the rows of a table, whose first row is one period before the
-    stretch. The speed is NaN in rows in which it is unknown or the vehicle does not move."""
+    """Return speed in m/s and density in kg/m3 at the rows of a table, whose first row is one period before the first
+    frame. The speed is NaN in rows in which it is unknown or the vehicle does not move."""
     point = scales.point
     if speeds is None:
         return np.full(rows, point.speed), np.full(rows, point.density)

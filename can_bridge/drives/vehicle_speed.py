@@ -65,7 +65,7 @@ class VehicleSpeeds:
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Travel:
     """The distance travelled in body lengths W, as a function of time, extrapolated linearly. It equals the time in W /
-    U_inf, whatever U_inf is.
+    U_inf for every U_inf.
 
     Attributes:
         time_s, way: n times in s and the distances at these times in W, both increasing, (n,), with n at least 2.

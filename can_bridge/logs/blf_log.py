@@ -84,8 +84,8 @@ class Objects:
         self._file = file
 
     def read(self, since_epoch: SinceEpoch) -> Iterator[Entry]:
-        """Yield the entries of the objects. Raises ValueError for a file that is no BLF; CutOffError for a truncated
-        one."""
+        """Yield the entries of the objects. Raises ValueError for a file of another format; CutOffError for a truncated
+        file."""
         head = self._file.read(_FILE.size)
         if head[:4] != b"LOGG" or len(head) < _FILE.size:
             raise ValueError("its header is not that of a BLF")

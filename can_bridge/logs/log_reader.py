@@ -46,8 +46,8 @@ def stem_of(path: Path) -> str:
 
 
 def is_log(path: Path) -> bool:
-    """Return whether the file is a log. Its name shows this, or for a CSV its first line, which must be that of
-    python-can's logger."""
+    """Return whether the file is a log. The name shows this, or for a CSV the first line that python-can's logger
+    writes."""
     suffix = suffix_of(path)
     if suffix != ".csv" or path.suffix.lower() == PACKED:
         return suffix in LOG_SUFFIXES

@@ -42,10 +42,10 @@ class BackgroundTraffic:
 def read_traffic(path: Path, bus: BusConfig, taken: Collection[int], *, seed: int) -> BackgroundTraffic:
     """Return a file's messages at their cycle times (`GenMsgCycleTime` in a DBC), with phases drawn by the seed.
 
-    Three kinds of messages are left out: those without a cycle time, those that no CAN frame of this bus can carry, and
-    stillwake's own messages, which the description of a whole vehicle contains too. Raises BusError if cantools or the
-    file is missing; the file is damaged; no message can be sent; two messages have one identifier; or a message does
-    not fit this bus.
+    Messages are left out if they have no cycle time, if no CAN frame of this bus can carry them, or if they are
+    stillwake's own, which the description of a whole vehicle contains too. Raises BusError if cantools or the file is
+    missing; the file is damaged; no message can be sent; two messages have one identifier; or a message does not fit
+    this bus.
 
     Args:
         path: file of messages; the ending of its name states its format.

@@ -104,8 +104,7 @@ def loop_messages(config: Config, others: Sequence[PeriodicMessage] = ()) -> tup
     pressure, speed, command, status = (_periodic(spec, period_ns) for spec in message_set(config.bus).specs)
     everyone = _by_priority((pressure, speed, command, status, *others))
     arrival = message_response_times(everyone, config.bus)[everyone.index(pressure)]
-    # If the response time of the pressures has no bound, those of the answers have none either, because the answers
-    # have a lower priority.
+    # If the pressures have no longest response time, the answers have none either, because their priority is lower.
     jitter_ns = period_ns if arrival.response_ns is None else arrival.response_ns
     return (
         pressure,

@@ -1,6 +1,6 @@
 """Conversion of frames to named signals with units, and back, for people; nodes use `can_bridge.wire.message_sets`.
 
-Names and units are those in `contract/stillwake.dbc`.
+`contract/stillwake.dbc` defines the names and units.
 """
 
 from collections.abc import Iterator, Mapping, Sequence

@@ -59,8 +59,7 @@ Priority = tuple[int, bool, int]
 
 def priority(frame: Frame) -> Priority:
     """Return the priority, in the order of the bits on the bus: the identifier's first 11 bits, then SRR and IDE, which
-    are recessive in a 29-bit format, then the last 18 bits. Frames with equal identifiers have equal priority, whatever
-    their data."""
+    are recessive in a 29-bit format, then the last 18 bits. The data have no effect on the priority."""
     if frame.is_extended:
         return frame.frame_id >> EXTENSION_BITS, True, frame.frame_id & (1 << EXTENSION_BITS) - 1
     return frame.frame_id, False, 0

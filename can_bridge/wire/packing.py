@@ -32,12 +32,12 @@ VALIDITIES: Final = tuple(bits[::-1] for bits in product((False, True), repeat=S
 
 
 def mode_of(mode: Mode) -> Mode:
-    """Return the mode; raises ValueError for a number that is no mode."""
+    """Return the mode; raises ValueError if the number is not a mode."""
     return mode if mode.__class__ is Mode else Mode(mode)
 
 
 def reason_of(reason: Reason) -> Reason:
-    """Return the reason; raises ValueError for a number that is no reason."""
+    """Return the reason; raises ValueError if the number is not a reason."""
     return reason if reason.__class__ is Reason else Reason(reason)
 
 

@@ -207,7 +207,7 @@ class _Files:
 
     @property
     def signed(self) -> str:
-        """The signer of the image, in words."""
+        """A description of the image's signer."""
         return "unsigned" if self.key is None else f"signed by key {public_key(self.key).fingerprint}"
 
 

@@ -181,7 +181,7 @@ def _spans(
     *,
     averages: bool,
 ) -> "Spans":
-    """Return the times of a run's phases. Invalid times are refused before a C library is made."""
+    """Return the times of a run's phases. Invalid times raise an error before a C library is made."""
     from firmware_sim.bench.spans import Spans
 
     if controlled is None:
@@ -267,7 +267,7 @@ def _ecu_in_c(kind: str, clock_mhz: float, library: Path | None, release: Bundle
     from firmware_sim.bench.ecus import check_ecu, loop_ecu
     from stillwake.parts.c_release import library_folder
 
-    # Invalid settings are refused before the library is made.
+    # Invalid settings raise an error before the library is made.
     secret = read_secret(Path(config.bus.key)) if config.bus.key else None
     check_ecu(kind, clock_mhz)
     if library is None:

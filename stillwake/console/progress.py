@@ -145,7 +145,7 @@ class Report:
             done: number of steps done so far.
             total: number of steps of the whole task; None if it is not known yet.
             note: text at the end of the line.
-            unit: unit of this task's steps, if it differs from the unit of the other tasks.
+            unit: unit of this task's steps, if it is not the usual unit.
         """
         still_wanted()
         now, changes = self._clock(), {"completed": done, "total": total, "note": note}

@@ -94,7 +94,7 @@ def _dropped(fileno: int) -> int:
         with socket.socket(fileno=os.dup(fileno)) as sock:
             return int(_MEMINFO.unpack(sock.getsockopt(socket.SOL_SOCKET, _SO_MEMINFO, _MEMINFO.size))[-1])
     except (OSError, struct.error):
-        # The descriptor is no socket, or the kernel is older than 4.12.
+        # The descriptor does not belong to a socket, or the kernel is older than 4.12.
         return 0
 
 
@@ -264,7 +264,7 @@ class PythonCanBus(OpenBus):
     def _judged(self, message: can.Message) -> Frame | Rejection:
         frame = frame_of(message)
         if isinstance(frame, Rejection):
-            # An error frame may have an identifier that is no int.
+            # An error frame may have an identifier that is not an int.
             is_report = frame is Rejection.ERROR_FRAME and isinstance(message.arbitration_id, int)
             if is_report and self._linux_error_frames:
                 data = bytes(message.data)

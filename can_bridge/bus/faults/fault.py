@@ -59,7 +59,7 @@ class FrameArrivals:
         arrived: list[tuple[int, Frame]] = []
         for frame in frames:
             stamp_ns = frame.timestamp_ns
-            # The bus returns frames in the order of their arrival, whatever their time stamps.
+            # The bus returns frames in the order of their arrival, which need not be the order of their time stamps.
             self._latest_ns = max(self._latest_ns, stamp_ns if self._looked_ns <= stamp_ns <= now_ns else now_ns)
             arrived.append((self._latest_ns, frame))
         self._looked_ns = now_ns

@@ -24,7 +24,8 @@ from contract.errors import BusError
 
 @dataclass(frozen=True, kw_only=True)
 class Drop(SidedFault, section="drop"):
-    """Each frame is lost with the same probability, independently of the others. `acted` counts the lost frames."""
+    """Each frame is lost with an equal probability, independently of all other frames. `acted` counts the lost
+    frames."""
 
     probability: Probability[float]
 

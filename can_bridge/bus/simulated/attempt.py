@@ -39,7 +39,7 @@ class AttemptVerdict(Enum):
     """The sender's own stuff bit was overwritten: an error that no node counts."""
     RECEIVE_ERROR = auto()
     SIGNALLED_FIRST = auto()
-    """A receive error that the other nodes did not see before this node's error flag."""
+    """A receive error that no other node saw before this node's error flag."""
 
     def applied(self, faults: FaultConfinement) -> FaultConfinement:
         """Return the counters after the attempt."""
