@@ -1,1 +1,1 @@
-"""The CAN bus: wire format, end-to-end protection, the command gate, and adapters to real and virtual buses."""
+"""The CAN bus: messages, end-to-end protection, the check of jet commands, and adapters to real and virtual buses."""

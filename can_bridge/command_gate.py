@@ -1,11 +1,11 @@
 """The last check before a jet command is sent on the bus. It trusts none of the controller's outputs.
 
-No permission, a command that is not finite, a clock that did not advance, or the lack of fresh pressures shuts the jets
-at once. Otherwise the command is limited to its range and then to one step from the previous command. Zero is the safe
-state, so shutting is never slowed down.
+The gate shuts the jets at once if there is no permission, the command is not finite, the clock did not advance, or
+there are no fresh pressures. Otherwise the command is limited to its range and then to one step from the previous
+command. Zero is the safe state, so the shutting of the jets is never slowed down.
 
 Pressures that are too old for a new command may still be the basis of a command between the previous command and zero,
-because the fail-safe holds and then halves the command.
+because the fail-safe first repeats and then halves the last command.
 """
 
 import math
@@ -19,7 +19,7 @@ from contract.errors import ConfigError
 
 
 class Intervention(Flag):
-    """The gate's changes to a command; empty if it passed unchanged."""
+    """The changes that the gate made to a command; empty if the command passed unchanged."""
 
     NOT_ENABLED = auto()
     NOT_FINITE = auto()
@@ -35,10 +35,10 @@ class GateLimits:
 
     Attributes:
         flow_m2_per_s: largest magnitude of the command.
-        step_m2_per_s: largest change between two commands a period or more apart; proportionally less in a shorter
-            time.
-        fresh_age_ns: largest age of the pressures on which any command is based.
-        held_age_ns: largest age of pressures for a command between the previous command and zero.
+        step_m2_per_s: largest change between two commands that are a period or more apart. In a shorter time the
+            largest change is smaller in proportion.
+        fresh_age_ns: largest age of the pressures on which a command of any value may be based.
+        held_age_ns: largest age of the pressures on which a command between the previous command and zero may be based.
     """
 
     flow_m2_per_s: float
@@ -51,13 +51,13 @@ class GateLimits:
     def from_config(cls, config: Config) -> Self:
         """Return the limits of a vehicle.
 
-        The range ends on a multiple of the message's resolution, so that rounding cannot exceed it. The ages allow the
-        fail-safe's hold and decay, and nothing after them. Raises ConfigError if the action limit at this operating
-        point exceeds the message's range.
+        The range ends on a multiple of the message's resolution, so that rounding cannot exceed the range. The ages
+        allow the commands that the fail-safe sends while it holds the last command and lets it decay, and no later
+        command. Raises ConfigError if the action limit at this operating point exceeds the message's range.
         """
         scale = config.operating_point.flow_rate_scale
         limit = config.flow.action_limit * scale
-        # The small number keeps a limit that is itself a multiple of the resolution.
+        # The small number keeps a rounding error from reducing a limit that is itself a multiple of the resolution.
         steps = math.floor(limit / FLOW_RESOLUTION_M2_PER_S + 1e-6)
         if steps > INT16_MAX:
             widest = INT16_MAX * FLOW_RESOLUTION_M2_PER_S
@@ -74,7 +74,7 @@ class GateLimits:
         )
 
     def narrowed(self, other: Self) -> Self:
-        """Return the limits with the smaller range and the smaller step of both; the times stay."""
+        """Return the limits with the smaller range and the smaller step of the two, and this object's ages."""
         return replace(
             self,
             flow_m2_per_s=min(self.flow_m2_per_s, other.flow_m2_per_s),
@@ -84,7 +84,7 @@ class GateLimits:
 
 @dataclass(frozen=True, kw_only=True)
 class GatedCommand:
-    """The gate's result. `flow_m2_per_s` is also the next call's `previous_m2_per_s`."""
+    """The gate's result. Pass its `flow_m2_per_s` to the next call as `previous_m2_per_s`."""
 
     flow_m2_per_s: float
     enable: bool
@@ -101,15 +101,17 @@ def gate(
     now_ns: int,
     limits: GateLimits,
 ) -> GatedCommand:
-    """Let a command pass, limit it, or shut the jets. Call it once for each command that is sent.
+    """Let a command pass, limit it, or shut the jets. Call this function once for each command that is sent.
 
     Args:
         flow_m2_per_s: command of the controller or its fail-safe.
         enable: whether the jets may run.
         previous_m2_per_s: this gate's previous result; 0 at the start.
-        previous_ns: time of that result; None at the start.
+        previous_ns: time of the previous result; None at the start.
         pressure_ns: sampling time of the pressures that the command uses; None without pressures.
-        now_ns: present time on the same clock. Pressures from the future count as stale, because a clock is wrong.
+        now_ns: present time on the clock of the other times. Pressures from the future count as stale, because a clock
+            is wrong.
+        limits: bounds on the command.
     """
     if not enable:
         return _shut(Intervention.NOT_ENABLED)

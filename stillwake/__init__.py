@@ -1,1 +1,1 @@
-"""The command line: the only package that may import all others."""
+"""The package of the command line, which is the only package that may import all other packages."""

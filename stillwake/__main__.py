@@ -1,7 +1,7 @@
-"""The composition root, which has every command by its name.
+"""The program `stillwake`, which registers every command under its name.
 
-Commands import packages only when they need them. So `run` on a vehicle needs neither torch nor a flow solver's
-compiler, and a missing extra gives a message of one line.
+Each command imports other packages only when it needs them. So an ECU on a vehicle's computer needs neither torch nor a
+flow solver's compiler, and a missing extra gives an error message of one line.
 """
 
 from stillwake.console import own_rooms  # noqa: F401  (refuses to go on where a file hides one of our packages)

@@ -1,1 +1,1 @@
-"""Real, virtual and simulated buses behind one interface, and the parts that receive from them."""
+"""Real, virtual and simulated buses with one interface, and the parts of a node that receive from a bus."""

@@ -7,7 +7,8 @@ from can_bridge.wire.frame import CLASSIC_LENGTHS, FD_LENGTHS, Frame
 
 
 def to_message(frame: Frame) -> can.Message:
-    """Return the frame as a python-can message. Its float seconds are exact to the ns in the first weeks after 0."""
+    """Return the frame as a python-can message. The message's time in float seconds is exact to the ns in the first
+    weeks after time 0."""
     return can.Message(
         arbitration_id=frame.frame_id,
         data=frame.data,
@@ -28,10 +29,10 @@ def frame_of(message: can.Message) -> Frame | Rejection:
     if message.is_remote_frame:
         return Rejection.REMOTE
     is_fd = bool(message.is_fd)
-    # Only the difference of the two lengths shows that a backend has read a truncated line.
+    # A backend may have read a truncated line. Only the difference between the two lengths shows this.
     if message.dlc != len(message.data) or len(message.data) not in (FD_LENGTHS if is_fd else CLASSIC_LENGTHS):
         return Rejection.WRONG_LENGTH
-    # A backend may pass on values of any type and range. A float would pass the range check.
+    # A backend may deliver values of any type and range. A float would pass the check of the range.
     if not isinstance(message.arbitration_id, int):
         return Rejection.GARBAGE
     try:

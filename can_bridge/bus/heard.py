@@ -1,4 +1,4 @@
-"""A one-line report of the frames on the bus while a node receives nothing that it can use."""
+"""A report in one line on the frames that are on the bus while a node receives no usable frame."""
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
@@ -11,14 +11,14 @@ from can_bridge.wire.message_sets import SETS, MessageSet
 from can_bridge.wire.message_specs import MessageSpec
 
 MOST_NAMED: Final = 4
-"""Largest number of identifiers in the line."""
+"""Largest number of identifiers that the line lists."""
 SILENCE_S: Final = 1.0
 """Time in s without a usable frame after which the line is reported."""
 
 
 @dataclass(kw_only=True, eq=False)
 class Heard:
-    """Counts of the frames since the last line, by identifier and length."""
+    """Counts of the frames since the last report, by identifier and length."""
 
     frames: Counter[tuple[int, int]] = field(default_factory=Counter)
 
@@ -32,12 +32,14 @@ class Heard:
 def line(
     heard: Heard, wanted: MessageSpec, messages: MessageSet, rejected: Mapping[Rejection, int], *, sender: str
 ) -> str:
-    """Return why nothing usable arrived in `SILENCE_S`, as far as the bus shows.
+    """Return a line that states why no usable frame arrived in `SILENCE_S`, as far as the received frames show.
 
     Args:
+        heard: counts of the frames that were received.
+        wanted: specification of the message that the node waits for.
         messages: the message set that this node uses.
-        rejected: numbers of receptions that were no frame of this node's kind, by reason.
-        sender: the node that sends the message, in a word.
+        rejected: numbers of receptions that were not frames of this node's format, by reason.
+        sender: word for the node that sends the message.
     """
     opening = f"no usable {wanted.name} (0x{wanted.frame_id:03x}) in {SILENCE_S:g} s"
     lengths = {length: count for (frame_id, length), count in heard.frames.items() if frame_id == wanted.frame_id}
@@ -70,8 +72,8 @@ def line(
 
 
 class Silence:
-    """A reporter that reports once when nothing usable arrives for `SILENCE_S`, and once when usable frames arrive
-    again. See `line` for the arguments."""
+    """A reporter that reports once when no usable frame has arrived for `SILENCE_S`, and once when usable frames arrive
+    again. The arguments are as for `line`."""
 
     def __init__(self, wanted: MessageSpec, messages: MessageSet, sender: str, report: Callable[[str], None]) -> None:
         self._wanted, self._messages, self._sender, self._report = wanted, messages, sender, report

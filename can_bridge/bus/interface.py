@@ -1,4 +1,4 @@
-"""The interface of a bus to a node; real, virtual and simulated buses have it."""
+"""The interface through which a node uses a bus. Real, virtual and simulated buses have this interface."""
 
 from dataclasses import dataclass
 from enum import Enum, auto
@@ -20,8 +20,10 @@ class BusHealth:
     """The error state of a node's CAN controller.
 
     Attributes:
-        tx_errors, rx_errors: error counters. Above 127 it is error-passive, from 256 transmit errors bus-off.
-        bus_off: how often it went bus-off since power-on.
+        state: error-active, error-passive or bus-off.
+        tx_errors, rx_errors: error counters. The controller is error-passive if a counter is above 127, and bus-off
+            from 256 transmit errors.
+        bus_off: number of times that the controller went bus-off since power-on.
     """
 
     state: BusState = BusState.ERROR_ACTIVE
@@ -31,27 +33,27 @@ class BusHealth:
 
 
 HEALTHY: Final = BusHealth()
-"""Health without errors; also reported by a bus that does not know its controller's health."""
+"""Health without errors. A bus whose controller does not report its health also has this value."""
 
 
 class Bus(Protocol):
     """A node's connection to a bus: sends frames, and returns received frames without waiting."""
 
     def send(self, frame: Frame) -> None:
-        """Send one frame; raises BusError if the bus does not take it."""
+        """Send one frame; raises BusError if the bus does not accept the frame."""
 
     def receive_all(self) -> list[Frame]:
         """Return all frames that have arrived, oldest first, without waiting; raises BusError if the bus failed."""
 
 
 class Rejection(Enum):
-    """Reasons to reject a reception; tables and reports show the values."""
+    """Reasons to reject a reception. Tables and reports show the values as text."""
 
     GARBAGE = "unreadable"
     """No CAN frame: a datagram or line of another format, or an identifier or time out of range."""
     WRONG_LENGTH = "wrong length"
-    """The data are truncated, or their length is impossible in the frame's format. A length that is possible but not
-    the message's fails the end-to-end check."""
+    """The data are truncated, or have a length that is impossible in the frame's format. A possible length that is not
+    the message's length is rejected by the end-to-end check instead."""
     REMOTE = "remote frame"
     ERROR_FRAME = "error frame"
     """The controller's report on the bus or on itself; see `PythonCanBus.health`."""
@@ -61,11 +63,12 @@ class Rejection(Enum):
     OTHER_ID = "another identifier"
     OWN = "own frame received again"
     ADAPTER = "adapter refused a command"
-    """A serial adapter answered BEL: to a frame that it did not send, or to a command when it was opened."""
+    """A serial adapter answered BEL, its sign of an error, to a frame that it did not send or to a command while it was
+    opened."""
 
 
 class UnusableReceptionError(Exception):
-    """One of our backends received data that it cannot return; the backend itself still works."""
+    """The error of our own backends for received data that are not a usable message; the backend continues to work."""
 
     def __init__(self, reason: Rejection) -> None:
         super().__init__(reason.value)

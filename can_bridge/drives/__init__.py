@@ -1,1 +1,1 @@
-"""Conversion of the log of a drive to series on the grid of control periods."""
+"""Conversion of the log of a drive to series with one row for each control period."""

@@ -1,8 +1,9 @@
 """The frames of one message in a log, numbered by their E2E counter, to find missing, repeated and misplaced frames.
 
 A log's times are times of reception: a frame may have waited for other traffic, and loggers write in bursts. The
-counter numbers the sender's frames; the time only shows how often the counter has wrapped. A new stretch begins where
-counter and time disagree permanently, because the sender restarted or the logger's clock was set, and after a long gap.
+counter numbers the sender's frames; the time only shows the number of times that the counter has wrapped. A stretch is
+a part of the log in which the counter runs without interruption. A new stretch begins where counter and time disagree
+permanently, because the sender restarted or the logger's clock was set, and after a long gap.
 """
 
 from collections.abc import Sequence
@@ -15,13 +16,16 @@ import numpy as np
 from contract.arrays import Array, Index
 
 SLACK: Final = 2.0
-"""Largest deviation, in periods, of the time since the previous frame from the time that the counters imply."""
+"""Largest difference, in periods, between the time since the previous frame and the time that the two counters
+imply."""
 _LONGEST: Final = 1000
-"""Largest number of periods without a frame within a stretch, so that a clock that was set adds no endless rows."""
+"""Largest number of periods without a frame within a stretch, so that a change of the clock adds no endless rows."""
 _JUMP: Final = 0.5
-"""Largest permanent shift of a stretch's clock, in periods. With a larger shift the counter is not reliable."""
+"""Largest permanent shift of the times within a stretch, in periods. After a larger shift the counter is not
+reliable."""
 _AROUND: Final = 16
-"""Number of frames whose median gives the clock: more than a burst has, and enough to average jitter of 0.4 periods."""
+"""Number of frames whose median time gives the clock: more than a burst has, and enough to average jitter of 0.4
+periods."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,7 +39,8 @@ class CountedFrame:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FrameStretch:
-    """Frames of one sender between two starts, sorted by `index`: control periods since the first frame, (n,)."""
+    """Frames of one sender without a restart. `index` is the number of control periods from the first frame to each of
+    the n frames, (n,), rising."""
 
     index: Index
     frames: tuple[CountedFrame, ...]
@@ -46,7 +51,7 @@ class FrameStretch:
         return np.array([frame.time_s for frame in self.frames])
 
     def between(self, a: int, b: int) -> "FrameStretch":
-        """Return the frames from index a up to before b; `index` counts from the first of them."""
+        """Return the frames at the positions a to b - 1; `index` counts from the first of these frames."""
         return FrameStretch(index=self.index[a:b] - self.index[a], frames=self.frames[a:b])
 
     def __len__(self) -> int:
@@ -54,14 +59,15 @@ class FrameStretch:
 
 
 def usual_interval(frames: Sequence[CountedFrame], modulus: int) -> float | None:
-    """Return the median time in s between frames with consecutive counters; None if there are none."""
+    """Return the median time in s between two successive frames with consecutive counters; None if there are no such
+    frames."""
     times, counters = np.array([(frame.time_s, frame.counter) for frame in frames]).T
     steps = np.diff(times)[np.diff(counters) % modulus == 1]
     return float(np.median(steps)) if len(steps) else None
 
 
 def without_repeats(frames: Sequence[CountedFrame], within_s: float) -> list[CountedFrame]:
-    """Return the frames without repetitions, which have an equal counter before the counter can wrap."""
+    """Return the frames without repetitions. A repetition has the same data as a frame at most `within_s` before it."""
     kept: list[CountedFrame] = []
     last: dict[bytes, float] = {}
     for frame in frames:
@@ -73,16 +79,18 @@ def without_repeats(frames: Sequence[CountedFrame], within_s: float) -> list[Cou
 
 def number(frames: Sequence[CountedFrame], *, period_s: float, modulus: int) -> tuple[list[FrameStretch], int, int]:
     """Return the stretches of one message in the order of time, the number of repeated frames, and the number of
-    misplaced frames, whose counters fit neither the frames before nor those after.
+    misplaced frames. The counter of a misplaced frame fits neither the frames before it nor the frames after it.
 
     Args:
         frames: frames with valid CRCs, in the order of reception.
-        period_s: the sender's period on the log's clock, to a few per cent.
-        modulus: number of frames after which the counter wraps. A loss of more than half of it shows in the time only.
+        period_s: the sender's period on the log's clock in s, to a few per cent.
+        modulus: number of frames after which the counter wraps. If more than half of this number are lost, only the
+            times show how many.
     """
     once = without_repeats(frames, SLACK * period_s)
     parts = _parts(once, period_s, modulus)
-    # Frames before and after a misplaced frame may belong to one stretch.
+    # The frames before and after a misplaced frame may belong to one stretch, so the misplaced frames are removed
+    # first.
     fitting = [frame for part in parts if len(part) > 1 for _, frame in part] or once
     stretches: list[FrameStretch] = []
     for part in _parts(fitting, period_s, modulus):
@@ -93,27 +101,27 @@ def number(frames: Sequence[CountedFrame], *, period_s: float, modulus: int) -> 
 
 
 def _parts(frames: Sequence[CountedFrame], period_s: float, modulus: int) -> list[list[tuple[int, CountedFrame]]]:
-    """Number the frames, and cut them where counter and clock disagree or many frames are missing."""
+    """Number the frames, and begin a new part where counter and clock disagree or many frames are missing."""
     parts: list[list[tuple[int, CountedFrame]]] = []
     newest, before = 0, None
     for frame in frames:
         elapsed = 0.0 if before is None else (frame.time_s - before.time_s) / period_s
         step = 0 if before is None else (frame.counter - before.counter) % modulus
-        # The number of periods that fits the counters and is nearest to the elapsed time.
+        # The result is the number of periods that agrees with the counters and is nearest to the elapsed time.
         step += modulus * round((elapsed - step) / modulus)
         if before is None or abs(step - elapsed) > SLACK or step > _LONGEST:
             parts.append([(0, frame)])
             newest, before = 0, frame
             continue
         parts[-1].append((newest + step, frame))
-        # A frame that was overtaken does not show the sender's present counter.
+        # A frame that another frame has overtaken does not show the sender's present counter.
         if step > 0:
             newest, before = newest + step, frame
     return parts
 
 
 def _cut_at_jumps(stretch: FrameStretch, period_s: float) -> list[FrameStretch]:
-    """Cut the stretch where times shift permanently, although each frame was within the slack of the previous one."""
+    """Cut the stretch where its times shift permanently, although each time was within the slack of the time before."""
     late = stretch.time_s - period_s * stretch.index
     cuts, after = [0], 0
     for i in (np.flatnonzero(np.abs(np.diff(late)) > _JUMP * period_s) + 1).tolist():

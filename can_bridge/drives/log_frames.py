@@ -1,4 +1,5 @@
-"""The pressures, commands and speeds in a log: our frames with a valid CRC on one channel, and counts of the others."""
+"""The pressures, commands and speeds in a log: our frames with a valid CRC on one channel, and the numbers of all other
+frames."""
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -16,10 +17,11 @@ from can_bridge.wire.message_specs import MessageSpec
 from contract.errors import DatasetError
 
 Verify = Callable[[MessageSpec, bytes], int | None]
-"""Returns the freshness value of a secured message with a valid authentication code; None for any other bytes."""
+"""A function that returns the freshness value of a secured message if the message's authentication code is valid, or
+else None."""
 
 _SHOWN: Final = 12
-"""Largest number of identifiers that a message lists."""
+"""Largest number of identifiers that an error message lists."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,10 +31,11 @@ class LogFrames:
     Attributes:
         messages: message set of the pressures.
         channel: the only channel with valid frames of ours; empty if the log has no channels.
-        pressures, commands, speeds: frames with a valid CRC, in the log's order; with `verify`, authentic and fresh.
-        damaged: number of frames of the three messages with a wrong CRC or length.
+        pressures, commands, speeds: frames with a valid CRC, in the log's order; with `verify`, only authentic and
+            fresh frames.
+        damaged: number of frames of these three messages with a wrong CRC or length.
         forged: number of frames with a wrong authentication code or an old freshness value.
-        others: numbers of all other frames, by kind, of all channels.
+        others: numbers of all other frames on all channels, by kind.
     """
 
     messages: MessageSet
@@ -53,14 +56,15 @@ def frames_of(
     verify: Verify | None = None,
     back_s: float,
 ) -> LogFrames:
-    """Sort a log's messages. Raises DatasetError if no pressure or no command has a valid CRC, pressures have two sets,
-    our frames are on two channels, or times decrease.
+    """Sort a log's messages by their kind. Raises DatasetError if no pressure or no command has a valid CRC, pressures
+    have two message sets, our frames are on two channels, or times decrease.
 
     Args:
+        path: file of the log, for error messages.
         messages: messages in the order of the log.
         only: the message set to read; by default, the set of the pressures in the log.
         verify: check of secured messages; without it, freshness and authentication codes are not checked.
-        back_s: time in s by which a message may be older than an earlier message.
+        back_s: largest time in s by which a message may be older than an earlier message.
     """
     buses: dict[str, _Bus] = {}
     others = Counter[str]()
@@ -113,8 +117,9 @@ class _Bus:
     Attributes:
         kept: frames with a valid CRC, without forged frames.
         sound: number of frames with a valid CRC.
-        damaged, forged, seen: numbers of damaged, forged (see `LogFrames`) and all data frames.
-        goes_back: times in s of a frame and of a later frame that is too old; None if there are none.
+        damaged, forged: numbers of damaged and of forged frames (see `LogFrames`).
+        seen: number of all data frames.
+        goes_back: time in s of a frame, and of a later frame that is too old; None if there is no such pair.
     """
 
     def __init__(self) -> None:
@@ -127,7 +132,8 @@ class _Bus:
 
     def add(self, message: can.Message, specs: Mapping[int, MessageSpec], verify: Verify | None, back_s: float) -> None:
         """Add one data frame."""
-        # Any 29-bit identifier belongs to another node.
+        # The sum differs from every 11-bit identifier, because a frame with a 29-bit identifier belongs to another
+        # node.
         frame_id = message.arbitration_id + (message.is_extended_id << 32)
         self.seen[frame_id] += 1
         spec = specs.get(frame_id)
@@ -142,7 +148,7 @@ class _Bus:
         self.sound[frame_id] += 1
         if spec.is_secured and verify is not None:
             freshness = verify(spec, data)
-            # An equal value means that the frame was repeated, which its counter shows.
+            # An equal freshness value means that the frame was repeated, which is found by its counter.
             if freshness is None or freshness < self._fresh.get(frame_id, 0):
                 self.forged[frame_id] += 1
                 return
@@ -155,8 +161,8 @@ class _Bus:
 
 
 def _channel_of(path: Path, buses: Mapping[str, _Bus], specs: Mapping[int, MessageSpec]) -> str:
-    """Return the channel with frames of ours. A CRC can be valid by chance, so channels on which most of an
-    identifier's frames are valid come first."""
+    """Return the channel that has our frames. A CRC can be valid by chance, so a channel comes first if most of its
+    frames with one of our identifiers are valid."""
     ours = {
         name: [(specs[one].name, count) for one, count in sorted(bus.sound.items()) if count >= bus.damaged[one]]
         for name, bus in buses.items()
@@ -181,7 +187,8 @@ def _without(
     specs: Sequence[MessageSpec],
     so: str = "",
 ) -> DatasetError:
-    """Return an error that states why no frame of these messages is left, and the log's other contents."""
+    """Return an error that states why the log has no usable frame of these messages, and lists the log's other
+    frames."""
     wanted = " or ".join(f"{spec.name} (0x{spec.frame_id:x})" for spec in specs)
     for counts, reason in (
         (forged, "authentication code: bus.key is not the key of this drive"),

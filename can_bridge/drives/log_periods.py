@@ -1,8 +1,8 @@
-"""Numbered pressures and the commands that answer them, as one row a control period.
+"""Numbered pressures and the commands that answer them, as one row for each control period.
 
-Row k has the pressures of frame k and the action commanded for them: the first command that echoes frame k's counter. A
-command based on an older frame, because the ECU held or shut the jets when a frame was missing, belongs to the period
-in which it arrived. A command for the next period is the action of the next row.
+Row k has the pressures of frame k, and the action that the first command with frame k's counter commands. A command may
+be based on an older frame, because the ECU held its command or shut the jets when a frame was missing; such a command
+belongs to the period in which it arrived. A command for the next period is the action of the next row.
 """
 
 from collections.abc import Sequence
@@ -20,21 +20,22 @@ from contract.config.operating_point import OperatingPoint
 from contract.config.vehicle import SpeedConfig
 
 _HELD: Final = (Mode.HOLD, Mode.DECAY, Mode.FAULT)
-"""Modes in which a command does not answer the frame that it echoes."""
+"""Modes in which a command does not answer the frame whose counter it echoes."""
 _UNKNOWN_LAG: Final = 0.5
-"""Time from pressure to command, in periods, if no command echoes a pressure."""
+"""Assumed time from pressure to command, in periods, if no command echoes a pressure's counter."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Scales:
-    """Conversion from the messages' units to those of a data set.
+    """Conversion from the messages' units to the units of a data set.
 
     Attributes:
         period: control period in W / U_inf.
-        point: W, U_inf and rho, if the log does not have them.
-        action_limit: bound on the action, in U_inf W. A command up to half the resolution above it is set to it.
+        point: operating point, whose W, U_inf and rho are used as far as the log does not state them.
+        action_limit: bound on the action, in U_inf W. An action that exceeds it by up to half the resolution is set to
+            it.
         given: names of the operating point's settings that the user gave; the log must not contradict them.
-        believed: settings for the plausibility of the log's speeds.
+        believed: settings that decide which of the log's speeds are plausible.
     """
 
     period: float
@@ -50,11 +51,11 @@ class Scales:
 
 
 class Samples(NamedTuple):
-    """The contents of the pressure frames of a stretch.
+    """The contents of n pressure frames without a restart of the sender (a `FrameStretch`).
 
     Attributes:
-        pressure_pa: (n, 4); NaN if a sensor was invalid or the frame's pressures too old.
-        sampled_s: sampling times on the log's clock, (n,).
+        pressure_pa: pressures in Pa, (n, 4); NaN if a sensor was invalid or the frame's pressures were too old.
+        sampled_s: sampling times in s on the log's clock, (n,).
         stale: number of frames whose pressures were a period old or older when they were sent, so that they fit no row.
     """
 
@@ -67,9 +68,9 @@ class SenderClock(NamedTuple):
     """The sender's periods on the log's clock.
 
     Attributes:
-        start_s: time of row 0, by the median over all rows: half of the frames were later than their row's time.
-        period_s: the sender's period.
-        jitter_s: largest distance of a frame from its row's time.
+        start_s: time of row 0 in s. It is a median: half of the frames came later than their row's time.
+        period_s: the sender's period in s.
+        jitter_s: largest difference in s between the time of a frame and its row's time.
     """
 
     start_s: float
@@ -78,7 +79,7 @@ class SenderClock(NamedTuple):
 
 
 def samples_of(stretch: FrameStretch, messages: MessageSet, period_s: float) -> Samples:
-    """Return the frames' contents; NaN for frames that cannot be parsed."""
+    """Return the contents of the frames; pressures are NaN in a frame that cannot be parsed."""
     parsed = [messages.pressure.parse(frame.data) for frame in stretch.frames]
     pressure = np.array([(np.nan,) * SENSORS if one is None else one.pressure_pa for one in parsed])
     valid = np.array([(False,) * SENSORS if one is None else one.valid for one in parsed])
@@ -89,11 +90,12 @@ def samples_of(stretch: FrameStretch, messages: MessageSet, period_s: float) -> 
 
 
 def clock_of(stretch: FrameStretch, sampled_s: Array, period_s: float | None = None) -> SenderClock:
-    """Fit a line to the sampling times, (n,), by medians, so that single late frames do not change it. `period_s` is
-    the sender's period, if it is known better than from this stretch."""
+    """Fit a line to the sampling times of the n frames, (n,), by medians, so that single late frames do not change the
+    line. `period_s` is the sender's period in s, if it is known better than from these frames."""
     index = stretch.index.astype(np.float64)
     if period_s is None:
-        # The Theil-Sen slope, restricted to pairs half the stretch apart, which have the largest weight.
+        # This is the Theil-Sen slope, restricted to pairs that are half of all frames apart, because their slopes have
+        # the largest weight.
         half = len(stretch) // 2
         period_s = float(np.median((sampled_s[half:] - sampled_s[:-half]) / (index[half:] - index[:-half])))
     late = sampled_s - period_s * index
@@ -109,12 +111,15 @@ def table_of(
     clock: SenderClock,
     modulus: int,
 ) -> Array:
-    """Return the four pressures in Pa and the jets' flow in m2/s, (n + 1, 5), one row a period, beginning one period
-    before the stretch's first frame; NaN if the log has no value.
+    """Return the four pressures in Pa and the jets' flow in m2/s, one row for each period, (n + 1, 5). The first row is
+    one period before the first frame, and the frames cover n periods. NaN means that the log has no value.
 
     Args:
-        pressure_pa: pressures of the stretch's frames.
-        commands: commands received during the stretch, without repetitions.
+        stretch: numbered pressure frames.
+        pressure_pa: pressures of these frames.
+        commands: commands received during the time of these frames, without repetitions.
+        messages: message set of the frames.
+        clock: times of the rows.
         modulus: number of values of the pressures' counter.
     """
     table = np.full((int(stretch.index[-1]) + 2, SENSORS + 1), np.nan)
@@ -142,13 +147,13 @@ def table_of(
 
 
 def coefficients_of(table: Array, speed: Array | float, density: Array | float, scales: Scales) -> Array:
-    """Return Cp and actions, (n, 5), of pressures and flows, converted as by the ECU. `speed` of the vehicle in m/s and
-    `density` of the air in kg/m3 are (n,) or one value for all rows."""
+    """Return pressures and flows, (n, 5), as Cp and actions, with the conversion of the ECU. `speed` of the vehicle in
+    m/s and `density` of the air in kg/m3 have one value for each of the n rows, or one value for all rows."""
     scale = np.empty_like(table)
     scale[:, :SENSORS] = np.reshape(0.5 * np.asarray(density) * np.square(speed), (-1, 1))
     scale[:, SENSORS] = np.multiply(speed, scales.point.width)
     made = table / scale
-    # Half of the resolution, and a little more for the rounding of sums.
+    # An action may exceed the limit by half of the resolution, and by a little more for the rounding of sums.
     action, limit = made[:, SENSORS], scales.action_limit
     half = 0.5001 * FLOW_RESOLUTION_M2_PER_S / scale[:, SENSORS]
     made[:, SENSORS] = np.where(np.abs(action) <= limit + half, np.clip(action, -limit, limit), action)

@@ -1,4 +1,5 @@
-"""The rows of a drive, cut into uninterrupted pieces: short gaps are filled, long gaps rejected or cut."""
+"""The rows of a drive, cut into uninterrupted pieces. Short gaps are filled; at a long gap the drive is cut or
+rejected."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,23 +15,23 @@ from contract.arrays import Array, Mask
 from contract.errors import DatasetError
 
 SHORTEST_PIECE: Final = 16
-"""Smallest number of rows of a piece. Fewer show neither the sender's clock nor anything useful to a model."""
+"""Smallest number of rows of a piece. Fewer rows neither determine the sender's clock nor help to train a model."""
 _SAME: Final = 1e-6
-"""Control periods by which rounding may put a row outside a piece."""
+"""Distance in control periods by which rounding may put a row outside a piece."""
 _SHOWN: Final = 5
-"""Largest number of filled gaps of a stretch that are listed one by one."""
+"""Largest number of filled gaps of one table that are listed one by one."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Piece:
-    """One uninterrupted part of a drive.
+    """One uninterrupted part of a drive, with n rows.
 
     Attributes:
         first_row: number of the data set's control periods from the log's first pressure to row 0.
-        time_s: time of each row on the log's clock, (n,).
+        time_s: time of each row in s on the log's clock, (n,).
         Cp: pressure coefficients, (n, 4), in the sensor order of the Pressure message.
-        action: action commanded at each row, (n,).
-        initial_action: action in force before row 0.
+        action: action commanded at each row in U_inf W, (n,).
+        initial_action: action of the jets before row 0, in U_inf W.
     """
 
     first_row: int
@@ -44,11 +45,12 @@ class Piece:
 
 
 class Cutter:
-    """Collector of pieces, and of a line about each gap that was filled, cut or left out.
+    """A collector of pieces, and of a line of text about each gap that was filled, cut or left out.
 
     Attributes:
-        lines: the report; its times are in s after the log's first pressure.
-        filled: number of rows with filled pressures, number of rows with a filled action.
+        pieces: pieces in the order of time.
+        lines: lines of text; their times are in s after the log's first pressure.
+        filled: number of rows with filled pressures, and number of rows with a filled action.
         ever_valid: whether each pressure was valid in any row, (4,).
     """
 
@@ -63,7 +65,7 @@ class Cutter:
         self._begin_s, self._period_s = begin_s, period_s
 
     def restart(self, last_s: float, first_s: float) -> None:
-        """Cut between two times, because the sender restarted or was silent for a long time."""
+        """Cut between two times in s, because the sender restarted or was silent for a long time."""
         periods = round((first_s - last_s) / self._period_s) - 1
         at = f"at {last_s - self._begin_s:.3f} s"
         if periods > self._fill:
@@ -74,15 +76,16 @@ class Cutter:
             )
 
     def add(self, table: Array, clock: SenderClock, moves: Mask) -> None:
-        """Cut one stretch into pieces. `table` is the result of `table_of`, without values in rows in which the vehicle
-        does not move or its speed is unknown."""
+        """Cut the table of one `FrameStretch` into pieces. `table` is the result of `table_of`, converted to
+        coefficients; it is NaN in rows in which the vehicle does not move or its speed is unknown, and `moves` is False
+        there."""
         present = np.isfinite(table)
         self.ever_valid |= present[:, :SENSORS].any(axis=0)
         whole = np.flatnonzero(present.all(axis=1))
         if not len(whole):
             self._note(f"{len(table) - 1} rows {self._at(clock, 1)} have no complete speed: left out")
             return
-        # Missing rows at the ends are no gap: the log began before the ECU, or ended between two frames.
+        # Missing rows at the ends are not gaps: the log began before the ECU, or ended between two frames.
         head, tail = int(whole[0]), int(whole[-1]) + 1
         if len(table) - 1 > tail - head:
             self._note(
@@ -111,7 +114,7 @@ class Cutter:
             self._keep(table, a, b, clock)
 
     def _groups(self, present: Mask) -> list[tuple[str, list[int]]]:
-        """Return the columns that are missing together, with a name for each group."""
+        """Return groups of columns that are missing together, each with a name."""
         sensors = list(range(SENSORS))
         together = present[:, sensors].any(axis=1) == present[:, sensors].all(axis=1)
         groups: list[tuple[str, list[int]]] = [("pressures", sensors)]
@@ -120,9 +123,10 @@ class Cutter:
         return [*groups, ("command", [SENSORS])]
 
     def _keep(self, table: Array, a: int, b: int, clock: SenderClock) -> None:
-        """Append the rows from a up to before b as one piece, with filled gaps."""
-        # A gap of one column may end at a cut of another column: then it has no neighbour to interpolate from. The
-        # action in force before the first row must be known, or have been 0, as it is if the jets are shut in that row.
+        """Fill the gaps in the rows from a up to, but not including, b, and append these rows as one piece."""
+        # A gap of one column may end where another column is cut, and then has no neighbour from which to interpolate.
+        # The jets' action before the first row must be known. If it is not, the jets must be shut in the first row, and
+        # the action counts as 0.
         whole = np.flatnonzero(np.isfinite(table[a:b]).all(axis=1)) + a
         action = table[:, -1]
         begins = whole[np.isfinite(action[whole - 1]) | (action[whole] == 0.0)]
@@ -163,8 +167,8 @@ class Cutter:
 def resampled(piece: Piece, travel: Travel, period: float) -> Piece:
     """Return the piece with rows at equal distances travelled, `period` body lengths apart, as in the ECU's window.
 
-    Pressures are interpolated linearly between the rows. The jets move linearly from the previous row's action to the
-    row's own action until the next row (`contract.recording`).
+    Pressures are interpolated linearly between the rows. In the period after each row, the jets move linearly from the
+    previous row's action to the row's own action (`contract.recording`).
     """
     way = travel.at(np.append(piece.time_s, 2 * piece.time_s[-1] - piece.time_s[-2]))
     first = int(np.ceil(way[0] / period - _SAME))
@@ -180,6 +184,7 @@ def resampled(piece: Piece, travel: Travel, period: float) -> Piece:
 
 
 def _runs(mask: Mask, start: int) -> list[tuple[int, int]]:
-    """Return start and end (exclusive) of every run of True in (n,), counted from `start`."""
+    """Return start and end (exclusive) of every run of True in the mask; the mask's first element has the position
+    `start`."""
     edges = np.flatnonzero(np.diff(mask.astype(np.int8), prepend=0, append=0)) + start
     return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))

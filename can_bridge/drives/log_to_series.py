@@ -1,10 +1,10 @@
-"""A recorded drive as series: pressures and actions, one row a control period, and a report of missing data.
+"""A recorded drive as series: pressures and actions, one row for each control period, and a report of missing data.
 
 A short gap is interpolated linearly. A long gap ends a piece, because an episode of a data set is one uninterrupted
 recording. The caller decides whether a log may have more than one piece.
 
-If the log has the vehicle's speed, the coefficients are computed from it row by row. Rows that are not a control period
-apart in convective time are then interpolated from the recorded rows, as in the ECU's window.
+If the log has the vehicle's speed, the coefficients are computed from it row by row. If the recorded rows are not a
+control period apart in convective time, new rows are interpolated from them, as in the ECU's window.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -27,40 +27,43 @@ from contract.config.operating_point import OperatingPoint
 from contract.errors import DatasetError
 
 _OTHER_PERIOD: Final = 0.2
-"""Largest relative deviation of the median time between neighbouring frames from the control period."""
+"""Largest relative difference between the control period and the median time from one frame to the next."""
 _DRIFT: Final = 1e-3
 """Largest relative difference between the sender's period and the control period, as in a table with times
-(`contract.recording.findings`); quartz clocks differ by a tenth of it at most. Rows whose distance in convective time
-differs by more are resampled."""
+(`contract.recording.findings`). Quartz clocks differ by at most a tenth of this. Rows are resampled if their distance
+in convective time differs from the control period by more."""
 _OUTSIDE: Final = 0.05
-"""Largest share by which the control period may lie outside the control periods of the speeds in the log."""
+"""Largest share of the control period by which it may lie outside the range of control periods that the speeds in the
+log give."""
 _CONTRADICTS: Final = 0.01
-"""Largest relative difference between a setting and the log, because the vehicle's own value has an error, too."""
+"""Largest relative difference between a setting and the log. It is not zero, because the vehicle's own value has an
+error too."""
 _STANDS: Final = 0.2
-"""Share of a control period. A vehicle that travels less than this in a row has pressures as small as the
-resolution."""
+"""Distance travelled in a row, as a share of the control period in W, below which the vehicle counts as standing. Its
+pressures are then as small as the resolution."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class LogReport:
-    """A report of the data that were read from a log, and of the data that were not.
+    """A report of the data that were read from a log, and of the data that were not read.
 
     Attributes:
         messages: name of the message set.
-        channel: channel of the messages; empty if the log has none.
-        speed: least speed of the vehicle, median while it moves, and greatest, in m/s, by its frames; None without.
-        without_speed: number of rows in which the speed was unknown or the vehicle stood.
+        channel: channel of the messages; empty if the log has no channels.
+        speed: smallest speed of the vehicle in the log, median while it moves, and largest, in m/s; None if the log has
+            no speed.
+        without_speed: number of rows in which the speed was unknown or the vehicle did not move.
         dynamic_pressure: dynamic pressure in Pa at the median speed.
-        is_resampled: rows were interpolated from those of the log, because the speed varies.
-        frames: numbers of pressures and commands used.
+        is_resampled: whether rows were interpolated between the log's rows, because the speed varies.
+        frames: number of pressure frames and number of commands that were used.
         unused: numbers of frames that were not used, by the reason.
-        lost: numbers of rows without a pressure frame and without a command, by the counters.
-        filled: numbers of rows with interpolated pressures and with an interpolated action.
+        lost: number of rows without a pressure frame and number of rows without a command, according to the counters.
+        filled: number of rows with interpolated pressures and number of rows with an interpolated action.
         stale: number of frames whose pressures were older than a period when they were sent.
-        drift: relative difference of the sender's period, on the log's clock, from the control period.
-        jitter_s: largest distance of a pressure frame from its row's time.
-        gaps: one line for each gap that was filled, cut or left out.
-        checked: whether authentication codes were checked; None for messages without.
+        drift: relative difference of the sender's period, on the log's clock, from its nominal value.
+        jitter_s: largest difference in s between the time of a pressure frame and its row's time.
+        gaps: one line of text for each gap that was filled, cut or left out.
+        checked: whether authentication codes were checked; None for messages without such codes.
     """
 
     messages: str
@@ -82,8 +85,8 @@ class LogReport:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LogSeries:
-    """A log's pieces in the order of time, the time of its first row, the distance travelled since then, and the
-    report."""
+    """The pieces of a log in the order of time, the time in s of the log's first row, the distance travelled since
+    then, the sender's period in s, and the report."""
 
     pieces: tuple[Piece, ...]
     start_s: float
@@ -107,10 +110,11 @@ def series_of(
     `split`.
 
     Args:
+        path: file of the log, for error messages.
         messages: messages of the log, in its order.
         scales: operating point and control period.
-        fill: longest gap in control periods that is filled.
-        split: whether a longer gap makes two pieces; otherwise it raises an error.
+        fill: longest gap that is filled, in control periods.
+        split: whether a longer gap divides the drive into two pieces; otherwise such a gap raises an error.
         sensors: names of the pressures, for the report.
         only: the message set to read; by default, the set of the pressures in the log.
         verify: check of secured messages; without it, freshness and authentication codes are not checked.
@@ -127,13 +131,13 @@ def series_of(
         nominal_s, point = scales.period_s, scales.point
         _check_period(path, interval_s, scales)
     else:
-        # The sender's period is a multiple of 0.1 ms, apart from the difference of the clocks.
+        # The sender's period is a multiple of 0.1 ms on its own clock; on the log's clock it differs a little.
         nominal_s = round(interval_s, 4) or interval_s
         nominal_s = nominal_s if abs(interval_s / nominal_s - 1.0) <= _DRIFT else interval_s
         point = _point_of(path, speeds, nominal_s, scales)
     stretches, repeated, misplaced = number(log.pressures, period_s=nominal_s, modulus=modulus)
     samples = [samples_of(one, log.messages, nominal_s) for one in stretches]
-    # The sender's period on the log's clock is fitted to the longest stretch, if that is long enough.
+    # The sender's period on the log's clock is found by a fit to the longest `FrameStretch`, if it is long enough.
     period_s = nominal_s
     longest = max(range(len(stretches)), key=lambda i: len(stretches[i]))
     if len(stretches[longest]) >= SHORTEST_PIECE:
@@ -204,8 +208,9 @@ def series_of(
 
 
 def _point_of(path: Path, speeds: VehicleSpeeds, period_s: float, scales: Scales) -> OperatingPoint:
-    """Return the operating point of the log's median density and speed while the vehicle moves. Raises DatasetError if
-    it never moves, a given setting differs, or the control period fits no speed in the log."""
+    """Return the operating point with the log's median density and median speed while the vehicle moves. Raises
+    DatasetError if the vehicle never moves, a setting that the user gave differs, or the control period fits no speed
+    in the log."""
     moving = speeds.speed[_moves(speeds.speed, period_s, scales)]
     if not len(moving):  # or the control period is of another vehicle
         moving = speeds.speed[speeds.speed > 0.0]
@@ -238,8 +243,8 @@ def _point_of(path: Path, speeds: VehicleSpeeds, period_s: float, scales: Scales
 def _air(
     speeds: VehicleSpeeds | None, clock: SenderClock, rows: int, nominal_s: float, scales: Scales
 ) -> tuple[Array, Array]:
-    """Return speed and density at the rows of a table, which begins one row before the stretch. The speed is NaN if it
-    is unknown or the vehicle stands."""
+    """Return speed in m/s and density in kg/m3 at the rows of a table, whose first row is one period before the first
+    frame. The speed is NaN in rows in which it is unknown or the vehicle does not move."""
     point = scales.point
     if speeds is None:
         return np.full(rows, point.speed), np.full(rows, point.density)
@@ -263,7 +268,7 @@ def _check_period(path: Path, interval_s: float, scales: Scales) -> None:
 
 def _check_drift(path: Path, clock: SenderClock, rows: int, scales: Scales) -> None:
     drift = clock.period_s / scales.period_s - 1.0
-    # Jitter at the two ends looks like drift; the longer the log, the smaller this effect.
+    # Jitter at the two ends of a log looks like drift; the longer the log, the smaller this effect.
     if abs(drift) > _DRIFT + clock.jitter_s / (scales.period_s * rows / 2):
         raise DatasetError(
             f"{path}: its pressures come every {clock.period_s * 1e3:.6g} ms, the control period is "

@@ -1,7 +1,8 @@
-"""The vehicle's speed during a drive, from its own frames. It converts pressures to Cp and seconds to convective times.
+"""The vehicle's speed during a drive, from the vehicle's own frames. It converts pressures to Cp and seconds to
+convective times.
 
 The speed is checked as in the ECU (`ecu.speed_reception`): a speed that no vehicle can reach so fast is left out, and
-the last valid speed stays in force for a limited time. Between two valid speeds it is interpolated linearly.
+the last valid speed is then used for a limited time. Between two valid speeds the speed is interpolated linearly.
 """
 
 from collections.abc import Sequence
@@ -16,22 +17,23 @@ from contract.arrays import Array
 from contract.config.vehicle import SpeedConfig
 
 _SHORTEST_S: Final = 0.1
-"""Shortest time in s over which a change is judged, so that rounding does not look like acceleration."""
+"""Shortest time in s over which a change of speed is checked, so that rounding is not mistaken for an acceleration."""
 _STARTS: Final = 10
 """Largest number of spans at the beginning of a log that may be rejected as wrong."""
 _SLOWEST: Final = 1e-3
-"""Smallest speed in m/s. It is also used for a stationary vehicle, because the distance must increase."""
+"""Smallest speed in m/s that is used for the distance travelled, also for a stationary vehicle, because the distance
+must increase."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class VehicleSpeeds:
-    """The valid speeds in the frames.
+    """The n valid speeds in the frames of a log.
 
     Attributes:
-        time_s: times of measurement on the log's clock, increasing, (n,).
+        time_s: times of measurement in s on the log's clock, increasing, (n,).
         speed: vehicle's speed in m/s, (n,).
-        density: density of the air in kg/m3, NaN if the vehicle does not state it, (n,).
-        oldest_s: time for which a speed stays in force.
+        density: density of the air in kg/m3, (n,); NaN if the vehicle does not state it.
+        oldest_s: time in s for which a speed is used.
         left_out: number of speeds in the frames that are implausible or repeated.
     """
 
@@ -42,14 +44,16 @@ class VehicleSpeeds:
     left_out: int
 
     def at(self, time_s: Array) -> tuple[Array, Array]:
-        """Return speed and density at times of rows, (m,) each; the speed is NaN where none is in force."""
+        """Return speed and density at the times of m rows, (m,) each. The speed is NaN at a time that is more than
+        `oldest_s` away from every valid speed."""
         behind = np.clip(np.searchsorted(self.time_s, time_s), 1, len(self.time_s) - 1) if len(self.time_s) > 1 else 0
         nearest = np.minimum(np.abs(time_s - self.time_s[behind]), np.abs(time_s - self.time_s[behind - 1]))
         speed = np.interp(time_s, self.time_s, self.speed)
         return np.where(nearest <= self.oldest_s, speed, np.nan), np.interp(time_s, self.time_s, self.density)
 
     def travel(self, width: float, start_s: float, pace: float) -> "Travel":
-        """Return the distance in body lengths since a time on the log's clock, which is fast by the factor `pace`."""
+        """Return the distance travelled in body lengths since the time `start_s` on the log's clock. `pace` is the
+        speed of the log's clock relative to the sender's."""
         speed = np.maximum(self.speed, _SLOWEST) / (width * pace)
         if len(speed) == 1:
             return Travel.steady(start_s, 1.0 / float(speed[0]))
@@ -60,10 +64,11 @@ class VehicleSpeeds:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Travel:
-    """The distance travelled in body lengths W, which is the time in W / U_inf for any U_inf; extrapolated linearly.
+    """The distance travelled in body lengths W, as a function of time, extrapolated linearly. It equals the time in W /
+    U_inf for every U_inf.
 
     Attributes:
-        time_s, way: time and distance, increasing, (n,), n at least 2.
+        time_s, way: n times in s and the distances at these times in W, both increasing, (n,), with n at least 2.
     """
 
     time_s: Array
@@ -71,7 +76,7 @@ class Travel:
 
     @classmethod
     def steady(cls, start_s: float, convective_time: float) -> "Travel":
-        """Return the distance travelled at a constant speed since a time."""
+        """Return the distance travelled since `start_s`, if a body length takes `convective_time` s."""
         return cls(time_s=np.array([start_s, start_s + convective_time]), way=np.array([0.0, 1.0]))
 
     def at(self, time_s: Array) -> Array:
@@ -90,8 +95,8 @@ def _line(wanted: Array, x: Array, y: Array) -> Array:
 
 
 def vehicle_speeds(frames: Sequence[CountedFrame], messages: MessageSet, config: SpeedConfig) -> VehicleSpeeds | None:
-    """Return the valid speeds; None if no frame has one. A span of speeds is wrong if it is shorter than the time for
-    which a speed stays in force and the next span contradicts it."""
+    """Return the valid speeds; None if no frame has a valid speed. The speeds are grouped into spans without a jump. A
+    span that is shorter than the time for which a speed is used is left out, unless all spans are so short."""
     oldest_s = config.oldest_ms * 1e-3
     said = []
     for frame in frames:
@@ -112,7 +117,8 @@ def vehicle_speeds(frames: Sequence[CountedFrame], messages: MessageSet, config:
 
 
 def _spans(said: list[tuple[float, float, float]], config: SpeedConfig) -> list[list[tuple[float, float, float]]]:
-    """Group the plausible triples of time, speed and density into spans that no vehicle's acceleration connects."""
+    """Group triples of time, speed and density into spans. A triple jumps if no vehicle changes its speed so fast. A
+    triple that jumps begins a new span if the last speed is too old to be used; otherwise it is left out."""
     spans: list[list[tuple[float, float, float]]] = []
     for one in said:
         passed = one[0] - spans[-1][-1][0] if spans else np.inf

@@ -44,14 +44,14 @@ _END: Final = re.compile(r"end\s+triggerblock\b", re.IGNORECASE)
 _DATE: Final = re.compile(r"(\d{1,2})\s+(\d{1,2}):(\d\d):(\d\d(?:\.\d+)?)(?:\s+([ap])m)?\s+(\d{4})", re.IGNORECASE)
 """Day, time and year of "Fri Nov 27 10:00:00.000 2026"; the names may be in any language."""
 _NUMBER_OF_NAME: Final = re.compile(r"\bID\s*=\s*(\d+)(x?)", re.IGNORECASE)
-"""The identifier in decimal, which follows a classic frame since version 8."""
+"""Pattern of the decimal identifier that files of version 8 or later have after a classic frame."""
 _DIRECTIONS: Final = ("rx", "tx", "txrq")
 _NUMERIC: Final = "0123456789+-("
-"""Characters that begin no header line."""
+"""Characters with which no header line begins."""
 _TRAILING: Final = 6
-"""Least count of numbers after the bytes of a CAN FD line; version 8 has two more."""
+"""Smallest number of numbers after the bytes of a CAN FD line; version 8 writes two more numbers."""
 _FLAGS: Final = 2
-"""Index of the flags among these numbers."""
+"""Index of the flags among the numbers after the bytes."""
 _FD_FLAG, _REMOTE_FLAG = 0x1000, 0x10
 _DAY_S: Final = 86_400.0
 _EVENTS: Final = {
@@ -68,11 +68,12 @@ _EVENTS: Final = {
     "overloadframe": "overload frame",
     "j1939tp": "J1939 transport",
 }
-"""Names of events that are no frames, by their first word."""
+"""Names of the events that are not frames, by the first word of the line."""
 
 
 def read_asc(lines: Lines) -> Iterator[Entry]:
-    """Yield the entries of the lines. Raises ValueError with the number of a line that is no frame, event or header."""
+    """Yield the entries of the lines. Raises ValueError with the number of the first line that is not a frame, an event
+    or a header."""
     base, is_relative, in_block, has_times = 16, False, False, False
     clock = _Clock()
     for number, line in lines:
@@ -116,10 +117,12 @@ def read_asc(lines: Lines) -> Iterator[Entry]:
 
 
 class _Clock:
-    """Seconds on one clock, although times may count from the previous line, or restart with a trigger block.
+    """The time of the lines in s on one clock, although a file's times may count from the previous line, or restart
+    with each trigger block.
 
     Attributes:
-        offset_s: difference in s from the times of this block to those of the first block.
+        offset_s: time in s to add to the times of the present trigger block, to get times that count from the start of
+            the first block.
     """
 
     def __init__(self) -> None:
@@ -142,8 +145,9 @@ class _Clock:
         return self._sum_s if is_relative else time_s
 
     def place(self, time_s: float, *, is_relative: bool) -> None:
-        """Place a frame after the earlier blocks' frames. If the first time in a block is too early for that, the
-        block's times count from the block's own date."""
+        """Place a frame after the frames of earlier blocks. If the first time in a block is too early for that, the
+        block's times count from the block's own date. Raises ValueError if the date does not give a later time either.
+        """
         if self._is_new and not is_relative and time_s + self.offset_s < self._latest:
             since = _between(self._first_date or "", self._date)
             if since is None or time_s + since < self._latest:
@@ -157,7 +161,7 @@ class _Clock:
 
 
 def _between(first: str, second: str) -> float | None:
-    """Return the seconds between two dates less than a month apart; None if one is unreadable."""
+    """Return the seconds between two dates less than a month apart; None if a date is unreadable."""
     found = [_DATE.search(text) for text in (first, second)]
     if found[0] is None or found[1] is None:
         return None
@@ -170,7 +174,8 @@ def _between(first: str, second: str) -> float | None:
     months = [text[: one.start()].split()[-1:] for text, one in zip((first, second), found, strict=True) if one]
     if months[0] == months[1]:
         return (days[1] - days[0]) * _DAY_S + seconds[1] - seconds[0]
-    # At the end of a month one day has passed: trigger blocks are never further apart, and months have many names.
+    # If the month changes, one day has passed: blocks are never further apart, and names of months depend on the
+    # language.
     return _DAY_S + seconds[1] - seconds[0] if days[1] < days[0] else None
 
 
@@ -220,7 +225,7 @@ def _on_fd_channel(time_s: float, words: list[str], base: int) -> Entry:
         return error_frame(time_s, channel)
     if direction == "txrq":
         return LogEvent(REQUEST)
-    # The name after the identifier is often missing.
+    # The name of the message, which may follow the identifier, is often missing.
     rest = words[5:] if words[5:6] and words[5] in ("0", "1") else words[6:]
     if len(rest) < 4:
         raise ValueError(f"{quoted(' '.join(words), 60)} ends before its length")
@@ -231,7 +236,7 @@ def _on_fd_channel(time_s: float, words: list[str], base: int) -> Entry:
     trailing = rest[4 + length :]
     flags = int(trailing[_FLAGS], 16) if len(trailing) >= _TRAILING else 0
     fd = BRS * (rest[0] == "1") | ESI * (rest[1] == "1")
-    # Some writers leave the flags 0.
+    # Some writers leave the flags 0, so the bit rate, the length and the length code show a CAN FD frame too.
     if flags & _FD_FLAG or fd & BRS or length > 8 or not (flags or (length == 8 and code > 8)):
         fd |= FD_FRAME
     elif flags & _REMOTE_FLAG:
@@ -242,7 +247,8 @@ def _on_fd_channel(time_s: float, words: list[str], base: int) -> Entry:
 
 
 def _event(word: str, text: str) -> LogEvent:
-    """Return an event by its first word; variables and signals begin with their own name, and are found by marks."""
+    """Return the event of a line, found by the line's first word. Lines of variables and signals begin with their own
+    names, so these events are found by characters that only they have."""
     if "GMGroup:" in text:
         return LogEvent("marker")
     if ":=" in text:
@@ -256,7 +262,8 @@ def _event(word: str, text: str) -> LogEvent:
 
 
 def _identifier(word: str, base: int) -> Ident | None:
-    """Return the number, and whether it has 29 bits; None for a name that is not a message of ours."""
+    """Return the identifier's number, and whether the identifier has 29 bits; None for the name of a message that is
+    not ours."""
     name = word.rpartition("::")[2]
     if name in IDS:
         return IDS[name], False
@@ -265,5 +272,6 @@ def _identifier(word: str, base: int) -> Ident | None:
     if not (_HEX if base == 16 else _DECIMAL).fullmatch(digits):
         return None
     number = int(digits, base)
-    # Names begin with a letter, but may otherwise consist of digits: such a number is no identifier.
+    # A name begins with a letter, but all its characters may be hexadecimal digits. Such a name may be too large a
+    # number for an 11-bit identifier, and is then no identifier.
     return (number, is_extended) if is_extended or number <= MAX_FRAME_ID or word[0].isdigit() else None

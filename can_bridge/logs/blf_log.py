@@ -1,5 +1,5 @@
-"""Vector's BLF format: objects, most of them in compressed containers. Vector publishes no description; the reader
-follows the output of Vector's binlog and python-can.
+"""Vector's BLF format: objects, most of them in compressed containers. Vector publishes no description of the format;
+the reader follows the files that Vector's binlog and python-can write.
 
 Every object has a type. Frames become messages; all other objects are counted by their names.
 """
@@ -26,21 +26,23 @@ from can_bridge.logs.entries import (
 )
 
 _FILE: Final = struct.Struct("<4s L 8x Q Q 8x 8H")
-"""Signature, header length, file size, unpacked size, start as a Windows SYSTEMTIME."""
+"""Header of the file: signature, header length, file size, unpacked size, start as a Windows SYSTEMTIME."""
 _BASE: Final = struct.Struct("<4s H H L L")
-"""Signature, header length, header version, object size, type."""
+"""Beginning of an object: signature, header length, header version, object size, type."""
 _STAMP: Final = struct.Struct("<L 4x Q")
-"""Flags of the time, time since the start."""
+"""Time of an object: flags of the time, and the time since the start."""
 _CONTAINER: Final = struct.Struct("<H 6x L 4x")
 _CLASSIC: Final = struct.Struct("<H B B L 8s")
-"""Channel, flags, length code, identifier, data."""
+"""Classic frame: channel, flags, length code, identifier, data."""
 _FD: Final = struct.Struct("<H B B L L B B B 5x 64s")
-"""Channel, flags, length code, identifier, time on the bus, bits, flags of CAN FD, number of stored bytes, data."""
+"""CAN FD frame: channel, flags, length code, identifier, time on the bus, number of bits, flags of CAN FD, number of
+stored bytes, data."""
 _FD_64: Final = struct.Struct("<B B B x L 4x L 18x B B 4x")
-"""Channel, length code, number of stored bytes, identifier, flags, direction, offset of the bytes after the data."""
+"""CAN FD frame in the newer form: channel, length code, number of stored bytes, identifier, flags, direction, offset of
+the bytes after the data."""
 _CHANNEL: Final = struct.Struct("<H")
 _TEN_MICROSECONDS: Final = 1
-"""Flag of a time in units of 10 us instead of ns."""
+"""Flag of a time in units of 10 us; without this flag the unit is 1 ns."""
 
 _MESSAGES: Final = (1, 86)
 _CONTAINER_TYPE, _FD_TYPE, _FD_64_TYPE, _FD_ERROR_TYPE = 10, 100, 101, 104
@@ -74,7 +76,7 @@ class Objects:
     """The objects of a BLF file.
 
     Attributes:
-        count: number of objects so far, without containers.
+        count: number of objects read so far, without containers.
     """
 
     def __init__(self, file: Binary) -> None:
@@ -82,7 +84,8 @@ class Objects:
         self._file = file
 
     def read(self, since_epoch: SinceEpoch) -> Iterator[Entry]:
-        """Yield the entries of the objects. Raises ValueError for a file that is no BLF; CutOffError if truncated."""
+        """Yield the entries of the objects. Raises ValueError for a file of another format; CutOffError for a truncated
+        file."""
         head = self._file.read(_FILE.size)
         if head[:4] != b"LOGG" or len(head) < _FILE.size:
             raise ValueError("its header is not that of a BLF")
@@ -119,7 +122,7 @@ class Objects:
             return _frame(time_s, channel, frame_id, code, data[:valid], flags, fd & 7)
         if kind == _FD_64_TYPE:
             channel, code, valid, frame_id, flags, direction, behind = _FD_64.unpack_from(one, header)
-            # Bytes that are announced but not stored are zero, as in Vector's own programs.
+            # Bytes that the length announces but that are not stored are zero, as in Vector's own programs.
             data = one[header + _FD_64.size : behind or None][:valid].ljust(valid, b"\0")
             return _frame(time_s, channel, frame_id, code, data, direction | (flags & 0x10) << 3, flags >> 12 & 7)
         (channel,) = _CHANNEL.unpack_from(one, header)
@@ -137,7 +140,8 @@ class _Stream:
         return b"LOBJ" in self._rest
 
     def objects(self, block: bytes) -> Iterator[tuple[int, bytes, int]]:
-        """Yield type, bytes and header length of each object. Raises ValueError if no object begins where one must."""
+        """Yield type, bytes and header length of each object. Raises ValueError if no object begins at a place where an
+        object must begin."""
         data, at = self._rest + block, 0
         while True:
             # Up to three bytes of padding come between objects, depending on their type.
@@ -169,8 +173,8 @@ def _unpacked(container: bytes) -> bytes:
 def _frame(
     time_s: float, channel: int, frame_id: int, code: int, data: bytes, flags: int, fd: int = 0
 ) -> can.Message | LogEvent:
-    """Return a frame. `flags` has the direction and the remote bit, `fd` the bits from
-    `can_bridge.logs.entries.FD_FRAME` on."""
+    """Return a frame, or an event for a transmit request. `flags` has the direction and the remote bit, `fd` the bits
+    `FD_FRAME`, `BRS` and `ESI` of `can_bridge.logs.entries`."""
     if flags & _DIRECTION == _TX_REQUEST:
         return LogEvent(REQUEST)
     length, is_rx = length_of(code, is_fd=bool(fd)), flags & _DIRECTION != _TX

@@ -44,7 +44,8 @@ _FD: Final = re.compile(r"#([0-9A-Fa-f])(.*)")
 _DATA: Final = re.compile(r"((?:[0-9A-Fa-f]{2}\.?)*)(?:_[9A-Fa-f])?")
 _REMOTE: Final = re.compile(r"[Rr]([0-9])?(?:_[9A-Fa-f])?")
 _RELATIVE: Final = re.compile(r"\d{3}\.\d{6}")
-"""A relative time: candump pads the seconds of -t z and -t d to three digits, and those since the epoch to ten."""
+"""Pattern of a relative time. candump pads the seconds of -t z and -t d to three digits, and the seconds since the
+epoch to ten."""
 _REMEDY: Final = "record with `candump -L`"
 _LATE: Final = 0.1
 """Largest share of a channel's frames that a driver may stamp with the time of the previous frame."""
@@ -72,7 +73,7 @@ def read_candump(lines: Lines, since_epoch: SinceEpoch) -> Iterator[Entry]:
 
 
 class _Clock:
-    """The clock of the times in parentheses, in s."""
+    """The clock of the times in parentheses, in s. It detects times that count from the previous line."""
 
     def __init__(self, since_epoch: SinceEpoch) -> None:
         self._since_epoch = since_epoch
@@ -98,8 +99,7 @@ class _Clock:
         return time_s
 
     def check(self) -> None:
-        """Raise ValueError if too many frames are not later than the previous one, as with constant time
-        differences."""
+        """Raise ValueError if too many frames are not later than the frame before, as with constant differences."""
         if self._not_later > _LATE * self._count:
             raise self._differences(f"{self._not_later} of {self._count} frames are not later than the one before")
 
@@ -123,7 +123,8 @@ def _entry(text: str, clock: _Clock, *, is_whole: bool) -> Entry:
     time_s, ident, is_rx, rest = clock.of(time, channel), _ident(digits), direction != "TX", rest or ""
     if ident[1] and ident[0] & _ERROR:
         return error_frame(time_s, channel, ident[0] & ~_ERROR)
-    # {1} has the length code, [8] the length of a classic frame, [08] the length of a CAN FD frame.
+    # A length is written as {1} for a length code, as [8] for the bytes of a classic frame, and as [08] for the bytes
+    # of a CAN FD frame.
     fd = FD_FRAME if code is None and len(length) > 1 else 0
     count = length_of(int(code, 16), is_fd=False) if length is None else check_length(int(length), is_fd=bool(fd))
     if rest.startswith("remote request"):
@@ -153,7 +154,7 @@ def _logged(time_s: float, channel: str, ident: Ident, body: str, *, is_rx: bool
 
 
 def _ident(digits: str) -> Ident:
-    """Return the identifier, which has three digits, or eight if it is extended."""
+    """Return the identifier. Its text has three digits, or eight digits for a 29-bit identifier."""
     if len(digits) > 8:
         raise ValueError(f"identifier {digits}, must have at most 8 digits")
     return int(digits, 16), len(digits) > 3

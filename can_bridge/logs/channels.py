@@ -12,8 +12,9 @@ class NamedChannel(NamedTuple):
     """A quantity over the times of its group.
 
     Attributes:
-        unit: as in `contract/stillwake.dbc`; empty if there is none.
-        values: (n,), NaN where there is no value.
+        name: name of the quantity.
+        unit: unit as in `contract/stillwake.dbc`; empty if there is none.
+        values: one value for each of the group's n times, (n,); NaN where there is no value.
         words: names of the values, for an enumeration; empty for a number.
     """
 
@@ -33,9 +34,10 @@ class ChannelGroup:
     """Channels with common times.
 
     Attributes:
-        name: of the message, or of the part of a run; unique in a file.
-        times_s: (n,), not decreasing.
-        comment: for people.
+        name: name of the message, or of a part of a run; unique in a file.
+        times_s: the n times of the values in s, (n,), not decreasing.
+        channels: channels with one value for each time.
+        comment: text for the reader of the file.
     """
 
     name: str

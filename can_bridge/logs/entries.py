@@ -1,4 +1,4 @@
-"""The entries that every reader of logs yields, and common functions of the readers: encodings, names, bytes."""
+"""The entries that every reader of logs yields, and functions that the readers share: encodings, names, bytes."""
 
 import io
 import re
@@ -15,7 +15,7 @@ from can_bridge.wire.message_specs import SPECS
 HEADER_LINE: Final = "header"
 COMMENT: Final = "comment"
 REQUEST: Final = "transmit request"
-"""A node has requested to send a frame. The frame itself is another entry, or was never sent."""
+"""Event name of a node's request to send a frame. The frame itself is another entry, or was never sent."""
 NOT_OURS: Final = "frame with a name that is not stillwake's"
 """Event name of a frame whose name, in place of an identifier, is not one of our messages."""
 XL: Final = "CAN XL frame"
@@ -25,44 +25,45 @@ IDS: Final = {spec.name: spec.frame_id for spec in SPECS}
 FD_IDS: Final = frozenset(spec.frame_id for spec in SPECS if spec.is_fd)
 
 FD_FRAME, BRS, ESI = 1, 2, 4
-"""Bits of a frame: CAN FD format, bit-rate switch, error-passive sender."""
+"""Bits that describe a frame: CAN FD format, bit-rate switch, error-passive sender."""
 PROTOCOL, NO_ACK = 0x8, 0x20
 _CLASSES: Final = ("transmit timeout", "arbitration lost", "controller", "protocol", "transceiver")
 ERROR_CLASSES: Final = (*_CLASSES, "no acknowledgement", "bus off", "bus error", "restarted", "error counters")
-"""Names of the bits in an error frame's identifier, from the lowest, which state the error (linux/can/error.h)."""
+"""Names of the bits in an error frame's identifier, from the lowest bit. Each bit states one class of errors
+(linux/can/error.h)."""
 
 _BYTE: Final = {16: re.compile("[0-9A-Fa-f]{2}"), 10: re.compile("[0-9]{1,3}")}
 
 Binary = BinaryIO | GzipFile
 """An open file, plain or gzip."""
 SinceEpoch = Callable[[datetime], float]
-"""Returns a local start time, which a file states without time zone, as s since the epoch."""
+"""A function that converts a local start time, which a file states without a time zone, to s since the epoch."""
 
 
 class LogEvent(NamedTuple):
-    """One or more lines, or objects of a binary file, that are no frame, and their name."""
+    """One or more lines, or objects of a binary file, that are not frames, with a name for their kind."""
 
     name: str
     lines: int = 1
 
 
 class CutOffError(Exception):
-    """The end of a file is missing; the message states the evidence."""
+    """The error for a file whose end is missing; the message states how this was noticed."""
 
 
 Entry = can.Message | LogEvent
 Ident = tuple[int, bool]
-"""An identifier, and whether it has 29 bits."""
+"""An identifier: its number, and whether it has 29 bits."""
 
 
 def error_class(message: can.Message) -> str:
-    """Return an error frame's errors in words."""
+    """Return a description of the errors that an error frame reports."""
     names = [name for bit, name in enumerate(ERROR_CLASSES) if message.arbitration_id >> bit & 1]
     return " and ".join(names) or "not stated"
 
 
 def error_frame(time_s: float, channel: str, classes: int = 0) -> can.Message:
-    """Return an error frame; `classes` is 0 for formats that do not state them."""
+    """Return an error frame; `classes` are the bits of its errors, 0 for a format that does not state them."""
     return can.Message(timestamp=time_s, is_error_frame=True, arbitration_id=classes, channel=channel)
 
 
@@ -72,7 +73,13 @@ def frame(
     """Return a data frame, or a remote frame if `data` is None. Raises ValueError for an impossible identifier.
 
     Args:
-        fd: bits of `FD_FRAME`, `BRS` and `ESI`; 0 for classic CAN.
+        time_s: time in s.
+        channel: name of the channel.
+        ident: identifier, and whether it has 29 bits.
+        data: bytes of the frame.
+        fd: bits `FD_FRAME`, `BRS` and `ESI`; 0 for classic CAN.
+        is_rx: whether the frame was received.
+        dlc: length of a remote frame in bytes.
     """
     if not 0 <= ident[0] <= MAX_EXTENDED_ID:
         raise ValueError(f"identifier {ident[0]:X}, must have at most 29 bits")
@@ -92,7 +99,7 @@ def frame(
 
 
 def length_of(code: int, *, is_fd: bool) -> int:
-    """Return the number of bytes of a length code; the codes 9 to 15 of a classic frame are 8 bytes (ISO 11898-1).
+    """Return the number of bytes for a length code. The codes 9 to 15 of a classic frame mean 8 bytes (ISO 11898-1).
     Raises ValueError for an invalid code."""
     if not 0 <= code < len(FD_LENGTHS):
         raise ValueError(f"length code {code}, must be in 0..15")
@@ -100,15 +107,15 @@ def length_of(code: int, *, is_fd: bool) -> int:
 
 
 def check_length(length: int, *, is_fd: bool) -> int:
-    """Return the length. Raises ValueError for a length that no frame has."""
+    """Return the length. Raises ValueError if no frame can have this length."""
     if length not in (FD_LENGTHS if is_fd else CLASSIC_LENGTHS):
         raise ValueError(f"{length} bytes are not a length of {'CAN FD' if is_fd else 'classic CAN'}")
     return length
 
 
 def bytes_of(words: list[str], length: int, base: int = 16) -> bytes:
-    """Return the first `length` words as bytes. Raises ValueError if there are fewer words or one is no byte. A
-    hexadecimal byte must have two digits, so that a truncated byte is detected."""
+    """Return the first `length` words as bytes. Raises ValueError if there are fewer words, or if a word is not a byte.
+    A hexadecimal byte must have two digits, so that a truncated byte is detected."""
     there = [word for word in words[:length] if _BYTE[base].fullmatch(word)]
     if len(there) < length:
         raise ValueError(f"{length} bytes announced, {len(there)} present")
@@ -116,13 +123,13 @@ def bytes_of(words: list[str], length: int, base: int = 16) -> bytes:
 
 
 class Lines:
-    """The lines of a text log with their ends, numbered from 1.
+    """The lines of a text log with their line ends, numbered from 1.
 
-    Bytes that are invalid in the encoding become escapes. They do no harm in headers and comments; a frame's line with
-    an escape is rejected by its reader.
+    Bytes that are invalid in the encoding become escapes. Escapes have no effect in headers and comments; if a frame's
+    line has an escape, its reader rejects the line.
 
     Attributes:
-        count: number of lines so far that are not empty.
+        count: number of lines read so far that are not empty.
     """
 
     def __init__(self, file: Binary) -> None:
@@ -140,7 +147,7 @@ class Lines:
 
 
 def _encoding(head: bytes) -> str:
-    """Return the encoding, found by the byte order mark or by the zeros between the characters of UTF-16."""
+    """Return the encoding. It is found by the byte order mark, or for UTF-16 by the zeros between the characters."""
     if head[:3] == b"\xef\xbb\xbf":
         return "utf-8-sig"
     if head[:2] in (b"\xff\xfe", b"\xfe\xff"):

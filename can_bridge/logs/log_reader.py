@@ -1,8 +1,8 @@
 """Recorded CAN traffic: candump, Vector ASC and BLF, PEAK TRC, ASAM MDF, MCAP, python-can's tables.
 
-Every line or object is a message, an event that is counted by its name, or an error with its number that ends the
-reading, so that the counts add up to the lines. Times are those of the file: since the epoch, or in ASC since its
-beginning.
+Every line or object is one of three things: a message, an event that is counted by its name, or an error, which ends
+the reading and states the line's number. So the counts add up to the number of lines. The times are the file's own:
+since the epoch, or in ASC since the beginning of the log.
 """
 
 from collections import Counter
@@ -28,25 +28,26 @@ from contract.errors import BusError
 LOG_SUFFIXES: Final = (".log", ".asc", ".blf", ".trc", ".mf4", ".mcap", ".csv", ".db")
 PACKED: Final = ".gz"
 _UNPACKED: Final = (".mf4", ".mcap", ".db")
-"""Endings of files that are read by libraries, which need the file itself and not its unpacked content."""
+"""Endings of files that are read by libraries. The libraries need the file itself, not its unpacked content."""
 
 GREATEST_TIME_S: Final = 2**63 / 1e9
-"""Largest time: 64 bits of nanoseconds, 292 years before and after the epoch."""
+"""Largest time in s before or after the epoch, 292 years, which 64 bits of nanoseconds can hold."""
 
 
 def suffix_of(path: Path) -> str:
-    """Return the ending that shows a log's format, before .gz, in lower case."""
+    """Return the ending of the file's name that shows a log's format, without .gz, in lower case."""
     name = path.name.lower()
     return Path(name.removesuffix(PACKED)).suffix
 
 
 def stem_of(path: Path) -> str:
-    """Return the file's name without its endings."""
+    """Return the file's name without the ending of the format and without .gz."""
     return Path(path.stem).stem if path.suffix.lower() == PACKED else path.stem
 
 
 def is_log(path: Path) -> bool:
-    """Return whether the file is a log, by its name, or for a CSV by the first line that python-can's logger writes."""
+    """Return whether the file is a log. The name shows this, or for a CSV the first line that python-can's logger
+    writes."""
     suffix = suffix_of(path)
     if suffix != ".csv" or path.suffix.lower() == PACKED:
         return suffix in LOG_SUFFIXES
@@ -69,22 +70,24 @@ def check_suffix(path: Path) -> None:
 
 
 class CanLog:
-    """A log that can be read once, from its first message to its last. Timestamps are in s, channels named as in the
-    file.
+    """A log that can be read once, from its first message to its last. Timestamps are in s, channels have the names of
+    the file.
 
     Attributes:
-        events: numbers of entries so far that are no messages, by name.
-        messages: number of messages so far; with the events, the number of non-empty lines.
+        events: numbers of entries read so far that are not messages, by name.
+        messages: number of messages read so far. With the events it is the number of lines that are not empty.
         channels: numbers of messages by channel; an empty name if the format has no channels.
-        is_local: times are since the epoch, from a local start time, which counts as UTC if no zone is given.
+        is_local: whether the times since the epoch are computed from a local start time, which counts as UTC if no zone
+            is given.
     """
 
     def __init__(self, path: Path, *, zone: tzinfo | None = None, channels: Collection[str] = ()) -> None:
         """Open a log. Raises BusError for a file that does not exist or has no supported format.
 
         Args:
-            zone: time zone of local start times in files.
-            channels: channels to read; all of them by default.
+            path: file of the log.
+            zone: time zone of a local start time in the file; UTC if None.
+            channels: names of the channels to read; all channels by default.
         """
         check_suffix(path)
         if not path.is_file():
@@ -97,8 +100,8 @@ class CanLog:
         self._zone, self._only = zone, frozenset(channels)
 
     def __iter__(self) -> Iterator[can.Message]:
-        """Yield the messages in the order of the file. Raises BusError with the file's name, after the readable part,
-        if it is damaged or has a line that is neither message nor event."""
+        """Yield the messages in the order of the file. If the file is damaged, or a line is neither message nor event,
+        raises BusError with the file's name after the messages before that place."""
         with ExitStack() as stack:
             try:
                 source, entries = self._opened(stack)
@@ -129,7 +132,7 @@ class CanLog:
             raise BusError(f"{self.path}: --channel {', '.join(sorted(self._only))}: it has {names}")
 
     def _opened(self, stack: ExitStack) -> tuple[Lines | Objects | TableRows | Records | McapMessages, Iterator[Entry]]:
-        """Return the object that counts the lines, and their entries."""
+        """Return the object that counts the lines, and an iterator over the entries of the lines."""
         suffix = suffix_of(self.path)
         if suffix == ".mf4":
             records = Records(self.path)

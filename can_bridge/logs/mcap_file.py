@@ -1,5 +1,6 @@
-"""MCAP: a topic of frames and one for each group of channels, in Protobuf, which Foxglove, Rerun and PlotJuggler all
-read, with its schemas. As a log it is read back: the frames are entries, and other messages are counted."""
+"""MCAP files with one topic of frames and one topic for each group of channels, in Protobuf. Foxglove, Rerun and
+PlotJuggler read such a file, because it contains its schemas. If the file is read as a log, frames become entries, and
+all other messages are counted."""
 
 import shutil
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -23,17 +24,17 @@ _FRAME: Final = {
     **dict.fromkeys(("extended", "fd", "bitrate_switch", "received", "remote", "error"), "BOOL"),
     **{"error_state_indicator": "BOOL", "dlc": "UINT32"},
 }
-"""Types of the fields of a frame; an error frame's id has the error classes of linux/can/error.h."""
+"""Types of the fields of a frame, by name. The id of an error frame has the error classes of linux/can/error.h."""
 
 WAKE_TOPIC: Final = "/wake"
 EVENTS_TOPIC: Final = "/events"
 _LAYOUT: Final = Path(__file__).with_name("foxglove_layout.json")
 Dated = tuple[str, int, Any]
-"""Topic, time in ns, and Protobuf message."""
+"""A message of a topic: topic, time in ns, and Protobuf message."""
 
 
 def layout_of(path: Path) -> Path:
-    """Return the file of Foxglove's layout beside an MCAP file."""
+    """Return the path of the layout for Foxglove that is written beside an MCAP file."""
     return path.with_suffix(".layout.json")
 
 
@@ -45,8 +46,8 @@ def write_mcap(
     events: Iterable[Dated] = (),
     facts: Mapping[str, str],
 ) -> None:
-    """Write an MCAP file in the order of time, and a layout for Foxglove beside it, completely or not at all. Raises
-    BusError for a time before 0, which the format does not have."""
+    """Write an MCAP file, whose messages are in the order of time, and a layout for Foxglove beside it, completely or
+    not at all. Raises BusError for a time before 0, which the format cannot represent."""
     from mcap_protobuf.writer import Writer
 
     first_s = min([*(one.timestamp for one in messages), *(one.times_s[0] for one in groups if len(one.times_s)), 0.0])
@@ -93,7 +94,7 @@ def _values(group: ChannelGroup) -> Iterator[Dated]:
 
 
 def _message_class(name: str, fields: Mapping[str, str], enums: Mapping[str, Mapping[int, str]] | None = None) -> Any:
-    """Return the class of a Protobuf message with these fields, by name and type."""
+    """Return the class of a Protobuf message with these fields; `fields` has the type of each field by name."""
     from google.protobuf.descriptor_pb2 import FieldDescriptorProto, FileDescriptorProto
     from google.protobuf.descriptor_pool import DescriptorPool
     from google.protobuf.message_factory import GetMessageClass
@@ -117,7 +118,7 @@ class McapMessages:
     """The messages of a measurement.
 
     Attributes:
-        count: number of messages so far, of all topics.
+        count: number of messages read so far, of all topics.
     """
 
     def __init__(self, path: Path) -> None:

@@ -1,5 +1,5 @@
-"""Writing of ASAM MDF 4.1: frames as in "ASAM MDF, Bus Logging", and named channels with units, for programs without
-our DBC."""
+"""Measurements in ASAM MDF 4.1: frames as in "ASAM MDF, Bus Logging", and named channels with units, for programs
+without our DBC."""
 
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
@@ -20,18 +20,18 @@ _FIELDS: Final[Mapping[str, Mapping[str, str]]] = {
     "CAN_RemoteFrame": {"ID": "<u4", "IDE": "u1", "Dir": "u1", "DLC": "u1"},
     "CAN_ErrorFrame": {"ErrorType": "u1"},
 }
-"""Type of each field of a record, beside BusChannel, by the group's name."""
+"""Type of each field of a record in addition to BusChannel, by the group's name."""
 _CODES: Final = {length: code for code, length in enumerate((*range(9), 12, 16, 20, 24, 32, 48, 64))}
 _SMALLEST: Final = 2
-"""asammdf's compression by transposition and deflate, which the standard allows from 4.1 on."""
+"""Number of the compression in asammdf by transposition and deflate, which the standard allows from version 4.1 on."""
 
 
 def write_mdf(path: Path, messages: Sequence[can.Message], groups: Sequence[ChannelGroup]) -> None:
     """Write a measurement, completely or not at all. Raises BusError if asammdf is missing; StillwakeError if the file
     cannot be written.
 
-    Times count from the start in the header: the second of the first message or value, and not before 1970, which is
-    the start of a run in virtual time.
+    Times count from the start that the header states: the full second of the first message or value, and not before
+    1970, which is the start of a run in virtual time.
     """
     asammdf = asammdf_for(path)
     first_s = [*(one.timestamp for one in messages), *(float(one.times_s[0]) for one in groups if len(one.times_s))]
@@ -65,7 +65,8 @@ def _kind(message: can.Message) -> str:
 
 
 def _numbers(messages: Sequence[can.Message]) -> dict[str, int]:
-    """Return a number for each channel: its own, or the first free one from 1 on."""
+    """Return a number for each channel: the channel's name if it is a number below 256, or else the first free number
+    from 1 on."""
     names = list(dict.fromkeys(str(one.channel or "") for one in messages))
     found = {name: int(name) for name in names if name.isdecimal() and int(name) < 256}
     free = (number for number in range(1, 256) if number not in found.values())

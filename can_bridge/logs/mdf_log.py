@@ -1,5 +1,5 @@
-"""Bus logging in ASAM MDF 4, read by asammdf: groups CAN_DataFrame, CAN_ErrorFrame and CAN_RemoteFrame ("ASAM MDF, Bus
-Logging", 1.0), as written by Vector's programs, CANedge loggers and python-can."""
+"""Logs in ASAM MDF 4, read by asammdf: the groups CAN_DataFrame, CAN_ErrorFrame and CAN_RemoteFrame ("ASAM MDF, Bus
+Logging", 1.0), as Vector's programs, CANedge loggers and python-can write them."""
 
 import io
 import logging
@@ -45,7 +45,8 @@ def asammdf_for(path: Path) -> Any:
             f"{path}: ASAM MDF needs asammdf: {install('mdf')}; or convert elsewhere, from or to BLF: "
             f"`python -m can.logconvert {path.name} {path.stem}.blf`"
         ) from error
-    # It also logs what it raises, and its objects for files that it could not open fail when they are collected.
+    # asammdf also logs each error that it raises. Its objects for files that it could not open cause errors when Python
+    # deletes them.
     logging.getLogger("asammdf").setLevel(logging.CRITICAL)
     reader: Any = import_module("asammdf.blocks.mdf_v4").MDF4
     reader.__del__ = lambda one: one.close() if {"header", "_file"} <= vars(one).keys() else None
@@ -56,7 +57,7 @@ class Records:
     """The records of a measurement.
 
     Attributes:
-        count: number of records so far, of all groups.
+        count: number of records read so far, of all groups.
     """
 
     def __init__(self, path: Path) -> None:
@@ -64,8 +65,7 @@ class Records:
         self._path = path
 
     def read(self, since_epoch: SinceEpoch) -> Iterator[Entry]:
-        """Yield the entries of the records in the order of time. Raises BusError if asammdf is missing, or no group has
-        frames of CAN."""
+        """Yield the entries of the records in the order of time. Raises BusError without asammdf or CAN frames."""
         with self._opened() as measurement:
             start = measurement.start_time
             start_s = since_epoch(start) if start.tzinfo is None else start.timestamp()
@@ -81,7 +81,8 @@ class Records:
                     try:
                         columns = _columns(measurement, index, fields, rows)
                     except (ValueError, self._failure):
-                        # A logger without power leaves the last record without its bytes, which are stored elsewhere.
+                        # If a logger loses power, the bytes of its last frame, which are not in the record, may be
+                        # missing.
                         columns = _columns(measurement, index, fields, rows - 1)
                         others.append(LogEvent("frame without its bytes"))
                     groups.append(_frames(kind, columns, start_s))
@@ -105,7 +106,8 @@ class Records:
 
 
 def _columns(measurement: Any, group: int, names: list[str], rows: int) -> dict[str, Any]:
-    """Return the fields of the first records. Constants may be in conversions; texts such as "Rx" stay numbers."""
+    """Return the fields of the first `rows` records, by name. Constants may be stored in conversions, so conversions
+    are applied, except those that replace numbers by texts such as "Rx"."""
     found = {}
     for name in names:
         with redirect_stdout(io.StringIO()):  # asammdf prints a page before it raises

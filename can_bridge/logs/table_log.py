@@ -1,5 +1,5 @@
-"""The tables of python-can's logger: CSV and an SQLite database. They have no channels and do not state CAN FD, but
-messages of ours and those longer than 8 bytes are recognised."""
+"""The tables of python-can's logger: CSV and an SQLite database. A table has no channels and does not state whether a
+frame is CAN FD; this is recognised for our messages and for messages longer than 8 bytes."""
 
 import base64
 import binascii
@@ -18,7 +18,7 @@ TABLE_COLUMNS: Final = "timestamp,arbitration_id,extended,remote,error,dlc,data"
 
 
 def read_csv(lines: Lines) -> Iterator[Entry]:
-    """Yield the entries of the lines. Raises ValueError with the number of a line that is no row of the table."""
+    """Yield the entries of the lines. Raises ValueError with the number of a line that is not a row of the table."""
     for number, line in lines:
         text = line.strip()
         try:
@@ -40,7 +40,7 @@ class TableRows:
     """The rows of an SQLite database.
 
     Attributes:
-        count: number of rows so far.
+        count: number of rows read so far.
     """
 
     def __init__(self, path: Path) -> None:
@@ -48,8 +48,8 @@ class TableRows:
         self._path = path
 
     def read(self) -> Iterator[Entry]:
-        """Yield the entries of the rows. Raises ValueError with the number of a bad row; sqlite3.Error for another
-        file."""
+        """Yield the entries of the rows. Raises ValueError with the number of an invalid row; sqlite3.Error for a file
+        that is not such a database."""
         with closing(sqlite3.connect(f"file:{quote(str(self._path))}?mode=ro", uri=True)) as database:
             columns = TABLE_COLUMNS.replace("timestamp", "ts")
             for row in database.execute(f"SELECT {columns} FROM messages ORDER BY rowid"):

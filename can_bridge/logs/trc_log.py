@@ -1,6 +1,6 @@
 """PEAK's trace files, versions 1.0 to 2.1: "PEAK CAN TRC File Format", 2020. Times are in ms since the start.
 
-The columns of 2.0 and 2.1 are named in the header; those of 1.0 to 1.3 are fixed.
+The header of versions 2.0 and 2.1 names the columns; versions 1.0 to 1.3 have fixed columns.
 """
 
 from collections.abc import Iterator
@@ -28,7 +28,8 @@ from can_bridge.wire.frame import FD_LENGTHS
 from contract.printable import quoted
 
 _COLUMNS: Final = {"1.0": "NOIL", "1.1": "NOTIL", "1.2": "NOBTIL", "1.3": "NOBTIRL"}
-"""The columns in front of the data: number, time, bus, type or direction, identifier, reserved, length code."""
+"""Columns before the data, one letter each, by version: number, time, bus, type or direction, identifier, reserved,
+length code."""
 _DAY_ZERO: Final = datetime(1899, 12, 30)
 _WARNING: Final = "FFFFFFFF"
 """Value in place of the identifier that marks a warning."""
@@ -45,7 +46,8 @@ _FD: Final = {"FD": FD_FRAME, "FB": FD_FRAME | BRS, "FE": FD_FRAME | ESI, "BI": 
 
 
 def read_trc(lines: Lines, since_epoch: SinceEpoch) -> Iterator[Entry]:
-    """Yield the entries of the lines. Raises ValueError with the number of a line that is not of the file's version."""
+    """Yield the entries of the lines. Raises ValueError with the number of the first line that does not have the format
+    of the file's version."""
     columns, start_s = list(_COLUMNS["1.0"]), 0.0
     for number, line in lines:
         text = line.strip()
@@ -98,7 +100,8 @@ def _entry(text: str, columns: list[str], start_s: float, *, is_whole: bool) -> 
         length = check_length(int(values["l"]), is_fd=is_fd)
     else:
         code = int(values["L"])
-        # Some writers put the length there. In a line that may be truncated, the number of its bytes proves nothing.
+        # Some writers put the length in bytes into the column of the length code. The number of bytes in the line shows
+        # this, unless the line may be truncated.
         is_length = is_fd and code in FD_LENGTHS and (code > 15 or (is_whole and len(rest) == code))
         length = code if is_length else length_of(code, is_fd=is_fd)
     direction = values.get("d", kind).upper()

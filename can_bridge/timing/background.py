@@ -1,8 +1,8 @@
 """The background traffic of other nodes on the bus: generated, or from a DBC file.
 
-Generated messages fill a share of the bus at their worst-case frame length: a background of 0.9 leaves at least a tenth
-of the bus free, so no queue grows without bound. Random contents need fewer stuff bits, so a meter on the bus shows
-about 15 per cent less than the share.
+The share that generated messages fill is computed with their longest frames. A background of 0.9 therefore leaves at
+least a tenth of the bus free, so that no queue grows without bound. Random contents need fewer stuff bits, so the
+measured load of the bus is about 15 per cent smaller than the share.
 """
 
 from collections.abc import Collection, Iterator
@@ -32,7 +32,7 @@ class BackgroundTraffic:
 
     Attributes:
         messages: messages to be sent, highest priority first.
-        left_out: other messages of the file, each as "name (why)".
+        left_out: messages of the file that are not sent, each as "name (why)".
     """
 
     messages: tuple[PeriodicMessage, ...]
@@ -42,14 +42,16 @@ class BackgroundTraffic:
 def read_traffic(path: Path, bus: BusConfig, taken: Collection[int], *, seed: int) -> BackgroundTraffic:
     """Return a file's messages at their cycle times (`GenMsgCycleTime` in a DBC), with phases drawn by the seed.
 
-    Left out are messages without a cycle time, messages that no CAN frame here can carry, and stillwake's own, which a
-    whole vehicle's description also has. Raises BusError if cantools or the file is missing; the file is damaged; no
-    message can be sent; two messages have one identifier; or a message does not fit this bus.
+    Messages are left out if they have no cycle time, if no CAN frame of this bus can carry them, or if they are
+    stillwake's own, which the description of a whole vehicle contains too. Raises BusError if cantools or the file is
+    missing; the file is damaged; no message can be sent; two messages have one identifier; or a message does not fit
+    this bus.
 
     Args:
-        path: its ending states its format.
-        bus: states whether CAN FD is used.
-        taken: 11-bit identifiers that these messages may not have, besides ours.
+        path: file of messages; the ending of its name states its format.
+        bus: settings of the bus, which state whether CAN FD is used.
+        taken: 11-bit identifiers, in addition to ours, that these messages may not have.
+        seed: random seed of the phases.
     """
     database = load_network(path)
     random = Random(seed)
@@ -85,7 +87,7 @@ def read_traffic(path: Path, bus: BusConfig, taken: Collection[int], *, seed: in
 
 
 def _why_not(message: "Message", database: "Database") -> str | None:
-    """Return why this message cannot be sent, or None."""
+    """Return why this message cannot be sent; None if it can be sent."""
     if (message.name, message.frame_id) in _OURS:
         return "stillwake's own"
     if not message.cycle_time or round(message.cycle_time * NS_PER_MS) <= 0:
@@ -118,22 +120,24 @@ def _check(path: Path, message: "Message", bus: BusConfig, taken: Collection[int
 
 
 PERIODS_MS: Final = (5, 10, 20, 50, 100, 200, 500, 1000)
-"""Periods in ms of generated messages: the usual ones in vehicles."""
+"""Periods in ms of generated messages, which are usual in vehicles."""
 _PERIOD_WEIGHTS: Final = (1, 6, 6, 3, 8, 3, 2, 3)
 """Relative frequency of each period: mostly 10, 20 and 100 ms, as in published benchmarks of body and powertrain."""
 _CLASSIC_LENGTHS: Final = (8, 8, 8, 8, 6, 4, 2)
 _FD_LENGTHS: Final = (8, 8, 16, 24, 32, 48, 64, 64)
 _IDS: Final = range(0x010, 0x700)
-"""Identifiers of generated messages: lower ones are for network management, higher ones for diagnostics."""
+"""Identifiers of generated messages. Smaller identifiers are for network management, larger identifiers for
+diagnostics."""
 
 
 def background(config: BackgroundConfig, bus: BusConfig, taken: Collection[int]) -> BackgroundTraffic:
     """Return the traffic of other nodes; empty if no background is configured. Raises ConfigError for a share that no
-    set of messages fills; BusError for a file that cannot be read or does not fit this bus.
+    set of messages can fill; BusError for a file that cannot be read or does not fit this bus.
 
     Args:
-        bus: states the bit rates and whether CAN FD is used.
-        taken: 11-bit identifiers that are already in use, besides ours.
+        config: settings of the background traffic.
+        bus: settings of the bus, which state the bit rates and whether CAN FD is used.
+        taken: 11-bit identifiers, in addition to ours, that are already in use.
     """
     if config.dbc:
         return read_traffic(Path(config.dbc), bus, taken, seed=config.seed)
@@ -141,11 +145,13 @@ def background(config: BackgroundConfig, bus: BusConfig, taken: Collection[int])
 
 
 def made_up(load: float, bus: BusConfig, taken: Collection[int], *, seed: int) -> tuple[PeriodicMessage, ...]:
-    """Return messages that fill the share `load` of the bus at their worst-case length, less one rare message at most.
+    """Return messages that fill the share `load` of the bus with their longest frames; at most one rare message is
+    missing.
 
-    Shorter periods have higher priorities, as designers assign them. Of two or more messages, the first has a higher
-    priority than all taken identifiers and the last a lower one, if identifiers are free there. Raises ConfigError if
-    the share is less than one message needs, or more than all identifiers can fill.
+    Messages with shorter periods have higher priorities, as designers assign them. If there are two or more messages,
+    the first has a higher priority than all taken identifiers and the last a lower priority, as far as identifiers are
+    free there. Raises ConfigError if the share is smaller than one message needs, or larger than all identifiers can
+    fill.
     """
     random = Random(seed)
     drawn = sorted(_draw(load, bus, random))
@@ -170,7 +176,8 @@ def made_up(load: float, bus: BusConfig, taken: Collection[int], *, seed: int) -
 
 
 def _draw(load: float, bus: BusConfig, random: Random) -> Iterator[tuple[int, int]]:
-    """Yield periods in ns and lengths until the next would exceed the share; at most one more than identifiers."""
+    """Yield period in ns and length in bytes of each message, until a further message would exceed the share; at most
+    one message more than there are identifiers."""
     lengths = _CLASSIC_LENGTHS if bus.frames == "classic" else _FD_LENGTHS
     left = load
     for _ in range(len(_IDS) + 1):
@@ -178,7 +185,7 @@ def _draw(load: float, bus: BusConfig, random: Random) -> Iterator[tuple[int, in
         (asked,) = random.choices(PERIODS_MS, _PERIOD_WEIGHTS)
         probe = PeriodicMessage(name="", frame_id=0, is_fd=bus.frames == "fd", length=length, period_ns=1)
         busy_ns = probe.worst_ns(bus)
-        # Messages with longer periods fill the rest of the share.
+        # A message with a longer period than the drawn one may still fit into the rest of the share.
         periods = (ms * NS_PER_MS for ms in PERIODS_MS if ms >= asked)
         period_ns = next((period for period in periods if busy_ns <= left * period), None)
         if period_ns is None:
@@ -188,7 +195,7 @@ def _draw(load: float, bus: BusConfig, random: Random) -> Iterator[tuple[int, in
 
 
 def _identifiers(count: int, taken: Collection[int], random: Random) -> list[int]:
-    """Return `count` free identifiers in rising order, or all free ones."""
+    """Return `count` free identifiers in rising order, or all free identifiers if there are fewer."""
     taken = {*taken, *OUR_IDS}
     free = [frame_id for frame_id in _IDS if frame_id not in taken]
     if count >= len(free):

@@ -1,4 +1,4 @@
-"""The bus load by the messages of the control loop and the background traffic."""
+"""The load of the bus that the messages of the control loop and the background traffic cause."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -16,19 +16,21 @@ from contract.config.vehicle import BusConfig
 from contract.errors import ConfigError
 
 _CONTENTS: Final = 16
-"""Number of random contents for a message's mean length; the mean's standard error is below half a per cent."""
+"""Number of random contents over which a message's length is averaged; the standard error of the mean is below half a
+per cent."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class MessageLoad:
-    """One message on the bus.
+    """The load of one message on the bus.
 
     Attributes:
-        ours: it belongs to the control loop, not to the background.
-        worst_ns: time of its longest frame, including the intermission.
-        mean_ns: mean time of its frame with random contents.
-        response: worst-case response time. For the ECU's answers it counts from the sampling of the pressures plus the
-            ECU's compute time, so that for the command it is the bus's whole share of the age of the jets' command.
+        message: the message.
+        ours: whether the message belongs to the control loop, not to the background.
+        worst_ns: time of the message's longest frame, including the intermission.
+        mean_ns: mean time of the message's frames with random contents.
+        response: worst-case response time. For the ECU's messages it counts from the sampling of the pressures plus the
+            ECU's compute time. So for the command it is the time that the bus adds to the age of the pressures.
     """
 
     message: PeriodicMessage
@@ -40,11 +42,11 @@ class MessageLoad:
 
 @dataclass(frozen=True, kw_only=True)
 class BusLoad:
-    """All messages of a bus.
+    """The load of all messages of a bus.
 
     Attributes:
-        messages: highest priority first.
-        mean, worst: shares of the bus's time, with random contents and with the longest frames.
+        messages: messages, highest priority first.
+        mean, worst: occupied share of the bus's time, with random contents and with the longest frames.
         left_out: messages of the background's file that are not sent, each as "name (why)".
     """
 
@@ -60,8 +62,8 @@ class BusLoad:
 
 
 def bus_load(config: Config) -> BusLoad:
-    """Return loads and worst-case response times with these settings. Raises ConfigError if the ECU computes for a
-    whole control period or longer, or no background fills the share; BusError as `read_traffic` does."""
+    """Return loads and worst-case response times with these settings. Raises ConfigError if the ECU's compute time is a
+    control period or longer, or if no background can fill the share; BusError as `read_traffic` does."""
     bus = config.bus
     others = background(bus.background, bus, ())
     ours = loop_messages(config, others.messages)
@@ -88,9 +90,9 @@ def bus_load(config: Config) -> BusLoad:
 def loop_messages(config: Config, others: Sequence[PeriodicMessage] = ()) -> tuple[PeriodicMessage, ...]:
     """Return the four messages of the control loop, highest priority first.
 
-    The vehicle queues its speed together with the pressures. The ECU answers a pressure frame, so the jitter of its
-    frames is the worst-case response time of the pressures. The command has to arrive within the control period less
-    the ECU's compute time. Raises ConfigError if the ECU computes for a whole control period or longer.
+    The vehicle queues its speed together with the pressures. The ECU sends its messages in answer to a pressure frame,
+    so their jitter is the worst-case response time of the pressures. The command has to arrive within the control
+    period minus the ECU's compute time. Raises ConfigError if the ECU's compute time is a control period or longer.
     """
     period_ns = config.period_ns
     if config.ecu.compute_time_ms * NS_PER_MS >= period_ns:
@@ -102,7 +104,7 @@ def loop_messages(config: Config, others: Sequence[PeriodicMessage] = ()) -> tup
     pressure, speed, command, status = (_periodic(spec, period_ns) for spec in message_set(config.bus).specs)
     everyone = _by_priority((pressure, speed, command, status, *others))
     arrival = message_response_times(everyone, config.bus)[everyone.index(pressure)]
-    # If the pressures have no bound, the answers have none either, since their priority is lower.
+    # If the pressures have no longest response time, the answers have none either, because their priority is lower.
     jitter_ns = period_ns if arrival.response_ns is None else arrival.response_ns
     return (
         pressure,
@@ -113,7 +115,7 @@ def loop_messages(config: Config, others: Sequence[PeriodicMessage] = ()) -> tup
 
 
 def mean_ns(message: PeriodicMessage, bus: BusConfig) -> float:
-    """Return the mean time of its frame over random contents, which are the same in each call."""
+    """Return the mean time in ns of the message's frames over random contents, which are the same in each call."""
     random = Random(message.frame_id)
     rates = {"nominal_bitrate": bus.nominal_bitrate, "data_bitrate": bus.data_bitrate}
     frames = (message.frame(random.randbytes(message.length)) for _ in range(_CONTENTS))

@@ -11,7 +11,7 @@ from contract.config.vehicle import BusConfig
 NS_PER_MS: Final = 10**6
 
 OUR_IDS: Final = frozenset(spec.frame_id for spec in SPECS)
-"""Identifiers of all message sets, used or not: other nodes never have them."""
+"""Identifiers of the messages in all message sets, used or not. Messages of other nodes never have them."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -20,10 +20,10 @@ class PeriodicMessage:
 
     Attributes:
         frame_id: identifier of 11 bits, or of 29 bits if it is extended.
-        period_ns: least time between two releases.
+        period_ns: shortest time between two releases.
         offset_ns: time of the first release.
         jitter_ns: largest delay from a release until the frame is queued.
-        deadline_ns: time after its release by which a frame has to arrive; 0 means the period.
+        deadline_ns: time after a release by which the frame has to arrive; 0 means the period.
     """
 
     name: str
@@ -55,7 +55,7 @@ class PeriodicMessage:
         return Frame(frame_id=self.frame_id, data=data, is_fd=self.is_fd, is_extended=self.is_extended)
 
     def worst_ns(self, bus: BusConfig) -> int:
-        """Return the longest time in ns for which its frame occupies the bus."""
+        """Return the longest time in ns for which a frame of the message occupies the bus."""
         return worst_case_ns(
             self.frame(bytes(self.length)), nominal_bitrate=bus.nominal_bitrate, data_bitrate=bus.data_bitrate
         )

@@ -1,17 +1,18 @@
 """Worst-case response times of periodic messages on a CAN bus without errors.
 
-Davis, Burns, Bril and Lukkien, "Controller Area Network (CAN) schedulability analysis: refuted, revisited and revised",
-Real-Time Systems 35 (2007), section 3: a frame cannot be interrupted, so a message waits for one frame of lower
-priority at most (blocking, B), and for every frame of higher priority that comes before its own turn. The slowest frame
-need not be the first after all messages were queued at once, so every frame of the priority level's busy period counts.
+The source is Davis, Burns, Bril and Lukkien, "Controller Area Network (CAN) schedulability analysis: refuted, revisited
+and revised", Real-Time Systems 35 (2007), section 3. A frame cannot be interrupted, so a message waits for at most one
+frame of lower priority (blocking, B), and for every frame of higher priority that is queued before the message is sent.
+If all messages are queued at once, the slowest frame of a message need not be the first frame after this instant, so
+the analysis examines every frame in the busy period of the message's priority.
 
 The analysis holds if each node always offers its most urgent frame and queues the frames of one message in order, no
 frame is sent twice, and messages keep their periods and jitters. Phases do not matter.
 
 With CAN FD the same equations hold: a node loses in the arbitration phase, which has the nominal bit rate, and then
 waits for one whole frame. A frame of higher priority can still win if it is queued at most one nominal bit after the
-bus became free: the paper's tau_bit. The bits of the data phase are shorter; a longer tau_bit can only count more
-frames.
+bus became free; this time is the paper's tau_bit. The bits of the data phase are shorter; a longer tau_bit can only
+increase the number of counted frames.
 """
 
 from collections.abc import Sequence
@@ -24,7 +25,8 @@ from can_bridge.timing.periodic_message import PeriodicMessage
 from contract.config.vehicle import BusConfig
 
 LONGEST_BUSY_NS: Final = 60 * 10**9
-"""Longest busy period in ns that is examined; a longer one counts as unbounded. Only loads near 100 % reach it."""
+"""Longest busy period in ns that is examined; the response time counts as unbounded if the busy period is longer. Only
+loads near 100 % reach this limit."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,9 +34,9 @@ class MessageTiming:
     """A message's parameters in the analysis: the paper's C, T, D and J.
 
     Attributes:
-        frame_ns: longest time of the frame on the bus, C.
-        period_ns: T.
-        deadline_ns: D, longest permitted time after the release.
+        frame_ns: longest time of the message's frame on the bus, C.
+        period_ns: period, T.
+        deadline_ns: longest permitted time after the release, D.
         jitter_ns: largest delay from the release until the frame is queued, J.
     """
 
@@ -50,8 +52,9 @@ class Response:
 
     Attributes:
         blocking_ns: time of the longest frame of lower priority, B.
-        response_ns: time from release to the end of the frame, including the intermission; None if unbounded.
-        instance: index in the busy period of the frame that takes this time; 0 is the first.
+        response_ns: longest time from the release to the end of the frame, including the intermission; None if
+            unbounded.
+        instance: index of the frame with this response time in the busy period; 0 is the first frame.
         deadline_ns: longest permitted time after the release.
     """
 
@@ -62,7 +65,7 @@ class Response:
 
     @property
     def in_time(self) -> bool:
-        """Whether no frame can miss its deadline."""
+        """Whether every frame of the message meets its deadline."""
         return self.response_ns is not None and self.response_ns <= self.deadline_ns
 
 
@@ -70,8 +73,8 @@ def response_times(timings: Sequence[MessageTiming], *, bit_ns: int) -> list[Res
     """Return the response times of all messages.
 
     Args:
-        timings: highest priority first.
-        bit_ns: time of a bit at the nominal rate, rounded up.
+        timings: parameters of the messages, highest priority first.
+        bit_ns: time of a bit at the nominal bit rate in ns, rounded up.
     """
     blocking = [0, *accumulate((one.frame_ns for one in reversed(timings[1:])), max)][::-1]
     higher: _Rhythms = {}
@@ -84,7 +87,7 @@ def response_times(timings: Sequence[MessageTiming], *, bit_ns: int) -> list[Res
 
 def message_response_times(messages: Sequence[PeriodicMessage], bus: BusConfig) -> list[Response]:
     """Return the response times of all messages in the given order. Raises ValueError if the messages are not in the
-    order of falling priority, or two have one priority."""
+    order of falling priority, or two messages have one priority."""
     for one, other in pairwise(messages):
         if one.priority >= other.priority:
             raise ValueError(f"{one.name} before {other.name}: messages must be in strictly falling priority")
@@ -101,8 +104,8 @@ def message_response_times(messages: Sequence[PeriodicMessage], bus: BusConfig) 
 
 
 _Rhythms = dict[tuple[int, int], int]
-"""Sum of the frame times of all messages with a period and jitter: the analysis needs no more, and thousands of
-messages have about a dozen such pairs."""
+"""Sum of the frame times in ns of all messages that share a period and a jitter, by period and jitter in ns. The
+analysis needs only these sums, and thousands of messages have about a dozen different pairs."""
 
 
 def _with(rhythms: _Rhythms, one: MessageTiming) -> _Rhythms:
@@ -115,7 +118,8 @@ def _response(own: MessageTiming, higher: _Rhythms, blocking: int, bit_ns: int) 
     if busy is None:
         return Response(blocking_ns=blocking, response_ns=None, instance=0, deadline_ns=own.deadline_ns)
     worst, worst_instance = 0, 0
-    # The search for each frame begins at the previous frame's time and transmission, since no frame waits less.
+    # The search for each frame begins at the time at which the previous frame has been sent, because no frame is sent
+    # earlier than its predecessor.
     queued = blocking
     for instance in range(_ceil(busy + own.jitter_ns, own.period_ns)):
         while True:
@@ -131,9 +135,10 @@ def _response(own: MessageTiming, higher: _Rhythms, blocking: int, bit_ns: int) 
 
 
 def _busy_ns(rhythms: _Rhythms, blocking: int) -> int | None:
-    """Return the longest time in ns for which these messages keep the bus busy after a blocking frame, or None."""
+    """Return the longest time in ns for which a blocking frame and then these messages occupy the bus without a break;
+    None if there is no bound."""
     load = sum((Fraction(busy, period) for (period, _), busy in rhythms.items()), Fraction(0))
-    # With a load of 1 the busy period ends only if nothing adds to it; with a smaller load it always ends.
+    # With a load of 1 the busy period ends only without blocking and jitter. With a smaller load it always ends.
     if load > 1 or (load == 1 and (blocking or any(jitter for _, jitter in rhythms))):
         return None
     busy = blocking + sum(rhythms.values())
@@ -146,7 +151,7 @@ def _busy_ns(rhythms: _Rhythms, blocking: int) -> int | None:
 
 
 def _demand(rhythms: _Rhythms, within_ns: int, bit_ns: int) -> int:
-    """Return the largest bus time of all frames that can be queued within a time."""
+    """Return the largest total time in ns on the bus of all frames that can be queued within a time."""
     return sum(_ceil(within_ns + jitter + bit_ns, period) * busy for (period, jitter), busy in rhythms.items())
 
 

@@ -1,1 +1,2 @@
-"""An engineer's tools for a bus: watch, record, replay, send, decode, convert logs to data. Some need extra `bus`."""
+"""An engineer's tools for a bus: watch, record, replay, send, decode, convert logs to data. Some tools need the extra
+`bus`."""

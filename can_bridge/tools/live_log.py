@@ -1,4 +1,5 @@
-"""The log of a node on a real bus while it runs: its frames go to a text file at once, and to a measurement at the end.
+"""The log of a node on a real bus while the node runs: frames are written to a text file at once, and to a measurement
+at the end.
 
 A process that is killed leaves the text file, in candump's format, beside the measurement: `.NAME.PID.log`.
 """
@@ -22,16 +23,18 @@ from contract.atomic import leads_to
 from contract.errors import StillwakeError
 
 _PAUSE_S: Final = 0.05
-"""Pause between two writes: the few frames of a pause take little time, for which the control step may have to wait."""
+"""Pause in s between two writes. The few frames that arrive in a pause are written in a short time, for which the
+control step may have to wait."""
 
 
 @contextmanager
 def live_log(path: Path | None) -> Iterator[Callable[[Frame, bool], None]]:
-    """Yield a function that stores a frame, and whether it was received; any thread may call it, and it never waits.
-    When the block ends, also by an error, the measurement is written. Without a path nothing is stored.
+    """Yield a function that stores a frame and whether the frame was received. Any thread may call this function, and
+    the function never waits. When the `with` block ends, also by an error, the measurement is written. Without a path
+    nothing is stored.
 
-    Times are the computer's date at the start, and its steady clock from then on. Raises StillwakeError if the
-    measurement cannot be written; an error of the block comes first.
+    Times are the computer's date and time at the start of the log, advanced by its steady clock. Raises StillwakeError
+    if the measurement cannot be written, unless the block has already raised an error.
     """
     if path is None:
         yield lambda frame, received: None
@@ -62,7 +65,7 @@ class _Log:
     """A thread that writes frames.
 
     Attributes:
-        fault: the error that ended it; None if there was none.
+        fault: the error that ended the thread; None if there was none.
     """
 
     def __init__(self, stream: Path) -> None:

@@ -1,6 +1,6 @@
 """Measurements: the frames of a log together with their signals as named channels, in one file.
 
-A `.mf4` is for asammdf's window, CANape and vSignalyzer, an `.mcap` for Foxglove, Rerun and PlotJuggler.
+A `.mf4` file is for asammdf's window, CANape and vSignalyzer, an `.mcap` file for Foxglove, Rerun and PlotJuggler.
 """
 
 import re
@@ -31,12 +31,12 @@ WORDS: Final[Mapping[str, Mapping[int, str]]] = {
 }
 """Names of the values of signals that are enumerations."""
 _IN_THE_FRAME: Final = ("Freshness", "MAC")
-"""Signals of 64 bits, more than a channel's numbers hold."""
+"""Signals of 64 bits, which get no channel because a channel's numbers cannot hold so many bits."""
 
 
 def check_measurement(path: Path) -> None:
-    """Check before the work whether a measurement can be written. Raises BusError for another ending, or if asammdf is
-    missing; ModuleNotFoundError for another package; StillwakeError if the file cannot be written."""
+    """Check, before the work, whether a measurement can be written. Raises BusError for another ending, or if asammdf
+    is missing; ModuleNotFoundError if another package is missing; StillwakeError if the file cannot be written."""
     if path.suffix.lower() not in MEASUREMENTS:
         raise BusError(f"{path}: a measurement must end in {' or '.join(MEASUREMENTS)}")
     if path.suffix.lower() == ".mf4":
@@ -55,15 +55,17 @@ def write_measurement(
     events: Iterable[tuple[str, int, Any]] = (),
     facts: Mapping[str, str] | None = None,
 ) -> Counter[str]:
-    """Write frames and channels, completely or not at all; return the numbers of our frames without channels, by name.
+    """Write frames and channels, completely or not at all. Return the numbers of our frames that have no channels, by
+    name.
 
-    Raises StillwakeError as `check_measurement` does, and for times before 0 in an `.mcap`.
+    Raises StillwakeError as `check_measurement` does, and for times before 0 in an `.mcap` file.
 
     Args:
-        messages: in the order of their times.
+        path: file to write.
+        messages: messages in the order of their times.
         more: channels that are not in frames.
-        events: topics, times in ns and protobuf messages, for an `.mcap` alone.
-        facts: names and values, for an `.mcap` alone.
+        events: topics, times in ns and Protobuf messages, which are only written to an `.mcap` file.
+        facts: names and values, which are only written to an `.mcap` file.
     """
     check_measurement(path)
     listed = list(messages)
@@ -79,7 +81,8 @@ def write_measurement(
 
 def groups_of(messages: Iterable[can.Message]) -> tuple[list[ChannelGroup], Counter[str]]:
     """Return a group of channels for each of our messages, and the numbers of our frames that cannot be read, by name.
-    On a second channel the group's name has the channel's."""
+    If our messages are on several channels of the bus, the group's name includes the bus channel, except for the first.
+    """
     rows: dict[tuple[str, str], tuple[list[float], list[tuple[SignalValue, ...]]]] = {}
     skipped = Counter[str]()
     for message in messages:

@@ -1,7 +1,7 @@
 """Statistics of one message on a bus from its frames so far: count, rate, losses, end-to-end checks.
 
-A secured message's authentication is checked first, as in a node: the end-to-end check does not see frames that it
-rejects. Without a key only the end-to-end check is made.
+The authentication of a secured message is checked first, as in a node; frames that this check rejects get no end-to-end
+check. Without a key only the end-to-end check is made.
 """
 
 from collections import deque
@@ -18,9 +18,9 @@ from can_bridge.wire.frame import Frame
 from contract.config.vehicle import E2eConfig
 
 RATE_OVER: Final = 20
-"""Number of intervals between frames over which the rate is averaged."""
+"""Number of intervals between successive frames over which the rate is averaged."""
 SILENT_AFTER: Final = 5.0
-"""Number of mean intervals without a frame after which the rate counts as zero."""
+"""Time since the newest frame, in mean intervals, after which the rate counts as zero."""
 
 CHECK_TEXT: Final = {
     FrameCheck.OK: "OK",
@@ -32,13 +32,13 @@ CHECK_TEXT: Final = {
 
 
 class Mac(Enum):
-    """The result of authenticating a secured frame; the value is its text for people."""
+    """The result of the authentication of a secured frame; the value is the text that tools show."""
 
     OK = "OK"
     NOT_AUTHENTIC = "not authentic"
     NOT_FRESH = "not fresh"
     NOT_CHECKED = "not checked"
-    """No key is available."""
+    """The MAC was not checked, because no key is available."""
 
 
 MAC_REFUSED: Final = (Mac.NOT_AUTHENTIC, Mac.NOT_FRESH)
@@ -48,15 +48,16 @@ class Traffic:
     """One message with the statistics of its frames so far.
 
     Attributes:
-        latest: its newest frame.
+        latest: newest frame of the message.
         decoded: content of the newest frame; None for a message that is not ours.
-        channel: the log's channel of the frames; empty on a bus.
+        channel: the log's channel on which the frames were recorded; empty on a bus.
         first_ns: time of the first frame.
-        recent_ns: times of the newest frames, oldest first, at most RATE_OVER + 1.
-        check: result of the newest frame's end-to-end check; None without protection, or if its MAC was rejected.
+        recent_ns: times of the newest frames, oldest first, at most RATE_OVER + 1 times.
+        check: result of the newest frame's end-to-end check; None for a message without protection, or if the frame's
+            MAC was rejected.
         mac: verdict on the MAC of the newest frame; None for a message without authentication.
-        lost: number of frames missing by their counters, which do not show the loss of a whole counter period or more;
-            a restart of the sender counts as one.
+        lost: number of frames that are missing according to the counters. The counters do not show the loss of a whole
+            counter period or more, and a restart of the sender looks like a loss.
         receiver: state of the end-to-end check, with the number of each result.
         verifier: state of the authentication; its freshness begins with the first authentic frame.
     """
@@ -65,12 +66,13 @@ class Traffic:
     decoded: Decoded | None
 
     def __init__(self, e2e: E2eConfig, key: Key | None = None, channel: str = "", *, carries: str = "") -> None:
-        """Begin without a frame.
+        """Start the statistics without any frame.
 
         Args:
             e2e: settings that distinguish a loss from a wrong sequence.
             key: key for secured messages; without it their authentication is not checked.
-            carries: description of other frames with this identifier, for people.
+            channel: the log's channel; empty on a bus.
+            carries: description of the content, for a message with this identifier that is not ours.
         """
         self._e2e, self._key, self.channel, self._carries = e2e, key, channel, carries
         self.count = self.first_ns = self.lost = 0
@@ -81,7 +83,8 @@ class Traffic:
         self.verifier = VerifierState()
 
     def add(self, frame: Frame, time_ns: int | None = None) -> None:
-        """Add a frame of the message with its time: its own stamp, or a log's, which may be before 0."""
+        """Add a frame of the message. `time_ns` is the frame's time in a log, which may be before 0; without it the
+        frame's own time stamp is used."""
         time_ns = frame.timestamp_ns if time_ns is None else time_ns
         self.latest, self.decoded = frame, decode(frame)
         self.first_ns = self.first_ns if self.count else time_ns
@@ -91,7 +94,8 @@ class Traffic:
         if self.decoded is None:
             return
         spec = self.decoded.spec
-        # The data of a frame in the other format cannot be checked.
+        # The end-to-end check cannot use the data of a frame in the wrong format (CAN FD or classic), so the check gets
+        # no data.
         whole = frame if frame.is_fd == spec.is_fd else replace(frame, data=b"")
         if spec.is_secured:
             before, self.verifier = self.verifier, verified(self.verifier, (whole,), spec=spec, key=self._key).state
@@ -122,7 +126,7 @@ class Traffic:
 
     @property
     def is_protected(self) -> bool:
-        """Whether it is one of our messages, which all have an end-to-end check."""
+        """Whether the message is one of ours, all of which have an end-to-end check."""
         return self.decoded is not None
 
     @property
@@ -132,7 +136,8 @@ class Traffic:
 
     @property
     def verdict(self) -> str:
-        """The verdict on the newest frame, in words: a reason to reject it, or its end-to-end check; empty without."""
+        """The verdict on the newest frame, in words: the reason to reject the frame, or the result of its end-to-end
+        check; empty if the message has no checks."""
         if self.mac is not None and self.mac in MAC_REFUSED:
             return str(self.mac.value)
         return "" if self.check is None else CHECK_TEXT[self.check]
@@ -151,11 +156,11 @@ class Traffic:
         return self.recent_ns[-1]
 
     def age_ns(self, now_ns: int) -> int:
-        """Return the time since the newest frame."""
+        """Return the time in ns since the newest frame."""
         return max(0, now_ns - self.last_ns)
 
     def rate_hz(self, now_ns: int) -> float:
-        """Return the newest frames' rate in 1/s; 0 with fewer than two frames, or when none came for a long time."""
+        """Return the rate of the newest frames in 1/s; 0 with fewer than two frames, or after a long silence."""
         span = self.recent_ns[-1] - self.recent_ns[0]
         if span <= 0:
             return 0.0

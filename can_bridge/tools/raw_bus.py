@@ -1,6 +1,7 @@
-"""A bus for tools: all received data as python-can's messages, including remote and error frames.
+"""A bus for tools, which delivers all received data as python-can's messages, including remote and error frames.
 
-A node needs `can_bridge.bus.backends.python_can`, which only delivers valid data frames that it asked for.
+A node uses `can_bridge.bus.backends.python_can` instead, which delivers only valid data frames with the identifiers
+that the node selected.
 """
 
 from copy import copy
@@ -19,7 +20,7 @@ class RawBus(OpenBus):
     """A tool's connection to a bus. Use it as a context manager, or call `close`."""
 
     def receive_message(self, timeout_s: float) -> can.Message | None:
-        """Return the next message of any kind, valid or not, or None if no readable message came within `timeout_s`.
+        """Return the next message of any kind, valid or not; None if no readable message came within `timeout_s`.
         Raises BusError if the bus failed or delivers only garbage."""
         message = self._received(timeout_s)
         return None if isinstance(message, Rejection) else message
@@ -41,8 +42,8 @@ def open_bus(config: BusConfig) -> RawBus:
 
 
 def frame_of(message: can.Message) -> Frame | None:
-    """Return the frame in a message, with an 11- or 29-bit identifier; None for remote, error and invalid frames. A
-    negative time, which a log has before a trigger, becomes 0."""
+    """Return the data frame in a message, with an 11- or 29-bit identifier; None for remote, error and invalid frames.
+    A negative time, which a log has before a trigger, becomes 0."""
     if message.timestamp < 0.0:
         message = copy(message)
         message.timestamp = 0.0
@@ -51,7 +52,7 @@ def frame_of(message: can.Message) -> Frame | None:
 
 
 def id_text(message: can.Message | Frame) -> str:
-    """Return an identifier as candump writes it: three hexadecimal digits, or eight if it is extended."""
+    """Return an identifier as candump writes it: three hexadecimal digits, or eight for 29 bits."""
     if isinstance(message, Frame):
         return f"{message.frame_id:08X}" if message.is_extended else f"{message.frame_id:03X}"
     return f"{message.arbitration_id:08X}" if message.is_extended_id else f"{message.arbitration_id:03X}"

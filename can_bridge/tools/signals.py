@@ -1,6 +1,6 @@
-"""Frames as named signals with units, and back, for people; nodes use `can_bridge.wire.message_sets`.
+"""Conversion of frames to named signals with units, and back, for people; nodes use `can_bridge.wire.message_sets`.
 
-Names and units are those of `contract/stillwake.dbc`.
+`contract/stillwake.dbc` defines the names and units.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -31,22 +31,24 @@ if TYPE_CHECKING:
     from cantools.database.can.signal import Signal
 
 PROTECTION: Final = frozenset({"E2E_CRC", "E2E_Counter", "Freshness", "MAC"})
-"""Signals that only protect the other signals."""
+"""Signals whose only purpose is to protect all other signals of the message."""
 
 STALE_MS: Final = 70
-"""The classic set's largest age, which stands for this age or more, in ms."""
+"""Largest age in the frames of the classic set, in ms. It means this age or more."""
 INVALID_PA: Final = -INT12_MAX - 1
-"""The classic set's pressure of a sensor whose own diagnosis failed, Pa."""
+"""Pressure in Pa in the frames of the classic set that means that the sensor's own diagnosis failed."""
 NO_SPEED: Final = SPEED_UNKNOWN * SPEED_RESOLUTION_M_PER_S
-"""The value in the speed's field if the vehicle does not know its speed, m/s."""
+"""Speed in m/s in the speed's field that means that the vehicle does not know its speed."""
 
 
 class SignalValue(NamedTuple):
-    """One value.
+    """The value of one signal.
 
     Attributes:
+        name: name of the signal.
         value: physical value in `unit`.
-        text: the value's name in the table of values, or a hash's digits; empty without one.
+        unit: unit of the value; empty if there is none.
+        text: name of the value in the signal's table of values, or the digits of a hash; empty if there is neither.
     """
 
     name: str
@@ -56,7 +58,7 @@ class SignalValue(NamedTuple):
 
     @property
     def shown(self) -> str:
-        """The value for people: its name if it has one, otherwise only digits that the message carries."""
+        """The value as text: its name if it has one, or else its digits, as far as the message states them."""
         return self.text or (str(self.value) if isinstance(self.value, int) else f"{self.value:.10g}")
 
 
@@ -64,7 +66,9 @@ class Decoded(NamedTuple):
     """The content of one of our messages.
 
     Attributes:
-        signals: signals in the order of the frame; empty if a value is outside its table or the length is wrong.
+        spec: specification of the message.
+        signals: signals in the order of the frame; empty if a value is outside its table or the frame's length is
+            wrong.
     """
 
     spec: MessageSpec
@@ -127,7 +131,8 @@ def _of_speed(value: VehicleSpeed) -> Iterator[SignalValue]:
 
 
 def _or_word(name: str, value: float | None, unit: str, without: float, word: str) -> SignalValue:
-    """Return a value that may be missing; its field then has a special number with a name in the table."""
+    """Return a value that may be missing. A missing value has a special number in its field, and a name for this number
+    in the table."""
     return SignalValue(name, without, unit, word) if value is None else SignalValue(name, value, unit)
 
 
@@ -170,7 +175,8 @@ def encode(name: str, assignments: Sequence[str]) -> tuple[MessageSpec, bytes]:
 
     Args:
         name: name of one of our messages, as in the DBC.
-        assignments: "signal=value"; a value is a number in the signal's unit, or a name from its table.
+        assignments: texts "signal=value"; the value is a number in the signal's unit, or a name from the signal's
+            table.
     """
     if name not in _SPECS:
         names = ", ".join(_SPECS)
@@ -197,7 +203,7 @@ def encode(name: str, assignments: Sequence[str]) -> tuple[MessageSpec, bytes]:
 
 
 def _value(text: str, signal: "Signal", value: str) -> float | str:
-    """Return a name unchanged, or the number."""
+    """Return a value's text as a number, or unchanged if it is a name in the signal's table."""
     names = [str(one) for one in (signal.choices or {}).values()]
     if value in names:
         return value

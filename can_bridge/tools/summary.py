@@ -1,4 +1,4 @@
-"""A summary of a log's or a bus's traffic by message, which `stillwake can decode` and `can monitor` show."""
+"""A summary, by message, of the traffic of a log or a bus. `stillwake can decode` and `can monitor` show it."""
 
 from collections import Counter
 from dataclasses import dataclass, field
@@ -15,10 +15,11 @@ from can_bridge.wire.frame_bits import frame_ns
 from contract.config.vehicle import BusConfig
 
 MOST_MESSAGES: Final = 1000
-"""Largest number of listed messages: more than a vehicle's bus has, and a bound for random 29-bit identifiers."""
+"""Largest number of messages that are listed: more than a vehicle's bus has. The limit bounds the list if frames have
+random 29-bit identifiers."""
 
 SignalCell = tuple[str, str, str]
-"""A signal, its value and its unit."""
+"""The name of a signal, its value and its unit."""
 
 
 @dataclass(kw_only=True)
@@ -26,15 +27,17 @@ class Summary:
     """The traffic so far.
 
     Attributes:
-        config: bit rates, for the load, and the rules for counters. A frame without bit-rate switch has the nominal
-            rate.
+        config: settings of the bus: the bit rates, for the load, and the rules for counters. A frame without bit-rate
+            switch has the nominal rate.
         key: key for secured messages; without it their authentication is not checked.
-        most: largest number of messages listed; frames of further identifiers are only counted, as `unlisted`.
+        most: largest number of messages that are listed; frames with further identifiers are only counted, in
+            `unlisted`.
         messages: messages by (channel, extended, identifier), because two buses have independent counters.
         errors: numbers of error frames, by the reported error.
-        remote, unsound: numbers of remote frames and of impossible frames.
-        first_s, last_s: earliest and latest time of a frame of any kind, in any order; None without one.
-        busy_ns: time for which the data frames occupied each bus, including stuff bits and intermissions.
+        remote, unsound: number of remote frames, and number of impossible frames.
+        first_s, last_s: earliest and latest time of a frame of any kind, whatever the order of the frames; None without
+            a frame.
+        busy_ns: time for which the data frames occupied each bus, including stuff bits and intermissions, by channel.
     """
 
     config: BusConfig
@@ -56,7 +59,7 @@ class Summary:
 
     @property
     def lost(self) -> int:
-        """The number of frames missing by their counters."""
+        """The number of frames that are missing according to the counters."""
         return sum(one.lost for one in self.messages.values())
 
     @property
@@ -71,17 +74,17 @@ class Summary:
 
     @property
     def span_s(self) -> float:
-        """The time from the earliest to the latest frame; 0 without any."""
+        """The time in s from the earliest to the latest frame; 0 if there is no frame."""
         return 0.0 if self.first_s is None or self.last_s is None else self.last_s - self.first_s
 
     @property
     def loads(self) -> dict[str, float]:
-        """The share of time for which data frames occupied each bus, by channel; empty if all frames have one time."""
+        """The share of time that data frames occupied each bus, by channel; empty if all have equal times."""
         return {name: ns / 1e9 / self.span_s for name, ns in sorted(self.busy_ns.items())} if self.span_s > 0 else {}
 
     @property
     def load(self) -> float | None:
-        """The load of the busiest bus; None if all frames have one time."""
+        """The load of the busiest bus; None if all frames have equal times."""
         return max(self.loads.values(), default=None)
 
     def figures(self) -> dict[str, Any]:
@@ -114,7 +117,8 @@ class Summary:
         }
 
     def add(self, message: can.Message) -> Traffic | None:
-        """Add a frame, stamped with its time; return its message's statistics, or None if the message is not listed."""
+        """Add a frame with its time stamp. Return the statistics of the frame's message, or None if the message is not
+        listed."""
         time_s = message.timestamp
         self.first_s = time_s if self.first_s is None else min(time_s, self.first_s)
         self.last_s = time_s if self.last_s is None else max(time_s, self.last_s)
@@ -144,11 +148,13 @@ class Summary:
 
 
 def rows(summary: Summary, *, matching: str = "") -> list[tuple[Traffic, list[SignalCell]]]:
-    """Return the messages with their signals, sorted by channel and identifier; an unknown or unreadable one has its
-    bytes.
+    """Return the messages with their signals, sorted by channel and identifier. An unknown or unreadable message has
+    its bytes in place of signals.
 
     Args:
-        matching: words that message, identifier, channel or signal must contain, all of them; case is ignored.
+        summary: traffic to show.
+        matching: words, all of which must occur in the message's name, identifier or channel, or in the signal's name;
+            case is ignored.
     """
     words = matching.lower().split()
     shown = []

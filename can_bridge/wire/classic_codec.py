@@ -37,7 +37,7 @@ from can_bridge.wire.packing import (
 _LENGTH: Final = 8
 
 STALE_NS: Final = 1_000_000_000
-"""Age in ns as which 70 ms or more are read."""
+"""Age in ns that is read from a frame of the classic set whose age field means 70 ms or more."""
 
 CLASSIC_COUNT_LIMIT: Final = 63
 CLASSIC_BUS_OFF_LIMIT: Final = 15
@@ -49,14 +49,14 @@ _INVALID_FIELD: Final = _INVALID & 0xFFF
 _ALL_VALID: Final = (True, True, True, True)
 _NEXT_PERIOD: Final = 1 << 1
 
-# "x" is the CRC; the next byte holds the counter and other bits. Fields across bytes are combined from pieces, because
-# numbers of one machine word are faster than numbers of 64 bits.
+# "x" is the CRC; the next byte holds the counter and other bits. A field that spans several bytes is combined from
+# pieces, because arithmetic on numbers of one machine word is faster than on numbers of 64 bits.
 _PRESSURE: Final = struct.Struct("<x B 3H")  # request and age, pressures
 _VEHICLE_SPEED: Final = struct.Struct("<3x B H B x")  # density, speed, age
 _JET_COMMAND: Final = struct.Struct("<x B h B 3x")  # mode and enable, flow, echo and next period
 _ECU_STATUS: Final = struct.Struct("<x B B H B H")  # state and a bit of the reason, the rest and bus-off, counts, hash
 
-# A lookup by the field's bits, and back, is faster than sign, scale and comparison.
+# A table from pressures to the field's bits, and a table back, are faster than computing sign, scale and comparison.
 _FIELDS: Final = {raw: raw & 0xFFF for raw in range(-INT12_MAX, INT12_MAX + 1)}
 _PASCALS: Final = tuple(
     (raw - 0x1000 if raw & 0x800 else raw) * CLASSIC_PRESSURE_RESOLUTION_PA if raw != _INVALID_FIELD else 0.0
@@ -66,12 +66,13 @@ _AGES_NS: Final = (*(step * CLASSIC_AGE_RESOLUTION_NS for step in range(_AGE_LIM
 
 
 def emit_pressure(message: Pressure) -> bytes:
-    """Return 8 bytes. Raises ValueError for a wrong count, or a value that is not finite or out of range."""
+    """Return the message as 8 bytes. Raises ValueError for a wrong number of pressures, or a value that is not finite
+    or out of range."""
     pressure_pa, valid, enable_request, age_ns = message
     try:
         p0, p1, p2, p3 = pressure_pa
         v0, v1, v2, v3 = valid
-        # The resolution is 1 Pa, so no division is needed.
+        # The resolution is 1 Pa, so the pressures need no division.
         f0, f1, f2, f3 = _FIELDS[round(p0)], _FIELDS[round(p1)], _FIELDS[round(p2)], _FIELDS[round(p3)]
         if age_ns < 0:
             raise ValueError
@@ -92,7 +93,7 @@ def emit_pressure(message: Pressure) -> bytes:
 
 
 def parse_pressure(data: bytes) -> Pressure | None:
-    """Return the message in 8 bytes, or None for another length. An invalid pressure is 0."""
+    """Return the message in 8 bytes, or None for another length. The pressure of a sensor that is not valid is 0."""
     if len(data) != _LENGTH:
         return None
     head, a, b, c = _PRESSURE.unpack(data)
@@ -109,7 +110,7 @@ def parse_pressure(data: bytes) -> Pressure | None:
 
 
 def emit_vehicle_speed(message: VehicleSpeed) -> bytes:
-    """Return 8 bytes. Raises ValueError for a value that is not finite or out of range; an age has no upper limit."""
+    """Return the message as 8 bytes. Raises ValueError for a value not finite or out of range; any age is valid."""
     density, speed = speed_steps(message)
     if message.age_ns < 0:
         raise ValueError(f"VehicleSpeed.age_ns = {message.age_ns}: must not be negative")
@@ -126,7 +127,8 @@ def parse_vehicle_speed(data: bytes) -> VehicleSpeed | None:
 
 
 def emit_jet_command(message: JetCommand) -> bytes:
-    """Return 8 bytes. Raises ValueError for a flow that is not finite or out of range, or an invalid counter."""
+    """Return the message as 8 bytes. Raises ValueError for a flow that is not finite or out of range, or an invalid
+    counter."""
     flow, mode, enable, counter, next_period = message
     try:
         head = mode_of(mode) << 4 | (0x80 if enable else 0)
@@ -139,7 +141,7 @@ def emit_jet_command(message: JetCommand) -> bytes:
 
 
 def parse_jet_command(data: bytes) -> JetCommand | None:
-    """Return the message in 8 bytes, or None for another length or a mode outside its table."""
+    """Return the message in 8 bytes, or None for another length or a mode outside the DBC's table."""
     if len(data) != _LENGTH:
         return None
     head, flow, echo = _JET_COMMAND.unpack(data)
@@ -151,8 +153,8 @@ def parse_jet_command(data: bytes) -> JetCommand | None:
 
 
 def emit_ecu_status(message: EcuStatus) -> bytes:
-    """Return 8 bytes; counts stay at their largest values. Raises ValueError for a negative count or too large a
-    hash."""
+    """Return the message as 8 bytes; a count above its field's largest value is sent as this value. Raises ValueError
+    for a negative count or too large a hash."""
     state, reason, overruns, missed, crc_errors, bus_off, bundle_hash, refused, *_ = message
     if min(overruns, missed, crc_errors, refused, bus_off) < 0:
         counts = ("overruns", "missed", "crc_errors", "bus_off", "refused")
@@ -170,7 +172,7 @@ def emit_ecu_status(message: EcuStatus) -> bytes:
 
 
 def parse_ecu_status(data: bytes) -> EcuStatus | None:
-    """Return the message in 8 bytes, or None for another length, or a state or reason outside its table.
+    """Return the message in 8 bytes, or None for another length, or a state or reason outside the DBC's table.
 
     The lower half of the bundle's hash is 0, because it is not sent.
     """

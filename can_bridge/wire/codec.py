@@ -1,9 +1,9 @@
 """Conversion of the CAN FD set's messages to data bytes and back, as defined in `contract/stillwake.dbc`.
 
-`emit_*` returns the protected part of a message with an empty E2E header (`can_bridge.e2e` fills it) and raises
-ValueError for a value out of range. `parse_*` reads the values, not the header, and returns None for data of another
-length or with a value outside a table; it never raises. Values are rounded to the nearest multiple of the resolution;
-bits without a signal are sent as zero and ignored when received.
+`emit_*` returns the protected part of a message with an empty E2E header, which `can_bridge.e2e` fills, and raises
+ValueError for a value out of range. `parse_*` reads the values, not the header. It returns None for data of another
+length, or with a value outside the DBC's table for this value; it never raises. Values are rounded to the nearest
+multiple of the resolution; bits without a signal are sent as zero and ignored when received.
 
 These functions run for every frame, so `emit_*` searches for the invalid value only after packing has failed.
 """
@@ -47,8 +47,8 @@ from can_bridge.wire.packing import (
 _PRESSURE: Final = struct.Struct("<3x B 4h H 2x")  # flags, pressures, age
 _VEHICLE_SPEED: Final = struct.Struct("<3x B H H")  # density, speed, age
 _JET_COMMAND: Final = struct.Struct("<3x B h B x")  # flags, flow, echoed counter
-# State, reason, bus-off, overruns, missed, CRC errors, hash, refused, not authentic, transmit and receive errors,
-# pressures set aside.
+# The fields are state, reason, bus-off, overruns, missed, CRC errors, hash, refused, not authentic, transmit errors,
+# receive errors, and pressures set aside.
 _ECU_STATUS: Final = struct.Struct("<3x B B B H H H I H H B B B x")
 
 _VALID: Final = 0b1111
@@ -63,7 +63,8 @@ _STATE_MASK: Final = 0b1111
 
 
 def emit_pressure(message: Pressure) -> bytes:
-    """Return 16 bytes. Raises ValueError for a wrong count, or a value that is not finite or out of range."""
+    """Return the message as 16 bytes. Raises ValueError for a wrong number of pressures, or a value that is not finite
+    or out of range."""
     pressure_pa, valid, enable_request, age_ns = message
     try:
         p0, p1, p2, p3 = pressure_pa
@@ -106,7 +107,7 @@ def parse_pressure(data: bytes) -> Pressure | None:
 
 
 def emit_vehicle_speed(message: VehicleSpeed) -> bytes:
-    """Return 8 bytes. Raises ValueError for a value that is not finite or out of range."""
+    """Return the message as 8 bytes. Raises ValueError for a value that is not finite or out of range."""
     density, speed = speed_steps(message)
     try:
         return _VEHICLE_SPEED.pack(density, speed, _age_steps(message.age_ns))
@@ -123,7 +124,8 @@ def parse_vehicle_speed(data: bytes) -> VehicleSpeed | None:
 
 
 def emit_jet_command(message: JetCommand) -> bytes:
-    """Return 8 bytes. Raises ValueError for a flow that is not finite or out of range, or an invalid counter."""
+    """Return the message as 8 bytes. Raises ValueError for a flow that is not finite or out of range, or an invalid
+    counter."""
     flow, mode, enable, counter, next_period = message
     try:
         flags = mode_of(mode) | (_ENABLE if enable else 0) | (_NEXT_PERIOD if next_period else 0)
@@ -137,7 +139,7 @@ def emit_jet_command(message: JetCommand) -> bytes:
 
 
 def parse_jet_command(data: bytes) -> JetCommand | None:
-    """Return the message in 8 bytes, or None for another length or a mode outside its table."""
+    """Return the message in 8 bytes, or None for another length or a mode outside the DBC's table."""
     if len(data) != 8:
         return None
     flags, flow, counter = _JET_COMMAND.unpack(data)
@@ -157,7 +159,7 @@ def parse_jet_command(data: bytes) -> JetCommand | None:
 
 
 def emit_ecu_status(message: EcuStatus) -> bytes:
-    """Return 24 bytes. Raises ValueError for a count or hash that does not fit."""
+    """Return the message as 24 bytes. Raises ValueError for a count or a hash that does not fit into its field."""
     state, reason, overruns, missed, crc, bus_off, bundle_hash, refused, not_authentic, tx_errors, rx_errors, aside = (
         message
     )
@@ -190,7 +192,7 @@ def emit_ecu_status(message: EcuStatus) -> bytes:
 
 
 def parse_ecu_status(data: bytes) -> EcuStatus | None:
-    """Return the message in 24 bytes, or None for another length, or a state or reason outside its table."""
+    """Return the message in 24 bytes, or None for another length, or a state or reason outside the DBC's table."""
     if len(data) != 24:
         return None
     state, reason, bus_off, overruns, missed, crc, bundle_hash, refused, forged, tx, rx, aside = _ECU_STATUS.unpack(
@@ -204,7 +206,7 @@ def parse_ecu_status(data: bytes) -> EcuStatus | None:
 
 
 def _age_steps(age_ns: int) -> int:
-    # The division rounds half up, in integers because ages are exact.
+    # The division rounds half up. It is made with integers because ages are exact numbers of ns.
     return (age_ns + AGE_RESOLUTION_NS // 2) // AGE_RESOLUTION_NS
 
 

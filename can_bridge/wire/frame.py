@@ -8,7 +8,7 @@ from contract.config.diagnosis import MOST_EXTENDED, MOST_STANDARD, CanId
 MAX_FRAME_ID: Final = MOST_STANDARD
 """Largest 11-bit identifier."""
 MAX_EXTENDED_ID: Final = MOST_EXTENDED
-"""Largest 29-bit identifier. No message of the DBC has 29 bits; diagnosis and other traffic may."""
+"""Largest 29-bit identifier. No message of our DBC has such an identifier; diagnosis and other traffic may."""
 
 CLASSIC_LENGTHS: Final = tuple(range(9))
 FD_LENGTHS: Final = (*CLASSIC_LENGTHS, 12, 16, 20, 24, 32, 48, 64)
@@ -21,10 +21,10 @@ class Frame:
     time.
 
     Attributes:
-        frame_id: 0 to 0x7FF, or to 0x1FFFFFFF if it is extended; the smaller wins arbitration.
-        data: 0 to 8 bytes, or a CAN FD length.
-        timestamp_ns: time of sending or reception, in the clock of the sender or receiver.
-        is_extended: the identifier has 29 bits rather than 11.
+        frame_id: 0 to 0x7FF, or 0 to 0x1FFFFFFF if the identifier is extended; the smaller identifier wins arbitration.
+        data: 0 to 8 bytes, or a number of bytes that CAN FD allows.
+        timestamp_ns: time of sending or reception in ns, on the clock of the sender or receiver.
+        is_extended: whether the identifier has 29 bits rather than 11.
     """
 
     frame_id: int
@@ -58,9 +58,8 @@ Priority = tuple[int, bool, int]
 
 
 def priority(frame: Frame) -> Priority:
-    """Return the priority in the order of the bits: the identifier's first 11 bits, then SRR and IDE, which are
-    recessive in a 29-bit format, then the other 18 bits. Frames with one identifier have equal priority, whatever their
-    data."""
+    """Return the priority, in the order of the bits on the bus: the identifier's first 11 bits, then SRR and IDE, which
+    are recessive in a 29-bit format, then the last 18 bits. The data have no effect on the priority."""
     if frame.is_extended:
         return frame.frame_id >> EXTENSION_BITS, True, frame.frame_id & (1 << EXTENSION_BITS) - 1
     return frame.frame_id, False, 0

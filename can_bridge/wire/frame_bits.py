@@ -1,9 +1,10 @@
 """The number of bits of a frame on the bus, with the stuff bits of its content (ISO 11898-1:2015).
 
-A stuff bit of the opposite value follows five equal bits and counts as the first of the next run. Classic CAN stuffs
-from the start of frame to the end of the CRC. CAN FD does so up to the end of the data; its stuff count and CRC have
-fixed stuff bits, in equal number for every content. The first fixed stuff bit always follows the data, so that five
-equal bits at the end of the data need no other one. `worst_case_bits` bounds these lengths for all contents.
+A stuff bit of the opposite value follows five equal bits and counts as the first bit of the next run. In classic CAN,
+stuff bits are inserted from the start of frame to the end of the CRC. In CAN FD they are inserted up to the end of the
+data; the stuff count and the CRC have fixed stuff bits, whose number does not depend on the content. The first fixed
+stuff bit always follows the data, so five equal bits at the end of the data need no further stuff bit.
+`worst_case_bits` is an upper bound for all contents.
 """
 
 import re
@@ -18,12 +19,12 @@ _RUN_INSIDE: Final = re.compile("(?:0{5}|1{5})(?=.)")
 _CRC15: Final = 0x4599
 
 TAIL: Final = 13
-"""Bits after the CRC: its delimiter, acknowledge and its delimiter, end of frame (7), intermission (3); never
-stuffed."""
+"""Number of bits after the CRC, which have no stuff bits: CRC delimiter, acknowledge, acknowledge delimiter, end of
+frame (7), intermission (3)."""
 FD_CRC_SHORT: Final = 4 + 17 + 6
-"""Stuff count with parity, CRC-17, fixed stuff bits: up to 16 data bytes."""
+"""Number of bits of the stuff count with parity, the CRC-17 and their fixed stuff bits, for up to 16 data bytes."""
 FD_CRC_LONG: Final = 4 + 21 + 7
-"""Stuff count with parity, CRC-21, fixed stuff bits: more than 16 data bytes."""
+"""Number of bits of the stuff count with parity, the CRC-21 and their fixed stuff bits, for more than 16 data bytes."""
 FD_LONGEST_SHORT: Final = 16
 
 
@@ -32,9 +33,9 @@ class SentBits:
     """The bits of a frame as sent.
 
     Attributes:
-        stuffed: the part with stuff bits by content, "0" dominant and "1" recessive: up to the end of the CRC for
-            classic CAN, of the data for CAN FD.
-        nominal: number of bits at the nominal rate before the tail.
+        stuffed: the part whose stuff bits depend on the content, "0" dominant and "1" recessive. It ends with the CRC
+            for classic CAN, and with the data for CAN FD.
+        nominal: number of bits at the nominal bit rate before the tail.
         data: number of bits at the data bit rate.
     """
 
@@ -55,7 +56,7 @@ class SentBits:
 
 
 def sent_bits(frame: Frame, *, error_passive: bool = False) -> SentBits:
-    """Return a frame's bits; in CAN FD the bit ESI shows that the sender is error-passive."""
+    """Return the bits of a frame. In CAN FD the bit ESI shows whether the sender is error-passive."""
     if not frame.is_fd:
         head = _classic_head(frame) + _bits_of(frame.data)
         sent = stuffed(head + _to_bits(crc15(head), 15))
@@ -63,7 +64,7 @@ def sent_bits(frame: Frame, *, error_passive: bool = False) -> SentBits:
     arbitration = _fd_arbitration(frame)
     rest = str(int(error_passive)) + _to_bits(FD_LENGTHS.index(len(frame.data)), 4) + _bits_of(frame.data)
     sent = stuffed(arbitration + rest, at_end=False)
-    # BRS follows a dominant bit, so no stuff bit comes between it and the first bit at the data bit rate.
+    # The bit BRS follows a dominant bit, so no stuff bit comes between BRS and the first bit at the data bit rate.
     nominal = len(stuffed(arbitration))
     return SentBits(stuffed=sent, nominal=nominal, data=len(sent) - nominal + _fd_crc_bits(frame))
 
@@ -71,21 +72,22 @@ def sent_bits(frame: Frame, *, error_passive: bool = False) -> SentBits:
 def frame_bits(frame: Frame) -> tuple[int, int]:
     """Return the number of bits at the nominal and at the data rate, from start of frame to end of intermission.
 
-    An FD frame changes its rate at the sample points of BRS and of the CRC delimiter; both bits are counted completely
-    at the nominal rate, as in the bound.
+    A CAN FD frame changes its rate at the sample points of BRS and of the CRC delimiter; both bits are counted
+    completely at the nominal rate, as in `worst_case_bits`.
     """
     return sent_bits(frame).total
 
 
 def frame_ns(frame: Frame, *, nominal_bitrate: int, data_bitrate: int) -> int:
-    """Return the frame's time in ns, rounded up. Bit rates are in bit/s; classic frames ignore the data bit rate."""
+    """Return the time in ns for which a frame occupies the bus, rounded up. Bit rates are in bit/s; classic frames
+    ignore the data bit rate."""
     nominal, data = frame_bits(frame)
     return bits_ns(nominal, data, nominal_bitrate=nominal_bitrate, data_bitrate=data_bitrate)
 
 
 def bits_ns(nominal: int, data: int, *, nominal_bitrate: int, data_bitrate: int) -> int:
-    """Return the time of these numbers of bits in ns, rounded up. Raises ValueError unless the bit rates are
-    positive."""
+    """Return the time in ns of `nominal` bits at the nominal and `data` bits at the data bit rate, rounded up. Raises
+    ValueError unless the bit rates are positive."""
     for name, rate in (("nominal", nominal_bitrate), ("data", data_bitrate)):
         if rate <= 0:
             raise ValueError(f"{name} bit rate {rate}: must be positive")
@@ -99,7 +101,7 @@ def stuffed(bits: str, *, at_end: bool = True) -> str:
     while run := pattern.search(rest):
         end = run.end()
         sent += rest[:end]
-        # The stuff bit counts towards the next run.
+        # The stuff bit counts as the first bit of the next run.
         rest = ("1" if rest[end - 1] == "0" else "0") + rest[end:]
     return sent + rest
 
@@ -110,12 +112,13 @@ def is_arbitration_stuff_bit(frame: Frame, position: int) -> bool:
 
 
 def is_arbitration_bit(frame: Frame, position: int) -> bool:
-    """Return whether a recessive bit at a position may be overwritten without error by a smaller identifier."""
+    """Return whether a recessive bit at a position may be overwritten by the dominant bit of a smaller identifier
+    without an error."""
     return 0 < position < len(stuffed(_identifier_bits(frame)))
 
 
 def crc15(bits: str) -> int:
-    """Return a classic frame's CRC of a sequence of "0" and "1" (polynomial 0x4599, start 0)."""
+    """Return the CRC of a classic frame over a sequence of "0" and "1" (polynomial 0x4599, start 0)."""
     table, crc = _crc15_table(), 0
     # Leading zeros do not change a CRC that starts at 0.
     for byte in int(bits or "0", 2).to_bytes(len(bits) // 8 + 1):
@@ -135,7 +138,6 @@ def _crc15_table() -> tuple[int, ...]:
 
 
 def _stuff_positions(bits: str) -> list[int]:
-    """Return the positions of the stuff bits in the bits as sent."""
     positions, run, last, sent = [], 0, "", 0
     for bit in bits:
         run = run + 1 if bit == last else 1
@@ -177,17 +179,17 @@ _FD_CONTROL: Final = 5
 
 
 def worst_case_bits(frame: Frame) -> tuple[int, int]:
-    """Return the numbers of bits at the nominal and at the data bit rate, with the most stuff bits of any content.
+    """Return the numbers of bits at the nominal and at the data bit rate, for the content with the most stuff bits.
 
-    Classic CAN: the bound of Davis, Burns, Bril and Lukkien, "Controller Area Network (CAN) schedulability analysis:
-    refuted, revisited and revised", Real-Time Systems 35 (2007), equation 1. CAN FD has an equivalent bound. The CRC
-    delimiter, during which an FD frame switches back, is charged completely at the nominal rate.
+    For classic CAN this is the bound of Davis, Burns, Bril and Lukkien, "Controller Area Network (CAN) schedulability
+    analysis: refuted, revisited and revised", Real-Time Systems 35 (2007), equation 1. CAN FD has an equivalent bound.
+    The CRC delimiter, during which a CAN FD frame switches back, is counted completely at the nominal rate.
     """
     payload = 8 * len(frame.data)
     if not frame.is_fd:
         sent = len(_classic_head(frame)) + payload + 15
         return sent + _most_stuff_bits(sent) + TAIL, 0
-    # The largest possible number of stuff bits is charged to the arbitration phase, where they take longest.
+    # The largest possible number of stuff bits is assumed in the arbitration phase, where stuff bits take longest.
     arbitration = len(_fd_arbitration(frame))
     early = _most_stuff_bits(arbitration)
     late = _most_stuff_bits(arbitration + _FD_CONTROL + payload) - early
@@ -195,14 +197,15 @@ def worst_case_bits(frame: Frame) -> tuple[int, int]:
 
 
 def worst_case_ns(frame: Frame, *, nominal_bitrate: int, data_bitrate: int) -> int:
-    """Return the worst-case time in ns, rounded up. Bit rates are in bit/s; classic frames ignore the data bit rate.
-    Raises ValueError for a bit rate that is not positive."""
+    """Return the longest time in ns for which a frame of this length occupies the bus, rounded up. Bit rates are in
+    bit/s; classic frames ignore the data bit rate. Raises ValueError for a bit rate that is not positive."""
     nominal, data = worst_case_bits(frame)
     return bits_ns(nominal, data, nominal_bitrate=nominal_bitrate, data_bitrate=data_bitrate)
 
 
 def _most_stuff_bits(bits: int) -> int:
-    """Return the largest number of stuff bits: one after the first five equal bits and then after every fourth."""
+    """Return the largest number of stuff bits in `bits` bits: one stuff bit after the first five equal bits and then
+    one after every fourth bit."""
     return (bits - 1) // 4
 
 

@@ -1,7 +1,7 @@
-"""The sets of messages that a bus can carry, and the properties of each set for both nodes.
+"""The sets of messages that a bus can carry, and the properties of each set that both nodes use.
 
-A bus has one set: `bus.frames` selects CAN FD or classic CAN, `bus.key` the authenticated form of the CAN FD set. Each
-set has its own identifiers, so that a node of another set is recognised and not misread.
+A bus has one set: `bus.frames` selects CAN FD or classic CAN, `bus.key` selects the authenticated form of the CAN FD
+set. Each set has its own identifiers, so that a node with another set is recognised and its frames are not misread.
 """
 
 from collections.abc import Callable, Sequence
@@ -23,8 +23,9 @@ class Message(Generic[T]):
     """One message of a set.
 
     Attributes:
-        emit: converts a value to the protected bytes with an empty E2E header; raises ValueError.
-        parse: converts protected bytes to a value, or None; never raises.
+        spec: specification of the message.
+        emit: converts a value to the protected bytes with an empty E2E header; raises ValueError for an invalid value.
+        parse: converts protected bytes to a value, or to None if they are invalid; never raises.
     """
 
     spec: MessageSpec
@@ -37,8 +38,8 @@ class MessageSet:
     """The messages between the two nodes.
 
     Attributes:
-        pressure_resolution_pa: resolution of a pressure.
-        pressure_limit_pa: largest magnitude of a valid pressure.
+        pressure_resolution_pa: resolution of a pressure in Pa.
+        pressure_limit_pa: largest magnitude of a valid pressure in Pa.
     """
 
     name: str
@@ -56,7 +57,8 @@ class MessageSet:
 
 
 def _set(name: str, by: ModuleType, named: Sequence[MessageSpec], resolution_pa: float, most_steps: int) -> MessageSet:
-    """Return the set of a codec, from the specifications in the order of `MessageSet.specs`."""
+    """Return the set whose messages the codec `by` converts, from the specifications in the order of
+    `MessageSet.specs`."""
     pressure, speed, command, status = named
     return MessageSet(
         name=name,

@@ -1,7 +1,7 @@
 """Identifiers, lengths, protection and resolutions of the messages.
 
-They repeat `contract/stillwake.dbc`, which defines them: the runtime has no DBC parser. Tests compare them with the
-file.
+`contract/stillwake.dbc` defines these numbers. They are repeated here because the runtime has no DBC parser; tests
+compare them with the file.
 """
 
 from dataclasses import dataclass, replace
@@ -11,7 +11,7 @@ from can_bridge.wire.frame import FD_LENGTHS, Frame
 
 FRESHNESS_LENGTH: Final = 8
 MAC_LENGTH: Final = 8
-"""Number of bytes after the protected part of a secured message."""
+"""Number of bytes of the message authentication code at the end of a secured message."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -20,8 +20,8 @@ class MessageSpec:
 
     Attributes:
         protected: number of bytes that the E2E header protects, including the header; zeros and authentication follow.
-        data_id: E2E data ID; never sent, but part of the CRC.
-        is_secured: the message ends in a freshness value and a message authentication code.
+        data_id: data ID of the E2E protection, which is part of the CRC's input but is never sent.
+        is_secured: whether the message ends in a freshness value and a message authentication code.
     """
 
     name: str
@@ -34,7 +34,7 @@ class MessageSpec:
     is_secured: bool = False
 
     def names(self, frame: Frame) -> bool:
-        """Return whether a frame has this message's identifier; an equal 29-bit number is another node's."""
+        """Return whether a frame has this message's 11-bit identifier; an equal 29-bit number is another node's."""
         return frame.frame_id == self.frame_id and not frame.is_extended
 
 
@@ -45,13 +45,14 @@ def _fd(name: str, frame_id: int, length: int, data_id: int) -> MessageSpec:
 
 
 def _classic(plain: MessageSpec, data_id: int) -> MessageSpec:
-    """Return the message of the same name on classic CAN, with the next identifier."""
+    """Return the classic-CAN form of a CAN FD message, with the identifier increased by one."""
     name, frame_id = f"{plain.name}Classic", plain.frame_id + 1
     return MessageSpec(name=name, frame_id=frame_id, length=8, protected=8, data_id=data_id, profile=2, is_fd=False)
 
 
 def _secured(plain: MessageSpec, data_id: int) -> MessageSpec:
-    """Return the message in the shortest frame that also holds freshness and MAC; its identifier is greater by two."""
+    """Return the secured form of a message, in the shortest frame that also holds freshness and MAC, with the
+    identifier increased by two."""
     name, frame_id = f"{plain.name}Secured", plain.frame_id + 2
     length = min(one for one in FD_LENGTHS if one >= plain.protected + FRESHNESS_LENGTH + MAC_LENGTH)
     return replace(plain, name=name, frame_id=frame_id, length=length, data_id=data_id, is_secured=True)
@@ -80,13 +81,15 @@ SPECS: Final = (
 )
 
 FLOW_RESOLUTION_M2_PER_S: Final = 0.0002
-"""Resolution of the flow in every message set, so that the command gate is independent of the set."""
+"""Resolution of the flow in m2/s, which is equal in all message sets, so that the command gate does not depend on the
+set."""
 
 SPEED_RESOLUTION_M_PER_S: Final = 0.005
 DENSITY_RESOLUTION_KG_PER_M3: Final = 0.01
 SPEED_UNKNOWN: Final = 0xFFFF
 DENSITY_UNKNOWN: Final = 0
-"""Raw values of quantities that the vehicle does not know; these four constants are equal in every set."""
+"""Raw value for a density that the vehicle does not know. Every set has the same raw values for unknown quantities and
+the same resolutions of speed and density."""
 
 PRESSURE_RESOLUTION_PA: Final = 0.1
 AGE_RESOLUTION_NS: Final = 10_000

@@ -1,7 +1,7 @@
 """The four messages in engineering units. `contract/stillwake.dbc` defines each signal.
 
-They are named tuples, because a message is built for every frame, and building a frozen dataclass takes several times
-longer. Name the fields where you build one.
+The messages are named tuples, because a message is built for every frame, and building a frozen dataclass takes several
+times longer. Use the names of the fields when you build a message.
 """
 
 from enum import IntEnum
@@ -11,17 +11,17 @@ SENSORS: Final = 4
 """Number of pressures in a Pressure message."""
 
 COUNT_LIMIT: Final = 0xFFFF
-"""Largest value of the 16-bit event counts of EcuStatus, at which they stay."""
+"""Largest value of the 16-bit event counts of EcuStatus. A count that has reached this value no longer changes."""
 
 BUS_OFF_LIMIT: Final = 0xFF
-"""Largest value of EcuStatus's bus-off count, at which it stays."""
+"""Largest value of the bus-off count of EcuStatus. A count that has reached this value no longer changes."""
 
 ERROR_LIMIT: Final = 0xFF
-"""Largest sent value of the CAN controller's error counters; also sent for 256, which is bus-off."""
+"""Largest value that is sent for the CAN controller's error counters. It is also sent for 256, which is bus-off."""
 
 
 SET_ASIDE_LIMIT: Final = 0b1111
-"""Bits of all four pressures."""
+"""Largest value of `EcuStatus.set_aside`, with the bits of all four pressures."""
 
 
 class Mode(IntEnum):
@@ -36,7 +36,7 @@ class Mode(IntEnum):
 
 
 class Reason(IntEnum):
-    """The reason why the jets do not follow the controller."""
+    """Reasons why the jets do not follow the controller."""
 
     NONE = 0
     STREAM_LOST = 1
@@ -57,17 +57,17 @@ class Reason(IntEnum):
     NO_SPEED = 16
     """The vehicle's speed is unknown or not trusted."""
     OFF_SPEED = 17
-    """The vehicle's speed is outside the release's range."""
+    """The vehicle's speed is outside the range for which the release was made."""
 
 
 class Pressure(NamedTuple):
     """Wall pressures of one instant.
 
     Attributes:
-        pressure_pa: relative to the free stream, (4,), in the order of the bundle's sensors.
-        valid: results of the sensors' own diagnosis, (4,).
-        enable_request: the vehicle requests control.
-        age_ns: time from sampling until the frame is passed to the bus.
+        pressure_pa: pressures relative to the free stream's, in Pa, (4,), in the order of the bundle's sensors.
+        valid: whether each sensor's own diagnosis found no fault, (4,).
+        enable_request: whether the vehicle requests control.
+        age_ns: time in ns from sampling until the frame is passed to the bus.
     """
 
     pressure_pa: tuple[float, ...]
@@ -77,11 +77,11 @@ class Pressure(NamedTuple):
 
 
 class VehicleSpeed(NamedTuple):
-    """The vehicle's speed and the density of its air.
+    """The vehicle's speed and the density of the air around it.
 
     Attributes:
-        speed_m_per_s: vehicle's speed, at least 0; None if the vehicle does not know it.
-        age_ns: time from measuring the speed until the frame is passed to the bus.
+        speed_m_per_s: speed of the vehicle, at least 0; None if the vehicle does not know it.
+        age_ns: time in ns from the measurement of the speed until the frame is passed to the bus.
         density_kg_per_m3: density of the air, above 0; None if unknown.
     """
 
@@ -91,13 +91,13 @@ class VehicleSpeed(NamedTuple):
 
 
 class JetCommand(NamedTuple):
-    """The jets' flow rate to be reached by the end of a control period.
+    """The flow rate that the jets have to reach by the end of a control period.
 
     Attributes:
-        flow_m2_per_s: out of the upper slot and into the lower, per unit span.
-        enable: False shuts the jets at any flow.
-        pressure_counter: E2E counter of the newest pressure frame used; None before the first.
-        next_period: the jets begin to move at the next sampling instant, not when the command arrives.
+        flow_m2_per_s: flow rate per unit span, positive out of the upper slot and into the lower slot.
+        enable: whether the jets may run; if it is False they are shut, whatever the flow.
+        pressure_counter: E2E counter of the newest pressure frame that the ECU used; None before the first frame.
+        next_period: whether the jets begin to move at the next sampling instant rather than when the command arrives.
     """
 
     flow_m2_per_s: float
@@ -108,16 +108,16 @@ class JetCommand(NamedTuple):
 
 
 class EcuStatus(NamedTuple):
-    """Health of the controller, and events since power-on.
+    """Health of the controller, and numbers of events since power-on.
 
     Attributes:
-        overruns, missed, crc_errors: up to COUNT_LIMIT; the sender limits them.
-        bus_off: up to BUS_OFF_LIMIT; the sender limits it.
-        bundle_hash: 32 bits, `contract.release.bundle.Bundle.short_hash`.
-        refused: pressure frames with a valid CRC that were repeated or out of sequence; up to COUNT_LIMIT.
-        not_authentic: pressure frames rejected for their MAC or freshness; up to COUNT_LIMIT.
+        overruns, missed, crc_errors: numbers of events, up to COUNT_LIMIT; the sender limits them.
+        bus_off: number of times that the CAN controller went bus-off, up to BUS_OFF_LIMIT; the sender limits it.
+        bundle_hash: first 32 bits of the bundle's hash, `contract.release.bundle.Bundle.short_hash`.
+        refused: number of pressure frames with a valid CRC that were repeated or out of sequence, up to COUNT_LIMIT.
+        not_authentic: number of pressure frames that were rejected for their MAC or freshness, up to COUNT_LIMIT.
         tx_errors, rx_errors: the CAN controller's error counters, up to ERROR_LIMIT.
-        set_aside: pressures that the controller does not use, bit i for Pressure i; up to SET_ASIDE_LIMIT.
+        set_aside: pressures that the controller does not use: bit i for Pressure i, up to SET_ASIDE_LIMIT.
     """
 
     state: Mode

@@ -1,6 +1,6 @@
-"""The messages of a bus from a file: DBC, or another format of cantools (ARXML, KCD, SYM).
+"""The messages of a bus, read from a file: DBC, or another format that cantools reads (ARXML, KCD, SYM).
 
-cantools is in the extra `bus`; a node does not need it.
+cantools is in the extra `bus`; a node does not need cantools.
 """
 
 import re
@@ -14,30 +14,32 @@ if TYPE_CHECKING:
     from cantools.database.can.database import Database
 
 LONGEST_MESSAGE: Final = 65_536
-"""Largest length of a message in bytes, or bits in some formats: CAN XL has 2048 bytes. cantools lays out every bit."""
+"""Largest accepted length of a message, in bytes or in some formats in bits. It is needed because cantools allocates
+every bit; the longest real message, of CAN XL, has 2048 bytes."""
 _LENGTH: Final = re.compile(rb'(?:^ *BO_ +\d+ +\w+ *: *|\blength="|^ *Len=|LENGTH>)(\d+)', re.MULTILINE)
 NEEDS_CANTOOLS = f"reading it needs cantools: {install('bus')}"
 
 
 def load_network(path: Path) -> "Database":
-    """Return the description in a file, whose ending states its format. Raises BusError with one line if cantools or
-    the file is missing, or the file is invalid in its format."""
+    """Return the description of a bus from a file, whose ending states its format. Raises BusError with one line if
+    cantools or the file is missing, or the file is invalid in its format."""
     try:
         from cantools.database import load_file
         from cantools.database.can.database import Database
     except ModuleNotFoundError as error:
         raise BusError(f"{path}: {NEEDS_CANTOOLS}") from error
-    # A device may be endless, and a pipe may have no writer.
+    # Reading a device or a pipe might never end: a device may be endless, and a pipe may have no writer.
     if path.exists() and not path.is_file():
         raise BusError(f"{path}: is a {'directory' if path.is_dir() else 'device or pipe'}, must be a file")
     try:
         _check_lengths(path)
-        # The file may be of any age and encoding; its author has stricter tools to find its mistakes.
+        # The file may be of any age and encoding. It is not checked strictly, because its author has better tools to
+        # find mistakes.
         database = load_file(path, strict=False)
     except OSError as error:
         raise BusError(f"{path}: {error.strerror or error}") from error
     except Exception as error:
-        # cantools and its parsers raise errors of many kinds.
+        # cantools and its parsers raise errors of many types.
         reason = " ".join(str(error).split()) or type(error).__name__
         raise BusError(f"{path}: not a description of a CAN bus that cantools can read: {reason}") from error
     if not isinstance(database, Database):

@@ -1,4 +1,5 @@
-"""Common parts of the codecs: conversion of values to the integers of a frame, tables, and rejected values."""
+"""Common parts of the codecs: conversion of values to the integers of a frame, tables, and errors for invalid
+values."""
 
 import math
 import struct
@@ -17,25 +18,26 @@ UNPACKABLE: Final = (ValueError, OverflowError, TypeError, struct.error)
 """Exceptions of packing or rounding for a value out of range."""
 
 made: Final = tuple.__new__
-"""Builds a named tuple from all of its values in order, without the Python function for named arguments, which takes a
-sixth of a parser's time. Types are checked by the parsers' tests only."""
+"""Builds a named tuple from all of its values in order. This avoids the Python function for named arguments, which
+takes a sixth of a parser's time. Only the parsers' tests check the types."""
 
 _BYTE: Final = range(256)
 MODES: Final = tuple(Mode(value) if value in frozenset(Mode) else None for value in _BYTE)
 REASONS: Final = tuple(Reason(value) if value in frozenset(Reason) else None for value in _BYTE)
-"""Members by their raw value; None for a value outside the DBC's table. The lookup is faster than building an enum."""
+"""Members of `Reason` by their raw value; None for a value outside the DBC's table. This lookup is faster than a call
+of the enum."""
 
 VALIDITIES: Final = tuple(bits[::-1] for bits in product((False, True), repeat=SENSORS))
-"""Valid flags of the sensors, by their raw bits."""
+"""Validity flags of the sensors, by the raw value of their bits."""
 
 
 def mode_of(mode: Mode) -> Mode:
-    """Return the mode; raises ValueError for a number that is no mode."""
+    """Return the mode; raises ValueError if the number is not a mode."""
     return mode if mode.__class__ is Mode else Mode(mode)
 
 
 def reason_of(reason: Reason) -> Reason:
-    """Return the reason; raises ValueError for a number that is no reason."""
+    """Return the reason; raises ValueError if the number is not a reason."""
     return reason if reason.__class__ is Reason else Reason(reason)
 
 
@@ -47,7 +49,7 @@ def check_pressure_counts(message: Pressure) -> None:
 
 
 def speed_steps(message: VehicleSpeed) -> tuple[int, int]:
-    """Return raw density and speed; raises ValueError for a value that is not finite or out of range."""
+    """Return the raw values of density and speed; raises ValueError for a value that is not finite or out of range."""
     speed, _, density = message
     most = SPEED_UNKNOWN - 1
     return (
@@ -61,7 +63,7 @@ def speed_steps(message: VehicleSpeed) -> tuple[int, int]:
 
 
 def vehicle_speed(density: int, speed: int, age_ns: int) -> VehicleSpeed:
-    """Return the message for raw density and speed."""
+    """Return the message with these raw values of density and speed."""
     return made(
         VehicleSpeed,
         (
@@ -76,7 +78,7 @@ def signed(name: str, value: float, resolution: float, low: int, high: int) -> i
     """Return the nearest raw value; raises ValueError if it is not within `low` to `high`, or not finite."""
     if not math.isfinite(value):
         raise ValueError(f"{name} = {value}: must be finite")
-    # For a huge value the quotient is infinite, and has no nearest integer.
+    # The quotient of a very large value is infinite, and cannot be rounded to an integer.
     steps = value / resolution
     if not (math.isfinite(steps) and low <= round(steps) <= high):
         raise ValueError(f"{name} = {value}: must be in {low * resolution:g}..{high * resolution:g}")

@@ -33,7 +33,7 @@ from stillwake.parts.releases import describe, locate, open_release, signature
 
 
 class NotComparedError(StillwakeError):
-    """A bundle that `diff` cannot read."""
+    """The error that `diff` raises if it cannot read a bundle."""
 
     status = 2
 
@@ -43,7 +43,7 @@ bundle = typer.Typer(
 )
 
 DIFFERENT: Final = 1
-"""Exit status of `diff` for two different bundles, like that of diff(1)."""
+"""Exit status of `stillwake bundle diff` for two bundles that differ; the program diff(1) has the same status."""
 
 DataSet = Annotated[Path | None, typer.Option("--dataset", help="Data set for a new sensor estimator; takes minutes.")]
 SecurityVersion = Annotated[
@@ -71,9 +71,9 @@ def keygen(
 ) -> None:
     """Make a key pair: release.key signs and must be kept secret, release.pub is for everyone who checks the signature.
 
-    With --secret the command writes 128 random bits as hexadecimal digits: for authenticated frames, with `bus.key` on
-    both nodes, or for a tester's access, with --access. Frames and access need different secrets. Nothing is
-    overwritten.
+    With --secret the command writes a secret instead: 128 random bits as hexadecimal digits. For authenticated frames,
+    name the file of the secret in `bus.key` on both nodes; for a tester's access, name the file with --access. Frames
+    and access need different secrets. An existing file is never overwritten.
     """
     if secret:
         from can_bridge.secoc.key import KEY_LENGTH, write_key
@@ -108,12 +108,13 @@ def renew(
     overwrite: shared.Overwrite = False,
     given: shared.Settings = [],  # noqa: B006
 ) -> None:
-    """Make a bundle of the same controller for this version's stillwake.dbc, and sign it.
+    """Make a new bundle from an existing bundle's controller and this version's stillwake.dbc, and sign the new bundle.
 
     The old bundle must be valid except for its DBC. The new bundle states the old bundle's hash. With --set
-    operating_point.speed=12.5, or another setting of that section, it is for another vehicle or speed; with --set
-    mpc.weights.lift=0.1 it has other weights of the cost. --security-version and --hardware decide which ECUs accept it
-    when it is flashed. A sensor estimator is copied; with --dataset the new bundle gets a new estimator.
+    operating_point.speed=12.5, or another setting of that section, the new bundle is for another vehicle or speed; with
+    --set mpc.weights.lift=0.1 it has other weights of the cost. --security-version and --hardware decide which ECUs
+    accept the new bundle when it is flashed. The sensor estimator of the old bundle is copied; with --dataset the new
+    bundle gets a new estimator.
     """
     from export.release.judged import judge
 
@@ -167,10 +168,11 @@ def inspect(
     trust: shared.Trust = None,
     sbom: BillOfMaterials = None,
 ) -> None:
-    """Verify a bundle, an image or a key list, and show what it holds and who signed it.
+    """Verify a bundle, an image or a key list, and show its contents and its signer.
 
-    For a bundle, each check of loading and a control step have a line; if a check fails, nothing else is shown and the
-    exit status is 1. For a key list any signer is accepted, unless --trust names the root key.
+    For a bundle, the command prints one line for each check that is made when a bundle is loaded, and one line for a
+    control step; if a check fails, nothing else is shown and the exit status is 1. A key list may have any signer,
+    unless --trust names the root key.
     """
     if path is not None and key_list.is_list(path):
         _refuse_sbom(sbom)
@@ -200,7 +202,7 @@ def _refuse_sbom(sbom: Path | None) -> None:
 
 
 def _verify(where: Path, trusted: PublicKey | None) -> None:
-    """Make every check and print a line for each. Raises BundleError if a check fails."""
+    """Check a bundle and print one line for each check. Raises BundleError if a check fails."""
     checks = bundles.examine(where, trusted)
     if all(check.error is None for check in checks):
         checks.append(_first_step(bundles.load(where, trusted)))
@@ -214,7 +216,7 @@ def _verify(where: Path, trusted: PublicKey | None) -> None:
 
 
 def _first_step(release: Bundle) -> Check:
-    """Run a step of each graph, in bounded time and memory, with the inputs and outputs that the manifest states."""
+    """Run one step of each ONNX graph, in bounded time and memory, with the manifest's inputs and outputs."""
     # The import is here, because ONNX Runtime takes a while to load and leaves a file in the temporary folder.
     from contract.runtime.onnx_estimator import OnnxEstimator
     from contract.runtime.onnx_session import OnnxController
@@ -232,10 +234,11 @@ def diff(
     a: Annotated[Path, typer.Argument(help="Bundle directory.")],
     b: Annotated[Path, typer.Argument(help="Bundle directory to compare with.")],
 ) -> None:
-    """Show what differs between two bundles, manifest, signer and files by their hashes, or between two images (.swi).
+    """Show the differences between two bundles, in the manifest, the signer and the files' hashes, or between two
+    images (.swi).
 
-    The exit status is 0 if both are equal, 1 if they differ, and 2 if one of them cannot be read or does not verify.
-    Bundles with the stillwake.dbc of other versions are accepted.
+    The exit status is 0 if there is no difference, 1 if there are differences, and 2 if a bundle or an image cannot be
+    read or does not verify. A bundle with the stillwake.dbc of another version is accepted.
     """
     try:
         found = differences(a, b)
@@ -256,10 +259,10 @@ def keylist(
     allow: Allowed,
     revoke: Revoked = [],  # noqa: B006
 ) -> None:
-    """Make the list of the keys that may sign releases for an ECU, signed by the root key.
+    """Make the list of the keys that may sign releases for an ECU, and sign the list with the root key.
 
-    An ECU has its root key from production on. It accepts every list that this key signed and that has a greater
-    version than its own list. A root key is made like any other key: `stillwake keygen FOLDER`.
+    An ECU gets its root key at production. The ECU accepts every list that the root key signed and that has a greater
+    version than the ECU's present list. `stillwake keygen FOLDER` makes a root key, like any other key.
     """
     check_output(path, overwrite=None)
     private = signing.read_private_key(key)
@@ -273,7 +276,7 @@ def keylist(
 
 
 def _opened_list(path: Path, root: PublicKey | None) -> tuple[KeyList, PublicKey]:
-    """Read the list in a file and return it with its signer, which is any key unless `root` is given."""
+    """Return the key list in a file, and the list's signer. If `root` is given, only that key may be the signer."""
     try:
         raw = path.read_bytes()
     except OSError as error:
@@ -292,12 +295,11 @@ def _show(listed: KeyList, root: PublicKey) -> None:
 
 
 def _folded(head: str) -> Column:
-    """Return a column whose texts are never cut."""
     return Column(head, overflow="fold")
 
 
 def rows(release: Bundle) -> list[tuple[str, str]]:
-    """Return all facts of a manifest, by name."""
+    """Return the name and the text of each fact in a bundle's manifest."""
     manifest = release.manifest
     mpc, point, scaling = manifest.mpc, manifest.operating_point, manifest.scaling
     weights = ", ".join(f"{name} {value:g}" for name, value in vars(mpc.weights).items())

@@ -1,4 +1,5 @@
-"""The command that runs a test plan: the loop under every disturbance, in parallel, with one report."""
+"""The command `stillwake campaign`, which runs the closed loop under every disturbance of a test plan, in parallel, and
+writes one report."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -32,9 +33,9 @@ NOT_SAFE: Final = 3
 """Exit status of a complete campaign in which an invariant did not hold."""
 _USES: Final = ("operating_point", "flow", "bus", "ecu", "vehicle")
 _LONGEST: Final = 1e6
-"""Longest span in t_c: a run of a day."""
+"""Longest time in t_c that an option accepts, about a day on the road."""
 _MOST_PHASES: Final = 25
-"""Largest number of starts, about the number of control periods in a shedding cycle."""
+"""Largest number of starts of a scenario, about the number of control periods in a shedding cycle."""
 
 Scenarios = Annotated[list[Path], typer.Option(help="TOML file with your own scenarios (repeatable).", metavar="FILE")]
 Only = Annotated[list[str], typer.Option(help="Only these scenarios, e.g. 'noise_*' (repeatable).", metavar="GLOB")]
@@ -61,11 +62,12 @@ def campaign(
     json_file: shared.JsonFile = None,
     given: shared.Settings = [],  # noqa: B006
 ) -> None:
-    """Run a test plan: the loop under noise, delay, sensor and bus faults, and another flow, each from several starts.
+    """Run a test plan: the closed loop with noise, delay, faults of sensors and of the bus, and another flow, each from
+    several starts.
 
     The command writes a table, figures and one page into the folder. It can be stopped at any time: finished runs are
-    stored, and the same command continues. Another seed, bundle, span or setting makes another campaign. With --phases
-    1 --controlled 40 it is a quick trial without significant figures.
+    stored, and the same command continues the campaign. A different seed, bundle, time or setting makes a different
+    campaign. With --phases 1 --controlled 40 the command is a quick trial, whose figures are not significant.
 
     Exit status 3: an invariant did not hold in a scenario. A scenario without drag reduction is no failure.
     """
@@ -108,7 +110,7 @@ def campaign(
 def _planned(
     release: Bundle, config: Config, files: Sequence[Path], only: Sequence[str], spans: dict[str, float], seed: int
 ) -> "Campaign":
-    """Return the requested campaign, checked: every error in it is reported before anything runs."""
+    """Check the requested campaign and return it. Every error in the campaign is raised before the first run."""
     from contract.config.body_sensors import layout_of
     from ecu.fit import check_flow, check_sensors
     from firmware_sim.bench.spans import Spans
@@ -143,7 +145,7 @@ def _planned(
 
 
 def _conducted(planned: "Campaign", folder: "CampaignFolder", spread: Mapping[str, Any]) -> "Result":
-    """Run what is missing, with progress; if stopped, print how to continue."""
+    """Run the missing runs of a campaign and show their progress. If the command is stopped, print how to continue."""
     from firmware_sim.campaign.conduct import conduct
 
     # A run takes half a minute, so the speed is averaged over the last hour.
@@ -163,7 +165,7 @@ def _conducted(planned: "Campaign", folder: "CampaignFolder", spread: Mapping[st
 
 
 def _print(result: "Result") -> None:
-    """Print the matrix, and the headline last, because a terminal is read from its end."""
+    """Print the table of the scenarios, and the headline last, because a terminal is read from its end."""
     from firmware_sim.campaign.matrix_words import MATRIX_HEADS, cells, headline
 
     table = Table(*MATRIX_HEADS)

@@ -30,8 +30,8 @@ def config(
     """Show the settings: values, units, and where each value comes from.
 
     The last column gives the source: the "default", the shipped "release", a "file" of --set, or a single "--set". With
-    a prefix, the source of the default is given too. The same --set gives the same settings to every other command
-    except `export`, which begins with its model's settings.
+    a prefix, the source of each default is given too. --set has the effect that is shown here in every other command
+    too, except in `export`, which begins with its model's settings.
     """
     loaded = read_settings(given)
     listed = chosen(sections(loaded.config), prefix, only_changed=changed)
@@ -45,8 +45,8 @@ def config(
 
 
 def chosen(listed: Sequence[Section], prefix: str, *, only_changed: bool) -> tuple[Section, ...]:
-    """Return the sections with those of their settings that begin with the prefix and, on request, differ from the
-    paper's. Raises ConfigError if no setting begins with the prefix."""
+    """Return the sections, each with its settings whose names begin with the prefix; with `only_changed`, only the
+    settings whose values differ from the paper's. Raises ConfigError if no setting begins with the prefix."""
     if not any(one.name.startswith(prefix) for section in listed for one in section.settings):
         raise ConfigError(
             f"no setting begins with {prefix!r}; the sections are {', '.join(one.name for one in listed)}"
@@ -60,7 +60,8 @@ def chosen(listed: Sequence[Section], prefix: str, *, only_changed: bool) -> tup
 
 
 def table(listed: Sequence[Section], loaded: Loaded, *, explain: bool) -> Iterator[str]:
-    """Yield lines of text, columns as wide as their content; `explain` adds bounds, meaning and default's source."""
+    """Yield the lines of the table, in which a column is as wide as its content. `explain` adds the bounds and the
+    meaning of each setting, and the source of its default."""
     rows = [cells(one, loaded) for section in listed for one in section.settings]
     widths = [max(map(len, column)) for column in zip(_HEAD, *rows, strict=True)]
     yield _line(_HEAD, widths)
@@ -98,7 +99,6 @@ def _bounds(one: Setting) -> str:
 
 
 def _origin(source: Source) -> str:
-    """Return a sentence on the source of a default."""
     note = f": {source.note}" if source.note else ""
     page = f" (docs/{source.page})" if source.page else ""
     return f"Default ({source.name}){note}{page}."

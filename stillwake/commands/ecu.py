@@ -40,11 +40,11 @@ _MAKES: Final = {
     "root": "`stillwake keygen` makes a pair",
     "library": "`stillwake export --c` writes one",
 }
-"""The commands that make the files of an ECU, by option."""
+"""The commands that make the files for these options."""
 
 
 class _RunsByDefault(TyperGroup):
-    """A command group in which `stillwake ecu BUNDLE` is `stillwake ecu run BUNDLE`."""
+    """A command group in which `stillwake ecu BUNDLE` means `stillwake ecu run BUNDLE`."""
 
     default_command = _RUN
 
@@ -88,17 +88,19 @@ def run(
     bus: shared.Bus = None,
     given: shared.Settings = [],  # noqa: B006
 ) -> None:
-    """Run the ECU on a real CAN bus: pressures in, jet commands out, once a control period, until stopped.
+    """Run the ECU on a real CAN bus: read pressures and send a jet command in each control period, until stopped.
 
-    The jets stay shut until the vehicle raises its enable request while the ECU is present. The ECU shuts them on the
-    bus when the command ends, also by Ctrl-C or SIGTERM; when the bus is lost, which is then opened again; and when
-    another ECU sends commands on it. Real-time privileges are used if they are granted, otherwise a message says so.
-    --freshness goes with bus.key; its default is in systemd's state directory.
+    The jets stay shut until the vehicle raises its enable request while the ECU is present. The ECU sends commands that
+    shut the jets when the program ends, also by Ctrl-C or SIGTERM, when it has lost the bus, which it then opens again,
+    and when another ECU sends commands on the bus. Real-time privileges are used if they are granted; otherwise a
+    message says that they are not. --freshness is needed with bus.key; the default is a file in systemd's state
+    directory.
 
-    With --slots it runs the release in a folder, which `stillwake flash` replaces over the same bus and `stillwake
-    calibrate` tunes; `stillwake ecu provision` makes the folder. With --mcu it runs the whole firmware of --library in
-    the emulator, from its reset vector. New firmware has no release; send it a key list and an image (`export --image`)
-    with `stillwake flash`. Its control step takes longer than a period, so use `stillwake run --ecu mcu` for control.
+    With --slots the command runs the release in a folder. `stillwake ecu provision` makes the folder, `stillwake flash`
+    replaces the release over the same bus, and `stillwake calibrate` changes its goal and limits. With --mcu the
+    command runs the whole firmware of --library in the emulator, from its reset vector. New firmware has no release;
+    send it a key list and an image (`export --image`) with `stillwake flash`. A control step of the emulated firmware
+    takes longer than a control period, so use `stillwake run --ecu mcu` for control.
 
     stillwake ecu --bus socketcan:can0
 
@@ -177,7 +179,6 @@ def provision(
 def _run_release(
     given: list[str], bundle: Path | None, trust: str | None, library: Path | None, options: "ProcessOptions"
 ) -> None:
-    """Run the ECU with one release, in this process."""
     from contract.controller.interface import RunnableController
     from contract.runtime.onnx_session import OnnxController
     from ecu.daemon import service
@@ -206,7 +207,6 @@ def _run_release(
 def _run_store(
     given: list[str], slots: Path, root: Path | None, hardware: str | None, options: "ProcessOptions", *, access: Path
 ) -> None:
-    """Run the ECU with the releases in a folder."""
     from can_bridge.uds.security import AccessKey
     from ecu.daemon.store_service import serve_store
     from ecu.flashable.ecu_folder import read_folder

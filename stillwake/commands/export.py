@@ -100,13 +100,15 @@ def export(
     """Turn a trained model into a controller: one ONNX graph of a control step, in a release bundle.
 
     The settings are the model's training settings; --set changes them, for example --set mpc.weights.lift=0.1. Nothing
-    is written unless the graph, and the C library if requested, agree with the reference computation in NumPy; all
-    replay the data set that the model was trained on. The folder of --c also has the whole ECU in C, with the settings
-    of the sections bus and ecu compiled in, its DBC, A2L, PDX and rule of seed and key, and a bill of materials.
+    is written unless the graph, and the C library if requested, agree with the reference computation in NumPy; for the
+    comparison, each of them replays the data set with which the model was trained. The folder of --c also has the whole
+    ECU in C, with the settings of the sections bus and ecu compiled in, its DBC, A2L, PDX and rule of seed and key, and
+    a bill of materials.
 
-    `export --c FOLDER` alone writes that folder for the shipped bundle, `export --fmu FILE` its ECU as an FMU, and
-    `export --image FILE` its image. `export --for-testers FOLDER` alone is for the shipped bundle, `export BUNDLE
-    --for-testers FOLDER` for another bundle; it needs no ECU.
+    Without a model, `export --c FOLDER` writes this folder for the shipped bundle, `export --fmu FILE` writes the
+    shipped bundle's ECU as an FMU, and `export --image FILE` writes the shipped bundle's image. `export --for-testers
+    FOLDER` writes the files for testers of the shipped bundle, and `export BUNDLE --for-testers FOLDER` those of
+    another bundle; no ECU is needed.
     """
     files = _Files(
         c=c,
@@ -148,7 +150,7 @@ class _Files:
 
     @property
     def in_c(self) -> bool:
-        """Whether a file needs the C library."""
+        """Whether one of the files is made from the C library."""
         return self.c is not None or self.fmu is not None or self.image is not None
 
     @property
@@ -175,7 +177,7 @@ class _Files:
             yield Path(scratch, "library") if self.c is None else self.c
 
     def write(self, library: Path, release: Bundle, config: Config) -> None:
-        """Write FMU and image from a library in C."""
+        """Write the FMU and the image from a C library, if they were requested."""
         from stillwake.parts.c_release import write_fmu, write_image
 
         if self.fmu is not None:
@@ -205,7 +207,7 @@ class _Files:
 
     @property
     def signed(self) -> str:
-        """The signer of the image, in words."""
+        """A description of the image's signer."""
         return "unsigned" if self.key is None else f"signed by key {public_key(self.key).fingerprint}"
 
 
@@ -294,7 +296,6 @@ def _check_c_settings(config: Config, *, has_fmu: bool) -> None:
 
 
 def _export_shipped(files: _Files, given: list[str]) -> None:
-    """Write the shipped bundle's library, FMU and image, with the vehicle's settings compiled in."""
     config = settings("export --c", given, uses=USES_IN_C).config
     _check_c_settings(config, has_fmu=files.fmu is not None)
 
@@ -318,11 +319,10 @@ def _measured(figures: Iterable[tuple[str, Any]]) -> Iterator[tuple[str, str]]:
 
 
 def _settings(model: Path, given: list[str], *, uses: Sequence[str] = USES) -> Config:
-    """Return the model's settings with the user's changes."""
     try:
         own = model_folder.read_description(model)["config"]
     except ModelError:
-        # Like in every other command, a setting that does not exist is reported first.
+        # A setting that does not exist is reported first, as in every other command.
         read_settings(given)
         raise
     try:
@@ -333,7 +333,7 @@ def _settings(model: Path, given: list[str], *, uses: Sequence[str] = USES) -> C
 
 
 def _description(bundle: Path) -> str:
-    """Describe the existing object at the bundle's path."""
+    """Return a description of the file or folder that already exists at the bundle's path."""
     try:
         there = bundles.load(bundle)
     except StillwakeError:
@@ -350,9 +350,10 @@ def mcu(
     json_file: shared.JsonFile = None,
     given: shared.Settings = [],  # noqa: B006
 ) -> None:
-    """Compile the C library for a Cortex-M7, replay its recorded rows on an emulated one, compare with this host.
+    """Compile the C library for a Cortex-M7, replay the library's recorded rows on an emulated Cortex-M7, and compare
+    the results with this computer's.
 
-    The last lines report whether a step fits into the control period of the operating point.
+    The last lines report whether a control step fits into the control period of the operating point.
     """
     config = settings("mcu", given, uses=["operating_point", "flow.control_period"]).config
     check_json(json_file)

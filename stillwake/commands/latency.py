@@ -1,4 +1,5 @@
-"""`stillwake latency`: ECU and vehicle as two processes on a bus of this machine, with a time for each stage."""
+"""The command `stillwake latency`, which runs ECU and vehicle as two processes on a bus of this machine, and measures
+the time of each stage of the control loop."""
 
 import os
 import shlex
@@ -30,11 +31,12 @@ if TYPE_CHECKING:
     from firmware_sim.latency.measured import MeasuredRun
 
 _NOT_PASSED: Final = 3
-"""Exit status of a complete run that broke its budget, or whose ECU left control."""
+"""Exit status of a complete run that exceeded its latency budget, or in which the ECU left control."""
 LEAD_IN_S: Final = 2.0
 """Time in s until control is requested; by then the ECU's deadlines follow the vehicle's sampling."""
 SPARE_PERIODS: Final = 25
-"""Number of additional periods, before the first plan and after the last period that counts."""
+"""Number of control periods that are run in addition to those that count, before the first plan and after the last
+counted period."""
 INTERFACE: Final = "udp_multicast"
 USES: Final = ("operating_point", "flow.control_period", "flow.action_limit", *REAL_BUS, "ecu", "vehicle")
 
@@ -45,7 +47,7 @@ class Subject:
 
     Attributes:
         name: "onnx" or "c".
-        library: C library in place of ONNX Runtime.
+        library: C library that computes the control step; None for ONNX Runtime.
     """
 
     name: str
@@ -70,16 +72,17 @@ def latency(
     json_file: shared.JsonFile = None,
     given: shared.Settings = [],  # noqa: B006
 ) -> None:
-    """Time the control loop in real time, from the sampling instant to the command, next to an idle loop.
+    """Measure the latency of the control loop in real time, from the sampling instant to the command, and the latency
+    of an idle loop for comparison.
 
     `stillwake ecu` and `stillwake vehicle`, which replays recorded pressures, run as two processes on a bus of this
     machine. A third process with the same deadlines and privileges is idle, and shows the delays of the machine itself.
-    Every time counts from its scheduled instant.
+    Every delay is measured from the scheduled instant.
 
-    Without --set bus.interface the bus is udp_multicast, in a separate group. With --both and no --library the C
-    library is made from the shipped model; for another bundle, --library is required.
+    Without --set bus.interface the bus is udp_multicast, with a multicast group of its own. With --both and no
+    --library the C library is made from the shipped model; for another bundle, --library is required.
 
-    Exit status 3: the budget is broken, or the ECU left control.
+    Exit status 3: the latency budget is exceeded, or the ECU left control.
     """
     from firmware_sim.latency.budget import read_budget, verdicts
     from firmware_sim.latency.report import PAGE, write_report
@@ -117,8 +120,8 @@ def latency(
 
 
 def in_real_time(loaded: Loaded) -> Loaded:
-    """Return the settings with a bus in real time, `udp_multicast` unless the user named another. Raises ConfigError
-    for a bus in virtual time or within one process."""
+    """Return the settings with a bus in real time, which is `udp_multicast` unless the user named another bus. Raises
+    ConfigError for a bus in virtual time or within one process."""
     bus = loaded.config.bus
     named = {"bus.interface", "bus.channel"} & loaded.given
     if "bus.interface" not in loaded.given:
@@ -128,7 +131,7 @@ def in_real_time(loaded: Loaded) -> Loaded:
             f"bus.interface = {bus.interface!r}: two processes need a bus between them, such as {INTERFACE}"
         )
     if bus.interface == INTERFACE and "bus.channel" not in loaded.given:
-        # No router passes these addresses on (RFC 2365), and two measurements at once have different addresses.
+        # Routers do not forward these addresses (RFC 2365), and two simultaneous measurements have different addresses.
         high, low = divmod(os.getpid() % 65536, 256)
         bus = replace(bus, channel=f"239.255.{high}.{low}")
     changed = loaded.in_overrides | {"bus.interface", "bus.channel"} - named
@@ -138,7 +141,7 @@ def in_real_time(loaded: Loaded) -> Loaded:
 def measured(
     subjects: Sequence[Subject], loaded: Loaded, folder: Path, *, periods: int, window: int
 ) -> "list[MeasuredRun]":
-    """Measure the subjects one after another, each with its tables in a folder of the subject's name."""
+    """Measure the controllers one after another, and write each one's tables into a folder of its name."""
     from can_bridge.e2e.profiles import profile_of
     from can_bridge.wire.message_sets import message_set
     from firmware_sim.latency.measured import MeasuredRun
@@ -197,7 +200,8 @@ _STILLWAKE: Final = (sys.executable, "-m", "stillwake")
 
 
 def _given(loaded: Loaded) -> list[Any]:
-    """Return the sections with the settings that the user gave, and no others; the processes have the same defaults."""
+    """Return the sections, each with the settings that the user gave; both processes have the same defaults for all
+    other settings."""
     listed = (
         replace(section, settings=tuple(one for one in section.settings if one.name in loaded.given))
         for section in sections(loaded.config)
@@ -213,8 +217,8 @@ def _subjects(
     both: bool,
     stack: ExitStack,
 ) -> list[Subject]:
-    """Return the controllers to time; a library made for them lasts as long as the stack. Raises LibraryError if both
-    are requested for a user's bundle without its library."""
+    """Return the controllers to time. A C library that is made here is deleted when the stack is closed. Raises
+    LibraryError if both controllers are requested for a user's bundle without its C library."""
     path, _ = locate(bundle, None)
     name = f"{release.manifest.name} {release.digest[:12]}"
     onnx = Subject(name="onnx", about=f"{name}, ONNX Runtime", bundle=path.absolute())

@@ -27,7 +27,7 @@ USES: Final = (
     "vehicle",
     COST_WEIGHTS,
 )
-"""The settings of `run`, except goals other than the weights that a release accepts."""
+"""The settings of `run`, but of the settings of the controller's goal only the weights that a release accepts."""
 
 Host = Annotated[str, typer.Option(help="Address to listen at; only localhost needs no token in the link.")]
 Port = Annotated[int, typer.Option(help="Port to listen at; 0: any that is free.", min=0, max=65535)]
@@ -50,16 +50,17 @@ def live(
     fast: Fast = False,
     given: shared.Settings = [],  # noqa: B006
 ) -> None:
-    """Run the closed loop on a page in a browser, where it can be watched and disturbed.
+    """Run the closed loop and show it on a page in a browser, on which a user can disturb the loop.
 
-    The page shows the wake, the forces, the bus and the ECU while they run, and acts on them: sensors and frames that
-    fail, late jets, a babbling node, power cycles, other cost weights, another ECU. Several browsers may show it at
-    once. `run --disturb` makes a stored run with the same disturbances.
+    The page shows the wake, the forces, the bus and the ECU while they run. A user can let sensors and frames fail,
+    delay the jets, add a babbling node, switch the power off and on, change the cost weights, and choose another ECU.
+    Several browsers may show the page at once. `run --disturb` makes a stored run with the same disturbances.
 
-    The loop runs at most at the vehicle's pace, and slower on a slow machine. Only this machine can open the page,
-    unless --host names another address; the printed link then has a token, which every request needs.
+    The loop runs in real time at most, and slower on a slow machine. Only this machine can open the page, unless --host
+    names another address; the printed link then has a token, which every request needs.
 
-    Ctrl-C or SIGTERM ends it. A loop that fails is restarted; if it fails within 20 s, the exit status is 1.
+    Ctrl-C or SIGTERM ends the command. A loop that fails is restarted; if a loop fails within 20 s, the exit status is
+    1.
     """
     from firmware_sim.live.serving import server
     from firmware_sim.live.settings import LiveSettings

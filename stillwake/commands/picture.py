@@ -35,7 +35,7 @@ FORCINGS: Final = {
 }
 """The forcings of the jets, with their parameters."""
 _FREQUENCY: Final = 0.2
-"""Default frequency in 1/t_c, about that of the shedding."""
+"""Default frequency in 1/t_c, about the frequency of the shedding."""
 
 Output = Annotated[Path, typer.Argument(help="Still (.png, .pdf, .svg), or moving (.gif, .webp).")]
 Field = Annotated[Literal["vorticity", "pressure", "mean"], typer.Option(help="Quantity to draw.")]
@@ -60,10 +60,11 @@ def picture(
 ) -> None:
     """Draw the flow: vorticity or pressure with the jets, and wall pressure at the sensors; or a mean with streamlines.
 
-    A still picture shows the state. --field mean and animations run the wake from the state: without control, with the
-    jets forced, or with the actions of a run folder. The forcings are none, sine, training (training:seed=2), chirp and
-    extended_chirp; a sine's defaults are the action's limit and 0.2 / t_c. A mean also gives the length of the
-    recirculation bubble and mean forces. --sensors are coloured by Cp; by default they are the run's sensors, or all.
+    A still picture shows the state. For --field mean and for an animation, the wake is simulated from the state:
+    without control, with the jets forced, or with the actions of a run folder. The forcings are none, sine, training
+    (training:seed=2), chirp and extended_chirp; without parameters a sine has the action's limit as amplitude and the
+    frequency 0.2 / t_c. With --field mean the command also reports the length of the recirculation bubble and the mean
+    forces. The sensors of --sensors are coloured by Cp; by default they are the run's sensors, or all sensors.
     """
     from wake.pictures.animation import check_target
     from wake.pictures.drawing import check_suffix

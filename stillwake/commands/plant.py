@@ -38,11 +38,12 @@ def develop(
 ) -> None:
     """Start the flow from rest and run it until the wake sheds; write its state, for --state of other commands.
 
-    The shipped start was made in this way. Another Reynolds number or body needs its own start; give both commands the
-    same settings, for example --set flow.reynolds=1000.
+    The shipped state was made in this way. Another Reynolds number or body needs its own state; give this command and
+    the command that uses the state the same settings, for example --set flow.reynolds=1000.
 
-    With --steady, compute the flow with its two halves kept symmetric, so that no vortices are shed, until it is
-    steady. Its drag is the lowest that a controller can reach by suppressing the shedding only; --json writes it.
+    With --steady, the flow is computed with its two halves kept symmetric, so that no vortices are shed, until the flow
+    is steady. The drag of the steady flow is the lowest that a controller can reach by suppressing the shedding only;
+    --json writes the drag to a file.
     """
     config = settings("develop", given, uses=USES).config
     if steady and duration is not None:
@@ -90,10 +91,11 @@ def plant_fmu(
     overwrite: shared.Overwrite = False,
     given: shared.Settings = [],  # noqa: B006
 ) -> None:
-    """Write the wake of `run` as an FMU for co-simulation: jet flow and vehicle speed in, pressures out.
+    """Write the wake of `run` as an FMU for co-simulation. Its inputs are jet flow and vehicle speed, its outputs the
+    pressures.
 
-    The FMU runs in the importing tool's Python, where stillwake[sim] has to be installed. `export --fmu` writes the ECU
-    for it. Writing the FMU needs a C compiler.
+    The FMU runs in the importing tool's Python, where stillwake[sim] has to be installed. `export --fmu` writes an FMU
+    of the ECU for it. Writing the FMU needs a C compiler.
     """
     config = settings("plant-fmu", given, uses=(*USES, "operating_point")).config
     kind, path = kind_and_path(output, ("fmi2",))

@@ -1,4 +1,5 @@
-"""The command that records: forced episodes, the paper's data set, or a round under control or from the steady wake."""
+"""The command `stillwake record`, which records forced episodes, the paper's data set, or a further round of episodes
+under a controller or from the steady wake."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -65,19 +66,22 @@ def record(
 ) -> None:
     """Record the forced wake at every control step: pressures at all sensors, drag and side force.
 
-    The episodes are training=6000, a sine whose frequency and amplitude vary; chirp=1500, a slow sweep of the
-    frequency, for tests; and uncontrolled=500. Give another length, or 0, to change one. --paper has 50,000 training
-    steps in ten episodes, 2,500 uncontrolled, 10,000 of the chirp, and 10,000 of the extended chirp of the paper's
-    appendix A. The workers of a scheduler must have the output's folder at its path.
+    The default is three episodes with these numbers of control steps: training=6000, a sine whose frequency and
+    amplitude vary; chirp=1500, a slow sweep of the frequency, for tests; and uncontrolled=500. Give another number, or
+    0 to leave an episode out. --paper has 50,000 training steps in ten episodes, 2,500 uncontrolled steps, 10,000 steps
+    of the chirp, and 10,000 steps of the extended chirp of the paper's appendix A. The workers of a scheduler must have
+    the output's folder at its path.
 
-    With --under, record the wake under a controller with exploration, and add the episodes, of controlled=1100 each.
-    With --from-steady, record the growth of small disturbances on the steady wake (`develop --steady`, computed and
-    written to the file if it does not exist), with or without a controller, calm=350 each; the rms of their random
-    actions is between --amplitudes, evenly spaced in the logarithm. --role controlled or calm holds a round out. --seed
-    is for the training waveform, with --paper for the first of its ten episodes, and the others count up from it; or
-    for exploration, random actions and the episodes' starts.
+    With --under, record the wake under a controller with exploration, and add the episodes, of controlled=1100 steps
+    each. With --from-steady, record the growth of small disturbances on the steady wake, with or without a controller,
+    in episodes of calm=350 steps each. The steady wake (`develop --steady`) is computed and written to the file if the
+    file does not exist. The rms of the random actions is between --amplitudes, evenly spaced in the logarithm over the
+    episodes. --role controlled or calm excludes the new episodes from training. --seed gives the waveform of the
+    training episode; with --paper it is the seed of the first of the ten episodes, and each further episode has the
+    next number. With --under and --from-steady it gives exploration, random actions and the episodes' starts.
 
-    It can be stopped at any time. The same command continues it, and leaves a finished recording unchanged.
+    The command can be stopped at any time. The same command continues the recording, and leaves a finished recording
+    unchanged.
     """
     steps = lengths_of(lengths or [])
     is_forced = under is None and from_steady is None
@@ -133,7 +137,7 @@ def _check_round(
     paper: bool,
     overwrite: bool,
 ) -> None:
-    """Refuse options of forced episodes, or of the other kind of round."""
+    """Refuse options that are only for forced episodes, or only for the round that was not requested."""
     option, own = ("--under", "controlled") if steady is None else ("--from-steady", "calm")
     if paper:
         raise StillwakeError(f"{option} and --paper are two recordings: give one of them")
@@ -152,7 +156,7 @@ def _check_round(
 def _record_forced(
     output: Path, config: Config, steps: Mapping[str, int] | None, seed: int, how: Mapping[str, Any]
 ) -> None:
-    """Record episodes with these lengths, in control steps; with the paper's lengths if None."""
+    """Record forced episodes with these numbers of control steps, or with the paper's numbers if `steps` is None."""
     from wake.recording.episode_plan import EpisodePlan, paper_plans
     from wake.recording.recorder import record as record_dataset
 
@@ -237,7 +241,7 @@ def _policy(bundle: Path, config: Config) -> tuple[Bundle, "PolicyFactory"]:
 
 @contextmanager
 def _continued(output: Path) -> Iterator[None]:
-    """Print how to continue when the recording is stopped and something is recorded."""
+    """Print how to continue if the recording is stopped after a part of it was stored."""
     from wake.recording.parts_folder import PartsFolder
 
     try:
@@ -252,8 +256,7 @@ def _continued(output: Path) -> Iterator[None]:
 
 @contextmanager
 def _progress(episodes: int) -> Iterator[dict[str, Any]]:
-    """Yield `progress` and `notice` for a recording of `episodes` episodes."""
-    # A block takes seconds and counts when it is complete, so only many blocks show the speed.
+    # The steps of a block count when the block is complete, after seconds, so the speed is an average over many blocks.
     with progress("steps", estimate_over=600.0) as report:
         done: dict[str, tuple[int, int]] = {}
 

@@ -42,12 +42,12 @@ def refine(
     json_file: shared.JsonFile = None,
     given: shared.Settings = [],  # noqa: B006
 ) -> None:
-    """Train through the flow the prior, from which a model's controller starts.
+    """Train a model's prior through the flow solver. The controller starts from the prior's plan.
 
-    In closed loop with the flow solver, a small feedback learns by the exact gradient of drag. In the controller it
-    gives the plan from which the optimiser starts. It can be stopped at any time; the same command continues.
-    docs/explanation/through-the-flow.md describes it. --sensors are pairs of mirror images, --dataset is the model's
-    training data, and --state is on the default grid.
+    In closed loop with the flow solver, a small feedback learns by the exact gradient of drag. In the controller this
+    feedback, the prior, gives the plan from which the optimiser starts. The command can be stopped at any time; the
+    same command continues. docs/explanation/through-the-flow.md describes the method. The sensors of --sensors must be
+    pairs of mirror images, --dataset is the model's training data, and --state is on the default grid.
     """
     from train import model_store
     from train.refinement.pipeline import refine_model
@@ -58,7 +58,8 @@ def refine(
     trained = model_store.load(folder_read)
     own = trained.config
     if trained.prior is None:
-        # The model's optimiser was set to move a plan from period to period; from a prior it has less to do.
+        # The optimiser of a model without a prior improves its own plan of the previous period. An optimiser that
+        # starts from a prior's plan has less to improve, so it gets the default settings.
         kept = own.mpc
         mpc = replace(load_config().mpc, horizon=kept.horizon, drag_reference=kept.drag_reference)
         own = replace(own, mpc=mpc)

@@ -25,14 +25,15 @@ Outputs = Annotated[
 
 
 def report(sources: Sources, outputs: Outputs = []) -> None:  # noqa: B006
-    """Write the HTML page of a finished run again, or of several runs next to one another; or a run in other formats.
+    """Write the HTML page of a finished run again, or one page on several runs, or a run in other formats.
 
-    The page needs no other file and no network. Its slider moves through the recorded wake. Without --output it is
-    written into the run's folder. Other endings: .png, .pdf or .svg for one picture, .csv for the series with units in
-    the header, .mf4 (ASAM MDF) or .mcap for frames and named signals with units.
+    The page needs no other file and no network. Its slider moves through the recorded wake. Without --output the page
+    is written into the run's folder. The ending of --output gives the format: .png, .pdf or .svg for one picture, .csv
+    for the series with units in the header, .mf4 (ASAM MDF) or .mcap for frames and named signals with units.
 
-    A log of the bus in any format becomes an .mf4 or .mcap with the same signals. A data set (.h5) becomes netCDF
-    (.nc): one file an episode, whose name follows the file's if there are several.
+    A log of the bus in any supported format becomes an .mf4 or .mcap file with the same signals. A data set (.h5)
+    becomes netCDF (.nc), one file for each episode; if there are several episodes, each episode's name is added to the
+    file's name.
 
     stillwake report runs/demo --output demo.mf4 --output demo.mcap
     """

@@ -37,7 +37,7 @@ BELOW_REQUIREMENT: Final = 4
 """Exit status of a complete run that did not reach the required reduction."""
 
 _BUS: Final = (*(name for name in REAL_BUS if name != "bus.channel"), "bus.key", "bus.background")
-"""All settings of the bus except the channel, which a bus in virtual time does not have."""
+"""All settings of the bus except the channel, because a bus in virtual time has no channel."""
 _USES: Final = ("body", "operating_point", "flow", *_BUS, "ecu", "vehicle", "mpc")
 PYTHON: Final = "python"
 ECUS: Final = (PYTHON, "c", "mcu")
@@ -77,26 +77,29 @@ def run(
     json_file: shared.JsonFile = None,
     given: shared.Settings = [],  # noqa: B006
 ) -> None:
-    """Close the loop: live wake, pressures on CAN, the bundle's controller on the ECU, jets; in virtual time.
+    """Run the closed loop in virtual time: the simulated wake, its pressures on CAN, the bundle's controller on the
+    ECU, and the jets.
 
     Exit status 3: the ECU latched a fault, or control was not held while it was requested. Status 4: the reduction that
     --require-reduction asks for was not reached. The run folder is complete in both cases.
 
-    --ecu c runs the whole ECU from its C sources. With --ecu mcu they run as the firmware of an emulated
-    microcontroller, from its reset vector on: frames pass through its CAN controller's registers, and modelled cycles
-    count as compute time, at 480 MHz or, with --ecu mcu@300, at 300 MHz; docs/how-to/board-and-rtos.md has more. The
-    sources are in the folder that --library names, or are made from the shipped model.
+    --ecu c runs the whole ECU from its C sources. With --ecu mcu the sources run as the firmware of an emulated
+    microcontroller, from its reset vector on: frames pass through the registers of the microcontroller's CAN
+    controller, and modelled cycles count as compute time, at 480 MHz or, with --ecu mcu@300, at 300 MHz;
+    docs/how-to/board-and-rtos.md has more. The sources are in the folder that --library names, or are made from the
+    shipped model.
 
-    --disturb may be given several times: noise:level=0.5 at the transducers, ecu:drop:probability=0.1@5..10 in what the
-    ECU sends, reset@5 in the ECU, reynolds=700 in the flow; times are in s of the run. The kinds are noise, bias,
-    drift, stuck, dead, swap, quantise, wire_errors, reset, clock, no_request, reynolds, body, gust, operating_point,
-    action_limit, stuck_jets, speed_scale, speed_late, speed_frozen, no_speed and density
-    (docs/reference/disturbances.md); with vehicle: or ecu: for the node they are drop, burst_loss, duplicate, delay,
-    reorder, flip_bits, stuck_at, babble, disconnect, slow_consumer and clock_drift (the same page).
+    --disturb may be given several times. Examples are noise:level=0.5 at the transducers,
+    ecu:drop:probability=0.1@5..10 for the frames that the ECU sends, reset@5 for the ECU, and reynolds=700 for the
+    flow; times are in s since the start of the run. The kinds are noise, bias, drift, stuck, dead, swap, quantise,
+    wire_errors, reset, clock, no_request, reynolds, body, gust, operating_point, action_limit, stuck_jets, speed_scale,
+    speed_late, speed_frozen, no_speed and density (docs/reference/disturbances.md). Faults of one node begin with
+    vehicle: or ecu: and are drop, burst_loss, duplicate, delay, reorder, flip_bits, stuck_at, babble, disconnect,
+    slow_consumer and clock_drift (the same page).
 
-    --drive gives the vehicle speeds that vary, and first drives without control, to compare the energy: steady-60 to
-    steady-140 (percent of operating_point.speed, in tens), steps, ramps, wltc-high, gusty-ramp, or a CSV file with the
-    columns t_s and speed_m_per_s. docs/how-to/drive-at-other-speeds.md has more.
+    --drive gives the vehicle a varying speed, and first runs the drive without control, to compare the energy:
+    steady-60 to steady-140 (percent of operating_point.speed, in tens), steps, ramps, wltc-high, gusty-ramp, or a CSV
+    file with the columns t_s and speed_m_per_s. docs/how-to/drive-at-other-speeds.md has more.
     """
     from firmware_sim.bench.disturbances import parse_disturbance
     from firmware_sim.runs.run_folder import RunFolder
@@ -178,7 +181,7 @@ def _spans(
     *,
     averages: bool,
 ) -> "Spans":
-    """Return the spans of a run; invalid spans are refused before a library is made."""
+    """Return the times of a run's phases. Invalid times raise an error before a C library is made."""
     from firmware_sim.bench.spans import Spans
 
     if controlled is None:
@@ -190,7 +193,7 @@ def _spans(
 
 @dataclass(frozen=True, kw_only=True)
 class _Loop:
-    """A requested run, checked as far as possible before the work."""
+    """A requested run, checked as far as possible before the simulation starts."""
 
     output: Path
     release: Bundle
@@ -204,7 +207,8 @@ class _Loop:
     state: Path | None
 
     def closed(self, ecu: "LoopEcu | None", library: Path | None) -> "RunLog":
-        """Run the loop with the given ECU in C, or with the ECU in Python; a library then replaces ONNX Runtime."""
+        """Run the loop with the given ECU in C. If it is None, run the loop with the ECU in Python, in which a C
+        library, if there is one, replaces ONNX Runtime."""
         from can_bridge.wire.messages import Mode
         from ecu.in_c.library_controller import open_library
         from firmware_sim.bench.closed_loop import run_closed_loop
@@ -263,7 +267,7 @@ def _ecu_in_c(kind: str, clock_mhz: float, library: Path | None, release: Bundle
     from firmware_sim.bench.ecus import check_ecu, loop_ecu
     from stillwake.parts.c_release import library_folder
 
-    # Invalid settings are refused before the library is made.
+    # Invalid settings raise an error before the library is made.
     secret = read_secret(Path(config.bus.key)) if config.bus.key else None
     check_ecu(kind, clock_mhz)
     if library is None:
@@ -289,7 +293,7 @@ def _print(log: "RunLog") -> None:
 
 
 def exit_with(log: "RunLog", required: float | None) -> None:
-    """End with the status that states whether the run met the requirements."""
+    """End the command with the exit status that states whether the run met the requirements."""
     from firmware_sim.runs.control import trouble
     from firmware_sim.runs.summary import summary
 

@@ -49,9 +49,10 @@ def train(
 ) -> None:
     """Train the model of the wake offline, from a recording: joint fit, choice of sensors, distillation.
 
-    It can be stopped at any time. The same command continues from the last checkpoint and gives the same model. Change
-    a setting with, for example, --set train.epochs=300. The model stores all settings; `export` begins with them.
-    --sensors replace the method's choice. docs/how-to/train.md describes the steps.
+    The command can be stopped at any time. The same command continues from the last checkpoint, and the model is the
+    same as without a stop. To change a setting use, for example, --set train.epochs=300. The model stores all settings;
+    `export` begins with these settings. The sensors of --sensors replace those that the method would choose.
+    docs/how-to/train.md describes the steps.
     """
     # A missing extra is reported before a missing file; a vehicle has no HDF5.
     from contract.recording.dataset import read
@@ -72,7 +73,7 @@ def train(
 
     from train.pipeline import train_all
 
-    # Ten iterations of the longer unroll may take half a minute while other work runs.
+    # Ten iterations of the longer unroll may take half a minute while other work runs, so the average is long.
     with continued(checkpoints), progress("iterations", estimate_over=300.0) as report:
         show = TrainingProgress(report)
         trained = train_all(
@@ -115,7 +116,7 @@ def _save(path: Path | None, trained: "TrainedModel", show: TrainingProgress, co
 
 
 def _check_recording(recording: "Dataset", path: Path, config: Config, chosen: Sequence[str] | None) -> None:
-    """Check everything that needs no torch before torch is loaded."""
+    """Check the recording as far as possible without torch, before torch is loaded."""
     from contract.recording.findings import findings, refuse_unfit
 
     if chosen is not None:

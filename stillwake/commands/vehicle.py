@@ -1,4 +1,4 @@
-"""The command that is the vehicle on an ECU's bus, in real time."""
+"""The command `stillwake vehicle`, which simulates the vehicle on an ECU's bus in real time."""
 
 from contextlib import ExitStack
 from pathlib import Path
@@ -56,20 +56,23 @@ def vehicle(
     bus: shared.Bus = None,
     given: shared.Settings = [],  # noqa: B006
 ) -> None:
-    """Simulate the vehicle of an ECU on a bus, in real time: send pressures every control period, follow its commands.
+    """Simulate an ECU's vehicle on a bus in real time: send pressures in every control period, and follow the ECU's
+    commands.
 
-    The pressures are recorded, with the jets shut if there is such an episode, and do not respond to the jets: the run
-    shows whether bus and ECU meet their deadlines, but no drag reduction. With --plant wake they come from a wake
-    computed at the same time, on a grid that is coarse enough for this computer, for example --set flow.refinement=0.75
-    --set flow.substeps=15; --state and --drive are for this plant, and the drive begins when control is requested.
+    By default the pressures are recorded, from an episode with the jets shut if there is such an episode. Recorded
+    pressures do not respond to the jets: the run shows whether bus and ECU meet their deadlines, but no drag reduction.
+    With --plant wake the pressures come from a wake that is computed during the run, on a grid that is coarse enough
+    for this computer, for example --set flow.refinement=0.75 --set flow.substeps=15. --state and --drive need --plant
+    wake, and the drive begins when control is requested.
 
-    At a quarter of the speed, --set operating_point.speed=6.25, wake and control period are four times as slow. Its ECU
-    needs a bundle of that operating point (`bundle renew --set operating_point.speed=...`).
+    At a quarter of the speed, --set operating_point.speed=6.25, wake and control period are four times as slow. The ECU
+    then needs a bundle for this operating point (`bundle renew --set operating_point.speed=...`).
 
-    --freshness goes with bus.key: the file counts this node's power cycles.
+    --freshness is needed with bus.key: the file counts this node's power cycles.
 
-    Ctrl-C, SIGTERM and --periods end it in order: the request for control is withdrawn on the bus. Exit status 3: no
-    usable command was received. A lost bus ends it with one line and exit status 1: it is not opened again.
+    After Ctrl-C, SIGTERM or the number of periods in --periods, the vehicle withdraws its request for control on the
+    bus before the command ends. Exit status 3: no usable command was received. If the bus is lost, the command ends
+    with one line and exit status 1, and does not open the bus again.
     """
     check_json(json_file)
     check_frames(frames)
@@ -117,7 +120,7 @@ def vehicle(
 
 
 def _check_plant(*, live: bool, **given: object) -> None:
-    """Refuse options that belong to the other plant."""
+    """Raise an error for options that have no effect with the chosen plant."""
     for name in ("dataset", "episode") if live else ("state", "drive"):
         if given[name] is not None:
             why = "does not go with --plant wake" if live else "needs --plant wake: a recording has its own"
@@ -127,8 +130,8 @@ def _check_plant(*, live: bool, **given: object) -> None:
 def _run(
     release: Bundle, config: Config, course: "Course", made: "Callable[[ExitStack], Pressures]"
 ) -> "tuple[VehicleFigures, str, bool]":
-    """Simulate the vehicle until the course ends or a stop; return figures, pressures in words, and whether it was
-    stopped."""
+    """Simulate the vehicle until the course ends or the command is stopped. Return the figures, a description of the
+    pressures, and whether the command was stopped."""
     from can_bridge.bus.backends.python_can import PythonCanBus
     from can_bridge.tools.live_log import live_log
     from ecu.fit import check_sensors

@@ -1,8 +1,9 @@
-"""Locks, so that one command at a time writes to a place; others are refused before they work, and nothing is lost.
+"""Locks that let only one command at a time write to a place. Another command is refused before it begins its work, so
+no work is lost.
 
 A lock is the system's lock on a hidden file beside the place, `.NAME.lock`. It ends with the process in every case; a
 file that a killed process left has no effect. Linux passes the lock on to an NFS server, so that it also works between
-machines. On systems without such locks, as on some file systems and on Windows, nothing is refused.
+machines. On Windows and on some file systems, there are no such locks, and nothing is refused.
 """
 
 import atexit
@@ -31,7 +32,7 @@ def claim(path: Path, *, folder: bool = False) -> None:
     try:
         place.parent.mkdir(parents=True, exist_ok=True)
         for parent in reversed(missing):
-            # A folder that is not empty remains.
+            # `rmdir` leaves a folder that is not empty.
             _HELD.callback(_quietly, parent.rmdir)
         _lock(path, place.with_name(f".{place.name}.lock"))
     except OSError as error:
@@ -70,7 +71,7 @@ def _lock(path: Path, file: Path) -> None:
         with suppress(FileNotFoundError):
             if os.path.samestat(os.fstat(held), file.stat()):
                 break
-        # The previous owner has removed the file meanwhile.
+        # The previous owner has removed the file meanwhile, so a lock on it has no effect on other commands.
         os.close(held)
     with suppress(OSError):
         os.ftruncate(held, 0)

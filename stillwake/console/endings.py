@@ -1,4 +1,4 @@
-"""The ending of a command: its exit status, and one line to stderr for every failure that a user can cause."""
+"""The end of a command: its exit status, and one line to stderr for every failure that a user can cause."""
 
 import errno
 import os
@@ -33,16 +33,17 @@ EXTRAS: Final[Mapping[str, tuple[str, ...]]] = {
 }
 """Packages of each extra of `pyproject.toml`, by their import names."""
 _FIRST: Final = {"train": "train", "export": "c", "mcu": "c"}
-"""The extra to name for a command if several extras bring the missing package."""
+"""The extra that an error message suggests to a command, if several extras install the missing package."""
 REPORT: Final = "this is an error in stillwake: please report it with the lines above"
 
 errors = make_console(stderr=True)
 
 
 def status_of(command: Callable[[], object]) -> int:
-    """Run a command to its end; return its exit status, after one line to stderr if it failed.
+    """Run a command to its end; return its exit status, after one line to stderr if the command failed.
 
-    An exception that no user should be able to cause keeps its traceback, followed by a line that asks to report it.
+    An exception that no user should be able to cause is printed with its traceback, followed by a line that asks the
+    user to report it.
     """
     try:
         try:
@@ -87,7 +88,7 @@ def _status_of(command: Callable[[], object]) -> int:
 
 
 def missing(module: str, command: str = "") -> str:
-    """State the remedy for a module that this command could not import."""
+    """Return a line on how to install a module that this command could not import."""
     top = module.partition(".")[0]
     loaded = sys.modules.get(top)
     place = None if loaded is None else getattr(loaded, "__file__", None)
@@ -129,6 +130,6 @@ def _code(stop: SystemExit) -> int:
 
 
 def _forget_stdout() -> None:
-    # The rest of its buffer would fail again when Python ends.
+    # When Python ends, it would try again to write the rest of the buffer, and fail again.
     with suppress(OSError, ValueError):
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

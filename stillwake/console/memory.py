@@ -1,7 +1,9 @@
-"""A check of the available memory, before libraries are loaded that fail without an error. `__main__` imports it first.
+"""A check of the available memory, made before libraries are loaded that fail without an error. `__main__` imports this
+module first.
 
 If the address space is too small for its buffers, OpenBLAS requests them without end, and LLVM ends the process without
-a message. Both happen with `ulimit -v` or `-d` only; if the machine has too little, the kernel ends a process.
+a message. Both happen only with a limit set by `ulimit -v` or `-d`; if the machine itself has too little memory, the
+kernel ends a process.
 """
 
 import os
@@ -18,17 +20,17 @@ NEEDS_MB: Final = {
     **dict.fromkeys(("record", "picture"), 550),
     **dict.fromkeys(("develop", "plant-fmu"), 450),
 }
-"""Smallest address space in MB of commands that simulate, learn or draw, with one thread of BLAS."""
+"""Smallest address space in MB, by command, for commands that simulate, learn or draw, with one thread of BLAS."""
 _A_THREAD_MB: Final = 80
-"""Address space in MB of each further thread of BLAS; numpy and scipy have one BLAS each."""
+"""Address space in MB for each further thread of BLAS; numpy and scipy each load a BLAS of their own."""
 _DATA: Final = 0.5
-"""Share of the address space that is private data, which `ulimit -d` limits."""
+"""Share of a process's address space that is private data, which `ulimit -d` limits."""
 _SIGNS: Final = ("failed to map segment", "annot allocate memory", "can't start new thread", "bad_alloc", "to allocate")
-"""Parts of messages on too little memory, from the loader, the system, Python, C++ and numpy."""
+"""Parts of the error messages that report too little memory, from the loader, the system, Python, C++ and numpy."""
 
 
 def shortage(command: str) -> str | None:
-    """Describe the missing memory in one line; None if there is no limit, or the limit is high enough."""
+    """Describe the memory that a command lacks, in one line; None if there is no limit, or a limit high enough."""
     threads = os.environ.get("OPENBLAS_NUM_THREADS", os.environ.get("OMP_NUM_THREADS", ""))
     more = min(int(threads), os.cpu_count() or 1) - 1 if threads.isdigit() else 0
     needs = NEEDS_MB.get(command, LEAST_MB) + _A_THREAD_MB * max(0, more)
@@ -46,13 +48,13 @@ def shortage(command: str) -> str | None:
 
 
 def check_memory(words: Sequence[str]) -> None:
-    """Raise MemoryError if the command in `words` needs more memory than the limits allow; help needs the least."""
+    """Raise MemoryError if the command in `words` needs more memory than the limits allow. Calls for help pass."""
     if words and not {"--help", "-h"} & set(words) and (missing := shortage(words[0])) is not None:
         raise MemoryError(missing)
 
 
 def lacks_memory(error: BaseException | None) -> bool:
-    """Return whether too little memory caused an error, from its type or message."""
+    """Return whether an error was caused by too little memory, which its type or its message shows."""
     while error is not None:
         if isinstance(error, MemoryError) or (
             isinstance(error, ImportError | OSError | RuntimeError) and any(sign in str(error) for sign in _SIGNS)

@@ -8,16 +8,17 @@ from typing import Any, Final
 from contract.errors import ConfigError
 
 _LONGEST: Final = 1e5
-"""Longest accepted time in t_c. Such a run computes for days on any machine, but its arrays still fit into memory."""
+"""Longest accepted time in t_c. The simulation of this time takes days on any machine, but its arrays still fit into
+memory."""
 
 
 def steps_of(option: str, duration: float, period: float, *, least: int = 1) -> int:
-    """Return the number of control periods in a duration. Raises ConfigError if it is not finite, too short, or above
-    `_LONGEST`.
+    """Return the number of control periods in a duration. Raises ConfigError if the duration is not finite, too short,
+    or above `_LONGEST`.
 
     Args:
-        duration, period: times in t_c.
-        least: smallest number of control periods.
+        duration, period: the duration and the control period, in t_c.
+        least: smallest number of control periods that is accepted.
     """
     if not (isfinite(duration) and duration <= _LONGEST):
         raise ConfigError(f"{option} {duration:g}: must be a number of t_c up to {_LONGEST:g}")

@@ -1,4 +1,4 @@
-"""Words of version 1.0.0 that have changed: a call with an old word ends with a line that states the new word."""
+"""Words of version 1.0.0 that have changed. A call with an old word ends with a line that states the new word."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Final
@@ -66,19 +66,19 @@ OLD: Final[Mapping[str, Mapping[str, str]]] = {
 
 
 class OldWordError(StillwakeError):
-    """A call with a word of an earlier version."""
+    """The error for a call that contains a word of an earlier version."""
 
     status = 2
 
 
 def rows() -> Iterator[tuple[str, str]]:
-    """Yield every old word with its command, and the new word."""
+    """Yield each old word together with its command, and the new word."""
     for command, words in OLD.items():
         yield from (((f"{command} {old}").strip(), new) for old, new in words.items())
 
 
 def refuse_old(words: Sequence[str]) -> None:
-    """Raise OldWordError for a call, given by its words after `stillwake`, that contains a word of `OLD`."""
+    """Raise OldWordError if a call contains a word of `OLD`. `words` are the words of the call after `stillwake`."""
     given = [part for word in words for part in (word.split("=", 1) if word.startswith("--") else [word])]
     given = given[: given.index("--")] if "--" in given else given
     for old, new in rows():

@@ -1,4 +1,4 @@
-"""Options that several commands share, each with one word and one meaning."""
+"""Options that several commands share. An option has the same name and meaning in each of these commands."""
 
 from pathlib import Path
 from typing import Annotated, Final
@@ -65,7 +65,7 @@ Bus = Annotated[
 ]
 
 WAKE: Final = "wake"
-"""Name of stillwake's solver among the sources of pressures."""
+"""Name of stillwake's flow solver in options that select the source of the pressures."""
 
 
 def names_in(text: str) -> tuple[str, ...] | None:

@@ -1,4 +1,5 @@
-"""The outputs of a command, which it checks and claims before its work, and replaces only on request."""
+"""Checks of a command's outputs before its work. A place that is to be written is claimed, and is replaced only on
+request."""
 
 from collections import Counter
 from collections.abc import Mapping
@@ -17,7 +18,7 @@ DATASET_SUFFIXES: Final = (".h5", ".hdf5")
 
 
 def check_dataset_name(path: Path) -> None:
-    """Refuse a data set whose name does not end like a data set's; raises OutputError."""
+    """Raise OutputError if the file's name does not have the ending of a data set."""
     if path.suffix.lower() not in DATASET_SUFFIXES:
         endings = " or ".join(DATASET_SUFFIXES)
         raise OutputError(f"{path}: a data set is an HDF5 file; its name must end in {endings}")
@@ -46,7 +47,7 @@ def check_output(
 
 
 def check_json(path: Path | None) -> None:
-    """Refuse a place for figures that cannot be written; newer figures replace older figures."""
+    """Refuse a place for figures that cannot be written. An existing file of figures is replaced."""
     if path is not None:
         claim(path)
 
@@ -61,12 +62,12 @@ def check_frames(path: Path | None) -> None:
 
 
 def print_written(path: Path, result: object) -> None:
-    """Print that a file was written, and of a measurement which of our frames have no signals in it."""
+    """Print that a file was written. For a measurement, also print which of our frames have no signals in the file."""
     skipped = listed(result) if isinstance(result, Counter) else ""
     console.print(f"wrote {path}{f'; frames without signals: {skipped}' if skipped else ''}")
 
 
 def save_json(path: Path | None, *, figures: Any, facts: Mapping[str, Any]) -> None:
-    """Write today's measurements and their facts, if a file was given."""
+    """Write figures, the facts on which they depend, and today's date, if a file was given."""
     if path is not None:
         write_result(path, figures=figures, facts=facts, on=date.today())

@@ -1,7 +1,7 @@
-"""A check that no file of the user has the name of one of the project's packages; `__main__` imports this first.
+"""A check that no file of the user has the name of one of the project's packages. `__main__` imports this module first.
 
 The packages have everyday names, and `python -m stillwake` searches the working folder before the installed packages.
-So a `train.py` there would run in place of the package.
+So a user's `train.py` in the working folder would run in place of the package `train`.
 """
 
 import sys
@@ -16,7 +16,8 @@ HOME: Final = Path(__file__).resolve().parents[2]
 
 
 def hidden(rooms: Sequence[str] = ROOMS, home: Path = HOME) -> tuple[str, Path] | None:
-    """Return the first of the packages that Python finds elsewhere, and its path; None if there is no such package."""
+    """Return the first of the project's packages that Python finds outside the folder `home`, and the path that Python
+    finds; None if there is no such package."""
     for room in rooms:
         spec = find_spec(room)
         if spec is None:
@@ -29,7 +30,7 @@ def hidden(rooms: Sequence[str] = ROOMS, home: Path = HOME) -> tuple[str, Path] 
 
 
 def explain(room: str, file: Path) -> str:
-    """Return one line that states the remedy."""
+    """Return one line that tells the user how to remove the conflict between a package and a file."""
     return f"{file} hides the package {room!r} of stillwake: rename it, or call `stillwake` from another folder"
 
 

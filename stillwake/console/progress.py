@@ -1,6 +1,6 @@
 """The progress of work: a bar on a terminal, lines of text in a log. Every command reports through `progress`.
 
-Bar and lines are rich's `Progress`, which counts and estimates.
+Bar and lines use rich's `Progress`, which counts the steps and estimates the time left.
 """
 
 import time
@@ -20,13 +20,14 @@ from stillwake.console.stopping import still_wanted
 from stillwake.console.terminal import console as usual_console
 
 SELDOM: Final = 0.1
-"""Seconds between two shown reports of a task, and before the first, because drawing may cost more than the work."""
+"""Shortest time in s between two shown reports of a task, and before its first shown report, because drawing may take
+longer than the work."""
 INTERVAL: Final = 30.0
-"""Longest time in s between two lines, so that silence is not taken for a failure."""
+"""Longest time in s between two lines, so that a user does not take silence for a failure."""
 
 
 class ProgressBar(Progress):
-    """A display of bars on a terminal, from the first update on."""
+    """A display of bars on a terminal, which appears at the first update."""
 
     def __init__(self, unit: str, *, console: Console, estimate_over: float, clock: Callable[[], float]) -> None:
         super().__init__(
@@ -42,10 +43,11 @@ class ProgressBar(Progress):
         )
 
     def start(self) -> None:
-        """Wait for the first update, so that an error before it is shown without a bar."""
+        """Do nothing: the display starts at the first update, so that an earlier error is shown without a bar."""
 
     def update(self, task_id: TaskID, **changes: Any) -> None:
-        """Update as rich does; the first update shows the bars. Raises KeyboardInterrupt if a stop was lost."""
+        """Update the task as rich does; the first update shows the bars. Raises KeyboardInterrupt if the exception of
+        an earlier stop was lost."""
         still_wanted()
         super().update(task_id, **changes)
         if not self.live.is_started:
@@ -55,9 +57,9 @@ class ProgressBar(Progress):
 class ProgressLines(Progress):
     """A display of lines of text: at the first update, at least every `interval` seconds, and at the end of each task.
 
-    A task has a new line only if it has advanced since its last line. If no task has advanced for an interval, the
-    latest task has another line, which shows that the work continues. The same holds for a task whose work begins with
-    a long step, before its first update.
+    A task gets a new line only if it has advanced since its last line. If no task has advanced for an interval, the
+    task with the latest line gets another line, which shows that the work continues. A task whose work begins with a
+    long step also gets such lines before its first update.
     """
 
     def __init__(
@@ -81,7 +83,7 @@ class ProgressLines(Progress):
         self._heart.start()
 
     def stop(self) -> None:
-        """Print the state of each task whose last line does not show it."""
+        """Print a line for each task whose last line does not show its present state."""
         self._ended.set()
         self._heart.join()
         with self._lock:
@@ -90,14 +92,14 @@ class ProgressLines(Progress):
                     self._print(task)
 
     def update(self, task_id: TaskID, **changes: Any) -> None:
-        """Update as rich does, and print a line if due or the task is done. Raises KeyboardInterrupt if a stop was
-        lost."""
+        """Update the task as rich does, and print a line if one is due or the task is done. Raises KeyboardInterrupt if
+        the exception of an earlier stop was lost."""
         still_wanted()
         super().update(task_id, **changes)
         with self._lock:
             task, last = self._tasks[task_id], self._lines.get(task_id)
             if last is None:
-                # If several tasks start together, only the first has a line.
+                # If several tasks start together, only the first task gets a line at its start.
                 if task.completed > 0 or not self._lines:
                     self._print(task)
             elif task.completed != last.completed:
@@ -123,7 +125,7 @@ class ProgressLines(Progress):
 
 
 class Report:
-    """A receiver of reports on tasks; each task begins with its first report, which does not count for the speed.
+    """A receiver of reports on tasks. A task begins with its first report, whose count is not used for the speed.
 
     The first and the last report of a task are shown at once. A task that ends before it was shown is not shown at all.
     """
@@ -136,16 +138,19 @@ class Report:
         self._visible = set[str]()
 
     def __call__(self, task: str, done: float, total: float | None = None, note: str = "", *, unit: str = "") -> None:
-        """Show how much of a task is done, and raise KeyboardInterrupt if a stop was lost before.
+        """Show the progress of a task. Raises KeyboardInterrupt if the exception of an earlier stop was lost.
 
         Args:
-            total: None if it is not known yet.
-            unit: unit of this task's counts, if it differs from the other tasks' unit.
+            task: name of the task.
+            done: number of steps done so far.
+            total: number of steps of the whole task; None if it is not known yet.
+            note: text at the end of the line.
+            unit: unit of this task's steps, if it is not the usual unit.
         """
         still_wanted()
         now, changes = self._clock(), {"completed": done, "total": total, "note": note}
         if task not in self._tasks:
-            # The work of an earlier call does not count for the speed; rich accepts fractions of a step.
+            # Steps that an earlier call did are not used for the speed; rich accepts fractions of a step.
             self._tasks[task] = self._bar.add_task(task, total=total, completed=done, note=note, unit=unit)  # type: ignore[arg-type]
             self._begin(task)
             self._latest[task] = now
@@ -167,7 +172,7 @@ class Report:
         self._bar.update(self._tasks[task], **changes)
 
     def _begin(self, task: str) -> None:
-        # Rich measures from a first step's end, so steps that end together would give a wrong speed.
+        # rich measures the speed from the end of the first step, so steps that end together would give a wrong speed.
         for part in (_HARDLY, -_HARDLY):
             Progress.update(self._bar, self._tasks[task], advance=part)
 
@@ -186,8 +191,9 @@ def progress(
 
     Args:
         unit: unit of the counts, in the plural.
-        estimate_over: time in s over which the latest speed is averaged for the time left.
-        console, clock: the output, and a clock in s.
+        estimate_over: time in s over which the speed is averaged to estimate the time left.
+        console: console on which the progress is shown.
+        clock: function that returns the time in s.
     """
     kind = ProgressBar if console.is_interactive else ProgressLines
     with kind(unit, console=console, estimate_over=estimate_over, clock=clock) as bar:
@@ -200,7 +206,7 @@ def progress(
 
 @contextmanager
 def phases(name: str, names: Sequence[str]) -> Iterator[tuple[Report, Callable[[str], None]]]:
-    """Report on named phases: yields the report, and a function to call at the beginning of each phase."""
+    """Yield a report on a task with named phases, and a function to call at the beginning of each phase."""
     with progress("phases") as report:
         yield report, lambda begun: report(name, names.index(begun), len(names), begun)
         report(name, len(names), len(names))
@@ -211,7 +217,7 @@ def _unit_of(task: Task, otherwise: str) -> str:
 
 
 def line_of(task: Task, unit: str) -> str:
-    """Return one line on a task: the part that is done, the speed, the time left, and the note."""
+    """Return one line on a task: the completed share, the speed, the time left, and the note."""
     total = "" if task.total is None else f"/{_count(task.total)}"
     done = f"{task.description}: {_count(task.completed)}{total} {unit}"
     parts = [done if task.total is None else f"{done} ({task.percentage:.0f} %)"]
@@ -243,7 +249,7 @@ _HARDLY: Final = 1e-9
 """A fraction of a step too small to be shown."""
 
 _DAYS: Final = 100.0 * 3600.0
-"""Seconds from which days are shown in place of hours."""
+"""Time in s from which a span is shown in days instead of hours."""
 
 
 def _count(number: float) -> str:
@@ -259,7 +265,7 @@ class _Line:
 
 
 class _Words(ProgressColumn):
-    """A column of unchanged text that is never broken."""
+    """A column of text that is shown unchanged and never broken."""
 
     def __init__(self, text: Callable[[Task], str], style: str = "") -> None:
         super().__init__(Column(no_wrap=True))
@@ -270,7 +276,7 @@ class _Words(ProgressColumn):
 
 
 class _Note(ProgressColumn):
-    """A column with the note, which is cut at its end if the terminal is narrow."""
+    """A column with the task's note, which is cut off at its end if the terminal is narrow."""
 
     def render(self, task: Task) -> Text:
         return Text(str(task.fields.get("note", "")), no_wrap=True, overflow="ellipsis")

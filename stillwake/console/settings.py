@@ -1,5 +1,5 @@
-"""The settings of a command: the release's settings with the changes of `--set`; settings without effect are
-refused."""
+"""The settings of a command: the release's settings with the changes of `--set`. A setting that has no effect on the
+command is refused."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -17,13 +17,13 @@ TESTERS_BUS: Final = (*_FRAMES, DIAGNOSIS)
 REAL_BUS: Final = (*_FRAMES, "bus.e2e")
 """Settings of the bus, without the key, that a node on a real bus reads."""
 COST_WEIGHTS: Final = "mpc.weights"
-"""The section of settings that a released controller takes as an input."""
+"""The section of settings that a released controller reads as an input."""
 _BUS: Final = ("bus.interface", "bus.channel")
 """Settings that `--bus` names."""
 
 
 def read_settings(given: Sequence[str], *, base: Config | None = None) -> Loaded:
-    """Read the settings with the changes of `--set`, one of which may be a file; raises ConfigError as `load` does."""
+    """Read the settings with the changes of `--set`, of which one may be a file. Raises ConfigError as `load` does."""
     files = [text for text in given if "=" not in text and text.endswith(".toml")]
     if len(files) > 1:
         raise ConfigError(f"--set {files[1]}: is the second file; give one file, and changes as section.key=value")
@@ -34,8 +34,9 @@ def read_settings(given: Sequence[str], *, base: Config | None = None) -> Loaded
 def settings(verb: str, given: Sequence[str], *, uses: Sequence[str], base: Config | None = None) -> Loaded:
     """Return the settings of one call of a command.
 
-    A single setting that the command does not use is refused. A file may serve several commands: its settings without
-    use here are named in one line. Raises ConfigError as `load` does, or for a setting that would have no effect.
+    A single setting that the command does not use is refused. A file may be written for several commands, so its
+    settings that have no effect on this command are only listed in one line. Raises ConfigError as `load` does, or for
+    a single setting that would have no effect.
 
     Args:
         given: the texts of `--set`.
@@ -54,7 +55,8 @@ def settings(verb: str, given: Sequence[str], *, uses: Sequence[str], base: Conf
 
 
 def with_bus(bus: str | None, given: Sequence[str]) -> list[str]:
-    """Return the texts of `--set` with the bus of `--bus`; raises ConfigError for another form, or a bus in both."""
+    """Return the texts of `--set`, with the bus of `--bus` added. Raises ConfigError if `--bus` has another form, or if
+    `--set` also names a bus."""
     if bus is None:
         return list(given)
     interface, colon, channel = bus.partition(":")

@@ -1,4 +1,4 @@
-"""The ending of a command by Ctrl-C or SIGTERM, which is the same for both, with one line on how to continue."""
+"""The end of a command by Ctrl-C or SIGTERM, both of which have the same effect, with one line on how to continue."""
 
 import signal
 import sys
@@ -16,18 +16,19 @@ _asked: list[str] = []
 """Names of the signals that were received."""
 _advice: list[str] = []
 _is_left_to_work = False
-"""Whether work within `until_stopped` runs, which nothing interrupts."""
+"""Whether work inside `until_stopped`, which no signal interrupts, is running."""
 _hook_before: Callable[["sys.UnraisableHookArgs"], object] = sys.unraisablehook
-"""The hook that handled exceptions in callbacks before this module's hook."""
+"""The hook for exceptions in callbacks that was set before this module set its own hook."""
 
 
 def ends_like_ctrl_c() -> None:
-    """Let SIGTERM raise Ctrl-C's exception, so that incomplete files are removed; a second SIGTERM kills the process.
+    """Let SIGTERM raise KeyboardInterrupt, as Ctrl-C does, so that incomplete files are removed; a second SIGTERM kills
+    the process.
 
-    Python handles a signal between two of its own steps: compiled code and an import end first. Some compiled code
-    takes the exception for its own error and continues; `until_stopped` and `still_wanted` then raise it again. A
-    callback cannot raise, and would print the exception. Outside the main thread, the only thread that may handle
-    signals, nothing is changed.
+    Python handles a signal only between two of its own steps, so compiled code or an import ends before. Some compiled
+    code takes the exception for an error of its own and continues; `until_stopped` and `still_wanted` then raise
+    KeyboardInterrupt again. An exception in a callback is lost too, and Python would print it; a hook prevents this.
+    Nothing is changed outside the main thread, because only the main thread may handle signals.
     """
     if current_thread() is not main_thread():
         return
@@ -52,11 +53,12 @@ def _report_lost(lost: "sys.UnraisableHookArgs") -> None:
 
 @contextmanager
 def until_stopped() -> Iterator[Callable[[], bool]]:
-    """Run work that ends in order when stopped: yields a function that returns whether Ctrl-C or SIGTERM was received.
-    A second signal stops at once.
+    """Yield a function that returns whether Ctrl-C or SIGTERM was received, for work that ends by itself when it is
+    stopped. A second signal interrupts the work.
 
-    Nothing is interrupted, so that files are written to their end. Outside the main thread, the only thread that may
-    handle signals, nothing stops the work. Raises KeyboardInterrupt if an earlier stop was lost.
+    The first signal does not interrupt the work, so that files are written to their end. Outside the main thread, which
+    alone may handle signals, no signal stops the work. Raises KeyboardInterrupt if the exception of an earlier stop was
+    lost.
     """
     if current_thread() is not main_thread():
         yield lambda: False
@@ -67,7 +69,7 @@ def until_stopped() -> Iterator[Callable[[], bool]]:
 
     def stop(number: int, _frame: Any) -> None:
         came.append(number)
-        # The name is for the exit status, if the work was not done and its command raises KeyboardInterrupt.
+        # The signal's name gives the exit status if the work is not complete and its command raises KeyboardInterrupt.
         _asked.append(signal.Signals(number).name)
         signal.signal(number, before[signal.Signals(number)])
 
@@ -91,7 +93,7 @@ def still_wanted() -> None:
 
 @contextmanager
 def go_on_with(line: str) -> Iterator[None]:
-    """Run work that can be continued: if it is stopped, `line` describes how to continue."""
+    """Run work that can be continued. If the work is stopped, `line` is printed, which states how to continue."""
     try:
         yield
     except KeyboardInterrupt:
@@ -100,7 +102,7 @@ def go_on_with(line: str) -> Iterator[None]:
 
 
 def outcome() -> tuple[int, str]:
-    """Return the exit status and the line of a command that was stopped."""
+    """Return the exit status of a command that was stopped, and the line to print."""
     status = TERMINATED if "SIGTERM" in _asked else INTERRUPTED
     line = "; ".join(["stopped", *_advice])
     _asked.clear()

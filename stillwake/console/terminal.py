@@ -10,12 +10,12 @@ from rich.table import Column, Table
 from rich.text import Text
 
 _WIDE: Final = 10_000
-"""Number of columns without a terminal: a file, a pipe or a log has no right edge, and paths and hashes are not
+"""Width in characters if there is no terminal. A file, a pipe or a log has no right edge, so paths and hashes are not
 broken."""
 
 
 def make_console(*, stderr: bool = False) -> Console:
-    """Return a console that prints text unchanged, without markup from brackets or commands from control characters."""
+    """Return a console that prints text unchanged: brackets are no markup, and control characters have no effect."""
     stream = sys.stderr if stderr else sys.stdout
     has_edge = (stream is not None and stream.isatty()) or "COLUMNS" in os.environ
     width = None if has_edge else _WIDE
@@ -23,14 +23,14 @@ def make_console(*, stderr: bool = False) -> Console:
 
 
 class PlainConsole(Console):
-    """A console that shows control characters in text as Python writes them; colour needs `style` or a `Text`."""
+    """A console that shows control characters as escapes. Only `style` or a `Text` gives colour."""
 
     def print(self, *objects: Any, **options: Any) -> None:
-        """Print as rich does, but without breaking lines of text, so that paths and commands are not broken."""
+        """Print as rich does, but without breaking lines of text, so that paths and commands stay whole."""
         super().print(*objects, **{"soft_wrap": all(isinstance(one, str | Text) for one in objects), **options})
 
     def render_str(self, text: str, **options: Any) -> Text:
-        """Render as rich does."""
+        """Render the visible form of a text, as rich does."""
         return super().render_str(visible(text), **options)
 
 
@@ -45,7 +45,7 @@ console = make_console()
 
 
 def print_table(*heads: str | Column, rows: Iterable[Iterable[str | Text]], **options: Any) -> None:
-    """Print rows of text below their headings; the options are those of rich's `Table`."""
+    """Print rows of text below their headings; `options` are options of rich's `Table`."""
     table = Table(*heads, **options)
     for row in rows:
         table.add_row(*row)

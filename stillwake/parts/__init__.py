@@ -1,1 +1,1 @@
-"""Parts of several commands that combine the packages."""
+"""Functions that combine several packages and that several commands use."""

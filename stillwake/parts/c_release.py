@@ -1,4 +1,5 @@
-"""The ECU in C for the folder of a C library, the folder for the shipped bundle, and an FMU and an image of either."""
+"""The ECU in C: its files for the folder of a C library, the library of the shipped bundle, and the FMU and image of a
+library."""
 
 import tempfile
 from collections.abc import Callable, Iterator
@@ -29,10 +30,12 @@ if TYPE_CHECKING:
 
 
 def ecu_files(release: Bundle, rows: Array, *, config: Config, notice: Callable[[str], None]) -> dict[str, bytes]:
-    """Return the ECU for a release with its examples and its descriptions, or nothing if it is not possible in C.
+    """Return the files of the ECU in C for a release, by name, with examples and descriptions; no files if the ECU in C
+    cannot run the release.
 
     Args:
-        rows: recorded, (n, S+1); an example plays their pressures.
+        rows: recorded rows, (n, S+1), with the pressures of the S sensors and the action in n control periods; an
+            example replays the pressures.
         notice: called with a line for each part that the ECU lacks, or with the reason why there is no ECU.
     """
     from ecu.c.sources import example_sources, firmware_sources
@@ -61,11 +64,11 @@ def write_shipped_library(
     notice: Callable[[str], None] = lambda line: None,
     phase: Callable[[str], None] = lambda name: None,
 ) -> "Gated":
-    """Write the C library and ECU of the shipped bundle, from the shipped model, and check that the program is the
-    same. Raises ExportError if model and bundle do not belong together; StillwakeError if the data are not installed,
-    or the folder cannot be written. Before the work, raises BundleError or ConfigError if its ECU is not possible in C
-    with these settings. `notice` and `phase` are as in `ecu_files` and `export.release.pipeline`; with `billed` the
-    folder has a bill of materials."""
+    """Write the C library and the ECU of the shipped bundle, made from the shipped model, and check that the library's
+    program is the bundle's. Raises ExportError if model and bundle do not belong together; StillwakeError if the data
+    are not installed, or the folder cannot be written. Raises BundleError or ConfigError, before the work, if the
+    bundle's ECU is not possible in C with these settings. `notice` and `phase` are as in `ecu_files` and
+    `export.release.pipeline`; with `billed` the folder gets a bill of materials."""
     from ecu.in_c.c_settings import ecu_settings
     from ecu.in_c.host_library import CController
     from export.release.pipeline import CLibrary, export_library
@@ -86,10 +89,10 @@ def write_fmu(fmu: "tuple[FmuKind, Path]", library: Path, release: Bundle, confi
     """Write the ECU of a C library as an FMU for co-simulation.
 
     Args:
-        fmu: its kind and its file.
-        library: folder of the same export.
-        release: the library's release.
-        config: settings of the vehicle that the library is compiled for.
+        fmu: kind of the FMU, and the file to write.
+        library: folder of the C library.
+        release: release from which the library was made.
+        config: settings of the vehicle, which are compiled into the FMU.
 
     Raises:
         ConfigError: the kind does not support the settings.
@@ -110,8 +113,8 @@ def write_fmu(fmu: "tuple[FmuKind, Path]", library: Path, release: Bundle, confi
 def write_image(
     path: Path, library: Path, release: Bundle, config: Config, key: Ed25519PrivateKey | None = None
 ) -> None:
-    """Write the release of a C library as an image, signed if there is a key, in the format of the file's name
-    (`FORMATS`); arguments and errors as for `write_fmu`."""
+    """Write the release of a C library as an image, which is signed if there is a key. The ending of the file's name
+    states the format (`FORMATS`). Arguments and errors are as for `write_fmu`."""
     from ecu.in_c.c_image import controller_image, read_packed
 
     made = controller_image(read_sources(library) | read_packed(library), release, config, key)
@@ -121,7 +124,8 @@ def write_image(
 
 @contextmanager
 def library_folder(given: Path | None) -> Iterator[Path]:
-    """Yield the given folder, or a folder with the shipped bundle's library that lasts as long as the block."""
+    """Yield the given folder, or else a temporary folder with the shipped bundle's library, which is deleted at the end
+    of the block."""
     if given is not None:
         yield given
         return
@@ -132,8 +136,8 @@ def library_folder(given: Path | None) -> Iterator[Path]:
 
 
 def _without_check(release: Bundle, config: Config, notice: Callable[[str], None]) -> Config:
-    """Return the settings, without the check of the sensors if it is not possible in C; without an estimator Python has
-    no check either."""
+    """Return the settings; the check of the sensors is switched off if the ECU in C cannot make it. Without an
+    estimator the ECU in Python cannot make it either."""
     check, manifest = config.ecu.sensor_check, release.manifest
     if not check.enabled:
         return config

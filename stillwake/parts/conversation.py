@@ -1,4 +1,4 @@
-"""The conversation of a tester with the ECU on a bus."""
+"""The connection of a tester to the ECU on a bus."""
 
 import time
 from collections.abc import Iterator
@@ -14,7 +14,8 @@ if TYPE_CHECKING:
 
 @contextmanager
 def asking(bus: BusConfig, access: Path | None = None) -> Iterator["Asking"]:
-    """Open a conversation with the ECU on the bus, with the access key in a file; reading needs no key.
+    """Open a tester's connection to the ECU on the bus. The access key is read from the file `access`; reading from the
+    ECU needs no key.
 
     Raises:
         BusError: the bus cannot be opened.

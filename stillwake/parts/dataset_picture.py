@@ -11,11 +11,12 @@ from contract.errors import ConfigError
 from contract.recording.dataset import Dataset
 
 _STEPS: Final = 200
-"""Number of control steps that are drawn: eight cycles of the truck."""
+"""Number of control steps that are drawn, which cover eight shedding cycles of the truck."""
 
 
 def draw(dataset: Dataset, path: Path) -> None:
-    """Write a PNG, completely or not at all; raises StillwakeError for another ending, or if it cannot be written."""
+    """Write a picture as PNG, completely or not at all. Raises StillwakeError if the name has another ending, or the
+    file cannot be written."""
     if path.suffix.lower() != ".png":
         raise ConfigError(f"{path}: a picture must end in .png")
     layout, first = dataset.layout, dataset.episodes[0]

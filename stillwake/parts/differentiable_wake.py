@@ -21,12 +21,13 @@ from wake.truck.truck_wake import TruckWake
 def differentiable_wake(
     config: Config, sensors: Sequence[str], start: Path | None, progress: Callable[[float, float], None]
 ) -> tuple[DifferentiableWake, list[FlowState]]:
-    """Return the plant of a refinement on its mesh, and a developed wake in a different phase for each of its streams.
-    Raises PlantError if the start is of another body, Reynolds number or mesh, or the flow diverges.
+    """Return the plant of a refinement on its mesh, and a developed wake for each of the plant's streams, each in a
+    different phase. Raises PlantError if the start has another body, Reynolds number or mesh, or the flow diverges.
 
     Args:
-        start: a developed wake on the default mesh; if None, the truck's shipped wake, or another body's from rest.
-        progress: called with (time, duration) while the wake settles on the mesh.
+        start: file with a developed wake on the default mesh. If None, the truck's shipped wake is used, or for another
+            body a wake that is started from rest.
+        progress: called with time and duration in t_c while the wake settles on the mesh.
     """
     wake = wake_of(config, sensors)
     plant = wake.plant
@@ -61,6 +62,6 @@ def wake_of(config: Config, sensors: Sequence[str]) -> DifferentiableWake:
 
 
 def mesh_of(config: Config) -> Config:
-    """Return the settings with the mesh of the refinement."""
+    """Return the settings with the mesh on which the refinement simulates the flow."""
     flow = replace(config.flow, refinement=config.refine.refinement, substeps=config.refine.substeps)
     return replace(config, flow=flow)

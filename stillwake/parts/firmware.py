@@ -17,12 +17,12 @@ _SERIAL: Final = "1"
 def run_firmware(
     given: list[str], bundle: Path | None, flash: Path, hardware: str, *, library: Path, root: Path, access: Path
 ) -> None:
-    """Run the firmware until stopped. Raises StillwakeError if library, bundle and settings do not belong together, the
-    library does not compile, or the bus cannot be opened.
+    """Run the firmware until it is stopped. Raises StillwakeError if library, bundle and settings do not belong
+    together, the library does not compile, or the bus cannot be opened.
 
     Args:
         given: the texts of `--set`.
-        bundle: the library's; the shipped bundle if None.
+        bundle: bundle of the library; the shipped bundle if None.
         flash: file with the contents of the flash memory; created if it does not exist.
         hardware: name of the hardware.
         library: C library from which the firmware is built.
@@ -47,7 +47,7 @@ def run_firmware(
     header = equipment_header(signing.read_public_key(root), read_secret(access), vehicle, hardware, _SERIAL)
     console.print("building the firmware")
     ecu = BoardEcu(sources, own={EQUIPMENT: header}, bank=bank)
-    # The filters of the CAN controller itself accept fewer frames.
+    # The bus delivers only these frames; the filters of the emulated CAN controller then accept fewer of them.
     accept = [spec.frame_id for spec in message_set(config.bus).specs] + list(config.bus.diagnosis.heard)
     with PythonCanBus.open(config.bus, accept=accept) as port, until_stopped() as is_stopped:
         console.print(f"{hardware}: running, flash in {flash}; stop with Ctrl-C")

@@ -10,7 +10,7 @@ from stillwake.console.progress import Report
 from stillwake.console.terminal import console
 
 _THREADS: Final = 1
-"""Number of torch's threads: more threads are slower, and give other sums."""
+"""Number of torch's threads. With more threads the fit is slower, and its sums are rounded differently."""
 
 
 def fitted_estimator(dataset: Path, sensors: Sequence[str], window: int, report: Report) -> MadeEstimator:

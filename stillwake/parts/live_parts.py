@@ -1,4 +1,5 @@
-"""The parts of a live loop by name: its plants and its ECUs. Parts that take seconds are made when they are chosen."""
+"""The parts of a live loop by name: its plants and its ECUs. A part that takes seconds to make is made when the user
+selects it."""
 
 import importlib.util
 from collections.abc import Callable
@@ -30,18 +31,18 @@ COMPILING: Final = {
 _MAKES_LIBRARY: Final = ("safetensors", "onnx")
 _EMULATES: Final = ("ziglang", "unicorn", "capstone", "elftools")
 _TOLD_EVERY: Final = 10.0
-"""Time in t_c between two messages while a start settles on another grid."""
+"""Time in t_c between two messages while an initial state settles on another grid."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class LiveParts:
-    """The parts of one live loop, with which its process is started.
+    """The parts of one live loop, which its process gets when it starts.
 
     Attributes:
         bundle: release bundle; the shipped bundle if None.
         library: C library of the bundle; if None, the library of the shipped bundle is made when it is needed.
         state: initial state of the flow; the shipped state if None.
-        lead_in: t_c until control is requested.
+        lead_in: time in t_c until control is requested.
     """
 
     bundle: Path | None
@@ -52,8 +53,8 @@ class LiveParts:
     lead_in: float
 
     def __call__(self, tell: Callable[[str], None]) -> "LiveSession":
-        """Build the loop; `tell` is called with the work that is waited for. Raises StillwakeError if plant or ECU is
-        not available, or if they do not fit each other."""
+        """Build the loop. `tell` is called with a description of the work for which the user waits. Raises
+        StillwakeError if plant or ECU is not available, or if they do not fit each other."""
         from firmware_sim.live.session import LiveSession
 
         release = open_release(self.bundle)
@@ -90,15 +91,15 @@ class LiveParts:
 
 
 class Ecus:
-    """The ECUs of one release in one vehicle, by the names of their controllers. An ECU in C is made once."""
+    """The ECUs of one release in one vehicle, by the names of their controllers. Each ECU in C is made only once."""
 
     def __init__(self, release: Bundle, config: Config, library: Path | None, tell: Callable[[str], None]) -> None:
         self._release, self._config, self._library, self._tell = release, config, library, tell
         self._in_c: dict[str, LoopEcu] = {}
 
     def __call__(self, name: str) -> "LoopEcu":
-        """Return an ECU that was just powered on; an ECU in C is always the same object, which the session keeps too.
-        Raises StillwakeError if the ECU is not available."""
+        """Return an ECU that was just powered on. For an ECU in C, each call returns the same object, which the session
+        stores too. Raises StillwakeError if the ECU is not available."""
         from can_bridge.secoc.node import authentication_in_virtual_time
         from ecu.ecu import Ecu
         from ecu.stepped import LoopEcu
@@ -111,8 +112,7 @@ class Ecus:
         return LoopEcu(ecu=ecu, kind="python", computed_by=self._graph.description)
 
     def ahead(self, name: str) -> Callable[[], None] | None:
-        """Return a function that makes an ECU in C, for which the loop does not wait; None if there is nothing to
-        make."""
+        """Return a function that makes an ECU in C while the loop runs; None if there is nothing to make."""
         return partial(self.prepare, name) if name in COMPILING and name not in self._in_c else None
 
     def prepare(self, name: str) -> None:

@@ -1,4 +1,4 @@
-"""The opening of a release bundle by a command: its path, its required signature, its description and its
+"""The opening of a release bundle for a command: its path, the signature that it must have, its description and its
 calibration."""
 
 from dataclasses import asdict
@@ -18,12 +18,13 @@ from contract.shipped import BUNDLE
 from stillwake.console.settings import COST_WEIGHTS
 
 PROJECT: Final = "project"
-"""Word for the key of the shipped bundle, in place of a key file."""
+"""Word that selects the project's key, with which the shipped bundle is signed, in place of a key file."""
 
 
 def open_release(path: Path | None, trust: str | None = None) -> Bundle:
-    """Load a bundle, or the shipped bundle, which must have the project's signature unless `trust` is given. Raises
-    BundleError if it does not verify, or lacks the signature; KeyFileError if the key to trust cannot be read."""
+    """Load a bundle, by default the shipped bundle. The shipped bundle must have the project's signature unless `trust`
+    names another key. Raises BundleError if the bundle does not verify or lacks the signature; KeyFileError if the key
+    in `trust` cannot be read."""
     return bundles.load(*locate(path, trust))
 
 
@@ -38,7 +39,7 @@ def describe(release: Bundle) -> list[Text]:
 
 
 def signature(release: Bundle) -> str:
-    """Return the signer in words."""
+    """Return a description of the bundle's signer."""
     if release.signer is None:
         return UNSIGNED
     if release.signer == signing.project_key():
@@ -49,7 +50,8 @@ def signature(release: Bundle) -> str:
 
 
 def locate(path: Path | None, trust: str | None) -> tuple[Path, PublicKey | None]:
-    """Return the bundle to open, by default the shipped one, and the key that must have signed it; None for any key."""
+    """Return the path of the bundle, by default the shipped bundle, and the key that must have signed the bundle; None
+    if any key may have signed it."""
     if trust == PROJECT or (trust is None and path is None):
         trusted: PublicKey | None = signing.project_key()
     else:
@@ -59,7 +61,7 @@ def locate(path: Path | None, trust: str | None) -> tuple[Path, PublicKey | None
 
 def asked_calibration(loaded: Loaded, release: Bundle) -> Calibration:
     """Return the release's calibration in this vehicle, with the weights that the user gave. Raises ConfigError for a
-    weight out of its limits, or for another setting of the optimiser, because those are fixed in the bundle."""
+    weight out of its limits, or for another setting of the optimiser, because the bundle fixes these settings."""
     from ecu.calibrating import limits_of, release_calibration
 
     built, given = asdict(release.manifest.mpc), asdict(loaded.config.mpc)

@@ -1,4 +1,4 @@
-"""The computation of the steady wake with its progress, for the commands that need it."""
+"""The computation of the steady wake, with a display of its progress."""
 
 from math import log10
 from pathlib import Path
@@ -12,13 +12,13 @@ if TYPE_CHECKING:
 
 
 def settle_into(output: Path, config: Config) -> "tuple[SteadyWake, tuple[int, int]]":
-    """Compute the steady wake with these settings and write its state. Raises PlantError if the flow does not settle;
-    StillwakeError if the file cannot be written. Returns the steady wake, and the cells of its grid."""
+    """Compute the steady wake with these settings and write its state. Return the steady wake, and the numbers of cells
+    of its grid. Raises PlantError if the flow does not settle; StillwakeError if the file cannot be written."""
     from wake.truck import steady, truck_wake
     from wake.truck.state import save_state
 
     wake = truck_wake.TruckWake(config.flow, body=config.body)
-    # Progress counts decades, because the rates fall exponentially.
+    # The progress counts decades of the rates of change, because these rates fall exponentially.
     decades = -log10(steady.TOLERANCE)
     with progress("decades") as report:
 

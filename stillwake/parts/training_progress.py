@@ -1,4 +1,5 @@
-"""The common part of trainings: the output's place, the progress, and how to continue after a stop."""
+"""The common parts of commands that train: the check of the output, the display of progress, and a note on how to
+continue after a stop."""
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -15,7 +16,7 @@ from train.fitting.progress import Phase, Stopwatch
 
 
 class TrainingProgress:
-    """A `train.fitting.progress.Progress` that reports each phase. `watch` records the time of every phase."""
+    """A `train.fitting.progress.Progress` that reports each phase. `watch` records the duration of every phase."""
 
     def __init__(self, report: Report) -> None:
         self.watch = Stopwatch()
@@ -28,8 +29,8 @@ class TrainingProgress:
 
 
 def check_model_output(output: Path, *, overwrite: bool) -> Path:
-    """Claim the place of a model and of its checkpoints, and return the latter. Raises StillwakeError if the place is
-    occupied and must not be replaced, or if nothing can be written."""
+    """Claim the place of a model and the place of its checkpoints; return the place of the checkpoints. Raises
+    StillwakeError if the place is occupied and must not be replaced, or if nothing can be written there."""
     claim(output, folder=True)
     check_free(output)
     check_output(output, overwrite=overwrite, folder=True, occupant="holds a model already")
@@ -40,7 +41,7 @@ def check_model_output(output: Path, *, overwrite: bool) -> Path:
 
 @contextmanager
 def continued(checkpoints: Path) -> Iterator[None]:
-    """Print how to continue when the training is stopped."""
+    """Print how to continue if the training is stopped."""
     try:
         yield
     except KeyboardInterrupt:

@@ -1,4 +1,4 @@
-"""A connection to an open python-can bus: receives one message at a time, and closes even if the bus has failed."""
+"""A connection to an open python-can bus. It receives one message at a time, and closes even if the bus has failed."""
 
 import struct
 from collections.abc import Mapping
@@ -16,25 +16,26 @@ QUEUE_SIZE: Final = 1024
 """Largest number of frames that a virtual bus stores for a reader, and that one call of `receive_all` returns."""
 
 SETTLE_S: Final = 2.0
-"""Time in s that a serial adapter gets to start after its port was opened; many adapters reset then."""
+"""Time in s for which a serial adapter is left to start after its port was opened, because many adapters reset then."""
 
 OWN_CONFIGURATION: Final = "python-can"
-"""Name in our settings of the interface that python-can's own configuration selects (can.conf, environment)."""
+"""The value of `bus.interface` with which python-can's own configuration (can.conf, environment) selects the
+interface."""
 
 _SAMPLE_POINT: Final = 80.0
-"""Sample point in percent for both bit rates, for the adapter whose bit timing is set here."""
+"""Sample point of both bit rates, in percent of a bit, for the adapter whose bit timing is set in this module."""
 _CLOCK_HZ: Final = 80_000_000
 
 _OF_EXTRA_BUS: Final = ("udp_multicast", "slcan")
-"""Interfaces that need packages of the extra `bus`."""
+"""Interfaces that need packages from the optional dependencies `bus`."""
 
 
 def open_backend(config: BusConfig, *, settle_s: float = SETTLE_S) -> tuple[can.BusABC, str]:
-    """Open the configured bus. Returns the bus and python-can's name of its interface, even if python-can chose the
-    interface. Raises BusError with interface and channel if the bus cannot be opened. `settle_s` is the time in s that
-    a serial adapter gets to start."""
+    """Open the configured bus. Returns the bus, and python-can's name of the bus's interface, which python-can may have
+    chosen. Raises BusError with interface and channel if the bus cannot be opened. `settle_s` is the time in s for
+    which a serial adapter is left to start."""
     _check_known(config.interface)
-    # Vendors' drivers raise exceptions of any type, also if their library is missing.
+    # Vendors' drivers raise exceptions of any type, also if the driver's library is missing.
     try:
         interface, options = _settings(config, settle_s)
         return _constructed(interface, options), interface
@@ -94,7 +95,8 @@ def _options(config: BusConfig, settle_s: float) -> Mapping[str, Any]:
 
 
 def _constructed(interface: str, options: dict[str, Any]) -> can.BusABC:
-    """Open our own backend where python-can's fails on some received data; otherwise open python-can's."""
+    """Open our own backend if python-can's backend of this interface fails on some received data; otherwise open
+    python-can's backend."""
     if interface == "udp_multicast":
         from can_bridge.bus.backends.udp_multicast import UdpMulticastBus
 
@@ -107,9 +109,10 @@ def _constructed(interface: str, options: dict[str, Any]) -> can.BusABC:
 
 
 GARBAGE_LIMIT: Final = 1000
-"""Number of consecutive parser errors of a backend, without an idle moment or a valid frame between them, after which
-the bus counts as failed. Without this limit, a dead backend that raises on every call would look like endless noise.
-Our own backends raise `UnusableReceptionError` for data that they reject, without a limit."""
+"""Number of consecutive errors of a backend's parser after which the bus counts as failed, if no idle moment and no
+valid frame come between the errors. Without this limit, a dead backend that raises an error on every call would look
+like endless noise. Our own backends raise `UnusableReceptionError` for data that they reject; the number of these
+errors is not limited."""
 
 _UNREADABLE: Final = (ValueError, IndexError, struct.error)
 """Exceptions that the backends' parsers raise for invalid data."""
@@ -126,8 +129,8 @@ class OpenBus(NeverCopied):
         self._unreadable_in_a_row = 0
 
     def close(self) -> None:
-        """Disconnect. A second call does nothing, and an adapter that was removed raises no error."""
-        # An unplugged adapter takes no command, and the error of closing it would hide the error that ended the work.
+        """Disconnect. A second call does nothing. An adapter that was removed causes no error."""
+        # The error of closing an unplugged adapter would hide the error that ended the work.
         with suppress(can.CanError, OSError):
             self._bus.shutdown()
 
@@ -138,21 +141,22 @@ class OpenBus(NeverCopied):
         self.close()
 
     def _send(self, message: can.Message, name: str, timeout_s: float) -> None:
-        """Send once within `timeout_s`. Raises BusError with the frame's name if the bus fails or the time is over."""
+        """Send a message once. Raises BusError with the frame's name if the bus fails or `timeout_s` is over."""
         try:
             self._bus.send(message, timeout=timeout_s)
         except (can.CanError, OSError, ValueError) as error:
             raise BusError(f"frame {name} was not sent: {one_line(error)}") from error
 
     def _received(self, timeout_s: float) -> can.Message | Rejection | None:
-        """Receive once. Returns a message, the reason why a reception is no message, or None if nothing was received.
-        Raises BusError if the bus failed or delivers only garbage."""
+        """Receive once. Returns a message, the reason why the received data are not a message, or None if nothing was
+        received. Raises BusError if the bus failed or delivers only garbage."""
         try:
             message = self._bus.recv(timeout=timeout_s)
         except UnusableReceptionError as refused:
             return refused.reason
         except (can.CanError, OSError, *_UNREADABLE) as error:
-            # Backends wrap the original error: a CanError that garbage caused has one of these exceptions as its cause.
+            # Backends wrap the original error. A CanError that received garbage caused has one of these exceptions as
+            # its cause.
             if not isinstance(error.__cause__ or error, _UNREADABLE):
                 raise BusError(f"CAN bus failed: {one_line(error)}") from error
             self._unreadable_in_a_row += 1

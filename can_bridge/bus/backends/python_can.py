@@ -1,8 +1,8 @@
 """A python-can bus with this package's frames and errors.
 
-python-can has traps: `virtual` blocks for ever in `send` without a timeout when a peer stops reading, one garbage
-datagram ends python-can's Notifier, and garbage on a serial line raises a bare ValueError. In this adapter sending
-always ends, and each reception is either returned or counted under the reason for its rejection.
+python-can has defects that a node must avoid: `virtual` blocks for ever in `send` without a timeout when a peer stops
+reading, one garbage datagram ends python-can's Notifier, and garbage on a serial line raises a bare ValueError. In this
+adapter, sending always ends, and each reception is either returned or counted under the reason for its rejection.
 """
 
 import os
@@ -26,20 +26,21 @@ from contract.config.vehicle import BusConfig
 from contract.errors import BusError
 
 _CONTROLLER: Final = 0x004
-"""CAN_ERR_CRTL: data byte 1 has the controller's state."""
+"""Error class CAN_ERR_CRTL of Linux: data byte 1 has the controller's state."""
 _BUS_OFF: Final = 0x040
-"""CAN_ERR_BUSOFF."""
+"""Error class CAN_ERR_BUSOFF of Linux: the controller went bus-off."""
 _RESTARTED: Final = 0x100
-"""CAN_ERR_RESTARTED: the controller has returned from bus-off."""
+"""Error class CAN_ERR_RESTARTED of Linux: the controller has returned from bus-off."""
 _COUNTERS: Final = 0x200
-"""CAN_ERR_CNT: data bytes 6 and 7 hold the transmit and receive error counters. Kernels before 6.0 do not set it."""
+"""Error class CAN_ERR_CNT of Linux: data bytes 6 and 7 hold the transmit and receive error counters. Kernels before 6.0
+do not set this class."""
 
 _RX_OVERFLOW: Final = 0x01
-"""CAN_ERR_CRTL_RX_OVERFLOW, a bit of data byte 1, as are `_PASSIVE` and `_ACTIVE`."""
+"""CAN_ERR_CRTL_RX_OVERFLOW, a bit of data byte 1: the controller lost received frames."""
 _PASSIVE: Final = 0x10 | 0x20
-"""CAN_ERR_CRTL_RX_PASSIVE and TX_PASSIVE."""
+"""CAN_ERR_CRTL_RX_PASSIVE and CAN_ERR_CRTL_TX_PASSIVE, bits of data byte 1: the controller is error-passive."""
 _ACTIVE: Final = 0x40
-"""CAN_ERR_CRTL_ACTIVE: recovered from error-passive."""
+"""CAN_ERR_CRTL_ACTIVE, a bit of data byte 1: the controller is error-active again."""
 
 _LENGTH: Final = 8
 """Length of an error frame's data in bytes (CAN_ERR_DLC)."""
@@ -49,13 +50,14 @@ def health_after(health: BusHealth, classes: int, data: bytes) -> BusHealth:
     """Return the controller's health after one error frame.
 
     Args:
-        classes: the frame's identifier without its flags.
-        data: the frame's eight bytes; data of another length is ignored.
+        health: the controller's health before the error frame.
+        classes: the error frame's identifier without its flags.
+        data: the error frame's eight bytes; data of another length is ignored.
     """
     if len(data) != _LENGTH:
         return health
     controller = data[1] if classes & _CONTROLLER else 0
-    # Older kernels have no such flag, and leave the bytes zero if a driver cannot read the counters.
+    # Kernels before 6.0 have no flag for the counters, and leave the bytes zero if a driver cannot read the counters.
     if classes & _COUNTERS or (classes & _CONTROLLER and any(data[6:8])):
         health = replace(health, tx_errors=data[6], rx_errors=data[7])
     if classes & _BUS_OFF:
@@ -78,30 +80,34 @@ def lost_frames(classes: int, data: bytes) -> bool:
 
 
 _SO_MEMINFO: Final = 55
-"""Linux: `SK_MEMINFO_VARS` numbers of 32 bits, the last of which counts the dropped receptions (linux/sock_diag.h)."""
+"""Linux: option that reads `SK_MEMINFO_VARS` numbers of 32 bits; the last number counts the receptions that the socket
+dropped (linux/sock_diag.h)."""
 _MEMINFO: Final = struct.Struct("=9I")
 
 
 def _dropped(fileno: int) -> int:
-    """Return how many receptions were dropped because a socket's queue was full; 0 if they are not counted."""
+    """Return the number of receptions that were dropped because a socket's queue was full; 0 if the system does not
+    count them."""
     if sys.platform != "linux":
         return 0
     try:
         with socket.socket(fileno=os.dup(fileno)) as sock:
             return int(_MEMINFO.unpack(sock.getsockopt(socket.SOL_SOCKET, _SO_MEMINFO, _MEMINFO.size))[-1])
     except (OSError, struct.error):
-        # The descriptor is no socket, or the kernel is older than 4.12.
+        # The descriptor does not belong to a socket, or the kernel is older than 4.12.
         return 0
 
 
 RECEPTION_LIMIT: Final = 4 * QUEUE_SIZE
-"""Largest number of receptions that one `receive_all` reads, so that a flood of unusable frames cannot keep it busy."""
+"""Largest number of receptions that one call of `receive_all` reads, so that a flood of unusable frames cannot make the
+call endless."""
 
 _IS_FD: Final = {CanId(spec.frame_id): spec.is_fd for spec in SPECS}
 
 
 class PythonCanBus(OpenBus):
-    """One thread may send while another thread receives. `received` counts all receptions, accepted and rejected."""
+    """A node's connection to a python-can bus. One thread may send while another thread receives. `received` counts all
+    receptions, accepted and rejected."""
 
     def __init__(
         self,
@@ -115,12 +121,13 @@ class PythonCanBus(OpenBus):
         """Take over an open python-can bus.
 
         Args:
-            bus: closed together with this object.
+            bus: python-can bus, which is closed together with this object.
             accept: identifiers to receive, a number for an 11-bit identifier; None for all 11-bit identifiers.
-                python-can's own filter would end a reception without waiting at the first frame that it drops.
-            is_classic: send and receive no CAN FD frames.
-            linux_error_frames: error frames are as in `linux/can/error.h` and report on this node's controller.
-            keep: called with every frame that was sent or accepted, and whether it was received.
+                python-can's own filter is not used, because it ends a reception without waiting at the first frame that
+                it drops.
+            is_classic: whether CAN FD frames are neither sent nor received.
+            linux_error_frames: whether error frames are as in `linux/can/error.h` and report on this node's controller.
+            keep: called with every frame that was sent or accepted, and with whether the frame was received.
         """
         super().__init__(bus)
         self._accept = None if accept is None else {CanId(one) if isinstance(one, int) else one for one in accept}
@@ -146,13 +153,13 @@ class PythonCanBus(OpenBus):
     ) -> Self:
         """Open the configured bus.
 
-        A `virtual` bus keeps the senders' timestamps. The others stamp frames on reception, in ns since the epoch, with
-        the resolution of a float. `socketcan` uses the bit rates of its network device. `udp_multicast` stays on this
-        machine. Raises BusError with interface and channel if the bus cannot be opened.
+        A `virtual` bus keeps the senders' timestamps. The other buses stamp frames on reception, in ns since the epoch,
+        with the resolution of a float. `socketcan` uses the bit rates of its network device. `udp_multicast` stays on
+        this machine. Raises BusError with interface and channel if the bus cannot be opened.
 
         Args:
             accept, keep: see the constructor.
-            settle_s: time in s that a serial adapter gets to start after its port was opened.
+            settle_s: time in s for which a serial adapter is left to start after its port was opened.
         """
         bus, interface = open_backend(config, settle_s=settle_s)
         return cls(
@@ -165,15 +172,16 @@ class PythonCanBus(OpenBus):
 
     @property
     def rejected(self) -> Mapping[Rejection, int]:
-        """The number of rejected receptions for each reason, including reasons that did not occur."""
+        """The number of rejected receptions for each reason; 0 for a reason that did not occur."""
         return dict(self._rejected)
 
     @property
     def overflows(self) -> int:
         """The number of receptions that are known to be lost because a queue was full.
 
-        Linux counts the losses of `udp_multicast` and `socketcan`, and a SocketCAN controller reports its own. Losses
-        in a serial adapter or driver, or on another system, are not counted; the end-to-end counters show them as gaps.
+        Linux counts the losses of `udp_multicast` and `socketcan`, and a SocketCAN controller reports its own losses.
+        Losses in a serial adapter or driver, or on another system, are not counted; they appear as gaps in the
+        end-to-end counters.
         """
         try:
             in_kernel = _dropped(self._bus.fileno())
@@ -184,9 +192,9 @@ class PythonCanBus(OpenBus):
     def health(self) -> BusHealth:
         """The known health of the CAN controller; healthy if nothing is known.
 
-        SocketCAN reports it by error frames, which have to be received. Of python-can's `state` only ERROR (bus-off)
-        means the same for all drivers: for some, PASSIVE is a node that only listens. `bus_off` counts each bus-off
-        seen here.
+        SocketCAN reports the health by error frames, which have to be received. For other interfaces, only the value
+        ERROR (bus-off) of python-can's `state` means the same for all drivers: for some drivers, PASSIVE is a node that
+        only listens. `bus_off` counts each bus-off that this object has noticed.
         """
         try:
             is_off = self._bus.state is can.BusState.ERROR
@@ -204,8 +212,8 @@ class PythonCanBus(OpenBus):
     def send(self, frame: Frame, *, timeout_s: float = 0.005) -> None:
         """Send one frame, waiting at most `timeout_s`.
 
-        If sending fails on a virtual bus because one peer does not read, the other peers have received the frame.
-        Raises BusError if the bus failed, does not take the frame in time, or is classic CAN and the frame is CAN FD;
+        If sending fails on a virtual bus because one peer does not read, all other peers have received the frame.
+        Raises BusError if the bus failed, does not accept the frame in time, or is classic CAN and the frame is CAN FD;
         ValueError for a negative timeout.
         """
         if timeout_s < 0:
@@ -216,7 +224,8 @@ class PythonCanBus(OpenBus):
         self._keep(frame, False)
 
     def receive(self, timeout_s: float) -> Frame | None:
-        """Return the next frame, or None after `timeout_s`. Raises BusError if the bus failed or sends only garbage."""
+        """Return the next frame; None if none arrives within `timeout_s`. Raises BusError for a failed bus or only
+        garbage."""
         deadline = time.monotonic() + timeout_s
         while True:
             left = max(0.0, deadline - time.monotonic())
@@ -240,7 +249,7 @@ class PythonCanBus(OpenBus):
         return frames
 
     def _taken(self, message: can.Message | Rejection | None) -> Frame | None:
-        """Count a reception; return its frame if it is accepted."""
+        """Count a reception, and return its frame if the frame is accepted."""
         if message is None:
             return None
         frame = message if isinstance(message, Rejection) else self._judged(message)
@@ -255,7 +264,7 @@ class PythonCanBus(OpenBus):
     def _judged(self, message: can.Message) -> Frame | Rejection:
         frame = frame_of(message)
         if isinstance(frame, Rejection):
-            # An error frame may have an identifier that is no int.
+            # An error frame may have an identifier that is not an int.
             is_report = frame is Rejection.ERROR_FRAME and isinstance(message.arbitration_id, int)
             if is_report and self._linux_error_frames:
                 data = bytes(message.data)

@@ -9,15 +9,15 @@ from can_bridge.wire.frame import Frame
 from contract.errors import BusError
 
 POLL_S: Final = 0.05
-"""Longest wait in s of one reception, and so the longest time that stopping takes."""
+"""Longest time in s that one reception waits, which is also the longest time until the thread stops."""
 
 
 class ReceiveThread:
-    """A thread that runs while its `with` block does. End the block before closing the bus. `fault` is the error that
-    ended the thread before it was stopped, or None."""
+    """A thread that reads a bus while its `with` block runs. End the block before closing the bus. `fault` is the error
+    that ended the thread before it was stopped, or None."""
 
     def __init__(self, bus: PythonCanBus, deliver: Callable[[Frame], None]) -> None:
-        """Prepare the thread. It calls `deliver` with each frame; `deliver` must not wait."""
+        """Prepare the thread. The thread calls `deliver` with each frame; `deliver` must return without waiting."""
         self._bus = bus
         self._deliver = deliver
         self._stop = Event()
@@ -25,7 +25,7 @@ class ReceiveThread:
         self.fault: BaseException | None = None
 
     def check(self) -> None:
-        """Raise BusError if the thread ended by an error. Call it wherever the thread's frames are used."""
+        """Raise BusError if an error ended the thread. Call this method wherever the thread's frames are used."""
         if self.fault is not None:
             raise BusError(f"CAN reception ended: {self.fault}") from self.fault
 

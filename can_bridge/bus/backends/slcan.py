@@ -1,8 +1,9 @@
-"""Serial CAN adapters (slcan, the Lawicel protocol): python-can's backend with a reader and a writer of our own.
+"""Serial CAN adapters (slcan, the Lawicel protocol): python-can's backend with our own code for reading and writing
+lines.
 
-python-can 4.6 stores an undecodable line for ever, reads truncated and foreign lines as frames, takes each
-acknowledgement of a sent frame for silence, and reports frames as not sent that were sent. Its code to open an adapter
-and to parse a valid line is used as it is.
+python-can 4.6 stores a line that it cannot decode for ever, reads truncated and foreign lines as frames, treats the
+acknowledgement of a sent frame as if nothing had arrived, and reports sent frames as not sent. Its code to open an
+adapter and to parse a valid line is used unchanged.
 """
 
 import os
@@ -22,22 +23,23 @@ _LINE: Final = re.compile(rb"(?:([tdbr])[0-7][0-9A-Fa-f]{2}|([TDBRx])[01][0-9A-F
 """Groups of a received line: frame kind, identifier, length code, data digits. A CANDapter sends `x` for `T`."""
 _ANSWER: Final = re.compile(rb"[zZ]?")
 _STAMP_DIGITS: Final = 4
-"""Digits of the time stamp that adapters append on request. It is ignored because it wraps every minute."""
+"""Number of digits of the time stamp that an adapter can append to a line. The time stamp is ignored because it wraps
+every minute."""
 
 _ENDS: Final = re.compile(rb"[\r\a]")
 _BEL: Final = 0x07
 _CR: Final = b"\r"
 
 LINE_LIMIT: Final = 256
-"""Number of bytes without a line end after which they count as one unreadable line; the longest valid line has 143."""
+"""Number of bytes without a line end that count as one unreadable line; the longest valid line has 143 bytes."""
 _CHUNK: Final = 4096
 
 OPENING_TIMEOUT_S: Final = 2.0
-"""Time limit of commands in s; python-can sets none."""
+"""Longest time in s that an adapter may take for a command while it is opened; python-can sets no limit."""
 
 
 def why_refused(line: bytes) -> Rejection | None:
-    """Return why a line without its end is no frame; None if it is a frame. Never raises."""
+    """Return why a line without its line end is not a frame; None if it is a frame. Never raises."""
     match = _LINE.fullmatch(line)
     if match is None:
         return Rejection.GARBAGE
@@ -49,7 +51,7 @@ def why_refused(line: bytes) -> Rejection | None:
 
 
 class SlcanBus(slcanBus):
-    """A connection to one adapter. It raises `UnusableReceptionError` for an unusable line and loses no other line."""
+    """A connection to one adapter. For an unusable line it raises `UnusableReceptionError` and then continues."""
 
     _line_cut = False
 
@@ -70,7 +72,7 @@ class SlcanBus(slcanBus):
             self._fill(wait=not over)
 
     def _fill(self, *, wait: bool) -> None:
-        """Read the bytes that have arrived; with `wait`, wait for bytes at most for the port's time limit."""
+        """Read the bytes that have arrived. With `wait`, wait for the first byte, at most for the port's time limit."""
         port = self.serialPortOrig
         if not port.is_open:
             raise can.CanOperationError("the serial port is closed")
@@ -79,7 +81,7 @@ class SlcanBus(slcanBus):
             self._buffer += port.read(min(max(1, waiting), _CHUNK))
 
     def _next_line(self) -> bytes | None:
-        """Return the next complete line without its end; None if there is none."""
+        """Return the next complete line without its line end; None if no complete line has arrived."""
         end = _ENDS.search(self._buffer)
         if end is None:
             if len(self._buffer) > LINE_LIMIT:
@@ -95,9 +97,9 @@ class SlcanBus(slcanBus):
     def _write(self, string: str) -> None:
         """Write one line within the port's time limit.
 
-        A line is either written completely, however long that took, or truncated at the time limit. The end of a
-        truncated line is sent before the next line, so that the adapter rejects the truncated line only. Raises
-        can.CanTimeoutError if the port did not take the whole line in time; can.CanOperationError if the port failed.
+        A line is either written completely or truncated at the time limit. The end of a truncated line is sent before
+        the next line, so that the adapter rejects only the truncated line. Raises can.CanTimeoutError if the port did
+        not accept the whole line in time; can.CanOperationError if the port failed.
         """
         port = self.serialPortOrig
         if not port.is_open:
@@ -128,7 +130,7 @@ class SlcanBus(slcanBus):
             raise can.CanOperationError(f"the serial port failed: {error}") from error
 
     def shutdown(self) -> None:
-        """Close the channel, and the port even if it no longer takes the command to close the channel."""
+        """Close the channel, and the port even if it no longer accepts the command that closes the channel."""
         if self._is_shutdown:
             return
         try:

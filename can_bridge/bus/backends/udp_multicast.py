@@ -1,11 +1,12 @@
-"""CAN over UDP multicast: python-can's backend with a parser of our own.
+"""CAN over UDP multicast: python-can's backend with our own parser.
 
-python-can 4.6 passes a datagram's values to `can.Message` whatever their type: `{"data": 2**30}` in 20 bytes allocates
-a gigabyte. It receives its own frames and, on Linux, those of groups that other processes have joined. It does not
-report datagrams that were lost because the kernel's queue was full.
+python-can 4.6 passes a datagram's values to `can.Message` without checking their types: `{"data": 2**30}` in 20 bytes
+allocates a gigabyte. It receives its own frames and, on Linux, the frames of groups that other processes have joined.
+It does not report datagrams that were lost because the kernel's queue was full.
 
-Equal datagrams are not taken for copies: some senders send no time, and ISO-TP numbers repeat every 16 frames. A
-datagram that stays on this machine arrives once; the end-to-end counters would show a second arrival.
+Equal datagrams are not treated as copies of one datagram: some senders send no time, and the sequence numbers of ISO-TP
+repeat every 16 frames. A datagram that stays on this machine arrives only once; if it arrived twice, the end-to-end
+counters would show this.
 """
 
 import socket
@@ -26,19 +27,22 @@ try:
     # The library's C parser (1.1.2) leaks up to 4 KB for each truncated map that it has read.
     from msgpack import fallback  # type: ignore[import-untyped]  # ships none
 except ModuleNotFoundError:
-    # msgpack is in the extra `bus`. Without it python-can does not open this bus, so nothing is ever parsed.
+    # msgpack is in the extra `bus`. Without msgpack, python-can does not open this bus, so nothing has to be parsed.
     fallback = None
 
 RECEIVE_QUEUE: Final = 1 << 22
-"""Receive buffer in bytes asked of the kernel: about 5,000 datagrams; the default holds 256."""
+"""Size in bytes of the receive buffer that is requested from the kernel: about 5,000 datagrams; the kernel's default
+holds 256."""
 
 _ECHOES: Final = 4096
-"""Largest number of own datagrams to remember until they are received back; more than the kernel's queue holds."""
+"""Largest number of sent datagrams that the node remembers until it receives them back; more than the kernel's queue
+holds."""
 
 _SO_RCVBUFFORCE: Final = 33
 _IP_MULTICAST_ALL: Final = 49
 _IPV6_MULTICAST_ALL: Final = 29
-"""Linux: whether a socket receives every group that any process on the machine has joined (ip(7)); default: yes."""
+"""Linux: option that decides whether a socket receives the groups that other processes on the machine have joined
+(ip(7)). By default it does."""
 
 _FLAGS: Final = (
     "is_extended_id",
@@ -52,8 +56,9 @@ _FIELDS: Final = frozenset({"timestamp", "arbitration_id", "channel", "dlc", "da
 
 
 def parse_datagram(datagram: bytes, *, timestamp: float = 0.0) -> can.Message | Rejection:
-    """Return the message in a datagram packed by python-can, or why there is none. Never raises, and allocates no more
-    than the datagram's size. `timestamp` is the time of reception in s; the sender's time is dropped."""
+    """Return the message in a datagram packed by python-can, or the reason why the datagram has no message. Never
+    raises, and allocates no more than the datagram's size. `timestamp` is the time of reception in s; the sender's time
+    is dropped."""
     try:
         fields = fallback.unpackb(datagram)
     except Exception:  # noqa: BLE001 - bytes from outside: whatever the library finds wrong with them
@@ -90,12 +95,13 @@ class UdpMulticastBus(PythonCanUdpMulticastBus):
 
         Args:
             channel: an IPv4 or IPv6 multicast address.
-            options: options of python-can's backend. It always takes CAN FD frames; the caller separates the formats.
+            options: options of python-can's backend. This bus always accepts CAN FD frames; the caller separates the
+                formats.
         """
         try:
             super().__init__(channel, **(options | {"fd": True}))
         except BaseException:
-            # There is nothing to close, but python-can would warn later that the bus was not shut down.
+            # There is nothing to close. Without this call python-can would warn later that the bus was not shut down.
             can.BusABC.shutdown(self)
             raise
         sock = self._multicast._socket
@@ -134,13 +140,14 @@ class UdpMulticastBus(PythonCanUdpMulticastBus):
         message = parse_datagram(datagram, timestamp=timestamp)
         if isinstance(message, Rejection):
             raise UnusableReceptionError(message)
-        # The port does not identify a node, since all nodes on this machine share it.
+        # The port does not identify a node, because all nodes on this machine use one port.
         if self._is_echo(datagram):
             raise UnusableReceptionError(Rejection.OWN)
         return message, False
 
     def _is_echo(self, datagram: bytes) -> bool:
-        """Return whether this node sent the datagram and has not received it back before; if so, forget it."""
+        """Return whether this node sent the datagram and has not received it back yet. If so, remove the datagram from
+        the sent datagrams."""
         with self._lock:
             try:
                 self._echoes.remove(datagram)

@@ -1,4 +1,5 @@
-"""The common part of all faults: when they act, on which frames, and the bus that applies them to another bus."""
+"""The common part of all faults: their time spans, the frames that they concern, and the bus that applies them to
+another bus."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Sequence
@@ -14,7 +15,7 @@ from contract.config.rules import NonNegative, Rule, Settings, require
 T = TypeVar("T", int, float)
 
 NowNs = Callable[[], int]
-"""Returns the time in ns since the start of the run, by a simulated bus or by a monotonic clock."""
+"""A function that returns the time in ns since the start of the run, from a simulated bus or a monotonic clock."""
 
 Probability = Annotated[T, Rule(wording="in [0, 1]", holds=lambda value: 0 <= value <= 1)]
 
@@ -25,7 +26,7 @@ Receive = Callable[[], list[Frame]]
 
 
 class WrappedBus:
-    """A bus that passes all calls on to another bus."""
+    """A bus that forwards all calls to another bus."""
 
     def __init__(self, beneath: Bus) -> None:
         self._bus = beneath
@@ -39,26 +40,26 @@ class WrappedBus:
         return self._bus.receive_all()
 
     def health(self) -> BusHealth:
-        """Return the health of the CAN controller of `beneath`; healthy if that bus does not report it."""
+        """Return the health of the wrapped bus's CAN controller; healthy if that bus does not report it."""
         health: Callable[[], BusHealth] | None = getattr(self._bus, "health", None)
         return HEALTHY if health is None else health()
 
 
 class FrameArrivals:
-    """Arrival times of frames. A frame arrives at its time stamp if this lies between the node's last two readings of
-    the bus, as it does if both use one clock; otherwise at the reading that found the frame. No frame arrives before an
-    earlier one."""
+    """The arrival times of frames. A frame arrives at its time stamp if the time stamp lies between the node's last two
+    readings of the bus, which is so if both use one clock. Otherwise the frame arrives at the reading that found it. No
+    frame arrives before a frame that the bus returned earlier."""
 
     def __init__(self) -> None:
         self._looked_ns = 0
         self._latest_ns = 0
 
     def of(self, frames: Iterable[Frame], now_ns: int) -> list[tuple[int, Frame]]:
-        """Return the frames found now, each with the time of its arrival."""
+        """Return the frames of this reading, each with its time of arrival in ns."""
         arrived: list[tuple[int, Frame]] = []
         for frame in frames:
             stamp_ns = frame.timestamp_ns
-            # The bus returns the oldest frame first, independent of its time stamp.
+            # The bus returns frames in the order of their arrival, which need not be the order of their time stamps.
             self._latest_ns = max(self._latest_ns, stamp_ns if self._looked_ns <= stamp_ns <= now_ns else now_ns)
             arrived.append((self._latest_ns, frame))
         self._looked_ns = now_ns
@@ -92,17 +93,20 @@ class BusFault(Span, ABC, section="fault"):
 
     @abstractmethod
     def acting(self, port: "Injector") -> tuple[Send, Receive]:
-        """Return how the port sends and receives with this fault from power-on; both count in `port.acted`."""
+        """Return the functions with which the port sends and receives while it has this fault. Both functions count the
+        fault's effects in `port.acted`."""
 
 
 class Injector(WrappedBus):
-    """A port with one fault. `acted` counts the fault's effects; each fault states what it counts."""
+    """A port with one fault. `acted` counts the fault's effects; the class of each fault states what is counted."""
 
     def __init__(self, bus: Bus, fault: "BusFault", clock: NowNs, random: Random) -> None:
-        """Put a fault around a bus.
+        """Apply a fault to a bus.
 
         Args:
-            clock: returns the time in ns that the fault's span refers to.
+            bus: bus to which the fault is applied.
+            fault: the fault.
+            clock: returns the time in ns on which the fault's span is based.
             random: source of all random numbers of the fault; nothing else may use it.
         """
         super().__init__(bus)
@@ -112,15 +116,15 @@ class Injector(WrappedBus):
         self._send, self._receive = fault.acting(self)
 
     def arrived(self, now_ns: int) -> list[tuple[int, Frame]]:
-        """Return the frames that the bus beneath received since the last call, each with the time of its arrival."""
+        """Return the frames that the wrapped bus received since the last call, each with its time of arrival in ns."""
         return self._arrivals.of(self.beneath.receive_all(), now_ns)
 
     def send(self, frame: Frame) -> None:
-        """See `Bus.send`, with the fault."""
+        """Send one frame as `Bus.send` does, with the fault."""
         self._send(frame)
 
     def receive_all(self) -> list[Frame]:
-        """See `Bus.receive_all`, with the fault."""
+        """Return the received frames as `Bus.receive_all` does, with the fault."""
         return self._receive()
 
 
@@ -129,27 +133,28 @@ class FrameFault(BusFault, section="frame_fault"):
     """A fault of single frames."""
 
     frame_ids: tuple[int, ...] = ()
-    """Identifiers of the frames that the fault concerns; empty for all frames."""
+    """Identifiers of the frames on which the fault acts; empty for all frames."""
 
     def concerns(self, frame: Frame) -> bool:
-        """Return whether the fault concerns this frame."""
+        """Return whether the fault acts on this frame."""
         return not self.frame_ids or frame.frame_id in self.frame_ids
 
 
 @dataclass(frozen=True, kw_only=True)
 class SidedFault(FrameFault, section="sided_fault"):
-    """A fault of single frames on one side of the port."""
+    """A fault that acts on single frames in one direction."""
 
     at: Literal["send", "receive"] = "send"
-    """Side of the fault: frames that this node sends, for all receivers, or frames that this node receives."""
+    """Direction of the fault: "send" for the frames that this node sends, so that all receivers are concerned,
+    "receive" for the frames that this node receives."""
 
     @abstractmethod
     def change(self, random: Random) -> Change:
         """Return a function from a frame to the frames that replace it; all random numbers come from `random`."""
 
     def acting(self, port: Injector) -> tuple[Send, Receive]:
-        """See `BusFault.acting`: replaces the frames of one side that are sent or arrive in the span. `acted` counts
-        the frames that were changed, lost or copied."""
+        """See `BusFault.acting`. The functions replace the frames of one direction that are sent or arrive in the span.
+        `acted` counts the frames that were changed, lost or copied."""
         change = self.change(port.random)
 
         def changed(frame: Frame, t_ns: int) -> list[Frame]:
@@ -170,7 +175,7 @@ class SidedFault(FrameFault, section="sided_fault"):
 
 
 class FaultyBus(WrappedBus):
-    """A port with faults, built by `wrap`. `injectors` has one for each fault, in the faults' order."""
+    """A port with faults, built by `wrap`. `injectors` has one injector for each fault, in the order of the faults."""
 
     def __init__(self, bus: Bus, injectors: Sequence[Injector]) -> None:
         super().__init__(injectors[-1] if injectors else bus)
@@ -178,14 +183,16 @@ class FaultyBus(WrappedBus):
 
 
 def wrap(bus: Bus, faults: Sequence[BusFault], clock: NowNs, *, seed: int = 0, first: int = 0) -> FaultyBus:
-    """Return the port with these faults around it.
+    """Return the port with these faults applied to it.
 
     Args:
-        faults: ordered from the bus to the node: a received frame meets the first fault first, a sent frame the last.
-        clock: returns the time in ns that the faults' spans refer to.
-        seed: equal faults, frames, times and seed give equal results. Each fault has a random generator of its own, so
-            that its draws do not depend on the other faults.
-        first: index of the first fault, if other faults were wrapped before.
+        bus: port to which the faults are applied.
+        faults: faults in their order from the bus to the node: the first fault acts first on a received frame, and last
+            on a sent frame.
+        clock: returns the time in ns on which the spans of the faults are based.
+        seed: random seed; equal faults, frames, times and seeds give equal results. Each fault has a random generator
+            of its own, so that its random numbers do not depend on the other faults.
+        first: index of the first fault, if other faults were applied before.
     """
     injectors: list[Injector] = []
     for place, fault in enumerate(faults, first):

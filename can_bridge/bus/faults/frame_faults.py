@@ -1,7 +1,8 @@
 """Faults of single frames: lost, duplicated, late, out of order, with changed data, or with wrong bits on the bus.
 
-CAN's own CRC does not detect changed data, which change before the sender's CAN controller or after the receiver's. It
-detects wrong bits on the bus; the repetition of the frame takes time and raises the error counters, up to bus-off.
+CAN's own CRC does not detect data that change before the sender's CAN controller or after the receiver's CAN
+controller. The CRC detects wrong bits on the bus. The frame is then repeated, which takes time and raises the error
+counters, up to bus-off.
 """
 
 import heapq
@@ -23,7 +24,8 @@ from contract.errors import BusError
 
 @dataclass(frozen=True, kw_only=True)
 class Drop(SidedFault, section="drop"):
-    """Each frame is lost with the same probability, independently of the others. `acted` counts the lost frames."""
+    """Each frame is lost with an equal probability, independently of all other frames. `acted` counts the lost
+    frames."""
 
     probability: Probability[float]
 
@@ -44,7 +46,7 @@ class BurstLoss(SidedFault, section="burst_loss"):
     loss: Fraction[float]
     """Long-term share of lost frames."""
     mean_burst: Annotated[float, at_least(1)]
-    """Mean number of consecutive lost frames."""
+    """Mean number of frames that are lost in succession in a burst."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -63,8 +65,8 @@ class BurstLoss(SidedFault, section="burst_loss"):
         return self.to_good * self.loss / (1.0 - self.loss)
 
     def change(self, random: Random) -> Change:
-        """See `SidedFault.change`."""
-        # The chain starts in its stationary distribution: the frame before the first was lost with probability `loss`.
+        """See `SidedFault.change`. The function drops the frames of each burst."""
+        # The chain starts in its stationary distribution: the first state is bad with probability `loss`.
         bad = random.random() < self.loss
 
         def change(frame: Frame) -> list[Frame]:
@@ -77,10 +79,10 @@ class BurstLoss(SidedFault, section="burst_loss"):
 
 @dataclass(frozen=True, kw_only=True)
 class Duplicate(SidedFault, section="duplicate"):
-    """Copies follow a frame directly, with its time stamp. `acted` counts the frames that were copied.
+    """Copies follow a frame directly, with the frame's time stamp. `acted` counts the frames that were copied.
 
-    This happens on CAN itself: if a sender sees an error in the last bit of the end of frame, it repeats the frame,
-    which the receivers accepted one bit earlier (ISO 11898-1, message validation).
+    Duplicates also occur on CAN itself: if a sender sees an error in the last bit of the end of frame, it repeats the
+    frame, which the receivers have accepted one bit earlier (ISO 11898-1, message validation).
     """
 
     probability: Probability[float] = 1.0
@@ -96,19 +98,20 @@ class Duplicate(SidedFault, section="duplicate"):
 class Delay(FrameFault, section="delay"):
     """Frames wait in a queue, in their order, until their delay has passed. `acted` counts the late frames.
 
-    The delay counts from the arrival (`can_bridge.bus.faults.fault.FrameArrivals`).
+    The delay starts at the frame's arrival (`can_bridge.bus.faults.fault.FrameArrivals`).
     """
 
     delay_s: NonNegative[float]
     """Smallest delay in s."""
     jitter_s: NonNegative[float] = 0.0
-    """Largest additional delay in s, uniformly distributed."""
+    """Largest additional delay in s; the additional delay is uniformly distributed from 0."""
     restamp: bool = True
-    """The frame waits before it is time-stamped, as in a gateway, so that the stamp is late, too. Otherwise it waits
-    after it is stamped, in a queue of the receiver, and the stamp shows the delay."""
+    """Whether the frame waits before it is time-stamped, as in a gateway, so that its stamp is late, too. Otherwise the
+    frame waits after it was stamped, in a queue of the receiver, so that the stamp shows the delay."""
 
     def acting(self, port: Injector) -> tuple[Send, Receive]:
-        """See `BusFault.acting`: frames whose delay has passed are received, ordered by the time at which it did."""
+        """See `BusFault.acting`. A frame is received when its delay has passed; frames are ordered by the time at which
+        this happens."""
         waiting: list[tuple[int, int, Frame]] = []  # due time, serial number
         serial, last_due_ns = count(), 0
 
@@ -120,7 +123,7 @@ class Delay(FrameFault, section="delay"):
                 if self.concerns(frame):
                     if self.is_active(arrived_ns):
                         due_ns += round((self.delay_s + port.random.random() * self.jitter_s) * NS)
-                    # In a queue no frame overtakes another frame, not even a frame after the fault's end.
+                    # In a queue no frame overtakes another frame, not even a frame that arrives after the fault's end.
                     due_ns = last_due_ns = max(due_ns, last_due_ns)
                 port.acted += due_ns > arrived_ns
                 stamp_ns = frame.timestamp_ns + (due_ns - arrived_ns if self.restamp else 0)
@@ -135,15 +138,16 @@ class Delay(FrameFault, section="delay"):
 
 @dataclass(frozen=True, kw_only=True)
 class Reorder(FrameFault, section="reorder"):
-    """Groups of `window` frames are held back, then received in a random order. `acted` counts the frames out of place.
+    """Groups of `window` frames are delayed, then received in a random order. `acted` counts the frames out of place.
 
-    No frame moves by `window` places or more. Frames held back when the span ends are received at the next reading.
+    No frame moves by `window` places or more. When the span ends, the frames that still wait are received at the next
+    reading.
     """
 
     window: Annotated[int, at_least(1)] = 2
 
     def acting(self, port: Injector) -> tuple[Send, Receive]:
-        """See `BusFault.acting`: complete groups are received, shuffled; frames that it does not concern never wait."""
+        """See `BusFault.acting`. Each complete group is received in a random order; unaffected frames never wait."""
         kept: list[Frame] = []
 
         def shuffled() -> list[Frame]:
@@ -181,11 +185,11 @@ class FlipBits(SidedFault, section="flip_bits"):
     probability: Probability[float] = 1.0
     """Probability that a frame is changed."""
     bits: AtLeastOne[int] = 1
-    """Number of different bits that are inverted in one frame; all bits, if the frame has fewer."""
+    """Number of different bits that are inverted in one frame. If a frame has fewer bits, all its bits are inverted."""
     before_crc: bool = False
-    """The bits change in the sender's memory before it protects the message, so that the end-to-end CRC fits the wrong
-    data; frames that are not stillwake's stay unchanged. Otherwise the bits change after the protection: in a driver, a
-    gateway or the receiver's memory."""
+    """Whether the bits change in the sender's memory before the sender protects the message, so that the end-to-end CRC
+    is valid for the wrong data; frames that are not stillwake's then stay unchanged. Otherwise the bits change after
+    the protection: in a driver, a gateway or the receiver's memory."""
 
     def change(self, random: Random) -> Change:
         """See `SidedFault.change`. With `before_crc`, an authenticated frame raises BusError."""
@@ -205,11 +209,11 @@ class FlipBits(SidedFault, section="flip_bits"):
 
 @dataclass(frozen=True, kw_only=True)
 class StuckAt(SidedFault, section="stuck_at"):
-    """A node repeats its first frame's data in the span, for each identifier. `acted` counts the changed frames."""
+    """A node repeats the data of the first frame of each identifier in the span. `acted` counts the changed frames."""
 
     counter_runs: bool = False
-    """Counter and CRC continue, as if the application were stuck and the communication stack below it were not; frames
-    that are not stillwake's stay unchanged. Otherwise the data stay equal bit for bit, as in a buffer that is not
+    """Whether counter and CRC continue, as if the application were stuck but the communication stack were not; frames
+    that are not stillwake's then stay unchanged. Otherwise the data stay equal bit for bit, as in a buffer that is not
     refilled."""
 
     def change(self, random: Random) -> Change:
@@ -227,8 +231,8 @@ class StuckAt(SidedFault, section="stuck_at"):
 
 
 def _spec_of(frame: Frame) -> MessageSpec | None:
-    """Return the specification of a frame's message; None if it is not stillwake's. Raises BusError for an
-    authenticated frame, because its MAC could not be recomputed without the key."""
+    """Return the specification of a frame's message; None if the message is not stillwake's. Raises BusError for an
+    authenticated frame, because its MAC cannot be recomputed without the key."""
     spec = _SPECS.get(frame.frame_id)
     if spec is None or not spec.names(frame) or len(frame.data) != spec.length:
         return None
@@ -238,12 +242,12 @@ def _spec_of(frame: Frame) -> MessageSpec | None:
 
 
 def payload_bits(spec: MessageSpec) -> range:
-    """Return the message's bits after the header; bits count from the least significant bit of a byte."""
+    """Return the message's bits after the header, counted from the least significant bit of each byte."""
     return range(profile_of(spec).header_bits, 8 * spec.protected)
 
 
 def _reprotected(frame: Frame, data: bytes, spec: MessageSpec) -> Frame:
-    """Return the frame with other data, its counter and a valid CRC."""
+    """Return the frame with other data, the frame's old counter and a valid CRC."""
     profile = profile_of(spec)
     protected = profile.protect(data, data_id=spec.data_id, counter=profile.counter_of(frame.data))
     return replace(frame, data=protected)
@@ -254,19 +258,21 @@ _INTERMISSION: Final = 3
 
 @dataclass(frozen=True, kw_only=True)
 class WireErrors(Span, section="wire_errors"):
-    """Each bit is wrong with the same probability, independently of the others; a frame's first wrong bit counts."""
+    """Each bit is wrong with the same probability, independently of all other bits. Only the first wrong bit of a frame
+    has an effect."""
 
     bit_error_rate: Probability[float]
-    """Probability that a bit is wrong. CAN FD's shorter bits at the data rate have the same probability."""
+    """Probability that a bit is wrong. The shorter bits at CAN FD's data bit rate have the same probability."""
     nodes: tuple[str, ...] = ()
-    """Names of the ports at which the bits are wrong; empty for all. In `corrupts` it is the sender's port, and all
-    nodes see the error; in `mishears` it is a receiver's port, and only this receiver sees the error."""
+    """Names of the ports at which the bits are wrong; empty for all ports. If the fault is used for `corrupts`, it
+    concerns the frames that these ports send, and all nodes see the error; if it is used for `mishears`, only these
+    ports see the error in the frames that they receive."""
     frame_ids: tuple[int, ...] = ()
-    """Identifiers of the frames that the fault concerns; empty for all frames."""
+    """Identifiers of the frames on which the fault acts; empty for all frames."""
 
     def hook(self, seed: int) -> Callable[[Frame, str, int], int | None]:
-        """Return a function for `corrupts` or `mishears` of a `can_bridge.bus.simulated.SimulatedBus`, to be used
-        once."""
+        """Return a function for `corrupts` or `mishears` of one `can_bridge.bus.simulated.SimulatedBus`. Call this
+        method again for each further bus."""
         random = Random(f"{seed} {self.section}")
         rate = self.bit_error_rate
 
@@ -275,7 +281,8 @@ class WireErrors(Span, section="wire_errors"):
                 return None
             if rate == 0.0 or not self.is_active(begin_ns):
                 return None
-            # The index of the first success in independent trials is geometric, computed by inverting a uniform draw.
+            # The index of the first wrong bit is distributed geometrically, because the bits are independent. It is
+            # computed from a uniform random number by inverting the distribution.
             draw = random.random()
             place = 0 if rate == 1.0 else int(log1p(-draw) / log1p(-rate))
             return place if place < sum(frame_bits(frame)) - _INTERMISSION else None

@@ -1,4 +1,4 @@
-"""Faults of whole nodes: no bus, too slow a consumer, a clock that drifts, frames sent without end."""
+"""Faults of whole nodes: a lost bus, a consumer that is too slow, a clock that drifts, frames sent without end."""
 
 from collections import deque
 from dataclasses import dataclass, replace
@@ -10,7 +10,8 @@ from contract.config.rules import AtLeastOne, Finite, NonNegative, Positive, Rul
 from contract.errors import BusError
 
 MOST_BABBLED: Final = 1000
-"""Largest number of frames in one call: more than a simulated port's transmit queue takes. It bounds a long pause."""
+"""Largest number of additional frames in one call, more than the transmit queue of a simulated port holds. The limit is
+reached if the node's previous call was long ago."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -22,8 +23,8 @@ class Disconnect(BusFault, section="disconnect"):
     """
 
     kind: Literal["open_wire", "device_gone"] = "open_wire"
-    """"open_wire": the bus is silent, and sending succeeds as far as the node can see. "device_gone", for example an
-    unplugged adapter: every call raises BusError."""
+    """Kind of the fault. "open_wire": the bus is silent, and the node sees no error when it sends. "device_gone", for
+    example an unplugged adapter: every call raises BusError."""
 
     def acting(self, port: Injector) -> tuple[Send, Receive]:
         """See `BusFault.acting`. Both functions raise BusError while the device is gone."""
@@ -56,10 +57,11 @@ class Disconnect(BusFault, section="disconnect"):
 
 @dataclass(frozen=True, kw_only=True)
 class SlowConsumer(BusFault, section="slow_consumer"):
-    """The node takes few frames at a time from a short queue. `acted` counts the frames lost to a full queue.
+    """The node reads few frames at a time from a short queue. `acted` counts the frames lost because the queue was
+    full.
 
-    A full queue loses the newest frame, as python-can's buses and CAN controllers in FIFO mode do. When the span ends,
-    all frames in the queue are received at once.
+    A full queue loses the newest frame, like the queues of python-can's buses and of CAN controllers in FIFO mode. When
+    the span ends, all frames in the queue are received at once.
     """
 
     frames_per_call: AtLeastOne[int] = 1
@@ -67,7 +69,7 @@ class SlowConsumer(BusFault, section="slow_consumer"):
     """Largest number of frames in the queue."""
 
     def acting(self, port: Injector) -> tuple[Send, Receive]:
-        """See `BusFault.acting`: the oldest frames of the queue are received."""
+        """See `BusFault.acting`. At each reading the node receives the oldest frames of the queue."""
         waiting = deque[Frame]()
 
         def receive() -> list[Frame]:
@@ -86,11 +88,12 @@ class SlowConsumer(BusFault, section="slow_consumer"):
 
 @dataclass(frozen=True, kw_only=True)
 class ClockDrift(BusFault, section="clock_drift"):
-    """A clock that runs fast or slow, or has a constant offset. At the span's end it jumps back to the true time.
+    """A clock that runs fast or slow, or has a constant offset. At the span's end the clock jumps back to the true
+    time.
 
     As a fault of a bus, the clock stamps the frames that the node receives. A node whose own clock drifts also reads
-    its time through `local_ns`. With only one of the two, stamps and time disagree, as with an adapter that has a
-    separate clock. `acted` counts the frames with a changed stamp.
+    its time through `local_ns`. If only the stamps or only the node's time use the drifting clock, stamps and time
+    disagree, as with an adapter that has a separate clock. `acted` counts the frames with a changed stamp.
     """
 
     ppm: Annotated[float, Rule(wording="above -10^6", holds=lambda value: value > -1e6)] = 0.0
@@ -100,7 +103,8 @@ class ClockDrift(BusFault, section="clock_drift"):
     """Time in s by which the clock is ahead at the start of the span."""
 
     def acting(self, port: Injector) -> tuple[Send, Receive]:
-        """See `BusFault.acting`: received frames get stamps of the drifting clock; their own count as the true time."""
+        """See `BusFault.acting`. Received frames get stamps of the drifting clock; their stamps count as the true
+        time."""
 
         def receive() -> list[Frame]:
             received = port.beneath.receive_all()
@@ -122,9 +126,9 @@ class ClockDrift(BusFault, section="clock_drift"):
 class Babble(BusFault, section="babble"):
     """The node sends additional frames with random content. `acted` counts the frames that the bus accepted.
 
-    The node's next call sends, before its own frame, the number of frames that the rate makes due since the previous
-    call, until the bus refuses a frame. Frames that do not fit into the transmit queue are not sent later. A node that
-    only babbles needs a separate port, which has to be called often.
+    At each call the node first sends the additional frames that are due at the given rate since its previous call,
+    until the bus refuses a frame. Frames that do not fit into the transmit queue are not sent later. A node that only
+    babbles needs a separate port, which has to be called often.
     """
 
     frame_id: NonNegative[int] = 0
@@ -132,7 +136,8 @@ class Babble(BusFault, section="babble"):
     length: NonNegative[int] = 8
     is_fd: bool = False
     rate_hz: Positive[float] = 5000.0
-    """Additional frames per s. The default exceeds what 500 kbit/s carry: 4,504 classic frames of 8 bytes at most."""
+    """Number of additional frames per s. The default exceeds the capacity of a bus with 500 kbit/s, which is at most
+    4,504 classic frames of 8 bytes per s."""
 
     def __post_init__(self) -> None:
         super().__post_init__()

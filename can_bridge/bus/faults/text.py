@@ -37,7 +37,7 @@ BUS_FAULTS: Final[dict[str, type[BusFault]]] = {
         ClockDrift,
     )
 }
-"""All faults of a port, by the name that texts use."""
+"""The classes of all faults of a port, by the names that are used in texts."""
 
 _SPAN: Final = ("start_s", "end_s")
 
@@ -49,8 +49,8 @@ def parse_fault(text: str) -> BusFault:
 
 
 def parse_described(text: str, kinds: Mapping[str, type[S]], noun: str) -> S:
-    """Return the value that a text describes, of one of these kinds. Raises ConfigError as `parse_fault` does; `noun`
-    names the kinds in its message."""
+    """Return the value that a text describes. The value's class is one of `kinds`, by name. Raises ConfigError as
+    `parse_fault` does; `noun` is the word for the kinds in the error's message."""
     described = f"{noun} {text!r}"
     head, at, span = text.partition("@")
     name, colon, parameters = head.partition(":")
@@ -77,7 +77,7 @@ def parse_described(text: str, kinds: Mapping[str, type[S]], noun: str) -> S:
 
 
 def text_of(described: Span) -> str:
-    """Return the shortest text that `parse_described` reads as this value."""
+    """Return the shortest text from which `parse_described` reads this value."""
     parts = []
     for field in fields(described):
         value = getattr(described, field.name)
@@ -109,7 +109,7 @@ def _span(text: str, described: str, kind: type[Span]) -> tuple[float, float]:
 
 
 def _value(text: str, hint: Any) -> Any:
-    """Convert a parameter's text to its type. Raises ValueError if it has another type."""
+    """Convert a parameter's text to the parameter's type. Raises ValueError if the text has another type."""
     if get_origin(hint) is tuple:
         return tuple(_value(part, get_args(hint)[0]) for part in text.split("+"))
     if get_origin(hint) is Literal:

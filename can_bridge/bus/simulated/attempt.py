@@ -1,7 +1,8 @@
-"""The result of one attempt to send a frame (sent, unacknowledged, collided or destroyed), and the error counts.
+"""The result of one attempt to send a frame (sent, unacknowledged, collided or destroyed), and its effect on the error
+counters.
 
-The functions are pure: they compute a verdict for each node, and the number of bits that the attempt occupies, from the
-senders and the wrong bits. The rules are in `can_bridge.bus.simulated.fault_confinement`.
+The functions are pure: from the senders and the wrong bits, they compute a verdict for each node, and the number of
+bits that the attempt occupies. The rules are in `can_bridge.bus.simulated.fault_confinement`.
 """
 
 from collections.abc import Mapping, Sequence
@@ -15,12 +16,13 @@ from can_bridge.wire.frame_bits import SentBits, is_arbitration_bit, is_arbitrat
 
 INTERMISSION: Final = 3
 AFTER_ACKNOWLEDGE: Final = 8
-"""Bits of acknowledge delimiter and end of frame."""
+"""Number of bits of the acknowledge delimiter and the end of frame."""
 FLAG: Final = 6
 """Number of bits of an error flag."""
 ERROR_FLAGS: Final = 12
-"""Bits of an error flag and of the flags that answer it. The answers begin when the flag has broken the rule of stuff
-bits, at worst after its sixth bit. Every error but a missing acknowledgement is charged this number."""
+"""Number of bits of an error flag and of the flags with which other nodes answer it. The answers begin when the flag
+has broken the rule of stuff bits, at the latest after its sixth bit. Every error except a missing acknowledgement takes
+this number of bits."""
 DELIMITER: Final = 8
 
 T = TypeVar("T")
@@ -37,7 +39,7 @@ class AttemptVerdict(Enum):
     """The sender's own stuff bit was overwritten: an error that no node counts."""
     RECEIVE_ERROR = auto()
     SIGNALLED_FIRST = auto()
-    """A receive error that the other nodes did not see before this node's error flag."""
+    """A receive error that no other node saw before this node's error flag."""
 
     def applied(self, faults: FaultConfinement) -> FaultConfinement:
         """Return the counters after the attempt."""
@@ -58,7 +60,7 @@ class AttemptVerdict(Enum):
 
     @property
     def is_senders(self) -> bool:
-        """Whether the node was transmitter: an error-passive transmitter waits longer before its next frame."""
+        """Whether the node was the transmitter. An error-passive transmitter waits longer before its next frame."""
         return self not in (AttemptVerdict.HEARD, AttemptVerdict.RECEIVE_ERROR, AttemptVerdict.SIGNALLED_FIRST)
 
 
@@ -77,8 +79,10 @@ class AttemptOutcome(Generic[T]):
 
     Attributes:
         frame: frame that the nodes with the verdict HEARD receive; None if the frame did not reach its end.
-        used: bits at the nominal and at the data bit rate until the end of frame or the error.
-        rest: nominal bits from there until the bus is free.
+        verdicts: the result for each node.
+        used: numbers of bits at the nominal and at the data bit rate, from the start of frame to the end of frame or to
+            the error.
+        rest: number of nominal bits from this point until the bus is free.
     """
 
     frame: Frame | None
@@ -94,13 +98,14 @@ def resolve(
     misheard: Mapping[T, int],
     disturbed: int | None,
 ) -> AttemptOutcome[T]:
-    """Return the outcome for nodes that send frames of equal priority at once; usually there is one sender.
+    """Return the outcome if nodes start frames of equal priority at the same time; usually there is only one sender.
 
     Args:
-        receivers: the other active nodes, and whether they are error-passive.
-        misheard: receivers that alone see a wrong bit, and the bit's position.
-        disturbed: position of the bit that all nodes see inverted. Positions count from the start of frame; a position
-            after the end of frame means the last bit.
+        senders: the nodes that send, with their frames.
+        receivers: all other active nodes; the value states whether the node is error-passive.
+        misheard: receivers that each see one wrong bit that no other node sees, and the bit's position.
+        disturbed: position of the bit that all nodes see inverted. Positions are counted from the start of frame; a
+            position after the end of frame means the last bit.
     """
     verdicts: dict[T, AttemptVerdict] = {}
     senders, position = _collide(list(senders), verdicts)
@@ -129,10 +134,11 @@ def resolve(
 
 
 def _collide(senders: list[Sender[T]], verdicts: dict[T, AttemptVerdict]) -> tuple[list[Sender[T]], int | None]:
-    """Return the remaining senders, and the bit at which they end in an error flag, or None if their contents agree.
+    """Return the remaining senders, and the bit at which their frames end in an error flag; None if the frames have
+    equal contents.
 
     At the first difference a recessive bit meets a dominant bit, and the sender of the recessive bit has a bit error.
-    If that node is error-passive, its flag is recessive and the other nodes continue.
+    If that node is error-passive, its flag is recessive and all other nodes continue.
     """
     while len({sender.bits.stuffed for sender in senders}) > 1:
         position = next(
@@ -155,7 +161,7 @@ def _undisturbed(
     deaf: Mapping[T, int],
     acknowledged: bool,
 ) -> AttemptOutcome[T]:
-    """Return the outcome without an error flag. Nodes that send do not acknowledge."""
+    """Return the outcome of an attempt without an error flag. A sending node does not acknowledge frames."""
     nominal, fast = senders[0].bits.total
     for node in receivers:
         verdicts[node] = AttemptVerdict.RECEIVE_ERROR if node in deaf else AttemptVerdict.HEARD
@@ -183,7 +189,7 @@ def _disturbed(
     frame, bits = senders[0].frame, senders[0].bits
     used = bits.through(position)
     if position == last:
-        # Receivers accept the frame one bit earlier. The sender repeats it, and they receive it twice.
+        # Receivers accept a frame one bit before its end. The sender repeats the frame, so the receivers get it twice.
         outcome = _destroyed(senders, receivers, verdicts, AttemptVerdict.TRANSMIT_ERROR, used)
         heard = {node: AttemptVerdict.HEARD for node in receivers if node not in deaf}
         return replace(outcome, frame=frame, verdicts={**outcome.verdicts, **heard})
@@ -191,7 +197,8 @@ def _disturbed(
         if is_arbitration_stuff_bit(frame, position):
             return _destroyed(senders, receivers, verdicts, AttemptVerdict.ARBITRATION_STUFF, used)
         if is_arbitration_bit(frame, position):
-            # The sender has taken the wrong bit for a lost arbitration, and is a receiver when the error is detected.
+            # The sender has interpreted the wrong bit as a lost arbitration, so it is a receiver when the error is
+            # detected.
             return _destroyed(senders, receivers, verdicts, AttemptVerdict.RECEIVE_ERROR, used)
     return _destroyed(senders, receivers, verdicts, AttemptVerdict.TRANSMIT_ERROR, used)
 

@@ -1,7 +1,8 @@
-"""Other nodes' traffic on the simulated bus: periodic messages with random contents.
+"""The traffic of other nodes on the simulated bus: periodic messages with random contents.
 
-Each message has a separate clock, as if sent by a separate node, so that its phase against the control loop changes
-during a run. With one clock for all messages, a run would repeat one set of phases, favourable or not.
+Each message has a separate clock, as if sent by a separate node, so that its phase relative to the control loop changes
+during a run. With one clock for all messages, the phases would be the same during the whole run, which could be a
+favourable or an unfavourable case.
 """
 
 from collections.abc import Iterable
@@ -16,19 +17,20 @@ from can_bridge.timing.periodic_message import PeriodicMessage
 from contract.errors import BusError
 
 DRIFT_PPM: Final = 200
-"""Largest drift between two quartz clocks of 100 ppm each."""
+"""Largest drift in ppm between two quartz clocks whose errors are 100 ppm each."""
 
 
 class BackgroundNode:
-    """Sender of each message at its offset and then once a period of its clock, late by at most its jitter.
+    """A node that sends each message at the message's offset and then once in each period of the message's clock, late
+    by at most the message's jitter.
 
-    A frame that the bus refuses is lost; `SimulatedPort.refused` counts it.
+    A frame that the bus refuses is lost; `SimulatedPort.refused` counts these frames.
 
     Args:
         bus: simulated bus, at the time from which the offsets count.
         seed: random seed of contents, jitter and clocks. Each message has an independent random sequence.
-        drift_ppm: clocks are slower than the bus's time by 0 to this drift. None is faster, because the response-time
-            analysis assumes that no period is shorter than stated.
+        drift_ppm: largest drift of the clocks. A clock is slower than the bus's time by a drift between 0 and this
+            value. No clock is faster, because the response-time analysis assumes that no period is shorter than stated.
     """
 
     def __init__(

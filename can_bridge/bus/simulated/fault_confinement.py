@@ -29,7 +29,8 @@ RECOVERY: Final = 128
 RECESSIVE_BITS: Final = 11
 
 _RECEIVE_LIMIT: Final = 255
-"""Largest receive error count, of an 8-bit register; the standard does not say how far above 127 it counts."""
+"""Largest value of the receive error counter, which has 8 bits; the standard does not state how far it counts above
+127."""
 _AFTER_PASSIVE: Final = 127
 """Receive error count after a successful reception above 127; the standard allows 119 to 127."""
 
@@ -39,9 +40,9 @@ class FaultConfinement:
     """A controller's error counters.
 
     Attributes:
-        tx_errors, rx_errors: TEC and REC.
-        is_off: the controller went bus-off and has not recovered.
-        times_off: how often it went bus-off since power-on.
+        tx_errors, rx_errors: transmit and receive error counters, TEC and REC.
+        is_off: whether the controller went bus-off and has not recovered.
+        times_off: number of times that the controller went bus-off since power-on.
     """
 
     tx_errors: int = 0
@@ -67,18 +68,20 @@ class FaultConfinement:
         return replace(self, rx_errors=min(self.rx_errors + 1, _RECEIVE_LIMIT))
 
     def dominant_after_flag(self) -> "FaultConfinement":
-        """Apply rule 2: the other nodes answered a flag that this receiver sent first, so the fault may be its own."""
+        """Apply rule 2: other nodes answered this receiver's error flag, so the fault may be this receiver's."""
         return replace(self, rx_errors=min(self.rx_errors + ERROR_STEP, _RECEIVE_LIMIT))
 
     def transmit_error(self) -> "FaultConfinement":
-        """Apply rule 3. Its second exception counts nothing: a recessive stuff bit of the identifier seen dominant."""
+        """Apply rule 3. The rule's second exception, a recessive stuff bit of the identifier that is seen dominant,
+        changes no counter."""
         counted = self.tx_errors + ERROR_STEP
         goes_off = counted >= OFF_FROM and not self.is_off
         return replace(self, tx_errors=counted, is_off=self.is_off or goes_off, times_off=self.times_off + goes_off)
 
     def unacknowledged(self) -> "FaultConfinement":
-        """Apply rule 3 with its first exception: no node acknowledged, and no dominant bit was seen during the passive
-        flag. An error-passive controller then does not count, so that a node alone on the bus never goes bus-off."""
+        """Apply rule 3 with its first exception: no node acknowledged the frame, and no dominant bit was seen during
+        the passive error flag. The counter of an error-passive controller then does not change, so that a node alone on
+        the bus never goes bus-off."""
         return self if self.state is BusState.ERROR_PASSIVE else self.transmit_error()
 
     def transmitted(self) -> "FaultConfinement":
@@ -86,7 +89,7 @@ class FaultConfinement:
         return replace(self, tx_errors=self.tx_errors - 1) if self.tx_errors else self
 
     def received(self) -> "FaultConfinement":
-        """Apply rule 8: decrement REC after an errorless reception."""
+        """Apply rule 8: decrement REC after a reception without errors."""
         if self.rx_errors >= PASSIVE_FROM:
             return replace(self, rx_errors=_AFTER_PASSIVE)
         return replace(self, rx_errors=self.rx_errors - 1) if self.rx_errors else self

@@ -2,19 +2,19 @@
 
 Every node has a port with a queue (`can_bridge.bus.simulated.port`) and a controller's error counters
 (`can_bridge.bus.simulated.fault_confinement`). When the bus is free, the first frames of all queues compete, and the
-smallest identifier wins. Its frame takes the time of its bits (`can_bridge.wire.frame_bits`), including the
-intermission of three bits. At the end of frame, before the intermission, the other nodes receive it, stamped with that
-time, and the sender knows that it was sent. A destroyed frame is sent again.
+smallest identifier wins. The winning frame occupies the bus for the time of its bits (`can_bridge.wire.frame_bits`),
+including the intermission of three bits. At the end of frame, before the intermission, all other nodes receive the
+frame, stamped with that time, and the sender removes the frame from its queue. A destroyed frame is sent again.
 
-Two nodes that send the same identifier with the same content do not notice each other. With different content, the
-first node to send a recessive bit against a dominant bit has a bit error.
+If two nodes send the same identifier with the same content, they do not notice each other. If the contents differ, the
+node that first sends a recessive bit against a dominant bit has a bit error.
 
 Time passes only in `advance_to` and `advance_until`, and jumps from event to event. A frame that begins at the present
 time waits until time passes, because other nodes can still send at that instant and take part in the arbitration.
 
 Physical errors come from two functions of the caller, so that a seed determines them. Remote frames and overload frames
-are left out, because today's controllers do not need them, and so is the phase of a bit between nodes: all nodes begin
-a frame in the same nanosecond. Other faults wrap a port, which is a `can_bridge.bus.interface.Bus`.
+are left out, because today's controllers do not need them. Phase differences between nodes are also left out: all nodes
+begin a frame in the same nanosecond. All other faults wrap a port, which is a `can_bridge.bus.interface.Bus`.
 """
 
 import heapq
@@ -33,11 +33,13 @@ from can_bridge.wire.frame_bits import bits_ns, frame_ns, sent_bits
 from contract.config.vehicle import BusConfig
 
 Corrupts = Callable[[Frame, str, int], int | None]
-"""Function of frame, sender's or receiver's name, and start in ns; returns the inverted bit's index or None."""
+"""A function of the frame, the name of its sender or receiver, and its start in ns. It returns the index of the
+inverted bit, or None."""
 
 SUSPEND: Final = 8
-"""Bits that an error-passive node waits after its own frame before its next frame. If another node begins a frame
-meanwhile, the node waits for the end of that frame and no longer, which always exceeds these bits."""
+"""Number of bits for which an error-passive node waits after its own frame before its next frame. If another node
+begins a frame meanwhile, the waiting node may send after the end of that frame, which always comes later than these
+bits."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,7 +47,7 @@ class Transmission:
     """A frame that was sent over the bus.
 
     Attributes:
-        frame: stamped with `end_ns`.
+        frame: the frame, stamped with `end_ns`.
         begin_ns, end_ns: begin and end of the successful attempt, without the intermission.
     """
 
@@ -63,8 +65,8 @@ class BusActivity:
     Attributes:
         frames: number of frames sent successfully.
         error_frames: number of destroyed attempts.
-        busy_ns: time taken by both, including intermissions.
-        now_ns: time over which they are counted.
+        busy_ns: time that successful frames and destroyed attempts occupied the bus, including intermissions.
+        now_ns: time over which the activity is counted.
     """
 
     frames: int
@@ -74,17 +76,18 @@ class BusActivity:
 
     @property
     def load(self) -> float:
-        """The share of time in which the bus was not free, 0 to 1."""
+        """The share of time in which the bus was occupied, 0 to 1."""
         return min(self.busy_ns / self.now_ns, 1.0) if self.now_ns else 0.0
 
 
 class _Attempt(NamedTuple):
-    """The attempt on the bus.
+    """The attempt that is on the bus.
 
     Attributes:
-        end_ns: time of its outcome.
+        end_ns: time at which the outcome takes effect.
         free_ns: time at which the bus is free again and the next frame can begin.
-        items: the senders' entries in their queues.
+        outcome: result of the attempt.
+        items: entries of the frame in the senders' queues.
     """
 
     begin_ns: int
@@ -98,12 +101,14 @@ class SimulatedBus:
     """A bus that connects ports, at virtual time 0.
 
     Args:
-        config: the bit rates; interface and channel are for real and python-can's virtual buses.
+        config: the settings of the bus, of which only the bit rates are used.
         capture: called with every frame sent over the bus, stamped with the end of frame, in the order of time.
-        observe: called with a `Transmission` for each of these frames.
-        corrupts: returns the bit that is wrong for all nodes; called once an attempt with the sender's name. A position
-            after the frame stands for its last bit, which receivers no longer check: they accept the frame twice.
-        mishears: returns the bit that a single receiver sees wrong; called once an attempt with each receiver's name.
+        observe: called with a `Transmission` for each frame sent over the bus.
+        corrupts: returns the bit that is wrong for all nodes; called once for each attempt, with the sender's name. A
+            position after the frame means the frame's last bit, which receivers no longer check, so that they accept
+            the frame twice.
+        mishears: returns the bit that only one receiver sees wrong; called once for each attempt and each receiver,
+            with the receiver's name.
     """
 
     def __init__(
@@ -140,8 +145,8 @@ class SimulatedBus:
 
         Args:
             name: the node's name in messages, and for `corrupts` and `mishears`.
-            transmit_capacity, receive_capacity: largest number of frames in its queues.
-            restarts: whether the node recovers from bus-off automatically, without `SimulatedPort.restart`.
+            transmit_capacity, receive_capacity: largest numbers of frames in the node's two queues.
+            restarts: whether the node recovers from bus-off automatically, without a call of `SimulatedPort.restart`.
         """
         port = SimulatedPort(
             name or f"node {len(self._ports)}",
@@ -154,35 +159,35 @@ class SimulatedBus:
         return port
 
     def frame_ns(self, frame: Frame) -> int:
-        """Return how long this frame occupies the bus in ns, including the intermission."""
+        """Return the time in ns for which this frame occupies the bus, including the intermission."""
         return frame_ns(frame, nominal_bitrate=self._config.nominal_bitrate, data_bitrate=self._config.data_bitrate)
 
     def under_way(self, frame_id: int) -> int:
-        """Return the number of frames with this 11-bit identifier that were sent by a node and have not arrived."""
+        """Return the number of frames with this 11-bit identifier that were sent and have not arrived yet."""
         return sum(port.queue.count(frame_id) for port in self._ports)
 
     def activity(self) -> BusActivity:
-        """Return the activity so far, without an attempt that is on the bus."""
+        """Return the activity so far, without the attempt that is on the bus now."""
         return BusActivity(
             frames=self._frames, error_frames=self._error_frames, busy_ns=self._busy_ns, now_ns=self.now_ns
         )
 
     def call_at(self, at_ns: int, action: Callable[[], None]) -> None:
-        """Run `action` when the bus's time reaches `at_ns`, after frames that arrive then and before arbitration.
-        Raises ValueError for a time in the past."""
+        """Run `action` when the bus's time reaches `at_ns`, after the frames that arrive at `at_ns` and before the
+        arbitration. Raises ValueError for a time in the past."""
         if at_ns < self.now_ns:
             raise ValueError(f"cannot call at {at_ns} ns: the bus is at {self.now_ns} ns already")
         self._serial += 1
         heapq.heappush(self._calls, (at_ns, self._serial, action))
 
     def advance_to(self, t_ns: int) -> None:
-        """Advance the time to `t_ns` and handle all events up to and including then, except frames that begin then.
-        Raises ValueError for a time in the past."""
+        """Advance the time to `t_ns`. All events up to and including `t_ns` are handled, except frames that begin at
+        `t_ns`. Raises ValueError for a time in the past."""
         self.advance_until(t_ns, lambda: False)
 
     def advance_until(self, t_ns: int, stop: Callable[[], bool]) -> bool:
-        """Advance as `advance_to` does, but stop after the first event after which `stop()` is true. Returns whether it
-        stopped so. Raises ValueError for a time in the past."""
+        """Advance the time as `advance_to` does, but stop at the first event after which `stop()` is true. Returns
+        whether the bus stopped at such an event. Raises ValueError for a time in the past."""
         if t_ns < self.now_ns:
             raise ValueError(f"cannot advance to {t_ns} ns: the bus is at {self.now_ns} ns already")
         while (due := self._next_event()) is not None and due[0] <= t_ns:
@@ -201,7 +206,7 @@ class SimulatedBus:
         return False
 
     def _next_event(self) -> tuple[int, Callable[[], None] | None] | None:
-        """Return time and action of the earliest event; the action is None for a frame that begins. Events of one time
+        """Return time and action of the earliest event; the action is None for a frame that begins. Simultaneous events
         have this order: a frame ends, a node recovers, a call, a frame begins."""
         events: list[tuple[int, Callable[[], None] | None]] = []
         if self._attempt is not None:
@@ -227,7 +232,7 @@ class SimulatedBus:
         port.faults = port.faults.recovered()
 
     def _begin(self, at_ns: int) -> None:
-        """Hold arbitration among the nodes that are ready, and begin the winner's attempt."""
+        """Let the ready nodes compete in an arbitration, and begin the winner's attempt."""
         ready = [port for port in self._ports if port.queue and port.ready_ns <= at_ns]
         wins = min(port.queue.head.priority for port in ready)
         items = {port: port.queue.head for port in ready if port.queue.head.priority == wins}
@@ -290,7 +295,7 @@ class SimulatedBus:
         for port in sent:
             port.queue.remove(attempt.items[port])
         if sent and frame is not None:
-            # If several nodes sent the same frame at once, it was on the bus once.
+            # If several nodes sent an identical frame at once, the bus carried only one frame.
             self._frames += 1
             self._capture(frame)
             for port in sent:

@@ -12,7 +12,7 @@ from contract.errors import BusError
 
 
 class Queued(NamedTuple):
-    """A waiting frame. `serial` numbers the queue's frames, so that frames of equal priority keep their order."""
+    """A waiting frame. `serial` numbers the frames of a queue, so that frames of equal priority keep their order."""
 
     priority: Priority
     serial: int
@@ -23,8 +23,9 @@ class Queued(NamedTuple):
 class TransmitQueue:
     """A queue of limited length, as in a controller with many mailboxes or a sorted FIFO.
 
-    No frame in it waits for an earlier frame of lower priority, which the response-time analysis assumes. A frame stays
-    until it has been sent, so a frame of higher priority may be sent before its repetition.
+    No frame in the queue waits for an earlier frame of lower priority, as the response-time analysis assumes. A frame
+    stays in the queue until it has been sent, so a frame of higher priority may be sent before a destroyed frame is
+    repeated.
     """
 
     def __init__(self, capacity: int) -> None:
@@ -45,7 +46,7 @@ class TransmitQueue:
 
     @property
     def head(self) -> Queued:
-        """Return the next frame to send; raises IndexError if the queue is empty."""
+        """Return the frame to be sent next; raises IndexError if the queue is empty."""
         return self._waiting[0]
 
     def remove(self, sent: Queued) -> None:
@@ -57,18 +58,19 @@ class TransmitQueue:
             heapq.heapify(self._waiting)
 
     def clear(self) -> int:
-        """Empty the queue; return how many frames were in it."""
+        """Empty the queue; return the number of frames that were in it."""
         count = len(self._waiting)
         self._waiting.clear()
         return count
 
     def count(self, frame_id: int) -> int:
-        """Return the number of frames with an 11-bit identifier."""
+        """Return the number of frames in the queue that have this 11-bit identifier."""
         return sum(item.frame.frame_id == frame_id and not item.frame.is_extended for item in self._waiting)
 
 
 class Recovery(NamedTuple):
-    """Number of sequences of eleven recessive bits still missing, counted from a time."""
+    """The recovery from bus-off: the number of sequences of eleven recessive bits that are still missing, and the time
+    from which they are counted."""
 
     left: int
     since_ns: int
@@ -78,9 +80,9 @@ class SimulatedPort:
     """A node's connection to a simulated bus, created by `SimulatedBus.port`.
 
     Attributes:
-        refused: frames that the bus refused because the queue was full or the node bus-off.
-        discarded: frames in the queue when the node went bus-off.
-        overruns: frames lost because they arrived while the receive queue was full.
+        refused: number of frames that the bus refused because the queue was full or the node was bus-off.
+        discarded: number of frames that were in the queue when the node went bus-off.
+        overruns: number of frames lost because they arrived while the receive queue was full.
     """
 
     def __init__(
@@ -92,14 +94,15 @@ class SimulatedPort:
         self._restarts = restarts
         self._receive_capacity = receive_capacity
         self._received: deque[Frame] = deque()
-        # Only the bus uses the following attributes.
+        # The attributes below are used by the bus only.
         self.queue = TransmitQueue(transmit_capacity)
         self.faults = FaultConfinement()
         self.ready_ns = 0
         self.recovery: Recovery | None = None
 
     def send(self, frame: Frame) -> None:
-        """Queue one frame at the bus's time, not at its timestamp. Raises BusError if bus-off or the queue is full."""
+        """Put one frame into the transmit queue, at the bus's present time; the frame's timestamp is ignored. Raises
+        BusError if the node is bus-off or the queue is full."""
         if self.faults.is_off:
             self.refused += 1
             raise BusError(f"{self.name} is bus-off: frame {frame.frame_id:#x} was not sent")
@@ -114,7 +117,7 @@ class SimulatedPort:
             self.ready_ns = max(self.ready_ns, self._clock())
 
     def receive_all(self) -> list[Frame]:
-        """Return all frames that have arrived by the bus's time, in the order of arrival."""
+        """Return all frames that have arrived up to the bus's present time, in the order of arrival."""
         frames = list(self._received)
         self._received.clear()
         return frames
@@ -124,19 +127,20 @@ class SimulatedPort:
         return self.faults.health
 
     def restart(self) -> None:
-        """Let a node that is bus-off begin its recovery; no effect on other nodes."""
+        """Let a node that is bus-off begin its recovery. For a node that is not bus-off, the call has no effect."""
         if self.faults.is_off and self.recovery is None:
             self.recovery = Recovery(left=RECOVERY, since_ns=self._clock())
 
     def deliver(self, frame: Frame) -> None:
-        """Put a frame into this node's receive queue; called by the bus."""
+        """Put a frame into this node's receive queue. Only the bus calls this method."""
         if len(self._received) < self._receive_capacity:
             self._received.append(frame)
         else:
             self.overruns += 1
 
     def settle(self, now_ns: int) -> None:
-        """Empty the queue of a node that went bus-off, and begin its recovery; called by the bus after every error."""
+        """Empty the queue of a node that went bus-off, and begin the node's recovery. The bus calls this method after
+        every error."""
         if self.faults.is_off and self.recovery is None:
             self.discarded += self.queue.clear()
             if self._restarts:

@@ -56,10 +56,11 @@ def send(
 ) -> None:
     """Send one of stillwake's messages, with its E2E header.
 
-    A value that a signal cannot hold is refused. A receiver accepts a stream only after several good frames: see
-    --count. Messages of the secured set are signed with bus.key and --trip, which must be larger than any trip used
-    with this key; a receiver that accepted them refuses the original sender until its power cycles exceed --trip. Send
-    other frames with python-can: `python -m can.player` sends those of a log.
+    A value that does not fit its signal is refused. A receiver uses a message only after several good frames in a row:
+    see --count. Messages of the secured set are signed with bus.key and --trip, a number of power cycles, which must be
+    larger than every number that was used with this key. A receiver that accepted the messages rejects the original
+    sender until the sender's own number of power cycles exceeds --trip. To send other frames, use python-can: `python
+    -m can.player` sends the frames of a log.
 
     stillwake can send Pressure Pressure0=-12.5 Valid0=1 --bus socketcan:can0
     """
@@ -88,7 +89,7 @@ def send(
 def _frames(
     name: str, values: list[str], counter: int, trip: int | None, config: "BusConfig"
 ) -> "Callable[[float], can.Message]":
-    """Return a function that builds the stream's next frame, stamped with a time."""
+    """Return a function that takes a time in s and builds the next frame of the stream, stamped with this time."""
     from can_bridge.bus.conversion import to_message
     from can_bridge.e2e.profiles import profile_of
     from can_bridge.e2e.sender import E2eSender, SenderState
@@ -146,11 +147,12 @@ def decode(
 ) -> None:
     """Print a recorded log as signals with units, and the verdicts of its end-to-end checks.
 
-    It prints a line for each frame, then a table of the messages with counts, rates, losses and check results, the bus
-    load (computed from the bit rates in the settings), and the number of lines that are not frames. A counter is
-    compared with the previous frame on the same channel. With --set bus.key=FILE the MAC and freshness of secured
-    messages are checked first. Diagnostic frames are recognised by the identifiers in the settings. Other messages are
-    shown as bytes; use `cantools decode` for them.
+    The command prints a line for each frame. Then it prints a table of the messages with counts, rates, losses and
+    check results, the bus load (computed from the bit rates in the settings), and the number of lines that are not
+    frames. Each counter is compared with the counter of the message's previous frame on the same channel. With --set
+    bus.key=FILE the MAC and freshness of secured messages are checked before the end-to-end check. Diagnostic frames
+    are recognised by the identifiers in the settings. All other messages are shown as bytes; use `cantools decode` for
+    these messages.
     """
     from can_bridge.logs.log_reader import CanLog
     from can_bridge.tools.summary import Summary
@@ -187,7 +189,7 @@ def decode(
 
 
 def _line(traffic: "Traffic", first: str) -> str:
-    """Describe the newest frame; with its channel if that is not the first channel of the log."""
+    """Describe the newest frame. The text states the frame's channel, unless it is the first channel of the log."""
     from can_bridge.tools.raw_bus import id_text
 
     frame, decoded = traffic.latest, traffic.decoded
@@ -206,7 +208,8 @@ def _line(traffic: "Traffic", first: str) -> str:
 
 @contextmanager
 def _csv_rows(path: Path | None) -> "Iterator[Callable[[Traffic], None]]":
-    """Yield a function that writes a frame's signals as rows; the file appears when the block succeeds."""
+    """Yield a function that writes a frame's signals as rows of a CSV file. The file is created only if the `with`
+    block ends without an error."""
     if path is None:
         yield lambda traffic: None
         return

@@ -43,9 +43,9 @@ def load(
 ) -> None:
     """Show the load of the bus, and the worst-case response time of every message on it.
 
-    Our messages are those of bus.frames and bus.key, others those of bus.background.*. Response times of the ECU count
-    from the sampling of the pressures plus the ECU's compute time, which is subtracted from the command's deadline.
-    Exit status 3: a message can miss its deadline.
+    bus.frames and bus.key select stillwake's own messages, and bus.background.* the messages of other nodes. The
+    response time of an ECU's message starts with the sampling of the pressures and excludes the ECU's compute time,
+    which is subtracted from the command's deadline. Exit status 3: a message can miss its deadline.
     """
     from can_bridge.timing.bus_load import bus_load
 
@@ -61,7 +61,8 @@ def load(
 
 
 def figures(found: "BusLoad") -> dict[str, Any]:
-    """Return loads as shares of 1, and times in ms; None if a response has no bound."""
+    """Return the figures for `--json`: loads as shares of the bus's time, times in ms, and None for a response time
+    without a bound."""
     return {
         "load_mean": found.mean,
         "load_worst": found.worst,
@@ -72,7 +73,7 @@ def figures(found: "BusLoad") -> dict[str, Any]:
 
 
 def facts(config: Config) -> dict[str, Any]:
-    """Return the settings that the figures depend on, and the facts of the background's file."""
+    """Return the settings and versions on which the figures depend, and the hash of the background's file."""
     bus = config.bus
     file = Path(bus.background.dbc) if bus.background.dbc else None
     return {

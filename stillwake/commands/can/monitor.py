@@ -41,12 +41,13 @@ def monitor(
 ) -> None:
     """Show every signal on a bus with value, unit, age, rate, losses and end-to-end check.
 
-    Ctrl-C ends the command and prints the whole table. Until then rows beyond the screen are cut off; --filter shows
-    fewer. Without a terminal there is a line per second and the table at the end.
+    Ctrl-C ends the command and prints the whole table. Until then the table is cut off at the end of the screen;
+    --filter shows fewer rows. Without a terminal the command prints one line per second, and the table at the end.
 
-    lost counts frames that are missing by their counters, refused counts frames that a receiver would not have used;
-    E2E is the newest frame's check. With --set bus.key=FILE the MAC and freshness of secured messages are checked
-    first. For other messages it shows the bytes; `cantools monitor` decodes them.
+    The column lost counts frames that are missing according to the counters, the column refused counts frames that a
+    receiver would not have used, and the column E2E has the result of the newest frame's check. With --set bus.key=FILE
+    the MAC and freshness of secured messages are checked first. Messages that are not stillwake's are shown as bytes;
+    `cantools monitor` decodes these messages.
     """
     from can_bridge.tools.summary import MOST_MESSAGES, Summary
     from stillwake.commands.can.monitor_screen import screen
@@ -119,14 +120,15 @@ def _follow(
         if live is None:
             console.print(last)
         else:
-            # The end of `Live` draws the whole table.
+            # `Live` draws its last content again when it ends, so the last content must be the whole table.
             live.update(last)
 
 
 def _hear(bus: "RawBus", summary: "Summary", wait_s: float) -> None:
-    """Take the frames that have arrived; wait at most `wait_s` for the first.
+    """Add the frames that have arrived to the summary; wait at most `wait_s` for the first frame.
 
-    Frames are stamped when they are taken from the bus, because clocks of interfaces differ, and jump.
+    Each frame is stamped with the time at which it is read from the bus, because the clocks of interfaces differ, and
+    jump.
     """
     for i in range(MOST_AT_ONCE):
         message = bus.receive_message(wait_s if i == 0 else 0.0)

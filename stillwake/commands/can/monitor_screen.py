@@ -9,18 +9,18 @@ from can_bridge.tools.raw_bus import id_text
 from can_bridge.tools.summary import Summary, rows
 
 OTHER_COLUMNS = 70
-"""Columns of the screen besides the value: the width of the longest names and numbers."""
+"""Number of character columns that all table columns except the value's need, for the longest names and numbers."""
 
 STALE_S = 1.0
-"""Age in s from which a row is dim."""
+"""Age in s of a message's newest frame from which the message's row is drawn dim."""
 
 
 def screen(summary: Summary, now_s: float, *, source: str, matching: str, width: int) -> RenderableType:
     """Return the table with its heading.
 
     Args:
-        now_s: time on the clock of the frames.
-        source: description of the frames' source.
+        now_s: present time in s, on the clock of the frames' time stamps.
+        source: description of the bus or the log from which the frames come.
     """
     return Group(_heading(summary, matching, source), _table(summary, matching, round(now_s * 1e9), width))
 
@@ -54,7 +54,7 @@ def _heading(summary: Summary, matching: str, source: str) -> Text:
 
 
 def _table(summary: Summary, matching: str, now_ns: int, width: int) -> Table:
-    """Return a table with a line for each message and a line for each of its signals; it fits into 80 columns."""
+    """Return a table of 80 columns with one row for each message and one row for each of its signals."""
     value = min(24, max(10, width - OTHER_COLUMNS))
     table = Table(box=SIMPLE_HEAD, show_edge=False, pad_edge=False, padding=0)
     table.add_column("message, signal", no_wrap=True, min_width=21)

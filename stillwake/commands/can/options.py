@@ -21,14 +21,14 @@ Channel = Annotated[
 ]
 
 _LONGEST_S: Final = 1e7
-"""Longest time in s, four months: a longer time is a mistake, and clocks count it without rounding."""
+"""Longest accepted time in s, four months. Longer times are mistakes; clocks count this time without rounding."""
 
 UNCHECKED: Final = "MAC not checked: name the key with --set bus.key=FILE"
-"""Note on secured messages of which only the end-to-end checks were made."""
+"""Note for the user that secured messages got only the end-to-end check, because no key was given."""
 
 
 def key_of(file: str) -> "Key | None":
-    """Read the key in the file that `bus.key` names; None without a file. Raises KeyFileError, see `read_key`."""
+    """Return the key in the file named by `bus.key`; None without a file. Raises KeyFileError as `read_key` does."""
     from can_bridge.secoc.key import read_key
 
     return read_key(Path(file)) if file else None

@@ -1,4 +1,4 @@
-"""Recorded drives among the files of `stillwake dataset import`: logs of the bus, with forces from another source."""
+"""The part of `stillwake dataset import` that reads recorded drives: logs of the bus, and forces from other files."""
 
 import hashlib
 import os
@@ -45,12 +45,12 @@ class DriveOptions:
 
     Attributes:
         fill, split: see `can_bridge.drives.log_to_series.series_of`.
-        forces: FILE for every log, or LOG=FILE for one.
-        names: columns of t, Cd and Cl in the forces' files, if they have other names.
-        references: size of the unit of Cd and Cl in those files, by name.
-        clock: meaning of the forces' times; None if the file states it.
-        shift_s: seconds to add to the forces' times.
-        channels: channels to read of the logs; empty if the frames identify the channel.
+        forces: texts of --forces, each either the FILE of the forces for every log, or LOG=FILE for one log.
+        names: names of the columns of t, Cd and Cl in the files of forces, where they differ from t, Cd and Cl.
+        references: size of the data set's unit of Cd and Cl in the unit of the files, by the names Cd and Cl.
+        clock: clock of the times in the files of forces; None if each file states its clock.
+        shift_s: seconds to add to the times of the forces.
+        channels: channels of the logs that are read; empty if the frames identify the channel.
         zone: time zone of logs that begin in local time; None if it is not given.
     """
 
@@ -79,7 +79,8 @@ def is_log(path: Path) -> bool:
 
 
 def zone_of(text: str) -> tzinfo | None:
-    """Return the zone of a name such as Europe/Berlin, or of +02:00; None for an empty text. Raises ConfigError."""
+    """Return the zone of a name such as Europe/Berlin, or of +02:00; None for an empty text. Raises ConfigError for
+    another text."""
     if not text:
         return None
     try:
@@ -94,8 +95,8 @@ def zone_of(text: str) -> tzinfo | None:
 
 
 def forces_of(logs: Sequence[Path], forces: Sequence[str]) -> dict[Path, Path]:
-    """Return the file of forces of every log. Raises DatasetError for none or two, or a name before = that is no
-    log's."""
+    """Return the file of forces of every log. Raises DatasetError for a log with no file or two files, or if two files
+    are given without a log's name."""
     found: dict[Path, Path] = {}
     general: list[Path] = []
     for text in forces:
@@ -121,10 +122,10 @@ def forces_of(logs: Sequence[Path], forces: Sequence[str]) -> dict[Path, Path]:
 
 
 def _pair(text: str, logs: Sequence[Path]) -> tuple[Path | None, Path]:
-    """Split LOG=FILE; None for the log if none is named."""
+    """Split LOG=FILE into a log and a file; the log is None if the text names no log."""
     names = [log.name for log in logs]
     for log in logs:
-        # All runs name their log frames.log; then only the whole path identifies a log.
+        # Every run folder has a log named frames.log. If two logs share a name, only the whole path identifies a log.
         for name in (str(log), *([log.name] if names.count(log.name) == 1 else [])):
             if text.startswith(f"{name}="):
                 return log, Path(text[len(name) + 1 :])
@@ -132,8 +133,8 @@ def _pair(text: str, logs: Sequence[Path]) -> tuple[Path | None, Path]:
 
 
 def names_of(logs: Sequence[Path]) -> dict[Path, str]:
-    """Return the names of each log's episodes: the file's name, with its folder before it if two files share the
-    name."""
+    """Return the name of each log's episodes: the log's file name, with the folder's name before it if two logs share
+    the file name."""
     from can_bridge.logs.log_reader import stem_of
 
     stems = [stem_of(log) for log in logs]
@@ -166,7 +167,7 @@ def read_drive(
     progress: Callable[[str], None],
 ) -> _MadeLog:
     """Read a log and its forces. Raises DatasetError, BusError or KeyFileError, with the file's name, for invalid
-    content. `progress` is called with the file that is read and the number of its frames so far."""
+    content. `progress` is called with a text that states the file and the number of frames read so far."""
     from can_bridge.drives.log_to_series import series_of
     from can_bridge.logs.log_reader import CanLog
     from can_bridge.wire.message_sets import message_set
@@ -221,7 +222,7 @@ def read_drive(
 
 
 def scales_of(facts: PlantFacts, loaded: Loaded) -> "Scales":
-    """Return the units of the signals, from the operating point."""
+    """Return the conversion from the messages' units to the data set's units, at the operating point."""
     from can_bridge.drives.log_periods import Scales
 
     assert facts.control_period is not None
@@ -284,7 +285,7 @@ def _verifier(loaded: Loaded) -> "Verify | None":
 
 
 def _forces(path: Path, series: "LogSeries", log: "CanLog", options: DriveOptions) -> "dict[str, TimeSeries]":
-    """Read Cd and Cl with times on the log's clock."""
+    """Return Cd and Cl as series whose times are converted to the log's clock."""
     from contract.recording.importing.forces import read_forces
 
     table = read_forces(path, options.names, options.references)
@@ -304,8 +305,8 @@ def _forces(path: Path, series: "LogSeries", log: "CanLog", options: DriveOption
 
 
 def _check_limit(path: Path, series: "LogSeries", scales: "Scales") -> None:
-    """Refuse actions beyond the limit due to a slow vehicle: the limit in U_inf W is a flow rate at the design
-    speed."""
+    """Raise DatasetError for actions beyond the limit that are due to a slow vehicle. The limit in U_inf W is a flow
+    rate at the design speed; at a lower speed an equal flow rate is a larger action."""
     from contract.recording.findings import LIMIT_TOLERANCE
 
     largest = max(float(np.abs(piece.action).max()) for piece in series.pieces)
@@ -319,8 +320,8 @@ def _check_limit(path: Path, series: "LogSeries", scales: "Scales") -> None:
 
 
 def _check_zone(log: Path, series: "LogSeries", force: "TimeSeries", fill: int) -> None:
-    """Refuse a log that begins in local time if its forces do not determine the zone: they cover the log in a zone
-    other than UTC too, or in no zone."""
+    """Raise DatasetError for a log that begins in local time if the forces cover the log in a zone other than UTC,
+    because the zone is then not certain."""
     zones = []
     for minutes in range(-12 * 60, 14 * 60 + 1, 15):
         with suppress(DatasetError):
@@ -337,15 +338,16 @@ def _check_zone(log: Path, series: "LogSeries", force: "TimeSeries", fill: int) 
 
 
 def _room(series: "LogSeries", fill: int) -> dict[str, float]:
-    """Return the tolerances for `TimeSeries.at`: the slack of a table with times, and a gap of `fill` rows with
-    jitter."""
+    """Return the tolerances in s for `TimeSeries.at`: the deviation that a table's times may have, and the longest gap,
+    which is `fill` missing rows and an allowance for jitter."""
     from contract.recording.findings import STEP_TOLERANCE
 
     return {"slack": STEP_TOLERANCE * series.period_s, "longest_gap": (fill + 1.5) * series.period_s}
 
 
 def _counted(path: Path, messages: "Iterable[can.Message]", progress: Callable[[str], None]) -> "Iterator[can.Message]":
-    """Yield the messages and report their number; an hour's log has half a million and takes about ten seconds."""
+    """Yield the messages and report how many were read; the log of an hour has half a million messages and takes about
+    ten seconds."""
     progress(f"{path}")
     for number, message in enumerate(messages, 1):
         yield message

@@ -1,4 +1,4 @@
-"""`stillwake dataset import`, which makes a data set of the user's files and of recorded drives."""
+"""The command `stillwake dataset import`, which makes a data set from the user's files and from recorded drives."""
 
 import os
 from dataclasses import dataclass
@@ -37,9 +37,10 @@ if TYPE_CHECKING:
 
 _ROLES: Final = ("train", "test", "extended", "controlled")
 _SAME: Final = 0.02
-"""Relative difference up to which dynamic pressures count as equal: a speed on the bus has an error of one per cent."""
+"""Largest relative difference between two dynamic pressures that count as equal, because a speed on the bus has an
+error of one per cent."""
 _FLOW: Final = ("flow.control_period", "flow.action_limit", "flow.reynolds")
-"""Settings that are facts of the plant; without flow.reynolds the Reynolds number is unknown."""
+"""Settings that describe the plant of the data. If flow.reynolds is not given, the Reynolds number is unknown."""
 
 Files = Annotated[
     list[str] | None,
@@ -82,23 +83,25 @@ def import_(
 
     Tables (.csv), arrays (.npz, .h5, .nc, .mat) and cases of OpenFOAM are read.
 
-    train=FILE and test=FILE, which training needs, extended=FILE (forcing outside the range of training) and
-    controlled=FILE (recorded under a controller) state an episode's role; give one for each file. The file's name
-    becomes the episode's. --set flow.control_period=0.2, the time between two rows in t_c, and --set
-    flow.action_limit=0.075, the largest action in U_inf W, must be given, there or in a TOML file; give flow.reynolds
-    if it is known.
+    Give each file together with the role of its episode: train=FILE and test=FILE, which training needs, extended=FILE
+    (forcing outside the range of training) or controlled=FILE (recorded under a controller). The episode gets the
+    file's name. Two settings must be given on the command line or in a TOML file: --set flow.control_period=0.2, the
+    time between two rows in t_c, and --set flow.action_limit=0.075, the largest action in U_inf W. Give flow.reynolds
+    if the Reynolds number is known.
 
-    Lengths are in W, speeds in U_inf, times in W / U_inf. A table has the series action, Cd, Cl, and a column for every
-    sensor's Cp, under its name in --layout; files of arrays may have one array Cp of shape (steps, sensors) instead. A
-    series t is optional, and so is initial_action, the action before the first row (otherwise 0). Row k has the
-    measurements at t_k and the action commanded at t_k. For numbers with a unit give the size of our unit: --reference
-    Cp=240Pa (rho U_inf^2 / 2), t=5ms, Cd=40N, or Cd=-1 for the opposite sign.
+    Lengths are in W, speeds in U_inf, times in W / U_inf. A table has the columns action, Cd and Cl, and one column for
+    the Cp of each sensor, under the sensor's name in --layout. A file of arrays may have one array Cp of shape (steps,
+    sensors) instead. A series t is optional. The number initial_action, the action before the first row, is also
+    optional (otherwise 0). Row k has the measurements at t_k and the action commanded at t_k. If the numbers of a file
+    have a unit, give the size of the data set's unit in it: --reference Cp=240Pa (rho U_inf^2 / 2), t=5ms, Cd=40N, or
+    Cd=-1 for the opposite sign.
 
     A log of the CAN bus (.log, .asc, .blf, .trc, .mf4, .mcap, python-can's .csv and .db, also packed as .gz) has
     commands and the pressures of the four sensors in --layout, in the order of the message; its drag and lift come from
-    --forces. Cp is computed with the vehicle's speed in the log; without it, and for the body's width, with
-    operating_point. --forces LOG=FILE is for one log. --forces-clock states its times: s on the log's clock (log), s
-    since the log's first pressure (start), or t_c since then; a column 't [t_c]' needs no option.
+    --forces. Cp is computed with the vehicle's speed in the log. operating_point gives the body's width, and the speed
+    of a log without a speed. --forces LOG=FILE is for one log. --forces-clock states how the times of the forces count:
+    s on the log's clock (log), s since the log's first pressure (start), or t_c since that pressure (t_c); a column 't
+    [t_c]' needs no option.
 
     Nothing is written unless every file is valid. docs/how-to/use-your-own-data.md and
     docs/how-to/train-from-a-can-log.md have examples.
@@ -137,7 +140,7 @@ def import_(
 
 
 def roles_of(texts: list[str]) -> "list[tuple[Path, Role]]":
-    """Read files with their roles from ROLE=FILE, grouped by role. Raises DatasetError if a log is given twice."""
+    """Read files and their roles from texts ROLE=FILE, grouped by role. Raises DatasetError if a log is given twice."""
     found = [(Path(file), role) for role, file in shared.pairs(texts, "train=sweep.csv", _ROLES)]
     paths = [path for path, _ in found]
     for path in paths:
@@ -219,8 +222,8 @@ class _Import:
             )
 
     def _is_of_tables(self, name: str) -> bool:
-        """Return whether a name is one in a file that is not a log; for logs only the columns of the forces have
-        names."""
+        """Return whether the option that renames this column is for a file that is not a log. For logs only the columns
+        t, Cd and Cl can be renamed, in the files of forces."""
         return name not in FORCES_NAMES or any(not is_log(path) for path, _ in self.roles)
 
 
@@ -235,7 +238,7 @@ def _print(made: "Dataset", layout: "SensorLayout", notes: list[str]) -> None:
 
 
 def _check_pressure(log: Path, own: float, given: "Reference | None") -> None:
-    """Refuse a reference pressure that contradicts a log's."""
+    """Refuse a reference pressure that contradicts the dynamic pressure in a log."""
     if given is not None and given.unit == "Pa" and abs(given.number / own - 1.0) > _SAME:
         raise ConfigError(
             f"{given.option}: {log} has {own:g} Pa, by which its pressures are divided: correct one of the two"

@@ -1,1 +1,1 @@
-"""The commands that communicate with an ECU through diagnosis."""
+"""The commands that communicate with an ECU over UDS, the protocol of diagnosis."""

@@ -1,4 +1,4 @@
-"""`stillwake calibrate`: the goal and the limits of a running ECU, read and changed by diagnosis."""
+"""The command `stillwake calibrate`, which reads and changes the goal and the limits of a running ECU over UDS."""
 
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -35,12 +35,13 @@ def calibrate(
 ) -> None:
     """Show and change the goal of the control and its limits in a running ECU.
 
-    New values take effect together in the next control period, until the ECU loses power unless they are stored; stored
-    values belong to the running release. Limits can be narrower than the release's and the vehicle's, never wider.
-    Reading needs no --access. A calibration tool takes the A2L file that `export --for-testers` writes.
+    New values take effect together in the next control period. They are lost when the ECU loses power, unless --store
+    stores them; stored values apply to the running release only. A limit can be narrower than the release's limit and
+    the vehicle's limit, never wider. Reading needs no --access. A calibration tool reads the A2L file that `export
+    --for-testers` writes.
 
-    Exit status: 1 a value out of its limits, or no release runs; 3 no answer from the ECU; 4 the access key is wrong; 5
-    not stored, the jets are enabled; 7 the ECU refused something else.
+    Exit status: 1 if a value is out of its limits, or no release runs; 3 if the ECU does not answer; 4 if the access
+    key is wrong; 5 if the values are not stored because the jets are enabled; 7 if the ECU refused something else.
 
     stillwake calibrate --bus socketcan:can0 --access access.key lift=0.4 action_limit=0.05
     """
@@ -99,14 +100,14 @@ def table(before: "Calibrated", after: "Calibrated") -> Table:
 
 
 def after_power_on(after: "Calibrated") -> Text:
-    """State the values after the next power-on."""
+    """Return a line that states the values that the ECU will have after the next power-on."""
     if after.is_stored:
         return Text("a calibration is stored: it is in force after the next power-on, as long as this release runs")
     return Text("nothing is stored: after the next power-on the release's own values are in force")
 
 
 def figures(before: "Calibrated", after: "Calibrated") -> dict[str, Any]:
-    """Return all values by name."""
+    """Return the values before and after the change, the release's values, and the limits, by name."""
     shown = {"before": before.in_force, "after": after.in_force, "release": after.release}
     shown |= {"least": after.limits.least, "greatest": after.limits.greatest}
     values = {name: dict(zip(CALIBRATION_NAMES, one.values, strict=True)) for name, one in shown.items()}

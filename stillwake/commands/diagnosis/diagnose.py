@@ -43,11 +43,13 @@ def diagnose(
 ) -> None:
     """Show an ECU's report: its identification, its releases, and the faults that it found and stored.
 
-    Each fault has the time at which it was found. A fault is kept over a loss of power until it is cleared, or until 40
-    drives in succession with control were without it; its age counts these drives. Faults can be cleared only while the
-    jets are shut. With --slots the command shows an ECU's folder, without bus and faults.
+    Each fault has the time at which it was found. The ECU stores a fault, also without power, until the fault is
+    cleared or has not occurred in 40 successive drives with control; the fault's age is the number of these drives.
+    Faults can be cleared only while the jets are shut. With --slots the command reads an ECU's folder instead of a bus,
+    and shows no faults.
 
-    Exit status: 3 no answer from the ECU; 5 not cleared, the jets are enabled; 7 the ECU refused something else.
+    Exit status: 3 if the ECU does not answer; 5 if the faults are not cleared because the jets are enabled; 7 if the
+    ECU refused something else.
 
     stillwake diagnose --bus socketcan:can0
     """

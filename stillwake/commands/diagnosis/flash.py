@@ -41,18 +41,18 @@ def flash(
     no_confirm: NoConfirm = False,
     given: shared.Settings = [],  # noqa: B006
 ) -> None:
-    """Bring a release into an ECU over UDS, start it on trial, test it, and confirm it.
+    """Transfer a release to an ECU over UDS, start the release on trial, test it, and confirm it.
 
-    The jets must be shut and the vehicle must not request control. If the command is interrupted, the ECU keeps its
-    release until the new release has passed its self-test, and the same command continues at the interruption. If the
-    release already runs, nothing is done.
+    The jets must be shut and the vehicle must not request control. The ECU continues to use its old release until the
+    new release has passed its self-test. If the command is interrupted, the same command continues the transfer where
+    it stopped. If the release already runs, nothing is done.
 
-    A key list is accepted if the ECU's root key signed it, and it is newer than the ECU's and has the confirmed
-    release's key.
+    The ECU accepts a key list if the ECU's root key signed the list, the list is newer than the ECU's present list, and
+    the list contains the key of the confirmed release.
 
-    Exit status: 3 no answer from the ECU; 4 the access key is wrong; 5 not now, the vehicle is in use; 6 the release or
-    the list is not for this ECU, or the ECU refused it; 7 the ECU refused something else; 8 the new release did not
-    start or pass its self-test, and the previous release runs.
+    Exit status: 3 if the ECU does not answer; 4 if the access key is wrong; 5 if the vehicle is in use; 6 if the
+    release or the list is not for this ECU, or the ECU refused it; 7 if the ECU refused something else; 8 if the new
+    release did not start or did not pass its self-test, so that the previous release runs.
 
     stillwake flash contract/release/shipped --bus socketcan:can0 --access access.key
 
@@ -150,7 +150,7 @@ def _ended(flashed: "Flashed", name: str) -> str:
 
 
 class _Shown:
-    """A display of the transfer; its note is the rate, or the step after the transfer."""
+    """A display of the transfer's progress. Its note shows the rate, or the name of the step after the transfer."""
 
     def __init__(self, report: Report) -> None:
         self._report = report
@@ -187,7 +187,6 @@ def _effort(flashed: "Flashed", length: int) -> str:
 
 
 def _comparison(release: Bundle, length: int, facts: "EcuFacts") -> Table:
-    """Return a table that compares the release to be flashed with the values that the ECU reports."""
     from can_bridge.flashing.backing import Slot
     from contract.release.checks import dbc_sha256
 
