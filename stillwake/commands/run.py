@@ -77,8 +77,7 @@ def run(
     json_file: shared.JsonFile = None,
     given: shared.Settings = [],  # noqa: B006
 ) -> None:
-    """Run the closed loop in virtual time: simulated wake, pressures on CAN, the bundle's controller on the ECU, and
-    jets.
+    """Run the closed loop in virtual time: wake, pressures on CAN, the controller on the ECU, and jets.
 
     Exit status 3: the ECU latched a fault, or was not in control while control was requested. Status 4: the reduction
     of --require-reduction was not reached. The run folder is complete in both cases.
