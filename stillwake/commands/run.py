@@ -77,25 +77,22 @@ def run(
     json_file: shared.JsonFile = None,
     given: shared.Settings = [],  # noqa: B006
 ) -> None:
-    """Run the closed loop in virtual time: the simulated wake, its pressures on CAN, the bundle's controller on the
-    ECU, and the jets.
+    """Run the closed loop in virtual time: wake, pressures on CAN, the controller on the ECU, and jets.
 
-    Exit status 3: the ECU latched a fault, or control was not held while it was requested. Status 4: the reduction that
-    --require-reduction asks for was not reached. The run folder is complete in both cases.
+    Exit status 3: the ECU latched a fault, or was not in control while control was requested. Status 4: the reduction
+    of --require-reduction was not reached. The run folder is complete in both cases.
 
     --ecu c runs the whole ECU from its C sources. With --ecu mcu the sources run as the firmware of an emulated
-    microcontroller, from its reset vector on: frames pass through the registers of the microcontroller's CAN
-    controller, and modelled cycles count as compute time, at 480 MHz or, with --ecu mcu@300, at 300 MHz;
-    docs/how-to/board-and-rtos.md has more. The sources are in the folder that --library names, or are made from the
-    shipped model.
+    microcontroller, from its reset vector: frames pass through its CAN controller's registers, and modelled cycles give
+    the compute time, at 480 MHz, or at 300 MHz with mcu@300 (docs/how-to/board-and-rtos.md). The sources are in the
+    folder of --library, or are made from the shipped model.
 
-    --disturb may be given several times. Examples are noise:level=0.5 at the transducers,
-    ecu:drop:probability=0.1@5..10 for the frames that the ECU sends, reset@5 for the ECU, and reynolds=700 for the
-    flow; times are in s since the start of the run. The kinds are noise, bias, drift, stuck, dead, swap, quantise,
-    wire_errors, reset, clock, no_request, reynolds, body, gust, operating_point, action_limit, stuck_jets, speed_scale,
-    speed_late, speed_frozen, no_speed and density (docs/reference/disturbances.md). Faults of one node begin with
-    vehicle: or ecu: and are drop, burst_loss, duplicate, delay, reorder, flip_bits, stuck_at, babble, disconnect,
-    slow_consumer and clock_drift (the same page).
+    --disturb may be given several times, for example noise:level=0.5 at the transducers, ecu:drop:probability=0.1@5..10
+    for frames that the ECU sends, reset@5 for the ECU, reynolds=700 for the flow; times are in s of the run. The kinds
+    are noise, bias, drift, stuck, dead, swap, quantise, wire_errors, reset, clock, no_request, reynolds, body, gust,
+    operating_point, action_limit, stuck_jets, speed_scale, speed_late, speed_frozen, no_speed and density
+    (docs/reference/disturbances.md). Faults of one node begin with vehicle: or ecu: and are drop, burst_loss,
+    duplicate, delay, reorder, flip_bits, stuck_at, babble, disconnect, slow_consumer and clock_drift (the same page).
 
     --drive gives the vehicle a varying speed, and first runs the drive without control, to compare the energy:
     steady-60 to steady-140 (percent of operating_point.speed, in tens), steps, ramps, wltc-high, gusty-ramp, or a CSV
