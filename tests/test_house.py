@@ -17,11 +17,11 @@ MOST_MODULES = 15
 MOST_C_MODULES = 25
 """In a folder: the ECU's has as many, by the names of its twin's modules."""
 MOST_LINES = {
-    "source": 66_921, "benchmarks": 5_658, "tests": 57_193, "own C": 15_723, "JavaScript": 2_748, "docs": 2_281,
+    "source": 66_918, "benchmarks": 5_658, "tests": 57_193, "own C": 15_723, "JavaScript": 2_748, "docs": 2_281,
     "examples": 2_019,
 }  # fmt: skip
 """Of Python, but for C and JavaScript without the code of others; a ratchet, lowered with every line that goes."""
-MOST_WORDS = 70_654
+MOST_WORDS = 70_647
 """Of the documents, as wc counts them, with what is made in them."""
 STAND_TWICE = {
     "an option, by its word, beside the class or type of what it gives": """Board Bundle Bus Drive Episode Freshness Key
