@@ -122,8 +122,8 @@ def _kept(folder: Path, bundle: Path, starts: list[Path], run: tuple[Case, int, 
 
 
 def calibrated(own: Calibration, case: Case, *, iterated: bool) -> Calibration:
-    """Return the calibration of a run: the weights of the case or, without `iterated`, weights for which no iteration
-    acts.
+    """Return the calibration of a run: the weights of the case or, without `iterated`, weights for which the
+    controller does not iterate.
 
     A goal outside the range of the prior's training is handled by the prior alone (`unknown_to_prior`), so no iteration
     acts on it.

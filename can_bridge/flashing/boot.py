@@ -83,7 +83,7 @@ def _boot_confirmed(remembered: Remembered, is_reverted: bool, verdicts: dict[Sl
     """Return the boot of the confirmed image, or of the image confirmed before it.
 
     A confirmed image that fails a check stays confirmed, and the next boot checks it again. So a wrong stillwake.dbc or
-    a wrong vehicle in the ECU can be corrected.
+    wrong vehicle data in the ECU can be corrected.
     """
     active = remembered.state.active
     for slot in () if active is None else (active, active.other):

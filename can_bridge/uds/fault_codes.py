@@ -46,13 +46,13 @@ class Snapshot(IntEnum):
     numbers in parentheses are lengths in bytes."""
 
     TIME_MS = 0xFD20
-    """Time in ms since power-on (4)."""
+    """Time in ms since power-on, 4 bytes."""
     MODE_BEFORE = 0xFD21
-    """`Mode` in the previous control period (1)."""
+    """`Mode` in the previous control period, 1 byte."""
     MISSED = 0xFD22
-    """Number of control periods without usable pressures since power-on, at most 65535 (2)."""
+    """Number of control periods without usable pressures since power-on, at most 65535, 2 bytes."""
     OVERRUNS = 0xFD23
-    """Number of control periods left out since power-on, at most 65535 (2)."""
+    """Number of control periods left out since power-on, at most 65535, 2 bytes."""
     PRESSURES_CP = 0xFD24
     """Newest pressure coefficients of the previous period, as float32 (4 each)."""
 

@@ -110,7 +110,7 @@ class Routine(IntEnum):
     """Announce an image and prepare a slot. The option record has the image's length (4) and SHA-256 (32). The answer
     has the offset (4) of the first byte to send, above zero if an earlier transfer of this image was interrupted."""
     CHECK = 0xFF01
-    """Check the transferred image; the answer has a `Verdict` (1)."""
+    """Check the transferred image; the answer has a `Verdict`, 1 byte."""
 
 
 class Did(IntEnum):
@@ -127,11 +127,11 @@ class Did(IntEnum):
     STORE = 0xFD01
     """State of the slots, in the format of `can_bridge.flashing.report`."""
     KEY_LIST = 0xFD02
-    """Writing replaces the signed key list; reading returns the version of the list (4)."""
+    """Writing replaces the signed key list; reading returns the version of the list, 4 bytes."""
     CAPACITY = 0xFD03
-    """Size in bytes of the largest image (4)."""
+    """Size in bytes of the largest image, 4 bytes."""
     PERIOD_NS = 0xFD04
-    """Control period in ns (8)."""
+    """Control period in ns, 8 bytes."""
     CALIBRATION = 0xFD10
     """All values of the calibration, packed by `contract.controller.calibration`. Reading returns the values in force;
     writing changes them from the next control period until a reset."""
@@ -139,7 +139,7 @@ class Did(IntEnum):
     """The least allowed values, the greatest allowed values and the release's own values: three packed calibrations."""
     CALIBRATION_STORED = 0xFD12
     """Writing 1 stores the values in force; writing 0 restores the release's own values. Reading returns whether values
-    are stored (1)."""
+    are stored, 1 byte."""
 
 
 class Refused(Exception):  # noqa: N818  (a negative response is an answer, no error)

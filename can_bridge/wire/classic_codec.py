@@ -56,7 +56,7 @@ _VEHICLE_SPEED: Final = struct.Struct("<3x B H B x")  # density, speed, age
 _JET_COMMAND: Final = struct.Struct("<x B h B 3x")  # mode and enable, flow, echo and next period
 _ECU_STATUS: Final = struct.Struct("<x B B H B H")  # state and a bit of the reason, the rest and bus-off, counts, hash
 
-# A table from pressures to the field's bits, and a table back, are faster than computing sign, scale and comparison.
+# Two tables, from a pressure to the field's bits and from the bits to the pressure, are faster than arithmetic.
 _FIELDS: Final = {raw: raw & 0xFFF for raw in range(-INT12_MAX, INT12_MAX + 1)}
 _PASCALS: Final = tuple(
     (raw - 0x1000 if raw & 0x800 else raw) * CLASSIC_PRESSURE_RESOLUTION_PA if raw != _INVALID_FIELD else 0.0

@@ -51,13 +51,13 @@ INTERVAL_S: Final = 1.0
 
 
 class Reporter:
-    """A reporter that works in its `with` block; at the block's end everything is reported.
+    """A writer of the control loop's counters and log lines while its `with` block runs; the rest follows at its end.
 
     Args:
         write: writes one line of the log; may raise OSError or ValueError, which loses that line.
         metrics: the file of counters; None for no file.
         keep: called with the counters once an interval; may raise StillwakeError.
-        interval_s: between two readings of the counters.
+        interval_s: time between two readings of the counters, in s.
 
     Attributes:
         counters: set by the control loop after each step.

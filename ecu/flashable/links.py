@@ -83,8 +83,8 @@ class DiagnosticLink:
                 answers = self._server.request(now_ns, request, is_functional=is_functional, is_occupied=is_occupied)
                 self._send(answers)
             requests += 1
-        # A request that begins long work has already done the first piece in this call. A request that arrives during
-        # long work does no piece.
+        # A request that begins long work has already executed the first part of it in this call. A request that arrives
+        # during long work executes no part of it.
         if was_busy or not (requests and self._server.is_busy):
             self._send(self._server.tick(now_ns))
         sent = self._endpoint.poll(now_ns)

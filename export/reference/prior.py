@@ -73,7 +73,7 @@ def filtered_sums(prior: PriorWeights, window: Array) -> Array:
 
 
 def past_of(window: Array, memory: int) -> tuple[Array, Array]:
-    """Return the M rows (y_i, a_i) before the present row, (M, p + 1), and the present differences y_t, (p,).
+    """Return the M rows (y_i, a_i) before the present row, (M, p + 1), and the present pressure differences y_t, (p,).
 
     The window does not contain the oldest of these rows, which is set equal to the next row.
     """

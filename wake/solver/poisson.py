@@ -128,7 +128,7 @@ def _build_half(grid: Grid, fluid: npt.NDArray[np.bool_], precision: Precision, 
     if not even:
         sums[-1] -= 2.0 / grid.dyc[h]  # phi changes sign across the axis
     beside = conductance * scale[:-1] * scale[1:]
-    # This driver uses QL without blocks, and so no BLAS product either.
+    # This LAPACK driver uses unblocked QL iterations, which call no BLAS product.
     eigenvalues, q = eigh_tridiagonal(sums * scale * scale, beside, lapack_driver="stev")
     q = scale[:, None] * q
 

@@ -219,7 +219,7 @@ class TruckWake(CopiedWhole):
         check_body(origin, self.body)
         check_grid(origin, self.grid.shape)
         check_reynolds(origin, config.reynolds)
-        # At t = 0 a state fits every clock.
+        # A state at t = 0 can continue with any control period and any number of substeps.
         clock = (origin.control_period, origin.substeps)
         if substep != 0 and clock not in ((None, None), (config.control_period, config.substeps)):
             raise PlantError(

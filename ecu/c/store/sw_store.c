@@ -305,7 +305,7 @@ sw_store_result sw_store_confirm(sw_store *store)
     sw_slot_state *standing = &next->slots[slot];
     if (standing->phase == SW_PHASE_CONFIRMED) return SW_STORE_DONE;
     /* If the release's key was removed from the list, the release would not boot again, and the earlier release might
-     * be too old.
+     * be older than the minimum.
      */
     if (standing->phase != SW_PHASE_TRIAL || !sw_key_is_allowed(store->keys, standing->facts.signer)) {
         return SW_STORE_OUT_OF_ORDER;

@@ -18,7 +18,7 @@ static sw_workspace workspace;
 
 extern unsigned char mcu_hot_start[], mcu_hot_end[], mcu_hot_load[];
 
-/* Copies constants that every step reads to data TCM, then resets the input. */
+/* Copies to data TCM the constants that every step reads, then resets the input. */
 void mcu_reset(void)
 {
     memcpy(mcu_hot_start, mcu_hot_load, (size_t)(mcu_hot_end - mcu_hot_start));
