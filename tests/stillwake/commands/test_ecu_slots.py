@@ -37,7 +37,7 @@ def test_it_is_provisioned_once_and_shown(good, refused):
     assert "exists already" in refused(*PROVISION.split())
     info = good("diagnose --slots ecu --json ecu.json")
     # What runs, the folder cannot know: it must not claim that nothing does.
-    assert "confirmed, first" in info and "asks the ECU" in info
+    assert "confirmed, first" in info and "not in the folder" in info
     shown = json.loads(Path("ecu.json").read_text())["figures"]
     assert (shown["hardware"], shown["serial_number"]) == ("bench", "42")
     assert shown["store"]["slots"][0]["phase"] == "CONFIRMED"

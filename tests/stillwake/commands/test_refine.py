@@ -60,7 +60,7 @@ def model(tmp_path):
 
 def test_a_refined_model_is_exported_and_its_prior_acts(cli, tmp_path, model):
     odd = cli("refine", tmp_path / "odd", "--model", model, "--sensors", "upper_39,base_0", *SMALL)
-    assert odd.code == 1 and "upper_39 and base_0 are no pair" in odd.err
+    assert odd.code == 1 and "upper_39 and base_0 are not a pair" in odd.err
     done = cli("refine", tmp_path / "refined", "--model", model, *SMALL, "--json", tmp_path / "refined.json")
     assert done.code == 0, done.err
     assert "64 control periods of the plant" in done.out

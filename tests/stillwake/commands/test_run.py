@@ -111,7 +111,7 @@ def test_weights_in_force_are_kept_with_the_run_which_is_reported_again(cli, tmp
     assert (ran.code, ran.err) == (0, "")
     signer = signing.public_key(SIGNING_KEY).fingerprint
     assert ran.out.count("warning: ") == 1
-    assert f"warning: signed by key {signer}: unknown here" in ran.out
+    assert f"warning: signed by key {signer}, unknown here" in ran.out
     assert "No averages were requested" in ran.out
     summary = json.loads((folder / "summary.json").read_text())
     assert (summary["signer"], summary["weights_changed"], summary["weights"]["lift"]) == (signer, ["lift"], 9.0)

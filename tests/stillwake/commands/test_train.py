@@ -60,7 +60,7 @@ def test_the_same_command_goes_on_and_another_is_refused_or_starts_over(
     cli: Callable[..., Any], refused: Callable[..., str], called: list[dict[str, Any]], stopped: Path
 ) -> None:
     outcome = cli("train", stopped)
-    assert "model.checkpoints ends: joint fit, iteration 300 of 4000" in flat(outcome.out)
+    assert "model.checkpoints: joint fit, iteration 300 of 4000" in flat(outcome.out)
     assert outcome.err == "stopped; the same command continues from joint fit, iteration 300 of 4000\n"
     other = ("train", stopped, "--set", "train.seed=5")
     line = "holds an unfinished training with train.seed = 0, not 5: finish it with these settings, or start over"

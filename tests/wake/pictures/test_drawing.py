@@ -44,7 +44,7 @@ def test_fields_and_sensors_have_the_colours_of_their_values(wake, monkeypatch):
     for x, y in sensors.positions()[sensors.TRUCK.indices(("upper_10", "base_4"))]:
         assert colour_at(picture, x, y) == pytest.approx(mpl.colormaps[SENSOR_COLOURS](share)[:3], abs=0.02)
     monkeypatch.setattr(wake, "pressure", lambda: None)
-    with pytest.raises(ConfigError, match="own solver only"):
+    with pytest.raises(ConfigError, match="only with stillwake's solver"):
         WakePicture(wake, "pressure")
 
 

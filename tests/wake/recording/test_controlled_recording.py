@@ -112,7 +112,7 @@ class TestOnACheapPlant:
         output = tmp_path / "a.h5"
         recorder.record(output, [EpisodePlan(forcing="none", steps=2, seed=0)], Config())
         other = Config(flow=FlowConfig(substeps=40))
-        with pytest.raises(DatasetError, match=r"none_0 was recorded with flow\.substeps = 30, .* has 40"):
+        with pytest.raises(DatasetError, match=r"none_0 was recorded with flow\.substeps = 30, .* have 40"):
             record_round(output, a_round(), other, Integrator)
         with pytest.raises(Killed):
             recorded(output, progress=_kill_after_a_block)
