@@ -63,7 +63,7 @@ replay: $(VENV)/dev.stamp
 # What a vehicle installs, alone: every module of its rooms, an ECU in control with the shipped release, and every
 # command, which works or names the extra it needs.
 pristine:
-	rm -rf build/pristine build/lib build/wheel
+	rm -rf build/pristine build/lib build/wheel stillwake.egg-info
 	$(PYTHON) -m venv build/pristine
 	build/pristine/bin/pip wheel --quiet --disable-pip-version-check --no-deps --wheel-dir build/wheel .
 	build/pristine/bin/python -I tests/install/check_wheel.py build/wheel
