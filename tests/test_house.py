@@ -17,7 +17,7 @@ MOST_MODULES = 15
 MOST_C_MODULES = 25
 """In a folder: the ECU's has as many, by the names of its twin's modules."""
 MOST_LINES = {
-    "source": 66_918, "benchmarks": 5_658, "tests": 57_193, "own C": 15_723, "JavaScript": 2_748, "docs": 2_281,
+    "source": 66_918, "benchmarks": 5_658, "tests": 57_193, "own C": 15_709, "JavaScript": 2_748, "docs": 2_281,
     "examples": 2_019,
 }  # fmt: skip
 """Of Python, but for C and JavaScript without the code of others; a ratchet, lowered with every line that goes."""

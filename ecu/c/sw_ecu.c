@@ -47,18 +47,14 @@ static void with_row(sw_ecu_state *state, const sw_release *release, const doubl
     }
 }
 
-/* Adds one row for each skipped period, in which the last command stayed in force. After a clock fault the window is
- * emptied.
- */
+/* Adds one row for each skipped period, with the last command in force. A clock fault empties the window. */
 static void after_silence(sw_memory *memory, const sw_timing *timing)
 {
     if (timing->fault == SW_REASON_CLOCK) {
         sw_memory_emptied(memory);
         return;
     }
-    /* More skipped periods than this number change nothing further: the window is then empty and the jets follow the
-     * last command.
-     */
+    /* More skipped periods change nothing further: the window is empty and the jets follow the last command. */
     const int most = LONGEST_GAP > (int)memory->frozen ? LONGEST_GAP : (int)memory->frozen;
     for (int k = 0; k <= most && k < timing->skipped; k++) {
         sw_memory_bridged(memory);
@@ -66,9 +62,7 @@ static void after_silence(sw_memory *memory, const sw_timing *timing)
     }
 }
 
-/* Runs the sensor check: replaces an excluded sensor in the memory by its estimate, and returns the reason why the jets
- * must shut.
- */
+/* Runs the sensor check: replaces an excluded sensor by its estimate, and returns why the jets must shut. */
 static uint8_t check_sensors(sw_ecu *ecu, const double *cp, const double *reading)
 {
     uint8_t fault = SW_REASON_NONE;
@@ -87,9 +81,7 @@ static uint8_t check_sensors(sw_ecu *ecu, const double *cp, const double *readin
     return fault;
 }
 
-/* Runs the benefit check, with the estimate in place of an excluded sensor, and returns the reason why the jets must
- * shut.
- */
+/* Runs the benefit check, with the estimate for an excluded sensor, and returns why the jets must shut. */
 static uint8_t check_benefit(sw_ecu_state *state, const sw_release *release, int usable)
 {
     uint8_t fault = SW_REASON_NONE;
@@ -105,9 +97,7 @@ static uint8_t check_benefit(sw_ecu_state *state, const sw_release *release, int
     return fault;
 }
 
-/* Returns BUS_OFF if the CAN controller is bus-off, or went bus-off after the previous step: no node received the
- * frames.
- */
+/* Returns BUS_OFF while the CAN controller is bus-off, and in the next step: no node received the frames. */
 static uint8_t bus_fault(const sw_bus_health *before, const sw_bus_health *now)
 {
     const int off = now->is_bus_off || now->bus_off > before->bus_off;
@@ -256,9 +246,7 @@ static sw_gated act(sw_ecu *ecu, const sw_timing *before, int64_t now_ns)
     return passed;
 }
 
-/* Checks this build against the exporter's known answer. The check overwrites the ECU's memory, which is not in use
- * yet.
- */
+/* Checks this build against the exporter's known answer, in the ECU's memory, which is not in use yet. */
 static uint8_t judged(sw_ecu *ecu, const sw_numbers *numbers)
 {
 #ifdef SW_WITHOUT_KNOWN_ANSWER
@@ -338,9 +326,7 @@ static int could_drive(const sw_ecu_state *state)
 }
 #endif
 
-/* Checks that all values of a saved state that are used as index, shift, divisor or term of a sum are within their
- * ranges.
- */
+/* Checks the ranges of a saved state's values that are used as index, shift, divisor or term of a sum. */
 static int could_be(const sw_ecu_state *state)
 {
     const sw_memory *memory = &state->memory;
