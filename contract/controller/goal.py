@@ -9,6 +9,9 @@ from dataclasses import replace
 from math import sqrt
 from typing import Final, NamedTuple
 
+import numpy as np
+
+from contract.arrays import Array
 from contract.config.controller import CostWeights
 
 DEAREST_EFFORT: Final = 9.0
@@ -20,9 +23,12 @@ NARROWEST: Final = 0.5
 """Smallest limit of the jets for which a prior is trained, as a share of the release's limit."""
 SPEED_SCALE: Final = 0.4
 """Difference between a vehicle's speed and the design speed that is scaled to 1, in units of the design speed."""
-SCHEDULED: Final = ("one", "speed", "effort", "lift", "limit")
-"""Names of the scheduling inputs of a prior's units, in the order of the prior's tensors: 1, the scaled speed, and the
-parts of the goal. A unit's other inputs are sums of sensors."""
+SCHEDULED: Final = ("one", "slower", "faster", "effort", "lift", "limit")
+"""Names of the scheduling inputs of a prior's units, in the order of the prior's tensors: 1, the scaled speed below and
+above the design speed, and the parts of the goal. A unit's other inputs are sums of sensors."""
+SPEED_PLACES: Final = (SCHEDULED.index("slower"), SCHEDULED.index("faster"))
+"""Places of the speed in `SCHEDULED`. With one variable for all speeds, more training at high speeds made a prior worse
+at low speeds."""
 
 
 class Goal(NamedTuple):
@@ -63,7 +69,15 @@ OWN: Final = Goal()
 
 def schedule(speed: float, goal: Goal) -> tuple[float, ...]:
     """Return the values of `SCHEDULED` for a goal at a speed in units of the design speed."""
-    return (1.0, (speed - 1.0) / SPEED_SCALE, *goal)
+    scaled = (speed - 1.0) / SPEED_SCALE
+    return (1.0, min(scaled, 0.0), max(scaled, 0.0), *goal)
+
+
+def of_two_speeds(parts: Array) -> Array:
+    """Return the scheduled weights of a prior, with the variables of `SCHEDULED` on the first axis, from those of a
+    prior until version 1.1, which has one variable for the speed; other weights unchanged."""
+    below, above = SPEED_PLACES
+    return np.insert(parts, above, parts[below], axis=0) if len(parts) == len(SCHEDULED) - 1 else parts
 
 
 def unknown_to_prior(weights: CostWeights, *, knows_goal: bool = True) -> CostWeights:

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from contract.arrays import Array
-from contract.controller.goal import SCHEDULED, SPEED_SCALE
+from contract.controller.goal import SCHEDULED, SPEED_PLACES, SPEED_SCALE, of_two_speeds
 from contract.controller.interface import FORCES
 from contract.errors import ExportError
 
@@ -183,9 +183,9 @@ class PriorWeights:
 
     Attributes:
         filters: (M, F) weights of the rows in F filters, oldest row first; the n units read the F filtered rows.
-        first: (5, n, F, p + 1) weights of each unit on the filtered rows, for each of the 5 variables in
+        first: (6, n, F, p + 1) weights of each unit on the filtered rows, for each of the 6 variables in
             `contract.controller.goal.SCHEDULED`.
-        gate: (n, 5) weights of each unit's gate on the variables in `SCHEDULED`.
+        gate: (n, 6) weights of each unit's gate on the variables in `SCHEDULED`.
         sums: (n, F, p) weights of each unit's gate on the filtered sums of Cp in the pairs.
         output: (n,) weights of the gated units.
         predictor: (p, M, p + 1) weights that predict the next differences from the M rows up to the present row.
@@ -205,21 +205,24 @@ class PriorWeights:
 
         The plan of a model of version 1.0.0 depends on the speed at most, not on the goal. Such a model has "slope",
         (n, F, p + 1): the change of "first", of this shape too, if the vehicle is faster by the design speed. Or it has
-        "hidden", (n, M, p + 1), in place of filters, first and slope.
+        "hidden", (n, M, p + 1), in place of filters, first and slope. A model until version 1.1 has one variable for
+        the speed.
         """
         tensors, is_dense = _Tensors("prior", state), "hidden" in state
         if is_dense or "slope" in state:
             name = "hidden" if is_dense else "first"
             units, count, columns = shape = tensors.shape(name, 3)
             slope = np.zeros(shape) if is_dense else SPEED_SCALE * tensors.take("slope", shape)
-            first = np.stack([tensors.take(name, shape), slope, *np.zeros((3, *shape))])
+            first = np.zeros((len(SCHEDULED), *shape))
+            first[0], first[list(SPEED_PLACES)] = tensors.take(name, shape), slope
             gate, sums = np.zeros((units, len(SCHEDULED))), np.zeros((units, count, columns - 1))
         else:
             scheduled, units, count, columns = tensors.shape("first", 4)
-            if scheduled != len(SCHEDULED):
+            if scheduled not in (len(SCHEDULED), len(SCHEDULED) - 1):
                 raise ExportError(f"prior.first: {scheduled} parts, must be {len(SCHEDULED)}: {', '.join(SCHEDULED)}")
-            first = tensors.take("first", (scheduled, units, count, columns))
-            gate, sums = tensors.take("gate", (units, scheduled)), tensors.take("sums", (units, count, columns - 1))
+            first = of_two_speeds(tensors.take("first", (scheduled, units, count, columns)))
+            gate = of_two_speeds(tensors.take("gate", (units, scheduled)).T).T
+            sums = tensors.take("sums", (units, count, columns - 1))
         memory = count if is_dense else tensors.size("filters", axis=0)
         weights = cls(
             filters=np.eye(count) if is_dense else tensors.take("filters", (memory, count)),
@@ -245,7 +248,7 @@ class PriorWeights:
     @property
     def knows_speed(self) -> bool:
         """Whether plans depend on the vehicle's speed."""
-        return self._knows("speed")
+        return self._knows("slower", "faster")
 
     @property
     def knows_goal(self) -> bool:

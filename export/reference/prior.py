@@ -2,7 +2,7 @@
 
 The plan is the output of a feedback over the horizon. The feedback was trained through the flow (`train.refinement`);
 its inputs in the horizon are differences that an autoregressive model predicts. With rows (y_i, a_i) of the sensors'
-differences and the action, a past of M rows, and the schedule s = (1, (speed - 1) / 0.4, effort, lift, limit) of the
+differences and the action, a past of M rows, and the schedule s = (1, slower, faster, effort, lift, limit) of the
 present speed and goal (`contract.controller.goal`),
 
     g = 1 + tanh(gate s + sums . filters^T (Cp_first + Cp_second, rows t-M+1 .. t)),
@@ -60,7 +60,7 @@ def prior_plan(
 
 
 def gates_of(prior: PriorWeights, window: Array, scheduled: Array) -> Array:
-    """Compute the gates g of the n units, (n,), for a window and a schedule (5,)."""
+    """Compute the gates g of the n units, (n,), for a window and a schedule (6,)."""
     by_sums = np.tensordot(prior.sums, filtered_sums(prior, window), axes=2)
     return np.asarray(1.0 + np.tanh(prior.gate @ scheduled + by_sums))
 

@@ -16,7 +16,7 @@ from export.to_onnx.graph_builder import Graph, PutMatrix, transposed
 
 
 def lower_schedule(graph: Graph, weights: str, speed: str | None, share: str) -> tuple[str, str]:
-    """Add nodes that compute the schedule (5, 1), and the bound on |a| that the goal allows, as a share of the
+    """Add nodes that compute the schedule (6, 1), and the bound on |a| that the goal allows, as a share of the
     program's limit, a scalar.
 
     Args:
@@ -36,9 +36,11 @@ def lower_schedule(graph: Graph, weights: str, speed: str | None, share: str) ->
     one, zero = graph.constant(1.0), graph.constant(0.0)
     scale = graph.constant(1.0 / (1.0 - NARROWEST))
     narrowed = graph.op("Min", graph.op("Mul", graph.op("Sub", one, share), scale), one)
-    faster = zero if speed is None else graph.op("Div", graph.op("Sub", speed, one), graph.constant(SPEED_SCALE))
-    beside = [graph.op("Reshape", value, row) for value in (faster, narrowed)]
-    parts = graph.constant([1.0]), beside[0], prices, beside[1]
+    scaled = zero if speed is None else graph.op("Div", graph.op("Sub", speed, one), graph.constant(SPEED_SCALE))
+    below = graph.op("Min", scaled, zero)
+    columns = (graph.op("Reshape", value, row) for value in (below, graph.op("Sub", scaled, below), narrowed))
+    slower, faster, limit = columns
+    parts = graph.constant([1.0]), slower, faster, prices, limit
     schedule = graph.op("Unsqueeze", graph.op("Concat", *parts, axis=0), row)
     reach = graph.op("Sub", one, graph.op("Mul", narrowed, graph.constant(1.0 - NARROWEST)))
     return schedule, reach
@@ -69,7 +71,7 @@ def lower_prior(
     Args:
         window: (L, S+1) rows (Cp_k, a_{k-1}), oldest first.
         committed, free: (1, H) actions that apply where they are not free; (H,) mask of free actions.
-        schedule: (5, 1) values of the schedule variables.
+        schedule: (6, 1) values of the schedule variables.
         reach: scalar bound on |a| that the goal allows, in U_inf W.
         bound: scalar bound on |a| in this control step, in U_inf W.
     """

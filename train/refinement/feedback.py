@@ -16,7 +16,7 @@ import torch
 from torch import Tensor, nn
 
 from contract.arrays import Array
-from contract.controller.goal import OWN, SCHEDULED, SPEED_SCALE, Goal, schedule
+from contract.controller.goal import OWN, SCHEDULED, SPEED_PLACES, SPEED_SCALE, Goal, of_two_speeds, schedule
 
 NEWEST: Final = 10
 """Number of newest rows that are used one by one: two convective times."""
@@ -59,8 +59,8 @@ def filters(memory: int) -> Tensor:
 class Feedback(nn.Module):
     """a_{t+1} = (1 - limit / 2) A tanh(output . (1 + tanh(gate . (s, sums))) tanh((first . s) . rows)).
 
-    A is the release's limit. s = (1, scaled speed, effort, lift, limit) are the scheduling inputs; the goal's parts
-    effort, lift and limit are those of `contract.controller.goal`, each from 0 to 1. `rows` are the filtered
+    A is the release's limit. s = (1, slower, faster, effort, lift, limit) are the scheduling inputs of
+    `contract.controller.goal`; the goal's parts effort, lift and limit are, each from 0 to 1. `rows` are the filtered
     differences and actions, `sums` the filtered sums of the pairs. The mirror image changes the sign of the rows and
     not of the sums, so the action changes its sign exactly. Initially the feedback gives no control, because `output`
     is zero, and is not scheduled.
@@ -119,11 +119,11 @@ class Feedback(nn.Module):
         If the prior has fewer units than this feedback, the other units stay unchanged.
         """
         units, pairs, count = len(prior["output"]), self.pairs, self._filters.shape[1]
-        first, gate, sums = prior["first"], prior.get("gate"), prior.get("sums")
+        first, gate, sums = of_two_speeds(prior["first"]), prior.get("gate"), prior.get("sums")
         if "slope" in prior:
             first = np.zeros((len(SCHEDULED), *prior["slope"].shape))
-            first[0], first[1] = prior["first"], SPEED_SCALE * prior["slope"]
-        gate = np.zeros((units, len(SCHEDULED))) if gate is None else gate.copy()
+            first[0], first[list(SPEED_PLACES)] = prior["first"], SPEED_SCALE * prior["slope"]
+        gate = np.zeros((units, len(SCHEDULED))) if gate is None else of_two_speeds(gate.T).T.copy()
         sums = np.zeros((units, count, pairs)) if sums is None else sums
         by_sum = sums.reshape(units, -1)
         gate[:, 0] += by_sum @ np.tile(self.middles.numpy(), count)

@@ -184,7 +184,7 @@ def _tasks(
 ) -> list[Task]:
     """Prepare the stretches of the next update, and restart streams that have run long enough."""
     course = run.done / settings.updates
-    periods = round(settings.shortest + (settings.longest - settings.shortest) * min(1.0, 2.0 * course))
+    at_design = settings.shortest + (settings.longest - settings.shortest) * min(1.0, 2.0 * course)
     tasks = []
     for place in range(settings.batch):
         number = (run.done * settings.batch + place) % len(run.streams)
@@ -197,6 +197,8 @@ def _tasks(
         effort, lift = stream.goal.prices()
         is_fixed = settings.slowest == settings.fastest or number % AT_DESIGN == 0
         speed = 1.0 if is_fixed else _next_speed(stream, settings, rng)
+        # The effect of the jets takes equally many convective times at every speed.
+        periods = round(2.0 * at_design / (stream.speed + speed))
         speeds = np.linspace(stream.speed, speed, periods + 1)
         tasks.append(
             Task(

@@ -202,7 +202,7 @@ def _followed(rows: Tensor, speeds: Sequence[float]) -> Tensor:
 
 def _stretch_read(rows: Array, speeds: Array) -> Array:
     """Resample a stretch's rows; their number follows from the speeds."""
-    steps = int(speeds[1:].sum()) + 1
+    steps = len(places(speeds.tolist(), len(rows) * ceil(speeds.max())).newer)
     return np.asarray(read(torch.from_numpy(rows), speeds.tolist(), steps))
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from contract.config.controller import MpcConfig
+from contract.controller.goal import SPEED_SCALE, Goal, schedule
 from contract.errors import ExportError
 from contract.release.manifest import Scaling
 from export.program.controller_program import ControllerProgram
@@ -46,7 +47,7 @@ def parts():
         "sensors": ("base_0", "base_9"),
         "encoder_rows": 4,
         "prior": {
-            **{"filters": np.ones((6, 2)), "first": np.ones((5, 3, 2, 2)), "gate": np.ones((3, 5))},
+            **{"filters": np.ones((6, 2)), "first": np.ones((6, 3, 2, 2)), "gate": np.ones((3, 6))},
             **{"sums": np.ones((3, 2, 1)), "output": np.ones(3), "predictor": np.ones((1, 6, 2))},
         },
     }
@@ -78,6 +79,17 @@ def test_every_tensor_is_needed_and_checked():
                 ControllerProgram.from_state(**poisoned)
 
 
+def test_a_prior_with_one_variable_for_the_speed_acts_as_it_was_trained():
+    old, rng = parts(), np.random.default_rng(1)
+    first, gate = old["prior"]["first"], old["prior"]["gate"] = rng.normal(size=(5, 3, 2, 2)), rng.normal(size=(3, 5))
+    prior = ControllerProgram.from_state(**old).prior
+    assert prior is not None and prior.knows_speed
+    for speed in (0.6, 1.0, 1.3):
+        now, before = schedule(speed, Goal(0.2, 0.3, 0.4)), (1.0, (speed - 1.0) / SPEED_SCALE, 0.2, 0.3, 0.4)
+        np.testing.assert_allclose(np.tensordot(now, prior.first, 1), np.tensordot(before, first, 1), atol=1e-12)
+        np.testing.assert_allclose(prior.gate @ now, gate @ before, atol=1e-12)
+
+
 def test_what_does_not_fit_is_refused_by_its_name():
     def scaled(**changes: object) -> dict[str, Any]:
         return {"scaling": Scaling(**{**vars(parts()["scaling"]), **changes})}
@@ -90,10 +102,13 @@ def test_what_does_not_fit_is_refused_by_its_name():
         ({"sensors": ("base_0", "base_0")}, "'base_0' is named twice"),
         ({"sensors": ()}, "at least one"),
         ({"encoder_rows": 0}, "encoder_rows = 0"),
-        (tensor("prior", "first", 5, 3, 2, 3), r"prior\.sums: shape"),
-        (tensor("prior", "first", 4, 3, 2, 2), r"prior\.first: 4 parts, must be 5: one, speed, effort, lift, limit"),
+        (tensor("prior", "first", 6, 3, 2, 3), r"prior\.sums: shape"),
+        (
+            tensor("prior", "first", 4, 3, 2, 2),
+            r"prior\.first: 4 parts, must be 6: one, slower, faster, ",
+        ),
         (tensor("prior", "first", 3, 2, 2), r"prior\.first: shape \(3, 2, 2\), must have 4 axes"),
-        (tensor("prior", "slope", 3, 2, 2), r"prior\.first: shape \(5, 3, 2, 2\), must have 3 axes"),
+        (tensor("prior", "slope", 3, 2, 2), r"prior\.first: shape \(6, 3, 2, 2\), must have 3 axes"),
         (tensor("prior", "hidden", 3, 6, 2), r"prior\.f\w+: unknown tensor"),
         ({"action_limit": float("inf")}, "action_limit = inf"),
         ({"action_limit": -0.075}, r"action_limit = -0\.075"),

@@ -9,10 +9,10 @@
 #if SW_PRIOR_UNITS > 0
 
 /* The scheduling variables of the units and their gates, in the order of their weights. */
-enum { ONE, SPEED, EFFORT, LIFT, LIMIT };
+enum { ONE, SLOWER, FASTER, EFFORT, LIFT, LIMIT };
 
-#if SW_SCHEDULED != 5
-#error "five weights of a unit on an input are added up here"
+#if SW_SCHEDULED != 6
+#error "six weights of a unit on an input are added up here"
 #endif
 
 /* Returns the position of a cost weight within the range that the prior supports. */
@@ -27,7 +27,9 @@ static void take_schedule(float schedule[SW_SCHEDULED], const sw_workspace *work
 {
     const float *weights = input->weights, share = work->limit / work->program.weights->action_limit;
     schedule[ONE] = 1.0f;
-    schedule[SPEED] = (input->speed - 1.0f) / SW_SPEED_SCALE;
+    const float speed = (input->speed - 1.0f) / SW_SPEED_SCALE;
+    schedule[SLOWER] = sw_min(speed, 0.0f);
+    schedule[FASTER] = sw_max(speed, 0.0f);
     schedule[EFFORT] = root_of(weights[SW_EFFORT], SW_DEAREST_EFFORT * weights[SW_DRAG_MEAN]);
     schedule[LIFT] = root_of(weights[SW_LIFT], SW_DEAREST_LIFT * weights[SW_DRAG_MEAN]);
     schedule[LIMIT] = sw_min(sw_max((1.0f - share) / (1.0f - SW_NARROWEST), 0.0f), 1.0f);
@@ -36,13 +38,15 @@ static void take_schedule(float schedule[SW_SCHEDULED], const sw_workspace *work
 /* Computes the weights of the units on their inputs at the present speed and goal. */
 static void take_weights(sw_prior_scratch *prior, const sw_weights *w)
 {
+    /* One of the two is zero. */
+    const int speed = prior->schedule[FASTER] > 0.0f ? FASTER : SLOWER;
     for (int u = 0; u < SW_PRIOR_OUTPUTS; u++) prior->weight[SW_PRIOR_INPUTS][u] = 0.0f;
     for (int u = 0; u < SW_PRIOR_OUTPUTS; u++) {
         float s[SW_SCHEDULED];
         for (int j = 0; j < SW_SCHEDULED; j++) s[j] = prior->schedule[j] * w->prior_first_scale[u][j];
         for (int i = 0; i < SW_PRIOR_INPUTS; i++) {
             const sw_prior_number *of = w->prior_first[u][i];
-            const float own = s[ONE] * (float)of[ONE] + s[SPEED] * (float)of[SPEED];
+            const float own = s[ONE] * (float)of[ONE] + s[speed] * (float)of[speed];
             const float prices = s[EFFORT] * (float)of[EFFORT] + s[LIFT] * (float)of[LIFT];
             prior->weight[i][u] = own + prices + s[LIMIT] * (float)of[LIMIT];
         }
