@@ -21,8 +21,8 @@ def leads_to(path: Path) -> Path:
     if place.is_symlink():
         raise StillwakeError(f"cannot write {path}: {os.strerror(errno.ELOOP)}")
     for link in (path, *path.parents):
-        # The link may point to a disk that is not mounted. Only the link's target may be missing, and no folder above
-        # it.
+        # The link may point to a disk that is not mounted. The link's target itself may be missing, but the folder of
+        # the target must exist.
         if link.is_symlink() and not link.exists() and (link != path or not place.parent.is_dir()):
             raise StillwakeError(f"cannot write {path}: {link} is a link to {link.readlink()}, which is not there")
     return place

@@ -72,7 +72,7 @@ def spread(
         names: returns, for the error message, the job's name and what remains of the job if its workers die.
         finished: called in this process with every finished job and its result, in the order in which the jobs finish.
         looked: called at every poll with the number of threads of each worker, by the worker's address.
-        slots: returns the number of jobs that run on these workers at once.
+        slots: returns the number of jobs that these workers run at the same time.
 
     Raises:
         StillwakeError: the scheduler cannot be reached or has no worker, workers died too often during one job, or the

@@ -58,7 +58,8 @@ def train_all(
     Args:
         progress: called from every phase; see `train.fitting.progress.Progress`.
         device: "cpu" or "cuda".
-        resume: continue an interrupted run with equal settings and recording; if False, start over.
+        resume: whether an interrupted run with equal settings and recording is continued; if False, the run starts
+            over.
         chosen: names of the slim encoder's sensors; None uses the method `config.train.selection`.
         threads: number of torch's threads, stated in the model's `versions`; the caller's number is restored.
         notice: called with a line for every training episode that is too short, and if the number of threads has

@@ -58,7 +58,7 @@ def main(json_file: JsonFile = None) -> None:
 
 @contextmanager
 def _ecu(place: Path) -> Iterator[None]:
-    """Provision and run the ECU; fail if the scans made it end."""
+    """Provision and run the ECU; fail if the ECU ended during the scans."""
     root, keys, slots, access = (str(place / name) for name in ("root", "keys.list", "slots", "access.key"))
     trusted = ROOT / "contract" / "release" / "release.pub"
     stillwake("keygen", root)

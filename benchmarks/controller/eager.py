@@ -73,7 +73,7 @@ class EagerController:
         return forces
 
     def start(self, window: Array, committed: Tensor, chosen: Tensor, w: Tensor, speed: float, limit: float) -> Tensor:
-        """Return the optimiser's initial plan for H periods, shape (H,): the prior's two matrix products with the
+        """Return the optimiser's initial plan for H periods, shape (H,), from the prior's two matrix products with the
         flattened past."""
         prior = self._program.prior
         if prior is None:

@@ -1,9 +1,9 @@
 """The longest control period of the firmware: constructed drives on the emulated board, and a bound from all of them.
 
 A period is all work that the core does from the end of one step to the end of the next step: a turn of the main loop
-for each frame that wakes the core, and the step. Each constructed drive adds to the iterations something that makes a
-step longer. The bound adds up, for each basic block, the largest number of cycles that the block took in any period of
-any drive, as if all worst cases fell into one period.
+for each frame that wakes the core, and the step. In each constructed drive, something makes a step longer in addition
+to the iterations. The bound adds up, for each basic block, the largest number of cycles that the block took in any
+period of any drive, as if all worst cases fell into one period.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -266,8 +266,8 @@ def _at_all_speeds(vehicle: Vehicle) -> Iterator[Period]:
 
 
 def _lost(vehicle: Vehicle) -> Iterator[Period]:
-    """Yield lost frames, bus-off, a late period and a gap of half a second; good periods follow the lost frames and the
-    gap."""
+    """Yield periods with lost frames, bus-off, a late period and a gap of half a second; good periods follow the lost
+    frames and the gap."""
     for lost in (1, 2, 4):
         for _ in range(lost):
             vehicle.frames()

@@ -17,8 +17,8 @@ KEPT: Final = 10
 
 
 class Lockstep:
-    """A pair of ECUs in the interface of one. It steps both, returns the frames of the driver, and counts the
-    differences between the frames and states of the two.
+    """A pair of ECUs with the interface of a single ECU. It steps both, returns the frames of the driver, and counts
+    the differences between the frames and states of the two.
 
     Args:
         driver: ECU whose frames are sent.

@@ -105,8 +105,9 @@ def load(path: Path | None = None, overrides: Sequence[str] = (), *, base: Confi
     file, an unknown key, a wrong type or a value out of range.
 
     Args:
-        path: a TOML file. With `base = "paper"` as its first line, the file modifies the paper's settings instead.
-        overrides: `section.key=value` strings, the value in TOML syntax. Text needs no quotation marks.
+        path: a TOML file. With `base = "paper"` as its first line, the file modifies the paper's settings instead of
+            the release's.
+        overrides: `section.key=value` strings, with the value in TOML syntax. Text needs no quotation marks.
         base: settings that the file and the overrides modify, instead of the release's.
     """
     tree = _packaged(_RELEASE) if base is None else to_tree(base)

@@ -49,7 +49,7 @@ class E2eConfig(
     """Largest increment of the counter with which a frame is still accepted as the next frame. The default 4 allows a
     loss of three frames in a row, which is the number that the ECU's fail-safe bridges."""
     window: Annotated[AtLeastOne[int], FRAMES] = 5
-    """Latest checks that are judged together."""
+    """Number of latest frames whose checks are judged together."""
     min_ok: Annotated[int, FRAMES] = 2
     """Smallest number of good checks in the window with which a stream is valid."""
     max_errors: Annotated[int, FRAMES] = 2
@@ -147,8 +147,8 @@ class SensorCheckConfig(
     their disagreement if the two are exchanged. Healthy sensors reach 0.9."""
     doubt_level: Positive[float] = 16.0
     """Disagreement among the pressures, not explained by a single sensor, at which a period counts as doubtful. Once a
-    sensor is set aside, the limit is twice this value. Healthy sensors reach 12, if the forcing exceeds that of the
-    training data."""
+    sensor is set aside, the limit is twice this value. Healthy sensors reach 12, if the forcing exceeds the training
+    data's."""
     doubt_periods: Annotated[AtLeastOne[int], PERIODS, ours("a shedding cycle")] = 25
     """Count at which the jets go to zero and the fault latches. A doubtful period adds 1 to the count, any other period
     subtracts 1."""
@@ -171,7 +171,7 @@ class BenefitCheckConfig(
     wake_periods: Annotated[AtLeastOne[int], PERIODS, ours("until shedding is restored", page=_HELPS)] = 150
     """Number of periods with the jets shut after which the wake is taken to be the wake without control."""
     first_period: Annotated[AtLeastOne[int], PERIODS, ours("the wake needs a cycle to respond", page=_HELPS)] = 60
-    """First period of control that is judged; the wake has not responded earlier."""
+    """First period of control that is judged; in the periods before it the wake has not yet responded."""
     least_gain: NonNegative[float] = 0.04
     """Smallest share of the base suction that control must remove to count as help."""
     most_swing: Positive[float] = 1.15
@@ -208,8 +208,8 @@ class EcuConfig(Settings, source=ours("the paper has no ECU", page=_GATE)):
     """Timing and fail-safe behaviour of the ECU."""
 
     compute_time_ms: Annotated[NonNegative[float], MILLISECONDS, ours("a stated share of the 20 ms of a period")] = 8.0
-    """Time from a pressure frame to the command, which the virtual ECU takes for its control step. This time is an
-    assumed share of the budget, not a measurement; reports also show the measured latency."""
+    """Time that the virtual ECU takes for a control step, from the step's start to the command. This time is an assumed
+    share of the budget, not a measurement; reports also show the measured latency."""
     hold_periods: Annotated[NonNegative[int], PERIODS] = 1
     """Number of missed periods during which the ECU repeats the last command."""
     decay_periods: Annotated[NonNegative[int], PERIODS] = 2
@@ -274,8 +274,9 @@ class VehicleConfig(Settings, source=ours("the same as the ECU's", page=_GATE)):
     ECU."""
     loss_limit: Annotated[int, PERIODS] = 25
     """Number of periods without a usable command, among the latest `vehicle.loss_window`, at which the vehicle shuts
-    its jets and withdraws its enable request until the vehicle's own request has been low once. This limit is the
-    counterpart of `ecu.loss_limit`: jets that follow at most every second command are not under control."""
+    its jets and withdraws its enable request. The request stays withdrawn until the vehicle itself has stopped
+    requesting control once. This limit is the counterpart of `ecu.loss_limit`: jets that follow at most every second
+    command are not under control."""
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -22,7 +22,7 @@ SPEED_SCALE: Final = 0.4
 """Difference between a vehicle's speed and the design speed that is scaled to 1, in units of the design speed."""
 SCHEDULED: Final = ("one", "speed", "effort", "lift", "limit")
 """Names of the scheduling inputs of a prior's units, in the order of the prior's tensors: 1, the scaled speed, and the
-parts of the goal. A unit's other inputs are sums of sensors."""
+parts of the goal. A unit's other inputs are filtered sums of the pressures of mirrored sensors."""
 
 
 class Goal(NamedTuple):

@@ -39,7 +39,7 @@ OUTPUTS: Final = ("new_plan", "forces", "terms", "cost")
 TERMS: Final = tuple(item.name for item in fields(CostWeights))
 """Names of the cost terms, in the order of every array of terms."""
 REFUSALS: Final = {1: "a number is not finite", 2: "this build, or the processor's mode, violates IEEE 754"}
-"""Meanings of the C library's status codes except 0, which is an answer."""
+"""Meanings of the C library's status codes except 0, with which a control step succeeds."""
 FORCES: Final = 2
 """Number of forces: Cd and Cl."""
 

@@ -43,8 +43,8 @@ SLIM: Final = "slim"
 PRIOR: Final = "prior"
 """Prefix of the tensors of the prior, which computes the initial plan of the iterations (`train.refinement`)."""
 RESTING: Final = "resting"
-"""Name of a tensor that accompanies the prior's: K rows of speed, base pressure and swing of the wake without jets, (K,
-3)."""
+"""Name of a tensor that accompanies the prior's tensors: K rows of speed, base pressure and swing of the wake without
+jets (`contract.release.manifest.RestingWake`), (K, 3)."""
 PREDICTOR: Final = ("dynamics", "decoder")
 """Networks of which a model may also have a narrower form, stored with the prefix `SLIM`."""
 

@@ -280,11 +280,12 @@ def _readings(
             here = table[:, k] == extreme
             starts, lengths = _runs(here)
             clipped = int(lengths[lengths >= 3].sum())
-            # A sine is within four steps of resolution from its peak in some rows; the bound is two times their share.
+            # A sine is within four steps of resolution of its peak in some rows; the bound is twice the share of these
+            # rows.
             usual = 2.0 * np.sqrt(4.0 * finest[k] / max(swing[k], finest[k])) / np.pi
             if clipped <= max(_CLIPPED, usual) * rows or len(starts) < 2:
                 continue
-            # The check compares with the other sensors, because in a steady wake they are constant too.
+            # The check compares with the other sensors, because in a steady wake the other sensors are constant too.
             if finest[k] * _STEPS < spread[k] * _activity(table[here], k, spread, action[here], action):
                 yield (
                     f"{name} is at its {word} value, {extreme:.4g}, in {clipped} of {rows} rows",

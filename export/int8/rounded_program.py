@@ -77,7 +77,7 @@ class RoundedProgram:
             as_float32(weight, name)  # for its refusal: the scales are float32
             rounded = rounding(name, weight)
             dequantised = rounded.dequantised().astype(np.float64)
-            # A lowering's scale is the largest float32 weight of a row divided by 127. In one row of 128, this scale
+            # A lowering's scale is the largest float32 weight of a row divided by 127. In one of 128 rows, this scale
             # differs by one float32 ulp from the scale with which the weight was rounded.
             stored[name] = Int8Matrix(values=rounded.values, scales=row_scales(dequantised))
             return dequantised

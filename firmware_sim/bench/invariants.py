@@ -257,8 +257,8 @@ class Invariants:
             if not isinstance(one, NodeFault):
                 continue
             if isinstance(one.fault, StuckAt) and not one.fault.counter_runs:
-                # A repeated buffer matters only if it has pressures. These are sent by the vehicle and received by the
-                # ECU, so faults at the two other places are left out.
+                # A buffer that is sent again matters only if it holds pressures. The vehicle sends pressures and the
+                # ECU receives them, so only faults in the vehicle's sending and in the ECU's reception count here.
                 if (one.node == "vehicle") == (one.fault.at == "send"):
                     hidden_s += min(one.fault.end_s - one.fault.start_s, _LONGEST_S)
             elif one.node == "ecu":
