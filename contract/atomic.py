@@ -128,8 +128,7 @@ def replacing(path: Path, *, keep: bool = False) -> Iterator[Path]:
 
 
 def _take_after(new: Path, old: Path) -> None:
-    """Copy the mode and, if possible, the owner from the old file or folder to the new file or folder, recursively by
-    name."""
+    """Copy the mode and, if possible, the owner from the old file or folder to the new one, recursively by name."""
     if new.is_symlink() or old.is_symlink() or not old.exists() or old.is_dir() != new.is_dir():
         return
     for item in new.iterdir() if new.is_dir() else ():

@@ -30,7 +30,7 @@ _CONNECT_S: Final = 10.0
 
 @contextmanager
 def process_pool(workers: int, initializer: Callable[[], None] | None = None) -> Iterator[ProcessPoolExecutor]:
-    """Open a pool of new processes. An error or a stop signal kills the processes during their work.
+    """Open a pool of new processes. After an error or a stop signal the processes are killed, even during their work.
 
     Args:
         workers: number of processes.

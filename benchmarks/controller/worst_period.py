@@ -142,8 +142,7 @@ class Tally:
 
     @property
     def bound(self) -> tuple[int, int]:
-        """Cycles and instructions of a period in which every block took as much as in the worst period for this
-        block."""
+        """Cycles and instructions of a period in which every block took its largest number in any period."""
         return sum(cycles for _, cycles in self._most.values()), sum(count for count, _ in self._most.values())
 
 

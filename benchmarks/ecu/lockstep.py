@@ -1,5 +1,4 @@
-"""Two ECUs in one loop: the first ECU drives the loop; the second ECU gets the same inputs and must give the same
-outputs."""
+"""Two ECUs in one loop: the first drives the loop; the second gets the same inputs and must give the same outputs."""
 
 from collections.abc import Sequence
 from typing import Final

@@ -131,8 +131,7 @@ class Lab:
 
 
 class Outcome(NamedTuple):
-    """The outcome of a fault: the sensor set aside, whether the jets were shut, and the number of periods until
-    then."""
+    """A fault's outcome: the sensor set aside, whether the jets were shut, and the number of periods until then."""
 
     set_aside: int | None
     shut: bool

@@ -145,7 +145,6 @@ def _flat(text: str) -> str:
 
 
 def _toml(value: object) -> str:
-    """Format a value in TOML: text, a number, or a list of them."""
     if isinstance(value, str):
         return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
     if isinstance(value, list | tuple):

@@ -72,8 +72,7 @@ PAPER = "paper"
 BASE_KEY = "base"
 """The key in a TOML file that states whether the file modifies the paper's settings or the release's."""
 RETIRED: Final = {"refine.iterations": False}
-"""Settings that files of earlier versions may contain and this version does not have; a file may set them to this value
-only."""
+"""Settings of earlier versions that this version does not have; a file may set them to this value only."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -174,7 +173,6 @@ def _check(tree: Mapping[str, Any], source: str) -> None:
 
 
 def _parsed_override(text: str) -> dict[str, Any]:
-    """Parse a `section.key=value` text into a tree."""
     name, separator, value = text.partition("=")
     *sections, key = (part.strip() for part in name.split("."))
     if not separator or not key:

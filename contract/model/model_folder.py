@@ -123,13 +123,11 @@ class ModelFolder:
     config_tree: Mapping[str, Any]
 
     def network(self, name: str) -> dict[str, npt.NDArray[Any]]:
-        """Return one network's tensors with the names of its state dict; empty if the model does not have this
-        network."""
+        """Return one network's tensors by the names of its state dict; empty if the model lacks this network."""
         return {key.partition(".")[2]: value for key, value in self.tensors.items() if key.split(".")[0] == name}
 
     def deployed(self, name: str) -> dict[str, npt.NDArray[Any]]:
-        """Return the tensors of `dynamics` or `decoder` that the vehicle uses: the narrower network's, if there is
-        one."""
+        """Return the tensors of `dynamics` or `decoder` for the vehicle: the narrower network's, if there is one."""
         return self.network(f"{SLIM}_{name}") or self.network(name)
 
     @property

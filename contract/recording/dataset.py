@@ -276,8 +276,8 @@ def _read_episode(name: str, node: h5py.Group | h5py.Dataset, schema: str, probl
         elif field in REQUIRED or schema != DATASET_SCHEMA:
             found.append(f"episode {name}: field {field!r} is missing")
     if schema == DATASET_SCHEMA_1 and "Cd_slot" in series:
-        # The single recorded force counts as pressure force, which is nearly all of the slot's force, so that the sum
-        # is unchanged.
+        # The single recorded force is read as pressure force, which is nearly all of the slot's force; the sum is
+        # unchanged.
         series["Cd_slot_pressure"] = series.pop("Cd_slot")
         series["Cd_slot_viscous"] = np.zeros_like(series["Cd_slot_pressure"])
     attributes = {}

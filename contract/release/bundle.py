@@ -172,7 +172,8 @@ def verified(name: str, contents: Mapping[str, bytes], trusted: Collection[Publi
 
 
 def examine(path: Path, trusted: PublicKey | None = None) -> list[Check]:
-    """Return the results of every check that `load` makes, in the order of `load`; failed checks have their errors.
+    """Return the results of every check that `load` makes, in the order of `load`; the result of a failed check has its
+    error.
 
     The list ends at a check that cannot be made because an earlier check failed.
     """

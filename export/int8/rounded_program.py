@@ -39,7 +39,7 @@ class Int8Matrix:
 
 
 def quantise_matrix(weight: Array) -> Int8Matrix:
-    """Return the nearest Int8Matrix of a matrix (outputs, inputs)."""
+    """Round each weight of a matrix (outputs, inputs) to the nearest integer."""
     scales = row_scales(weight)
     steps = np.rint(weight / scales[:, None].astype(np.float64))
     return Int8Matrix(values=np.clip(steps, -QMAX, QMAX).astype(np.int8), scales=scales)

@@ -137,8 +137,8 @@ def _past(graph: Graph, prior: PriorWeights, sizes: Sizes, window: str) -> tuple
 
 
 def _history(graph: Graph, window: str, length: int, pairs: int) -> str:
-    """Convert L rows (Cp_k, a_{k-1}), (L, S+1), to one row of y_k and a_k in turn without the last action, (1, L (p +
-    1) - 1).
+    """Convert L rows (Cp_k, a_{k-1}), (L, S+1), to one row in which y_k and a_k alternate, without the last action, (1,
+    L (p + 1) - 1).
 
     The first row's action is older than the memory. This action is dropped, and the other actions move up by a row.
     """

@@ -97,7 +97,7 @@ class OpenFoamWake(NeverCopied):
     def __exit__(self, kind: object, *_: object) -> None:
         self.close()
         if kind is None:
-            # The case of a failed run is left for inspection.
+            # The case of a failed run is not removed, so that it can be inspected.
             shutil.rmtree(self._case, ignore_errors=True)
 
     @property
@@ -184,7 +184,7 @@ class OpenFoamWake(NeverCopied):
         self._readings = self._follower.read()
         self._substep += substep - into
         self._action = target if substep == last else start + (target - start) * (substep - into) / (last - into)
-        # Check here as well as in `sample`: a run need not call `sample` after its last step.
+        # The check is made here as well as in `sample`, because a run need not call `sample` after its last step.
         self._readings.require_finite(self.t)
 
     def sample(self) -> Sample:

@@ -41,8 +41,8 @@ class Grid:
     Attributes:
         xf, yf: faces, shapes (nx + 1,) and (ny + 1,).
         xc, yc: cell centres, shapes (nx,) and (ny,).
-        dxc: distance between the centres either side of x-face i, shape (nx + 1,); half cells at the ends.
-        dyc: distance between the centres either side of y-face j, shape (ny + 1,).
+        dxc: distance between the centres on both sides of x-face i, shape (nx + 1,); half cells at the ends.
+        dyc: distance between the centres on both sides of y-face j, shape (ny + 1,).
         front, rear: x-face indices of the body's front and base.
         lower, upper: y-face indices of the body's sides.
         slot_cells: rows in each slot.

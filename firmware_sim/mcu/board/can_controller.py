@@ -122,7 +122,7 @@ class CanController:
         return self._read(offset)
 
     def write(self, offset: int, value: int) -> None:
-        """Write a register or a word of the message RAM; raises McuError for a register that is not modelled or is
+        """Write a register or a message RAM word; raises McuError for a register that is not modelled or is
         protected."""
         if offset >= MESSAGE_RAM:
             self._ram[offset - MESSAGE_RAM : offset - MESSAGE_RAM + 4] = value.to_bytes(4, "little")
