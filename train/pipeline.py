@@ -34,7 +34,7 @@ from train.selection.ranking import GIVEN, Ranking, SensorChoice, check_count
 from train.selection.shap_ranking import ShapRanker, rank
 
 THREADS: Final = "torch_threads"
-"""Key in a model's `versions` for the number of torch's threads, or all numbers if it changed during the training."""
+"""Key in a model's `versions` for the number of torch's threads, or for all numbers that the training used."""
 
 
 def train_all(

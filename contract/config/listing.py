@@ -23,7 +23,7 @@ class Setting:
     Attributes:
         name: dotted name of the setting, as `--set` takes it.
         unit: unit of the number; "" for a ratio, for a count whose name states what is counted, or for text.
-        bounds: condition on the value; for a choice of words, the words.
+        bounds: condition on the value; for a setting with a choice of words, these words.
         meaning: one paragraph on what the setting does; "" if the name is enough.
     """
 

@@ -72,7 +72,7 @@ PAPER = "paper"
 BASE_KEY = "base"
 """The key in a TOML file that states whether the file modifies the paper's settings or the release's."""
 RETIRED: Final = {"refine.iterations": False}
-"""Settings of earlier versions that this version does not have; a file may set them to this value only."""
+"""Settings that only earlier versions have; a file may contain each of them with this value, and no other value."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -18,8 +18,8 @@ from contract.errors import DatasetError
 from contract.ledger import LEDGER_FIELDS, DragLedger, ledger_of
 
 ForcesClock = Literal["log", "start", "t_c"]
-"""Clock of the forces in a file beside a log: s on the log's clock ("log"), s since the log's first pressure ("start"),
-or W / U_inf since that pressure ("t_c")."""
+"""Clock of the forces in a file beside a log: seconds on the log's clock ("log"), seconds since the log's first
+pressure ("start"), or units of W / U_inf since that pressure ("t_c")."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -54,8 +54,8 @@ def back_rates(bar: Fields, gained: Rates, u: Array, v: Array, nu: float, spacin
     hy, north, south, self_u = yu[0], yu[1], yu[2], yu[3][1:-1]
     below, above, nv, sv, self_v, hc, cy = yv[0], yv[1], yv[2], yv[3], yv[4][1:-1], yv[5], yv[6]
     south_upper, below_upper, sv_upper = south[2:], below[1:], sv[2:]
-    # Coefficients by x-face i: 1 / dxc, diffusion to both sides, shares of both cells. Coefficients by cell: 1 / (2
-    # dx), diffusion to both sides. The arrays have one more entry before the first and after the last index.
+    # The coefficients by x-face i are 1 / dxc, diffusion to both sides, and shares of both cells; by cell they are
+    # 1 / (2 dx) and diffusion to both sides. The arrays have one more entry before the first and after the last index.
     x = np.zeros((8, nx + 3), u.dtype)
     rdxc, west, east, left, right, hrx, west_v, east_v = x[0], x[1], x[2], x[3], x[4], x[5], x[6], x[7]
     for i in range(1, nx + 1):
@@ -67,7 +67,7 @@ def back_rates(bar: Fields, gained: Rates, u: Array, v: Array, nu: float, spacin
     rows = np.zeros((8, ny + 1), u.dtype)
     shares, shifts, through, crossing, part, inner = rows[0:2], rows[2:4], rows[4], rows[5], rows[6], rows[7]
     for i in range(nx + 2):
-        # The terms beyond the first and last row have coefficients of zero; index -1 is the last entry.
+        # Terms beyond the first and last row have zero coefficients: they read another row, and index -1 the last entry.
         back, ahead = max(i - 1, 0), min(i + 1, nx + 1)
         g, ui, va, vb, ga, gb = gu[i], u[i], v[i], v[ahead], gv[i], gv[ahead]
         w0, w1, s0, s1 = shares[(i + 1) % 2], shares[i % 2], shifts[(i + 1) % 2], shifts[i % 2]
