@@ -69,8 +69,7 @@ PAGES: Final = {
 
 
 def main(arguments: list[str]) -> None:
-    """Run the measurement whose name is the first argument, with the other arguments as its options; exit like
-    `stillwake`."""
+    """Run the measurement that the first argument names, with the other arguments as options; exit like `stillwake`."""
     ends_like_ctrl_c()
     sys.exit(status_of(lambda: _run(arguments)))
 

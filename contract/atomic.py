@@ -21,8 +21,8 @@ def leads_to(path: Path) -> Path:
     if place.is_symlink():
         raise StillwakeError(f"cannot write {path}: {os.strerror(errno.ELOOP)}")
     for link in (path, *path.parents):
-        # The link may point to a disk that is not mounted. Only the link's target may be missing, and no folder above
-        # it.
+        # The link may point to a disk that is not mounted. The link's target itself may be missing, but the folder of
+        # the target must exist.
         if link.is_symlink() and not link.exists() and (link != path or not place.parent.is_dir()):
             raise StillwakeError(f"cannot write {path}: {link} is a link to {link.readlink()}, which is not there")
     return place
@@ -128,8 +128,7 @@ def replacing(path: Path, *, keep: bool = False) -> Iterator[Path]:
 
 
 def _take_after(new: Path, old: Path) -> None:
-    """Copy the mode and, if possible, the owner from the old file or folder to the new file or folder, recursively by
-    name."""
+    """Copy the mode and, if possible, the owner from the old file or folder to the new one, recursively by name."""
     if new.is_symlink() or old.is_symlink() or not old.exists() or old.is_dir() != new.is_dir():
         return
     for item in new.iterdir() if new.is_dir() else ():

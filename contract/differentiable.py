@@ -59,8 +59,8 @@ class DifferentiableFlow(Protocol):
 
     def back(self, weights: Seen) -> float:
         """Go back by a period, and return the gradient of a scalar with respect to the period's action. `weights` has
-        the scalar's derivatives by the period's sample; the calls for later periods have passed those by later samples.
-        """
+        the scalar's derivatives with respect to the period's sample; the calls for later periods received the
+        derivatives with respect to later samples."""
         ...
 
     def state(self) -> FlowState:

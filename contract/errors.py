@@ -1,5 +1,4 @@
-"""The errors that a user can cause. They have a common base class, so that the command line prints each error as one
-line."""
+"""The errors that a user can cause. Their common base class lets the command line print each as one line."""
 
 from typing import ClassVar
 
@@ -77,8 +76,7 @@ class BundleSignerError(BundleError):
 
 
 class KeyFileError(StillwakeError):
-    """A key file that is missing or has another kind of key, or that already exists where a new key would be
-    written."""
+    """A key file that is missing, has another kind of key, or already exists where a new key would be written."""
 
 
 class BusError(StillwakeError):

@@ -30,7 +30,7 @@ _CONNECT_S: Final = 10.0
 
 @contextmanager
 def process_pool(workers: int, initializer: Callable[[], None] | None = None) -> Iterator[ProcessPoolExecutor]:
-    """Open a pool of new processes. An error or a stop signal kills the processes during their work.
+    """Open a pool of new processes. After an error or a stop signal the processes are killed, even during their work.
 
     Args:
         workers: number of processes.
@@ -72,7 +72,7 @@ def spread(
         names: returns, for the error message, the job's name and what remains of the job if its workers die.
         finished: called in this process with every finished job and its result, in the order in which the jobs finish.
         looked: called at every poll with the number of threads of each worker, by the worker's address.
-        slots: returns the number of jobs that run on these workers at once.
+        slots: returns the number of jobs that these workers run at the same time.
 
     Raises:
         StillwakeError: the scheduler cannot be reached or has no worker, workers died too often during one job, or the

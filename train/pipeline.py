@@ -34,7 +34,7 @@ from train.selection.ranking import GIVEN, Ranking, SensorChoice, check_count
 from train.selection.shap_ranking import ShapRanker, rank
 
 THREADS: Final = "torch_threads"
-"""Key in a model's `versions` for the number of torch's threads, or all numbers if it changed during the training."""
+"""Key in a model's `versions` for the number of torch's threads, or for all numbers that the training used."""
 
 
 def train_all(
@@ -58,7 +58,8 @@ def train_all(
     Args:
         progress: called from every phase; see `train.fitting.progress.Progress`.
         device: "cpu" or "cuda".
-        resume: continue an interrupted run with equal settings and recording; if False, start over.
+        resume: whether an interrupted run with equal settings and recording is continued; if False, the run starts
+            over.
         chosen: names of the slim encoder's sensors; None uses the method `config.train.selection`.
         threads: number of torch's threads, stated in the model's `versions`; the caller's number is restored.
         notice: called with a line for every training episode that is too short, and if the number of threads has

@@ -32,8 +32,8 @@ HELD: Final = 0.4
 """Largest fraction of rows that repeat the row before."""
 GUST: Final = 0.15
 """Largest relative difference, in half of the windows, between the air speed and the speed that scales the pressures.
-Without this difference in training, a gust of a tenth leaves mean residuals of 0.07 in Cp, four standard deviations of
-healthy sensors; with it, 0.009 (held-out episodes of the shipped recording, pressures times 1.21)."""
+Without this difference in training, a gust of 10 % leaves mean residuals of 0.07 in Cp, four standard deviations of
+healthy sensors; with it, the gust leaves 0.009 (held-out episodes of the shipped recording, pressures times 1.21)."""
 WEIGHT_DECAY: Final = 1e-3
 SEED: Final = 0
 """Random seed of initial weights, draws and noise; its value is arbitrary."""
@@ -52,7 +52,7 @@ def fit_estimator(
     for fewer than one thread; DatasetError for too short training episodes, or a constant pressure or action.
 
     Args:
-        epochs: passes over the training windows.
+        epochs: number of passes over the training windows.
         threads: number of torch's threads during the fit; the caller's number is restored.
         progress: called with (finished batches, all batches).
     """
@@ -132,7 +132,7 @@ def _inputs(seen: Tensor, hidden: Tensor) -> Tensor:
 
 def _blown(seen: Tensor, middle: Tensor, generator: torch.Generator) -> Tensor:
     """Rescale B windows of S sensors, (B, L, S+1), as if the air's dynamic pressure differed; `middle` (S,) is the
-    mean."""
+    sensors' mean."""
     share, is_blown = torch.rand(2, len(seen), 1, 1, generator=generator)
     factor = torch.square(1.0 + GUST * (2.0 * share - 1.0) * (is_blown < 0.5))
     return torch.cat([factor * (seen[:, :, :-1] + middle) - middle, seen[:, :, -1:]], dim=2)

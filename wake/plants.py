@@ -36,7 +36,8 @@ def open_plant(
         output: run folder; OpenFOAM's case is there during the run, and its developed start is stored there.
         duration: duration of the run, t_c; OpenFOAM needs it in advance.
         progress: called with (time, total) while a start develops in OpenFOAM or settles on another grid.
-        start: file of the state in which stillwake's solver starts; the clock is set to zero and the jets are shut.
+        start: file of the state in which stillwake's solver starts; its clock is then set to zero and its jets are
+            shut.
     """
     if name == "wake":
         yield own_wake(config, progress, start=start)

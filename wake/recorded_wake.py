@@ -64,8 +64,8 @@ class RecordedWake:
         )
 
     def advance_to(self, substep: int, action: float | None = None) -> None:
-        """Advance as `wake.plant.protocol.Plant.advance_to` does; the jets reach the action, without effect on the
-        flow. Raises PlantError for a substep that is over, or belongs to another period."""
+        """Advance as `wake.plant.protocol.Plant.advance_to` does. The jets reach the action, without effect on the
+        flow. Raises PlantError for a substep that has already passed or belongs to another period."""
         last = self._flow.substeps
         if not self._substep < substep <= last:
             raise PlantError(f"cannot advance to substep {substep} of {last} from substep {self._substep}")

@@ -37,9 +37,9 @@ class TruckWakeVectorEnv(CopiedWhole, SyncVectorEnv):
     Args:
         num_envs: number of wakes.
         autoreset_mode: whether an environment whose episode has ended is reset by the next step (the default), by the
-            same step, or only by `reset`.
-        threads: number of flows that advance at the same time; by default the processor cores that this process may
-            use.
+            step that ends the episode, or only by `reset`.
+        threads: number of flows that advance at the same time; by default the number of processor cores that this
+            process may use.
         settings: arguments of `TruckWakeEnv`, for all environments.
 
     Raises:
@@ -101,7 +101,8 @@ class TruckWakeVectorEnv(CopiedWhole, SyncVectorEnv):
         return self.__dict__ | {"_pool": None}
 
     def _begun(self, work: Callable[..., T], arguments: Iterable[tuple[Any, ...]]) -> list[Future[T]]:
-        """Return the calls when all of them have ended, so that after an error in one call no flow still advances."""
+        """Return the calls once all of them have ended, so that after an error in one call no other flow is still
+        advancing."""
         if self._pool is None:
             self._pool = ThreadPoolExecutor(self._threads, thread_name_prefix="wake")
         begun = [self._pool.submit(work, *each) for each in arguments]

@@ -15,8 +15,8 @@ _LOST: Final = {
 }
 
 _LONG_MS: Final = 3.0
-"""Smallest modelled time in ms for which a piece of flashing appears in the table. A shorter piece does not bring a
-control period near its end."""
+"""Smallest modelled time in ms with which a piece of the flashing work appears in the table. After a shorter piece, the
+control step still ends long before the period does."""
 
 
 def tables(results: Path) -> dict[str, str]:

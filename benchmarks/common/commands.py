@@ -21,8 +21,8 @@ def stillwake(*arguments: object) -> None:
         try:
             status = process.wait()
         except BaseException:
-            # The command has to delete its own temporary files, so it must be told to stop if a signal reached only
-            # this process.
+            # The command has to delete its own temporary files. A stop signal may have reached this process alone, so
+            # the command is asked to end here.
             process.terminate()
             process.wait()
             raise

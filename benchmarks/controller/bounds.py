@@ -208,8 +208,8 @@ def _line(loop: Loop, known: Mapping[str, Any]) -> str | None:
 
 def _stack_of_runtime(built: Built) -> int:
     """Return the bytes of the deepest stack of the called functions of the compiler's runtime. GCC reports no stack for
-    these functions, so it is computed from their instructions. Each of these functions counts with this depth, because
-    one may continue in another."""
+    these functions, so it is computed from their instructions. Each of these functions is assigned this depth, because
+    one may jump into another."""
     called = {name for names in built.calls.calls.values() for name in names} - built.calls.stack.keys()
     elf: Any = ELFFile(io.BytesIO(built.image))
     text, table = elf.get_section_by_name(".text"), next(iter(elf.iter_sections("SHT_SYMTAB")))

@@ -51,8 +51,7 @@ class EagerController:
         self._force_std = self._tensor(program.scaling.force_std)
 
     def encode(self, window: Array) -> Tensor:
-        """Return the latent state, shape (n_z,), of a window of L rows with S sensors and the action, shape (L,
-        S+1)."""
+        """Return the latent state, shape (n_z,), of a window (L, S+1) of L rows with S sensors and the action."""
         scaling = self._program.scaling
         mean, std = self._tensor(scaling.window_mean), self._tensor(scaling.window_std)
         rows = self._tensor(window)[-self._program.encoder_rows :]
@@ -73,7 +72,7 @@ class EagerController:
         return forces
 
     def start(self, window: Array, committed: Tensor, chosen: Tensor, w: Tensor, speed: float, limit: float) -> Tensor:
-        """Return the optimiser's initial plan for H periods, shape (H,): the prior's two matrix products with the
+        """Return the optimiser's initial plan for H periods, shape (H,), from the prior's two matrix products with the
         flattened past."""
         prior = self._program.prior
         if prior is None:
@@ -105,8 +104,7 @@ class EagerController:
         return torch.stack(plan)
 
     def terms(self, forces: Tensor, plan: Tensor, previous_action: Tensor, start: Tensor | None = None) -> Tensor:
-        """Return the 8 unweighted cost terms, shape (8,); without `start`, the plan itself counts as the initial
-        plan."""
+        """Return the 8 unweighted cost terms, shape (8,); without `start`, the plan itself is the initial plan."""
         cd, cl = forces.unbind(dim=-1)
         return torch.stack(
             [
@@ -130,8 +128,7 @@ class EagerController:
         speed: float = 1.0,
         limit: float | None = None,
     ) -> tuple[Array, Array, Array, float]:
-        """Return (new_plan, forces, terms, cost) as float64 arrays; `contract.release.bundle` describes the
-        arguments."""
+        """Return (new_plan, forces, terms, cost) as float64 arrays; arguments as in `contract.controller.interface`."""
         limit = min(self._program.action_limit, np.inf if limit is None else limit)
         w = self._tensor(self._program.mpc.weights.as_tuple() if weights is None else weights)
         previous_action = self._tensor(window[-1, -1])

@@ -7,7 +7,7 @@ Two rates are measured by loops that do nothing else, on one thread:
 * bytes per second that one core reads when it repeatedly reads an array of the networks' size, as a roll-out does.
 
 No product of a step can be left out. A roll-out step cannot begin before the previous one has ended, so each roll-out
-step reads the dynamics' weights again. The decoder works on the whole horizon at once and reads its weights once per
+step reads the dynamics' weights again. The decoder processes the whole horizon together and reads its weights once per
 pass. The encoder reads the LSTM's weights for each row of the window. The lower limit is the larger of the two times
 that follow from these rates. Everything else in a step (norms, ELU, cost, Adam, calls) adds to the lower limit.
 """
@@ -63,7 +63,7 @@ _IN_FIRST_LEVEL: Final = 4096
 _BLOCK: Final = 128
 _SQUARE: Final = 256
 _SECONDS: Final = 1e-3
-"""Time of a loop in s. It is so short that many loops end before the scheduler interrupts one."""
+"""Duration of one loop in s, short enough that the scheduler interrupts only a few of many loops."""
 _REPEATS: Final = 200
 
 
@@ -152,8 +152,7 @@ def measure_core(weights: int, compiler: Sequence[str]) -> CoreLimits:
 
 
 def _rate(loop: Callable[[int], None]) -> float:
-    """Return the passes per second of a loop. The result is the best of several measurements, because it is used as a
-    limit."""
+    """Return the passes per second of a loop: the best of several measurements, because it is used as a limit."""
     times = 1
     while (took := _least(loop, times, 3)) < _SECONDS:
         times *= max(2, int(_SECONDS / max(took, 1e-6)))

@@ -24,8 +24,7 @@ def tables(results: Path) -> dict[str, str]:
 
 
 def loop(found: Any) -> str:
-    """Return the table of drag, lift and action in the four loops, and of each reduction minus the reduction of the
-    first loop."""
+    """Return the table of drag, lift and action in the four loops, and of the reductions relative to the first loop."""
     rows = [
         (
             f"{_NAMES[row['lowering']]}, {row['precision']}",
@@ -48,8 +47,7 @@ def runtimes(found: Any) -> str:
 
 
 def latency(found: Any) -> str:
-    """Return a table with a row for each implementation: times, ratios to eager PyTorch and to the lower limit,
-    size."""
+    """Return a table with a row for each implementation: times, ratios to eager PyTorch and the lower limit, size."""
     figures, facts = found["figures"], found["facts"]
     rows = [
         (

@@ -1,9 +1,9 @@
 """The longest control period of the firmware: constructed drives on the emulated board, and a bound from all of them.
 
 A period is all work that the core does from the end of one step to the end of the next step: a turn of the main loop
-for each frame that wakes the core, and the step. Each constructed drive adds to the iterations something that makes a
-step longer. The bound adds up, for each basic block, the largest number of cycles that the block took in any period of
-any drive, as if all worst cases fell into one period.
+for each frame that wakes the core, and the step. In each constructed drive, something makes a step longer in addition
+to the iterations. The bound adds up, for each basic block, the largest number of cycles that the block took in any
+period of any drive, as if all worst cases fell into one period.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -142,8 +142,7 @@ class Tally:
 
     @property
     def bound(self) -> tuple[int, int]:
-        """Cycles and instructions of a period in which every block took as much as in the worst period for this
-        block."""
+        """Cycles and instructions of a period in which every block took its largest number in any period."""
         return sum(cycles for _, cycles in self._most.values()), sum(count for count, _ in self._most.values())
 
 
@@ -266,8 +265,8 @@ def _at_all_speeds(vehicle: Vehicle) -> Iterator[Period]:
 
 
 def _lost(vehicle: Vehicle) -> Iterator[Period]:
-    """Yield lost frames, bus-off, a late period and a gap of half a second; good periods follow the lost frames and the
-    gap."""
+    """Yield periods with lost frames, bus-off, a late period and a gap of half a second; good periods follow the lost
+    frames and the gap."""
     for lost in (1, 2, 4):
         for _ in range(lost):
             vehicle.frames()

@@ -1,5 +1,4 @@
-"""Two ECUs in one loop: the first ECU drives the loop; the second ECU gets the same inputs and must give the same
-outputs."""
+"""Two ECUs in one loop: the first drives the loop; the second gets the same inputs and must give the same outputs."""
 
 from collections.abc import Sequence
 from typing import Final
@@ -17,8 +16,8 @@ KEPT: Final = 10
 
 
 class Lockstep:
-    """A pair of ECUs in the interface of one. It steps both, returns the frames of the driver, and counts the
-    differences between the frames and states of the two.
+    """A pair of ECUs with the interface of a single ECU. It steps both, returns the frames of the driver, and counts
+    the differences between the frames and states of the two.
 
     Args:
         driver: ECU whose frames are sent.

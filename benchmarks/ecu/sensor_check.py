@@ -5,11 +5,11 @@
 The shipped bundle's check reads the recording as the ECU would, rounded to the signal's resolution. In the first part
 the sensors are healthy, in some passages with noise or with lost frames. A false alarm is a sensor that is set aside,
 or an implausible state that would shut the jets; after it the check starts again. In the second part faults begin at
-many places of the recording. The recorded flow does not respond to the check. In the closed loop it would, because a
-faulty sensor moves the jets.
+many places of the recording. The recorded flow does not respond to the check. In the closed loop the flow would
+respond, because a faulty sensor moves the jets.
 
-NumPy computes the estimates of a whole episode at once with the graph's own constants. The first estimates are compared
-with the estimates of ONNX Runtime. The ECU's code does everything else, period by period.
+NumPy computes the estimates of a whole episode together, with the graph's own constants. The first estimates are
+compared with the estimates of ONNX Runtime. The ECU's code does everything else, period by period.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -131,8 +131,7 @@ class Lab:
 
 
 class Outcome(NamedTuple):
-    """The outcome of a fault: the sensor set aside, whether the jets were shut, and the number of periods until
-    then."""
+    """A fault's outcome: the sensor set aside, whether the jets were shut, and the number of periods until then."""
 
     set_aside: int | None
     shut: bool

@@ -1,5 +1,4 @@
-"""The tables of the ECU: its sensor check, the comparison of Python and C, machine proofs on C, and the loop with each
-ECU."""
+"""The tables of the ECU: sensor check, comparison of Python and C, machine proofs on C, and the loop with each ECU."""
 
 from itertools import groupby
 from pathlib import Path
@@ -25,8 +24,7 @@ def tables(results: Path) -> dict[str, str]:
 
 
 def twin(path: Path) -> str:
-    """Return the table of the comparison between the ECUs in C and in Python, and of the faults that this comparison
-    finds."""
+    """Return the table of the comparison of the ECUs in C and in Python, and of the faults that it finds."""
     found = read(path)
     of, facts = found["figures"], found["facts"]
     rows = [
@@ -72,8 +70,7 @@ def proofs(found: Any) -> str:
 
 
 def sabotage(found: Any) -> str:
-    """Return the table of the lines that were changed on purpose, and of whether the proof that each change invalidates
-    found it."""
+    """Return the table of the lines changed on purpose, and of whether the proof that must fail found the change."""
     verdicts = {"failed": "found", "proved": "not found", "open": "open"}
     rows = [(one["what"], one["file"], one["item"], verdicts[one["state"]]) for one in found["figures"]["sabotaged"]]
     return table(("changed line", "source", "item", ""), rows)
@@ -103,8 +100,7 @@ def _found(sabotaged: list[dict[str, str]], part: str) -> str:
 
 
 def loops(found: Any) -> str:
-    """Return the table of the wake under each ECU, and of the differences between the emulated core and this
-    machine."""
+    """Return the table of the wake under each ECU, and of the differences between emulated core and this machine."""
     rows = [
         (
             row["kind"],

@@ -12,8 +12,7 @@ MISSING: Final = "Not measured yet: the command above writes the file that this 
 
 
 def tables(results: Path) -> dict[str, str]:
-    """Return every table by its marker in the pages; if there are no results of a campaign, a note replaces the
-    table."""
+    """Return every table by its marker in the pages; without a campaign's results, a note replaces the table."""
     path = results / FILE
     if not path.is_file():
         return {"campaign": MISSING}
@@ -49,8 +48,7 @@ starts in which a fault latched. {facts["controlled"]:g} t_c with control, avera
 
 
 def _in_control(row: Mapping[str, Any]) -> str:
-    """Return the percentage of the periods in control, or "" if it is 100, and the number of latched faults if there
-    were any."""
+    """Return the percentage of periods in control, or "" if it is 100, and the number of latched faults, if any."""
     share = _number(row["in_control_percent"], ".0f")
     return f"{share} ({row['latches']})" if row["latches"] else "" if share == "100" else share
 

@@ -5,10 +5,10 @@ iterations.
 
 A release's iterations act on the terms of a cost for which its prior was not trained (`unknown_to_prior` in
 `contract.controller.goal`). So the run without iterations uses the same release, with the weights of these terms set to
-0. If these weights are 0 in a case anyway, no iteration acts, both runs have the same inputs, and no run is made. Every
-other case has its own cost: the case's weights applied to the flow of the whole averaged time. Both runs of a pair
-begin in the same wake. The table shows the change of the cost in per cent, with the 95 % interval of its mean by
-Student's t.
+0. If these weights are 0 in a case anyway, the controller iterates in neither run, and no run is made, because both
+would be equal. In every other case, the case's weights and the flow over the whole averaged time give the cost. Both
+runs of a pair begin in the same wake. The table shows the change of the cost in per cent, with the 95 % interval of its
+mean by Student's t.
 """
 
 from collections.abc import Mapping
@@ -122,12 +122,8 @@ def _kept(folder: Path, bundle: Path, starts: list[Path], run: tuple[Case, int, 
 
 
 def calibrated(own: Calibration, case: Case, *, iterated: bool) -> Calibration:
-    """Return the calibration of a run: the weights of the case or, without `iterated`, weights for which the
-    controller does not iterate.
-
-    A goal outside the range of the prior's training is handled by the prior alone (`unknown_to_prior`), so no iteration
-    acts on it.
-    """
+    """Return the calibration of a run: the weights of the case or, if `iterated` is False, weights with which the
+    controller does not iterate: the terms for which the prior was not trained have weight 0."""
     weights = replace(own.weights, **case.weights)
     if not iterated:
         weights = replace(weights, **NONE)

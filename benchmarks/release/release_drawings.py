@@ -54,7 +54,7 @@ def distributions(figures: Mapping[str, Any]) -> Figure:
     x = sensors.positions()[: sensors.PER_SIDE, 0]
     for (case, colour), one in zip(_CASES, figures["mean"], strict=True):
         values, n = np.array(one["Cp"]), sensors.PER_SIDE
-        # In a longer average the mean flow would be symmetric, so the upper and the lower side are averaged.
+        # Over a longer time the mean flow would be symmetric, so the upper and the lower side are averaged.
         along.plot(x, 0.5 * (values[:n] + values[n : 2 * n]), color=colour, linewidth=1.4, label=case)
         across = values[sensors.BASE]
         along.plot(np.full(len(across), x[-1] + 0.25), across, ".", color=colour, markersize=4)

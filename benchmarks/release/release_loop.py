@@ -2,9 +2,9 @@
 
     python -m benchmarks release-loop [--bundle BUNDLE] [--config FILE] [--json FILE]
 
-Each run is like `stillwake run`: over CAN, int8, ONNX Runtime, 25 t_c without control and 100 t_c with control, of
-which the last 60 are averaged. For another body, give its settings together with its release; then the body's wake
-first develops from rest. Finished runs are stored.
+Each run is computed as by `stillwake run`, over CAN and with ONNX Runtime in int8: 25 t_c without control and 100 t_c
+with control, the last 60 of which are averaged. For another body, give its settings together with its release; the
+body's wake is then first developed from rest. Finished runs are stored.
 """
 
 from collections.abc import Iterator, Mapping, Sequence

@@ -2,10 +2,10 @@
 
     python -m benchmarks weights [--workers 2] [--json FILE]
 
-The runs are on the mesh of the prior's training, over CAN and with the ECU, in int8: 15 t_c without and 85 t_c with
-control, of which the last 50 count, from three starts. A weight has seven values over the range of the prior's
-training; the other weights are those of the release. Spearman's rank correlation states how consistently the effect
-follows the weight.
+The runs use the mesh of the prior's training, CAN and the ECU, in int8. Each run has 15 t_c without control and 85 t_c
+with control, the last 50 of which are averaged; every case is run from three starts. A weight has seven values over the
+range of the prior's training; the other weights are those of the release. Spearman's rank correlation states how
+consistently the effect follows the weight.
 """
 
 from collections.abc import Mapping, Sequence

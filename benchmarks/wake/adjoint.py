@@ -4,8 +4,8 @@
 
 The measurement runs on one core. The gradient is that of the wall drag, summed over a window with random actions from
 the shipped wake, in double and in single precision. Both precisions, and forward and backward periods, are timed in
-turn; the figures are medians. Finite differences of whole runs check the gradient in double precision. This gradient
-checks the gradient in single precision.
+turn; the figures are medians. The gradient in double precision is compared with finite differences of whole runs, and
+the gradient in single precision with the gradient in double precision.
 """
 
 from dataclasses import replace

@@ -50,8 +50,7 @@ def main(json_file: JsonFile = None) -> None:
 
 
 def _means(plant: TruckWake, start: State, action: float, count: int) -> Array:
-    """Return the mean drags over windows of 1 to `count` periods, shape (count,), with this action in the first
-    period."""
+    """Return mean drags over windows of 1 to `count` periods, shape (count,), with the action in the first period."""
     plant.reset(start)
     drags = [plant.advance(action if period == 0 else 0.0).Cd for period in range(count)]
     return np.cumsum(drags) / np.arange(1, count + 1)

@@ -92,7 +92,6 @@ def vector(found: Any) -> str:
 
 
 def _openfoam_loop(results: Path) -> str:
-    """Return the table of the shipped release in the closed loop on both plants."""
     columns = {
         "Cd_uncontrolled": "Cd before",
         "Cd_controlled": "Cd under control",

@@ -40,8 +40,8 @@ class BodyConfig(Settings, source=paper("section 2.1")):
 
     @property
     def wake_probe(self) -> tuple[float, float]:
-        """Position at which the transverse velocity is probed: its distance from the base is that of the truck's probe,
-        (10, 0)."""
+        """Position at which the transverse velocity is probed. Its distance from the base equals the distance of the
+        truck's probe, at (10, 0), from the truck's base."""
         # Rounding makes the truck's value exactly 10.
         return round(self.length + _PROBE_DISTANCE, 9), 0.0
 

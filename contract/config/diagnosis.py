@@ -1,5 +1,4 @@
-"""Settings of the CAN identifiers for diagnosis and calibration, which must differ from those of the control
-messages."""
+"""Settings of the CAN identifiers for diagnosis and calibration, which no control message may have."""
 
 import re
 from collections.abc import Mapping

@@ -49,8 +49,7 @@ class ModelConfig(Settings, source=paper("table 1")):
 
     @property
     def slim(self) -> "ModelConfig":
-        """Return the shapes of the deployed networks. Their dropout is 0, because the outputs of the teacher have no
-        noise."""
+        """Return the deployed networks' shapes. Their dropout is 0, because the teacher's outputs have no noise."""
         return replace(
             self,
             dynamics_width=self.slim_dynamics_width or self.dynamics_width,
@@ -89,8 +88,7 @@ class TrainConfig(Settings, source=paper("section 2.2.4")):
     force_weight: NonNegative[float] = 0.25
     """Weight of the error of the forces decoded from predicted latents."""
     decode_weight: Annotated[NonNegative[float], paper("equation 5", "without this term")] = 0.0
-    """Weight of the error of the forces decoded from the encoded latents. The paper's loss decodes predicted latents
-    only."""
+    """Weight of the error of the forces decoded from encoded latents; the paper decodes predicted latents only."""
     variance_weight: NonNegative[float] = 0.02
     """Weight of the amount by which a latent's standard deviation over the batch is below 1."""
     covariance_weight: NonNegative[float] = 0.02
@@ -106,7 +104,7 @@ class TrainConfig(Settings, source=paper("section 2.2.4")):
         ours("the simplest draw; the paper does not state how windows are drawn", page="how-to/train.md"),
     ] = 1
     """Number of consecutive windows drawn together; 1 draws each window separately. Consecutive windows share most of
-    their computation, so 8 makes an iteration several times cheaper at an equal batch size."""
+    their computation, so with segments of 8 windows an iteration is several times cheaper at an equal batch size."""
     streamed: Annotated[bool, paper("section 2.2.1", "the encoder reads windows")] = False
     """Whether the joint fit reads each drawn segment once and carries the LSTM's state from row to row, instead of
     reading each window from its start. The passes of `finish` always read windows."""
@@ -116,7 +114,7 @@ class TrainConfig(Settings, source=paper("section 2.2.4")):
     finish: FinishConfig = field(default_factory=FinishConfig)
     stream_epochs: Annotated[NonNegative[float], PASSES, paper("section 2.3.2", "the encoder reads windows")] = 0.0
     """Number of passes of the distillation that read the recording as a stream. They precede the passes that read
-    windows, cost far less, and leave little for the latter to improve."""
+    windows and cost far less; after them, the passes that read windows reduce the error only a little further."""
     distil_epochs: Annotated[Positive[float], PASSES, ours("as in the joint fit; the paper gives none")] = 300.0
     """Number of passes of the slim encoder's distillation that read windows."""
     predictor_epochs: Annotated[Positive[float], PASSES, _ENCODER_ALONE] = 10.0
@@ -130,12 +128,11 @@ class TrainConfig(Settings, source=paper("section 2.2.4")):
     sensor_noise: Annotated[NonNegative[float], paper("appendix B", "noise in tests only")] = 0.0
     """Standard deviation of the noise on the slim encoder's inputs during distillation, and on the sensors that greedy
     and random selection compare, in global standard deviations of pressure (paper, appendix B). Without noise, a sensor
-    far upstream with small fluctuations counts as much as a sensor on the base."""
+    far upstream with small fluctuations has as much influence as a sensor on the base."""
     sensors: Annotated[AtLeastOne[int], paper("section 3.2")] = 4
     """Number of sensors that the slim encoder reads."""
     selection: Annotated[SelectionMethod, paper("section 2.3.1")] = "shap"
-    """Method that chooses the slim encoder's sensors. `shap` is the paper's method; the other methods serve as
-    comparison."""
+    """Method that chooses the slim encoder's sensors. `shap` is the paper's method; the others are for comparison."""
     shap_background: Annotated[AtLeastOne[int], WINDOWS, paper("section 2.3.1")] = 100
     """Number of windows drawn as background, which represents the typical input."""
     shap_explained: Annotated[AtLeastOne[int], WINDOWS, paper("section 2.3.1")] = 500
@@ -169,7 +166,7 @@ class RefineConfig(Settings, source=ours("the paper has no prior", page="explana
     longest: Annotated[int, at_least(2), STEPS] = 125
     """Length of a stretch in the second half of the updates."""
     streams: AtLeastOne[int] = 4
-    """Number of simulated flows that the prior controls; each takes its turn to run a stretch."""
+    """Number of simulated flows that the prior controls; the flows run stretches in turn."""
     stretches: AtLeastOne[int] = 10
     """Number of stretches after which the first flow restarts from the developed wake. Each further flow runs 2
     stretches more than the flow before."""
@@ -182,19 +179,17 @@ class RefineConfig(Settings, source=ours("the paper has no prior", page="explana
     effort_price: NonNegative[float] = 0.0
     """Weight of the squared action in the cost; the drag's weight is 1."""
     goals: bool = False
-    """Whether each flow draws its own weights of lift and effort and its own limit of the jets. Each of the three keeps
-    the configured value with probability one half."""
+    """Whether each flow draws its own weights of lift and effort and its own limit of the jets. Each of these three
+    values equals the configured value with probability one half."""
     motion_price: NonNegative[float] = 0.2
-    """Weight of the squared transverse velocity at the wake probe, which indicates the drag after the end of a
-    stretch."""
+    """Weight of the squared transverse velocity at the wake probe, which indicates the drag after the stretch."""
     sensor_noise: NonNegative[float] = 0.3
     """Largest standard deviation of sensor noise, in global standard deviations of pressure; most stretches have far
     less noise."""
     offset: NonNegative[float] = 0.0
     """Standard deviation of an offset in Cp that is common to both sensors of a mirrored pair during a stretch."""
     speed_error: Annotated[float, within(0.0, 0.5, "a speed")] = 0.0
-    """Largest relative error of the speed that the prior reads, constant during a stretch; half of the stretches have
-    no error."""
+    """Largest relative error of the speed that the prior reads, constant in a stretch; 0 in half of the stretches."""
     loss: Fraction[float] = 0.0
     """Largest share of periods without pressures in a stretch; half of the stretches lose none."""
     refinement: Positive[float] = 0.75
@@ -211,8 +206,7 @@ class RefineConfig(Settings, source=ours("the paper has no prior", page="explana
     slowest: Annotated[float, within(0.1, 1.0, "the design speed belongs to the range")] = 1.0
     """Smallest ratio of a training speed to the design speed."""
     fastest: Annotated[float, within(1.0, 10.0, "the design speed belongs to the range")] = 1.0
-    """Largest ratio of a training speed to the design speed. The training speeds vary randomly between `slowest` and
-    `fastest`."""
+    """Largest ratio of a training speed to the design speed. Speeds vary randomly from `slowest` to `fastest`."""
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -23,7 +23,7 @@ class Setting:
     Attributes:
         name: dotted name of the setting, as `--set` takes it.
         unit: unit of the number; "" for a ratio, for a count whose name states what is counted, or for text.
-        bounds: condition on the value; for a choice of words, the words.
+        bounds: condition on the value; for a setting with a choice of words, these words.
         meaning: one paragraph on what the setting does; "" if the name is enough.
     """
 
@@ -145,7 +145,6 @@ def _flat(text: str) -> str:
 
 
 def _toml(value: object) -> str:
-    """Format a value in TOML: text, a number, or a list of them."""
     if isinstance(value, str):
         return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
     if isinstance(value, list | tuple):

@@ -72,8 +72,7 @@ PAPER = "paper"
 BASE_KEY = "base"
 """The key in a TOML file that states whether the file modifies the paper's settings or the release's."""
 RETIRED: Final = {"refine.iterations": False}
-"""Settings that files of earlier versions may contain and this version does not have; a file may set them to this value
-only."""
+"""Settings that only earlier versions have; a file may contain each of them with this value, and no other value."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -105,8 +104,9 @@ def load(path: Path | None = None, overrides: Sequence[str] = (), *, base: Confi
     file, an unknown key, a wrong type or a value out of range.
 
     Args:
-        path: a TOML file. With `base = "paper"` as its first line, the file modifies the paper's settings instead.
-        overrides: `section.key=value` strings, the value in TOML syntax. Text needs no quotation marks.
+        path: a TOML file. With `base = "paper"` as its first line, the file modifies the paper's settings instead of
+            the release's.
+        overrides: `section.key=value` strings, with the value in TOML syntax. Text needs no quotation marks.
         base: settings that the file and the overrides modify, instead of the release's.
     """
     tree = _packaged(_RELEASE) if base is None else to_tree(base)
@@ -173,7 +173,6 @@ def _check(tree: Mapping[str, Any], source: str) -> None:
 
 
 def _parsed_override(text: str) -> dict[str, Any]:
-    """Parse a `section.key=value` text into a tree."""
     name, separator, value = text.partition("=")
     *sections, key = (part.strip() for part in name.split("."))
     if not separator or not key:

@@ -27,8 +27,7 @@ class FlowConfig(Settings, source=paper("section 2.1")):
     """Reynolds number, clock, jets and grid of the plant (paper, section 2.1)."""
 
     reynolds: Positive[float] = 500.0
-    """Reynolds number U_inf W / nu. The paper's value is three to four orders of magnitude below that of a truck on a
-    road."""
+    """Reynolds number U_inf W / nu. The paper's value is three to four orders of magnitude below a real truck's."""
     control_period: Annotated[Positive[float], TIME] = 0.2
     """Time from one sample of the pressures to the next, which is also the time from one action to the next."""
     substeps: Annotated[int, _SUBSTEPS, ours("half the time step changes no result noticeably", page=_MESH)] = 30
@@ -64,8 +63,7 @@ class ForcingConfig(Settings, source=paper("section 2.1")):
     exploration_time: Annotated[
         Positive[float], TIME, ours("a fifth of a shedding cycle", page="how-to/record-data.md")
     ] = 1.0
-    """Correlation time of the noise on a controller's commands in a recording. It must be long enough for the wake to
-    respond."""
+    """Correlation time of the noise on a controller's commands in a recording, long enough for the wake to respond."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,7 +73,6 @@ class OpenFoamConfig(Settings, source=ours("the second plant is not the paper's 
     refinement: Annotated[float, _REFINEMENT, ours("the mesh of the comparison", page="how-to/use-openfoam.md")] = 1.0
     """Divisor of all spacings of the body-fitted mesh; a finer mesh needs a smaller time step."""
     develop_time: Annotated[Positive[float], TIME] = 50.0
-    """Time that OpenFOAM runs without jets before its first run, starting from the developed wake of stillwake's
-    solver."""
+    """Time that OpenFOAM runs without jets before its first run, from the developed wake of stillwake's solver."""
     develop_substeps: AtLeastOne[int] = 20
     """Number of time steps per control period during `openfoam.develop_time`."""

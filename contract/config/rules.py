@@ -50,8 +50,7 @@ def standard(name: str, note: str) -> Source:
 
 
 def ours(reason: str, *, page: str = "") -> Source:
-    """Mark a default as the project's own number, with the reason for the number and, if given, a page that says
-    more."""
+    """Mark a default as the project's own number, with the reason for it and, if given, a page that says more."""
     return Source("ours", note=reason, page=page)
 
 

@@ -134,24 +134,21 @@ class SensorCheckConfig(
     for healthy sensors were computed over the whole shipped recording (docs/explanation/what-shuts-the-jets.md)."""
 
     enabled: Annotated[bool, ours("a sensor that reads wrongly costs most of the drag reduction", page=_LIES)] = True
-    """Whether the ECU checks the pressures with the bundle's estimator, and continues without a sensor that is found
-    faulty."""
+    """Whether the ECU checks the pressures with the bundle's estimator, and continues without a faulty sensor."""
     liar_level: Positive[float] = 14.0
     """Ratio at which a sensor is set aside: the deviation of its reading from the estimate by the other sensors,
     divided by the deviation of the other sensors from each other. Healthy sensors reach 8."""
     bias_level: Positive[float] = 20.0
-    """Ratio like `liar_level`, computed over two shedding cycles, that finds small biases and drifts. Healthy sensors
-    reach 16."""
+    """Ratio like `liar_level`, over two shedding cycles, for small biases and drifts. Healthy sensors reach 16."""
     swap_level: Positive[float] = 2.5
     """Ratio at which two sensors are taken for exchanged: the disagreement of the pressures as they arrive, divided by
     their disagreement if the two are exchanged. Healthy sensors reach 0.9."""
     doubt_level: Positive[float] = 16.0
     """Disagreement among the pressures, not explained by a single sensor, at which a period counts as doubtful. Once a
-    sensor is set aside, the limit is twice this value. Healthy sensors reach 12, if the forcing exceeds that of the
-    training data."""
+    sensor is set aside, the limit is twice this value. Healthy sensors reach 12 with forcing beyond the training
+    data's."""
     doubt_periods: Annotated[AtLeastOne[int], PERIODS, ours("a shedding cycle")] = 25
-    """Count at which the jets go to zero and the fault latches. A doubtful period adds 1 to the count, any other period
-    subtracts 1."""
+    """Count at which the jets go to zero and the fault latches. A doubtful period adds 1, any other subtracts 1."""
     flat_periods: Annotated[AtLeastOne[int], PERIODS, ours("longer than healthy readings repeat", page=_LIES)] = 10
     """Number of consecutive periods with bit-identical readings after which a sensor is taken for stuck."""
 
@@ -171,7 +168,7 @@ class BenefitCheckConfig(
     wake_periods: Annotated[AtLeastOne[int], PERIODS, ours("until shedding is restored", page=_HELPS)] = 150
     """Number of periods with the jets shut after which the wake is taken to be the wake without control."""
     first_period: Annotated[AtLeastOne[int], PERIODS, ours("the wake needs a cycle to respond", page=_HELPS)] = 60
-    """First period of control that is judged; the wake has not responded earlier."""
+    """First period of control that is judged; in the periods before it the wake has not yet responded."""
     least_gain: NonNegative[float] = 0.04
     """Smallest share of the base suction that control must remove to count as help."""
     most_swing: Positive[float] = 1.15
@@ -195,8 +192,7 @@ class SpeedConfig(
     oldest_ms: Annotated[Positive[float], MILLISECONDS] = 500.0
     """Longest time from the measurement of a speed to its use in a control step, if no newer speed arrives."""
     most_acceleration: Annotated[Positive[float], Unit("m/s2")] = 15.0
-    """Largest acceleration of a vehicle. A speed is rejected if the change from the previous speed would need a larger
-    acceleration."""
+    """Largest acceleration of a vehicle. A speed is rejected if its change would need a larger acceleration."""
     margin: Annotated[Fraction[float], ours("a 10 % wind and a gust", page="explanation/other-speeds.md")] = 0.12
     """Share by which the vehicle's speed may leave the release's range before the jets are shut, because the air speed
     may still be in the range. Up to this margin the ECU uses the nearest end of the range. The jets restart when the
@@ -208,13 +204,12 @@ class EcuConfig(Settings, source=ours("the paper has no ECU", page=_GATE)):
     """Timing and fail-safe behaviour of the ECU."""
 
     compute_time_ms: Annotated[NonNegative[float], MILLISECONDS, ours("a stated share of the 20 ms of a period")] = 8.0
-    """Time from a pressure frame to the command, which the virtual ECU takes for its control step. This time is an
-    assumed share of the budget, not a measurement; reports also show the measured latency."""
+    """Time that the virtual ECU takes for a control step, from the step's start to the command. This time is an assumed
+    share of the budget, not a measurement; reports also show the measured latency."""
     hold_periods: Annotated[NonNegative[int], PERIODS] = 1
     """Number of missed periods during which the ECU repeats the last command."""
     decay_periods: Annotated[NonNegative[int], PERIODS] = 2
-    """Number of further missed periods, each of which halves the command. Then the command is zero and the fault
-    latches."""
+    """Number of further missed periods, each of which halves the command; then it is zero and the fault latches."""
     rearm_frames: Annotated[AtLeastOne[int], FRAMES, ours("a tenth of a second", page=_GATE)] = 5
     """Number of consecutive good frames that, together with an enable edge, end a latched fault."""
     pressure_age: Annotated[Positive[float], PERIODS] = 1.5
@@ -255,8 +250,7 @@ class EcuConfig(Settings, source=ours("the paper has no ECU", page=_GATE)):
 
     @property
     def frozen_actions(self) -> int:
-        """Number of periods whose action is fixed before planning: the actuator delay, plus 1 if the ECU plans
-        ahead."""
+        """Number of periods whose action is fixed before planning: the actuator delay, plus 1 when planning ahead."""
         return self.delay_steps + self.plan_ahead
 
 
@@ -270,12 +264,12 @@ class VehicleConfig(Settings, source=ours("the same as the ECU's", page=_GATE)):
     """Largest change of the jets' action per period that the jets' driver permits, in U_inf W, except for shutting the
     jets. The default equals that of `ecu.command_step`; the vehicle enforces its limit independently."""
     loss_window: Annotated[AtLeastOne[int], PERIODS] = 50
-    """Number of latest periods under control among which `vehicle.loss_limit` counts losses: one second, as in the
-    ECU."""
+    """Number of latest periods under control among which `vehicle.loss_limit` counts losses: one second."""
     loss_limit: Annotated[int, PERIODS] = 25
     """Number of periods without a usable command, among the latest `vehicle.loss_window`, at which the vehicle shuts
-    its jets and withdraws its enable request until the vehicle's own request has been low once. This limit is the
-    counterpart of `ecu.loss_limit`: jets that follow at most every second command are not under control."""
+    its jets and withdraws its enable request. The request stays withdrawn until the vehicle itself has stopped
+    requesting control once. This limit is the counterpart of `ecu.loss_limit`: jets that follow at most every second
+    command are not under control."""
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -26,8 +26,7 @@ from contract.printable import quoted, shown
 PROGRAM_SETTINGS: Final = "sw_settings.h"
 """Name of the header with sizes and settings of one program, and the hashes of that program and of the DBC."""
 ECU_SETTINGS: Final = "sw_ecu_settings.h"
-"""Name of the header with DBC messages, release figures and vehicle settings. Only a folder with the ECU has this
-header."""
+"""Name of the header with DBC messages, release figures and vehicle settings, in folders with the ECU only."""
 PROGRAM_WEIGHTS: Final = "sw_weights.c"
 """Name of the source file with the arrays that `sw_weights.h` declares."""
 REPLAY: Final = "replay.c"
@@ -188,8 +187,7 @@ def rows_text(rows: npt.NDArray[np.floating]) -> str:
 
 
 def rows_from_text(text: str) -> ProgramRows:
-    """Parse rows of numbers in the format that the example program reads and prints. Raises ValueError for other
-    text."""
+    """Parse rows of numbers as the example program reads and prints them. Raises ValueError for other text."""
     return np.loadtxt(text.splitlines(), dtype=np.float32, ndmin=2)
 
 

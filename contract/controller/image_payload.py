@@ -25,8 +25,8 @@ from contract.errors import BundleContainerError
 
 LEAST_FIGURE: Final = 1e-9
 MOST_FIGURE: Final = 1e3
-"""Largest magnitude, in Cp, of healthy residuals and of the wake without jets; `LEAST_FIGURE` is the smallest. Their
-squares are divisors."""
+"""Largest permitted magnitude, in Cp, of the figures that describe the residuals of healthy sensors and the wake
+without jets; `LEAST_FIGURE` is the smallest. The squares of these figures are divisors."""
 _TYPES: Final = ("int8", "uint8", "int32", "float32", "float64")
 """Types, in the order of their numbers in `sw_image.c`."""
 _POSITIVE: Final = frozenset(
@@ -179,8 +179,7 @@ _ESTIMATOR_SETTINGS: Final = "sw_estimator_settings.h"
 _IDENTITY: Final = "SW_PROGRAM_SHA256"
 """Definition in `sw_settings.h` that identifies the compiled-in program."""
 _OF_ECU: Final = ("SW_RELEASE_LAYOUT", "SW_RELEASE_BYTES", "SW_PAST", "SW_SENSOR_CHECK")
-"""Settings of `sw_ecu_settings.h` on which the parameters depend; all other settings in that header are the
-vehicle's."""
+"""Settings of `sw_ecu_settings.h` on which the parameters depend; its other settings are the vehicle's."""
 _TITLE: Final = "layout 2 of a stillwake controller image\n"
 """First line of a layout. Its number rises when the meaning of a member changes and its size does not. In layout 1, the
 wake without jets was given as a share of the wake at the design speed."""
@@ -228,8 +227,7 @@ def payload_of(files: Mapping[str, bytes]) -> bytes:
 
 
 def layout_in(payload: bytes, sha256: bytes) -> dict[str, str]:
-    """Return the definitions of a payload's layout. Raises BundleContainerError if the layout's SHA-256 differs from
-    `sha256`."""
+    """Return a payload's layout definitions. Raises BundleContainerError if the layout's SHA-256 is not `sha256`."""
     start = payload.rfind(_TITLE.encode())
     if start < 0 or hashlib.sha256(payload[start:]).digest() != sha256:
         raise BundleContainerError(f"image: no text of its layout {sha256.hex()[:12]} behind its numbers")

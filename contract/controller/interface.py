@@ -39,7 +39,7 @@ OUTPUTS: Final = ("new_plan", "forces", "terms", "cost")
 TERMS: Final = tuple(item.name for item in fields(CostWeights))
 """Names of the cost terms, in the order of every array of terms."""
 REFUSALS: Final = {1: "a number is not finite", 2: "this build, or the processor's mode, violates IEEE 754"}
-"""Meanings of the C library's status codes except 0, which is an answer."""
+"""Meanings of the C library's status codes except 0, with which a control step succeeds."""
 FORCES: Final = 2
 """Number of forces: Cd and Cl."""
 
@@ -96,8 +96,7 @@ class Controller(Protocol):
 
 
 class RunnableController(Controller, Protocol):
-    """A controller that runs on this machine and can be warmed up. `description` states which program computes the
-    step."""
+    """A controller that runs and can be warmed up here. `description` states which program computes the step."""
 
     description: str
 

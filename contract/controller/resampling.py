@@ -23,7 +23,8 @@ class Places(NamedTuple):
 
     Attributes:
         newer: (m,) index of the first recorded row at the position's time or later.
-        share: (m,) distance of the position from that row towards the row before, from 0 to below 1 of their distance.
+        share: (m,) distance from the row `newer` back to the position, as a share of the distance to the row before
+            `newer`; at least 0 and below 1.
     """
 
     newer: Index
@@ -52,7 +53,7 @@ def places(speeds: Sequence[float], length: int) -> Places:
 
     Args:
         speeds: (n,) speed at each of n periods' samples, oldest first, as a ratio to the design speed, above 0. The
-            speed is taken for that of the period that ends with the sample.
+            speed at a sample counts for the whole period that ends with this sample.
         length: number of rows, the window L of the controller.
     """
     newer, share = np.empty(length, dtype=np.intp), np.empty(length)

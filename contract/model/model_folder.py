@@ -43,8 +43,8 @@ SLIM: Final = "slim"
 PRIOR: Final = "prior"
 """Prefix of the tensors of the prior, which computes the initial plan of the iterations (`train.refinement`)."""
 RESTING: Final = "resting"
-"""Name of a tensor that accompanies the prior's: K rows of speed, base pressure and swing of the wake without jets, (K,
-3)."""
+"""Name of a tensor that accompanies the prior's tensors: K rows of speed, base pressure and swing of the wake without
+jets (`contract.release.manifest.RestingWake`), (K, 3)."""
 PREDICTOR: Final = ("dynamics", "decoder")
 """Networks of which a model may also have a narrower form, stored with the prefix `SLIM`."""
 
@@ -123,13 +123,11 @@ class ModelFolder:
     config_tree: Mapping[str, Any]
 
     def network(self, name: str) -> dict[str, npt.NDArray[Any]]:
-        """Return one network's tensors with the names of its state dict; empty if the model does not have this
-        network."""
+        """Return one network's tensors by the names of its state dict; empty if the model lacks this network."""
         return {key.partition(".")[2]: value for key, value in self.tensors.items() if key.split(".")[0] == name}
 
     def deployed(self, name: str) -> dict[str, npt.NDArray[Any]]:
-        """Return the tensors of `dynamics` or `decoder` that the vehicle uses: the narrower network's, if there is
-        one."""
+        """Return the tensors of `dynamics` or `decoder` for the vehicle: the narrower network's, if there is one."""
         return self.network(f"{SLIM}_{name}") or self.network(name)
 
     @property

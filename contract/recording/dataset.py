@@ -65,9 +65,9 @@ EXACT_SERIES: Final = frozenset({"t", "action"})
 """Series stored in double precision, because their values are set and not measured."""
 QUANTUM: Final = 2.0**-15
 CP_QUANTUM: Final = 2.0**-13
-"""Smallest quantum of Cp; that of all other measured series is `QUANTUM`. With 16 bits, Cp can be within +-4 and the
-other series within +-1. The bus transmits Cp in steps of 2.7e-4 (0.1 Pa at the default operating point). A series with
-larger values uses the next power of two with which its values fit."""
+"""Smallest quantum of Cp; the smallest quantum of all other measured series is `QUANTUM`. With 16 bits, Cp can be
+within +-4 and the other series within +-1. The bus transmits Cp in steps of 2.7e-4 (0.1 Pa at the default operating
+point). A series with larger values uses the next power of two with which its values fit."""
 COARSEST_QUANTUM: Final = 2.0**-8
 """Largest quantum. Values beyond +-128 are therefore refused; no coefficient of this flow comes near that value."""
 _CHUNK: Final = 1000
@@ -276,8 +276,8 @@ def _read_episode(name: str, node: h5py.Group | h5py.Dataset, schema: str, probl
         elif field in REQUIRED or schema != DATASET_SCHEMA:
             found.append(f"episode {name}: field {field!r} is missing")
     if schema == DATASET_SCHEMA_1 and "Cd_slot" in series:
-        # The single recorded force counts as pressure force, which is nearly all of the slot's force, so that the sum
-        # is unchanged.
+        # The single recorded force is read as pressure force, which is nearly all of the slot's force; the sum is
+        # unchanged.
         series["Cd_slot_pressure"] = series.pop("Cd_slot")
         series["Cd_slot_viscous"] = np.zeros_like(series["Cd_slot_pressure"])
     attributes = {}

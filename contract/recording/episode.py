@@ -18,8 +18,8 @@ from contract.errors import DatasetError
 from contract.ledger import LEDGER_FIELDS, DragLedger, ledger_of
 
 ForcesClock = Literal["log", "start", "t_c"]
-"""Clock of the forces in a file beside a log: s on the log's clock ("log"), s since the log's first pressure ("start"),
-or W / U_inf since that pressure ("t_c")."""
+"""Clock of the forces in a file beside a log: seconds on the log's clock ("log"), seconds since the log's first
+pressure ("start"), or units of W / U_inf since that pressure ("t_c")."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -89,8 +89,7 @@ UNITS: Final[Mapping[str, str]] = {
     "jet_power": "rho U_inf^3 W / 2",
     "Uy_probe": "U_inf",
 }
-"""Unit of every series that an episode may have. A series has one row per control step; Cp has one column per
-sensor."""
+"""Unit of every series that an episode may have. A series has a row per control step; Cp has a column per sensor."""
 
 REQUIRED: Final = ("t", "action", "Cp", "Cd", "Cl")
 """Series that training and export read. The other series exist only if the plant provides them."""
@@ -136,8 +135,7 @@ class Episode:
 
     @property
     def ledger(self) -> DragLedger[Array]:
-        """The drag ledger; every entry has shape (n,). Raises DatasetError if a series of the ledger was not
-        recorded."""
+        """The drag ledger; every entry is (n,). Raises DatasetError if a series of the ledger was not recorded."""
         for field in LEDGER_FIELDS:
             if field not in self.series:
                 raise DatasetError(f"episode {self.name}: the drag ledger needs the series {field!r}, which is missing")

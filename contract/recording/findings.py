@@ -1,5 +1,4 @@
-"""A check of a data set that finds everything on which training or export would fail, before training or export
-begins."""
+"""A check of a data set, before training or export begins, that finds everything on which they would fail."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -324,8 +323,7 @@ def _forcing(dataset: Dataset) -> Iterator[Finding]:
 
 
 def _units(dataset: Dataset) -> Iterator[Finding]:
-    """Report numbers that a wrong unit explains: millimetres, seconds, or a limit that has another unit than the
-    actions."""
+    """Report numbers that a wrong unit explains: millimetres, seconds, or different units of limit and actions."""
     positions = dataset.layout.positions
     span = float(np.ptp(positions, axis=0).max())
     if len(positions) > 1 and not _SPAN[0] <= span <= _SPAN[1]:

@@ -10,8 +10,7 @@ from contract.config.learning import TrainConfig
 from contract.config.tree import Config
 
 HORIZONS: Final = (5, 10, 25)
-"""Numbers of steps ahead at which open-loop prediction is tested; 25 is the truck's shedding cycle and the MPC's
-horizon."""
+"""Numbers of steps ahead at which open-loop prediction is tested; 25 is the truck's shedding cycle and the horizon."""
 
 STRETCH: Final = 64
 """Number of consecutive latents from which the distillation learns in one pass over a part of the recording."""
@@ -51,8 +50,7 @@ def fitting_need(config: Config) -> Need:
 
 
 def judging_need(config: Config) -> Need:
-    """Return the number of steps that one episode with role "test" needs, for the longest roll-out in the model's
-    test."""
+    """Return the number of steps that one episode with role "test" needs, for the longest roll-out in the test."""
     window, ahead = config.model.window, max(HORIZONS)
     return Need(steps=window + ahead, reason=f"a window of {window} and {ahead} steps ahead")
 
@@ -67,8 +65,7 @@ def roll_out_need(config: Config) -> Need | None:
 
 
 def gate_need(config: Config) -> Need:
-    """Return the number of steps that the first episode with role "test" needs, because the export's gates replay
-    it."""
+    """Return the number of steps that the first episode with role "test" needs, because the gates replay it."""
     window = config.model.window
     return Need(steps=window - 1 + GATE_WINDOWS, reason=f"{GATE_WINDOWS} windows of {window} for the export's gates")
 

@@ -42,8 +42,7 @@ def share_near(values: Array, period: float, frequency: float, width: float) -> 
 
 
 _HIGHEST: Final = 1.1
-"""Highest plausible mean Cp. 1 is the stagnation pressure of a steady stream; 0.1 is added for errors of p_inf and
-q."""
+"""Highest plausible mean Cp: 1, the stagnation pressure of a steady stream, plus 0.1 for errors of p_inf and q."""
 _LOWEST: Final = -5.0
 """Lowest plausible mean Cp: suction peaks at a leading edge or a rotating cylinder. Values lower by a tenth are
 accepted."""
@@ -66,7 +65,7 @@ _SCALE_OF_LIFT: Final = 10.0
 """Largest plausible ratio, between files, of the standard deviation of Cl divided by that of Cp; both come from one
 wake."""
 _FAR: Final = (4.0, 10.0)
-"""Smallest distances from which a repeated extreme value, such as -99, 99.99 or -9.99, is taken for no reading: its
+"""Distances from which on a repeated extreme value, such as -99, 99.99 or -9.99, is treated as a missing reading: its
 distance from the next value, and its distance from the median in interquartile ranges of the other values."""
 _STILL: Final = 20
 """Number of rows during which a sensor may be constant while the other sensors change: most of a shedding cycle."""
@@ -75,8 +74,7 @@ _STEPS: Final = 4.0
 _FINEST: Final = 2.0**-12
 """Smallest step between values that is assumed for a series: two times the step in which a data set stores Cp."""
 _CLIPPED: Final = 0.03
-"""Share of rows above which a sensor may be saturated. Rows at the largest or smallest value count, in runs of three or
-more."""
+"""Share of rows at the largest or smallest value, in runs of three or more, above which a sensor may be saturated."""
 _SHOWN: Final = 3
 """Largest number of episodes or sensors that one line lists."""
 _CELLS: Final = 256
@@ -280,11 +278,12 @@ def _readings(
             here = table[:, k] == extreme
             starts, lengths = _runs(here)
             clipped = int(lengths[lengths >= 3].sum())
-            # A sine is within four steps of resolution from its peak in some rows; the bound is two times their share.
+            # A sine is within four steps of resolution of its peak in some rows; the bound is twice the share of these
+            # rows.
             usual = 2.0 * np.sqrt(4.0 * finest[k] / max(swing[k], finest[k])) / np.pi
             if clipped <= max(_CLIPPED, usual) * rows or len(starts) < 2:
                 continue
-            # The check compares with the other sensors, because in a steady wake they are constant too.
+            # The check compares with the other sensors, because in a steady wake the other sensors are constant too.
             if finest[k] * _STEPS < spread[k] * _activity(table[here], k, spread, action[here], action):
                 yield (
                     f"{name} is at its {word} value, {extreme:.4g}, in {clipped} of {rows} rows",

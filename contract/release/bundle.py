@@ -111,10 +111,10 @@ def renew(
     The new bundle may also have another operating point: the controller works in Cp and U_inf W, not in Pa and m/s. The
     control period and the budget follow from the operating point.
 
-    Everything else about the old bundle must be in order. Its controller is copied unchanged; the new manifest's
-    provenance has the old manifest's hash. A change of the DBC does not affect the controller, because its inputs are
-    pressures and flow rates, not frames. Raises BundleError as `load` does, and for a bad name or a target directory
-    with other contents; StillwakeError if the new bundle cannot be written.
+    The old bundle must pass all other checks. Its controller is copied unchanged; the new manifest's provenance has the
+    old manifest's hash. A change of the DBC does not affect the controller, because its inputs are pressures and flow
+    rates, not frames. Raises BundleError as `load` does, and for a bad name or a target directory with other contents;
+    StillwakeError if the new bundle cannot be written.
 
     Args:
         created: day of the new bundle, YYYY-MM-DD.
@@ -172,7 +172,8 @@ def verified(name: str, contents: Mapping[str, bytes], trusted: Collection[Publi
 
 
 def examine(path: Path, trusted: PublicKey | None = None) -> list[Check]:
-    """Return the results of every check that `load` makes, in the order of `load`; failed checks have their errors.
+    """Return the results of every check that `load` makes, in the order of `load`; the result of a failed check has its
+    error.
 
     The list ends at a check that cannot be made because an earlier check failed.
     """

@@ -163,7 +163,6 @@ def _taken_apart(path: Path, found: Mapping[str, bytes]) -> tuple[bytes, bytes |
 
 
 def _verify_signature(path: Path, raw: bytes, signature: bytes | None, trusted: Trusted) -> PublicKey | None:
-    """Verify the signature and return the signer's key; None if the bundle is unsigned."""
     keys = frozenset({trusted}) if isinstance(trusted, PublicKey) else trusted
     allowed = "no key that is trusted" if not keys else " or ".join(sorted(f"key {key.fingerprint}" for key in keys))
     if signature is None:

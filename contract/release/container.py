@@ -38,7 +38,7 @@ def read_files(path: Path) -> dict[str, bytes]:
             return _collect(path)
         if path.is_file():
             with path.open("rb") as file:
-                # Up to version 1.0.0 a bundle could be a zip file, which gets its own error message.
+                # Up to version 1.0.0 a bundle could be a zip file, so a zip file has a separate error message.
                 is_zip = file.read(4) == b"PK\x03\x04"
             hint = f"; unpack it: python -m zipfile -e {path} FOLDER" if is_zip else ""
             raise BundleContainerError(f"bundle {path}: must be a directory{hint}")

@@ -104,7 +104,7 @@ def _options() -> Any:
     # Errors are raised as exceptions, so they need not be printed. The optional `weights` input, an initialiser that
     # may be overridden, would cause a warning whenever the graph is loaded.
     options.log_severity_level = 4
-    # The graph's bytes were checked for external constants. If the graph refers to a file all the same, the search
+    # The graph's bytes were checked for external constants. If the graph nevertheless refers to a file, the search
     # starts at a path that is no folder, and not in the working directory.
     options.add_session_config_entry("session.model_external_initializers_file_folder_path", os.devnull)
     options.add_session_config_entry("session.load_model_format", "ONNX")

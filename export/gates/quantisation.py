@@ -104,7 +104,7 @@ def compare_answers(
 
 def _asked(program: ControllerProgram, number: int) -> tuple[Array | None, float, float | None]:
     """Return weights, speed and limit for a window. Weights and limit are the program's or, for every second window of
-    a program with a prior, those in the middle of the prior's range."""
+    a program with a prior, values in the middle of the prior's range."""
     speed, own = case_speed(program, number), program.mpc.weights
     if program.prior is None or number % 2 == 0:
         return None, speed, None

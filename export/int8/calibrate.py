@@ -1,6 +1,6 @@
 """Rounding of matrices with error feedback on each layer's recorded inputs (`quantise_on`, `layer_inputs`).
 
-A correction of biases by the mean of the remaining error was tried and dropped: after error feedback it gains nothing.
+The biases are not corrected by the mean of the remaining error: after error feedback, this correction gains nothing.
 """
 
 from collections.abc import Sequence

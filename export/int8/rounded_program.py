@@ -39,7 +39,7 @@ class Int8Matrix:
 
 
 def quantise_matrix(weight: Array) -> Int8Matrix:
-    """Return the nearest Int8Matrix of a matrix (outputs, inputs)."""
+    """Round each weight of a matrix (outputs, inputs) to the nearest integer."""
     scales = row_scales(weight)
     steps = np.rint(weight / scales[:, None].astype(np.float64))
     return Int8Matrix(values=np.clip(steps, -QMAX, QMAX).astype(np.int8), scales=scales)
@@ -77,7 +77,7 @@ class RoundedProgram:
             as_float32(weight, name)  # for its refusal: the scales are float32
             rounded = rounding(name, weight)
             dequantised = rounded.dequantised().astype(np.float64)
-            # A lowering's scale is the largest float32 weight of a row divided by 127. In one row of 128, this scale
+            # A lowering's scale is the largest float32 weight of a row divided by 127. In one of 128 rows, this scale
             # differs by one float32 ulp from the scale with which the weight was rounded.
             stored[name] = Int8Matrix(values=rounded.values, scales=row_scales(dequantised))
             return dequantised

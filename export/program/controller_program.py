@@ -1,9 +1,9 @@
 """The controller as data: everything that a lowering needs, and nothing else.
 
-The weight matrices have names, by which rounding replaces and a lowering stores them. The names are those of the
-tensors: `lstm.weight_input`, `dynamics.hidden.weight`, `decoder.blocks.0.linear.weight`. Of the small prior, only the
-two matrices on filtered rows have names: `prior.first` (6 n, F (p + 1)), with one row per schedule variable and unit,
-and `prior.sums` (n, F p), for n units, F filters and p sensor pairs. One hash identifies a program in every lowering.
+Rounding and lowerings refer to the weight matrices by name. The names are those of the tensors: `lstm.weight_input`,
+`dynamics.hidden.weight`, `decoder.blocks.0.linear.weight`. Of the small prior, only the two matrices on filtered rows
+have names: `prior.first` (6 n, F (p + 1)), with one row per schedule variable and unit, and `prior.sums` (n, F p), for
+n units, F filters and p sensor pairs. One hash identifies a program in every lowering.
 """
 
 import hashlib

@@ -203,8 +203,8 @@ class PriorWeights:
         """Read a state dict. Raises ExportError, which states the tensor that is missing, unknown or of the wrong
         shape.
 
-        The plan of a model of version 1.0.0 depends on the speed at most, not on the goal. Such a model has "slope",
-        (n, F, p + 1): the change of "first", of this shape too, if the vehicle is faster by the design speed. Or it has
+        The plan of a model of version 1.0.0 depends on the speed at most, not on the goal. Such a model has "first" and
+        "slope", both (n, F, p + 1); "slope" is the change of "first" if the speed rises by the design speed. Or it has
         "hidden", (n, M, p + 1), in place of filters, first and slope. A model until version 1.1 has one variable for
         the speed.
         """

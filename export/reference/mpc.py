@@ -3,10 +3,10 @@
 The plan is a_t .. a_{t+H-1}. Adam runs a fixed number of iterations from zero moments, so a control step depends on the
 window and the previous plan only, and always takes the same time.
 
-`control_step` and `evaluate` take one plan (H,). The other functions take any number of plans at once, (..., H). The
-latent state z (..., n_z), the previous action a_{t-1} (...,) and the mask of free actions (..., H) are given per plan
-or once for all plans. Cost weights are (8,); None stands for the program's weights. `start` is the reference plan of
-the cost's term `prior`; without `start` that term is zero.
+`control_step` and `evaluate` take one plan (H,). The other functions take any number of plans together, (..., H). The
+latent state z (..., n_z), the previous action a_{t-1} (...,) and the mask of free actions (..., H) are given for each
+plan, or once for all plans. Cost weights are (8,); None stands for the program's weights. `start` is the reference plan
+of the cost's term `prior`; without `start` that term is zero.
 """
 
 from collections.abc import Iterable, Iterator

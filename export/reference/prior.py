@@ -75,7 +75,7 @@ def filtered_sums(prior: PriorWeights, window: Array) -> Array:
 def past_of(window: Array, memory: int) -> tuple[Array, Array]:
     """Return the M rows (y_i, a_i) before the present row, (M, p + 1), and the present pressure differences y_t, (p,).
 
-    The window does not contain the oldest of these rows, which is set equal to the next row.
+    The window does not contain the oldest of these rows; a copy of the second-oldest row takes its place.
     """
     newest = window[-memory:]
     # In the window, a row holds the action that precedes its pressures. The present action is not decided yet.

@@ -49,7 +49,7 @@ def lower(program: Program, *, calibration: Sequence[Array], with_library: bool)
 
 
 def library_of(program: Program, calibration: Sequence[Array]) -> dict[str, bytes]:
-    """Return the C library's files by name; arguments and errors as for `lower`."""
+    """Return the C library's files by name; arguments and errors are those of `lower`."""
     if isinstance(program, RoundedProgram):
         return c_library(program, activation_ranges(program.program, calibration))
     return c_library(program)

@@ -1,8 +1,8 @@
 """The graphs of a release without Scan and int8, for runtimes that support less of ONNX than ONNX Runtime.
 
-The number of nodes grows with the horizon and the iterations, so a release has the graph with Scan. If a square
-constant is used both as it is and transposed, OpenVINO 2026.4 multiplies by its transpose; so this module writes two
-constants.
+The number of nodes grows with the horizon and the iterations, so a release contains the graph with Scan instead. If a
+square constant is used both as it is and transposed, OpenVINO 2026.4 multiplies by its transpose; so this module writes
+two constants.
 """
 
 from collections.abc import Iterable
@@ -51,8 +51,8 @@ def _model(
 
 
 class _Writer:
-    """A writer of nodes without Scan. If the first sequence of a Scan is a constant, which the rates of the iterations
-    are, the Scan has the length of this sequence; otherwise it has the length of the horizon."""
+    """A writer of nodes without Scan. A Scan whose first sequence is a constant, such as the rates of the iterations,
+    has the length of this constant; every other Scan has the length of the horizon."""
 
     def __init__(self, graph: onnx.GraphProto) -> None:
         inputs = {value.name: value for value in graph.input}

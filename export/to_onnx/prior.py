@@ -30,7 +30,7 @@ def lower_schedule(graph: Graph, weights: str, speed: str | None, share: str) ->
     asked = graph.op("Concat", effort, lift, axis=0)
     dearest = graph.op("Mul", drag, graph.constant([DEAREST_EFFORT, DEAREST_LIFT]))
     root = graph.op("Sqrt", graph.op("Div", asked, dearest))
-    # If the cost has no weight on drag, this division is by zero, and Where selects the other value.
+    # If the cost has no weight on drag, this divides by zero, and Where then selects the other value.
     any_at_all = graph.op("Cast", graph.op("Greater", asked, graph.constant(0.0)), to=1)
     prices = graph.op("Where", graph.op("Greater", dearest, asked), root, any_at_all)
     one, zero = graph.constant(1.0), graph.constant(0.0)
@@ -139,8 +139,8 @@ def _past(graph: Graph, prior: PriorWeights, sizes: Sizes, window: str) -> tuple
 
 
 def _history(graph: Graph, window: str, length: int, pairs: int) -> str:
-    """Convert L rows (Cp_k, a_{k-1}), (L, S+1), to one row of y_k and a_k in turn without the last action, (1, L (p +
-    1) - 1).
+    """Convert L rows (Cp_k, a_{k-1}), (L, S+1), to one row in which y_k and a_k alternate, without the last action, (1,
+    L (p + 1) - 1).
 
     The first row's action is older than the memory. This action is dropped, and the other actions move up by a row.
     """

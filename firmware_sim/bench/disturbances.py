@@ -71,7 +71,7 @@ class WrongClock(Span, section="clock"):
     ppm: Annotated[float, Rule(wording="above -10^6", holds=lambda value: value > -1e6)] = 0.0
     """Error of the clock's rate, in parts per million; a positive value makes the clock fast."""
     offset_s: Finite[float] = 0.0
-    """Time by which the ECU's clock is ahead at the start of the span."""
+    """Time in s by which the ECU's clock is ahead at the start of the span."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -217,7 +217,7 @@ class Disturbances:
         items: disturbances in the order given. Each disturbance draws from its own random sequence, numbered by its
             place in this order. If several disturbances act on the sensors, the first acts first on the wall's
             pressures. If several act in a port, the first is closest to the bus. If several of one kind act on the flow
-            or the vehicle at once, the last one counts.
+            or the vehicle at the same time, only the last one has an effect.
     """
 
     items: tuple[Disturbance, ...] = field(default=())

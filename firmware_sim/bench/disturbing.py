@@ -41,7 +41,7 @@ class Disturbing:
     Args:
         sensors: names of the transducers' sensors, in order.
         seed: seed of all random sequences; each disturbance has its own sequence.
-        before: number of disturbances that come before these in the numbering of the random sequences: of all kinds
+        before: number of disturbances whose random sequences precede the sequences of these disturbances: of all kinds
             under the key "all", and of each node's port under the node's name.
     """
 

@@ -60,8 +60,8 @@ class EchoTracker:
 
     @property
     def sampled_ns(self) -> int | None:
-        """Sending time in ns of the frame echoed last; None without an echo, or if this frame is at least a counter
-        period old."""
+        """Sending time in ns of the frame echoed last; None without an echo, or if this frame is no longer among the
+        stored frames."""
         age = self.age
         return self.kept[-1 - age] if age is not None and age < len(self.kept) else None
 

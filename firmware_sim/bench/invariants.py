@@ -56,8 +56,8 @@ _WANTED: Final = DRIVING | {Mode.WARMUP}
 """Modes of an ECU that was asked for control and has no latched fault."""
 
 AGE_TOLERANCE: Final = 0.01
-"""Tolerance of ages as a share of a period. Two clocks that differ by 200 ppm, and the wait until the bus is read, need
-far less."""
+"""Tolerance of ages as a share of a period. It is far above the errors of two clocks that differ by 200 ppm and of the
+wait until the bus is read."""
 _LONGEST_S: Final = 1e6
 """Length in s that replaces the infinite length of a span without end."""
 ROUNDING: Final = 1e-9
@@ -257,8 +257,8 @@ class Invariants:
             if not isinstance(one, NodeFault):
                 continue
             if isinstance(one.fault, StuckAt) and not one.fault.counter_runs:
-                # A repeated buffer matters only if it has pressures. These are sent by the vehicle and received by the
-                # ECU, so faults at the two other places are left out.
+                # A buffer that is sent again matters only if it holds pressures. The vehicle sends pressures and the
+                # ECU receives them, so only faults in the vehicle's sending and in the ECU's reception count here.
                 if (one.node == "vehicle") == (one.fault.at == "send"):
                     hidden_s += min(one.fault.end_s - one.fault.start_s, _LONGEST_S)
             elif one.node == "ecu":
@@ -305,8 +305,8 @@ class Invariants:
             self.violations.append(Violation(period=self._period - 1, invariant=invariant, detail=detail))
 
     def _read(self, frame: Frame) -> HeardCommand | None:
-        """Return a command as the vehicle receives it, or None. A command is in time if its pressures were sampled
-        recently enough."""
+        """Return a command as the vehicle receives it; None if `parsed` finds no command. A command is in time if its
+        pressures were sampled recently enough."""
         command = parsed(self._command, frame)
         if command is None:
             return None

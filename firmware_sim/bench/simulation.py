@@ -45,9 +45,9 @@ would do so at boot."""
 
 
 class Simulation:
-    """One run, which can run only once; `closed_loop.py` adds pictures and files. Raises StillwakeError if the bundle
-    does not fit the vehicle, the bus cannot carry virtual time, the jets could never move, a span is too short, a
-    disturbance could not act, or the calibration is out of its limits.
+    """A run that can be executed only once; `closed_loop.py` adds pictures and files. Raises StillwakeError if the
+    bundle does not fit the vehicle, the bus cannot carry virtual time, the jets could never move, a span is too short,
+    a disturbance could not act, or the calibration is out of its limits.
 
     Args:
         config: settings of the vehicle; its operating point and control period must be those of the bundle.

@@ -182,8 +182,9 @@ class VehicleNode:
         if self.has_given_up or not self._requested:
             self._action = before = 0.0
         if not self._next_period and self._action != 0.0:
-            # Such a command skips the action of the command before, which was for the next period, so the step is
-            # limited again.
+            # This command acts in the present period and replaces the previous command, which was for this period too.
+            # The jets have not reached that command's action, so the step is limited again, from the action that they
+            # have reached.
             self._action = self._in_reach_of(self._driven_to, self._action)
         self._driven_to = before if self._next_period else self._action
         return Actuation(

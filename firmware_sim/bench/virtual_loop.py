@@ -154,7 +154,7 @@ class VirtualLoop(NeverCopied):
     def reset_ecu(self, boot_ns: int) -> None:
         """Make the ECU lose its state at the bus's present time and start again after `boot_ns`.
 
-        The ECU receives nothing while it boots. Freshness values are in non-volatile memory and keep counting.
+        The ECU receives nothing while it boots. Freshness values are in non-volatile memory and continue to count.
         """
         state = self._ecu.state
         self._ecu.restore(replace(self._power_on, verifier=state.verifier, freshness=state.freshness))

@@ -56,7 +56,7 @@ def cells(row: ScenarioRow) -> tuple[str, ...]:
 
 
 def spread(value: Spread, style: str) -> str:
-    """Format as "mean (minimum to maximum)", or the mean alone if the values of all starting phases are equal."""
+    """Format a spread as "mean (minimum to maximum)", or as the mean if the values of all phases are equal."""
     mean, least, most = (number(one, style) for one in (value.mean, value.least, value.most))
     return mean if least == most else f"{mean} ({least} to {most})"
 

@@ -78,8 +78,8 @@ def model_description(
 
 
 def _list_terminal(listed: ElementTree.Element, first: int, kind: FmuKind) -> dict[str, str]:
-    """Add the terminal's clocks and binaries to the list of variables. Returns their value references, which follow the
-    value references of the table."""
+    """Add the terminal's clocks and binaries to the list of variables. Returns their value references, which follow
+    those of the variables in the table."""
     names = ("Rx_Clock", "Rx_Data", "Tx_Clock", "Tx_Data")  # same order as in ecu/c/fmu/bus/sw_fmu_events.c
     references = {name: str(first + i) for i, name in enumerate(names)}
 

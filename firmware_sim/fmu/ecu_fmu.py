@@ -65,7 +65,7 @@ def ecu_fmu(
 
 
 def binaries(sources: Mapping[str, bytes], kind: FmuKind) -> dict[str, bytes]:
-    """Return the compiled libraries by their paths in the FMU: for this machine and, if the kind asks for it, for
+    """Return the compiled libraries by their paths in the FMU: for this machine and, if the kind includes it, for
     Windows."""
     made = {PLATFORM: (host_compiler(), FLAGS, "so")}
     if kind.windows:

@@ -34,7 +34,6 @@ _Form: Final[Any] = make_dataclass(
         *((stage.value, StageLimits, field(default=StageLimits())) for stage in Stage),
     ],
 )
-"""The format of the whole file."""
 
 
 _Budget = Mapping[str, float]

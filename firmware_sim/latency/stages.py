@@ -1,9 +1,9 @@
 """The stages of each control period, from the sampling of the pressures to the command that answers them.
 
-The pressure counter in the frames joins the tables of vehicle and ECU. Every time is measured from the scheduled
-instant. A period that a node slept through is not left out: its pressures count as answered when the pressures of a
-later period are answered. If such periods were left out, a loop that stalls for many periods would count only one slow
-period (Tene's "coordinated omission").
+The tables of vehicle and ECU are joined by the pressure counter in the frames. Every time is measured from the
+scheduled instant. A period that a node slept through is not left out: its pressures count as answered when the
+pressures of a later period are answered. If such periods were left out, a loop that stalls for many periods would count
+only one slow period (Tene's "coordinated omission").
 """
 
 from collections.abc import Mapping

@@ -265,8 +265,7 @@ class LiveSession(NeverCopied):
         self._now_due = False
 
     def _ecu(self, controller: str, settings: LiveSettings, *, powered_on: bool = False) -> LoopEcu:
-        """Return the ECU with the weights of these settings; the running ECU is returned if it is the ECU of this
-        controller."""
+        """Return the ECU with these settings' weights; the running ECU is returned if it is this controller's."""
         if controller not in self._made:
             made = self._make_ecu(controller)
             self._made[controller] = made, made.ecu.state

@@ -69,8 +69,7 @@ def compile_board(sources: Mapping[str, bytes], own: Mapping[str, bytes] | None 
 
 
 def board_files(sources: Mapping[str, bytes], own: Mapping[str, bytes] | None = None) -> dict[str, bytes]:
-    """Return the files of the firmware that `compile_board` compiles; raises LibraryError for a library without a
-    board."""
+    """Return the files that `compile_board` compiles; raises LibraryError for a library without a board."""
     parts = {part: {n.split("/")[1]: sources[n] for n in sources if n.startswith(f"{part}/")} for part in BOARD}
     board, loader = (parts[part] for part in BOARD)
     if BOARD_SCRIPT not in board:

@@ -1,5 +1,4 @@
-"""The evaluation of whether the controller was in control while control was requested, and of the reason if it was
-not."""
+"""The evaluation of whether the controller was in control while control was requested, and if not, the reason."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -44,9 +44,9 @@ class RunOrigin:
 
 @dataclass(frozen=True, kw_only=True)
 class InjectedFault:
-    """A disturbance of a run. `acted` is the number of times that the disturbance acted. For a fault in a port, the
-    fault itself counts; for bit errors, `acted` is the number of disturbed attempts to send; for all other
-    disturbances, it is the number of periods."""
+    """A disturbance of a run. `acted` is the number of times that it acted: for a fault in a port, the number that the
+    fault counted; for bit errors, the number of disturbed attempts to send; for all other disturbances, the number of
+    periods."""
 
     text: str
     acted: int

@@ -25,8 +25,7 @@ def templates(package: str) -> Environment:
 
 
 def render(template: str, package: str = "firmware_sim.runs", **values: object) -> str:
-    """Return the page that a template gives with these values. Texts among the values are escaped; a missing value is
-    an error."""
+    """Return a template's page with these values. Texts among the values are escaped; a missing value is an error."""
     return templates(package).get_template(template).render(values)
 
 

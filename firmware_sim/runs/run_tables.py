@@ -31,11 +31,10 @@ _DRAG_ROWS: Final = (
 """Label, field of `Regime`, and number format of each row. A label may have a place for the wake probe's position."""
 
 ENOUGH_CYCLES: Final = 2
-"""Smallest number of cycles that an average needs, because drag differs by several per cent from one cycle to the
-next."""
+"""Smallest number of cycles that an average needs, because drag varies by several per cent between cycles."""
 _STILL: Final = 0.01
-"""Share of the action's bound; jets with a smaller root mean square of the action count as still. A working controller
-reaches a half."""
+"""Root mean square of the action, as a share of the action's bound, below which the jets count as still. A working
+controller reaches a half."""
 
 
 def drag_rows(log: RunLog) -> list[tuple[str, str, str]]:

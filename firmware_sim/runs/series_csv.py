@@ -30,8 +30,7 @@ COLUMN_UNITS: Final = {
 
 
 def write_csv(path: Path, log: RunLog) -> None:
-    """Write the series, completely or not at all; a missing value is an empty field. Raises StillwakeError on
-    failure."""
+    """Write the series, completely or not at all; a missing value is empty. Raises StillwakeError on failure."""
     with replacing(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
         csv.writer(file, lineterminator="\n").writerows(_rows(log))
 

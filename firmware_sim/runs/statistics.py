@@ -137,8 +137,7 @@ def actuator_delay_ms(log: RunLog) -> float:
 
 
 def sample_to_jets_ms(log: RunLog) -> float:
-    """Return the longest time from the sampling of pressures to the jets' action, in virtual ms; NaN if no command
-    arrived."""
+    """Return the longest time from sampling pressures to the jets' action, in virtual ms; NaN if no command arrived."""
     ages = log.series["age_ms"][np.isfinite(log.series["age_ms"])]
     return float(ages.max()) + actuator_delay_ms(log) if len(ages) else float("nan")
 

@@ -37,8 +37,8 @@ class Checkpoints:
     Attributes:
         folder: folder of the checkpoint files, one per phase.
         identity: settings and recording of the run.
-        resume: continue from existing checkpoints instead of starting over.
-        every: steps between checkpoints.
+        resume: whether the phase continues from existing checkpoints; otherwise it starts over.
+        every: number of steps between two checkpoints.
     """
 
     folder: Path

@@ -56,7 +56,7 @@ class Stopwatch:
     """A Progress that adds up the time of every phase. Time between two calls counts for the later call's phase.
 
     Attributes:
-        cpu, wall: clocks, s.
+        cpu, wall: functions that return the process's CPU time and the wall-clock time, in s.
         spent: resources used by each phase, in order.
     """
 

@@ -14,7 +14,8 @@ from contract.errors import ConfigError
 
 @contextmanager
 def torch_threads(count: int) -> Iterator[None]:
-    """Set torch's number of threads inside the block and restore it after; raises ConfigError for a number below 1."""
+    """Set torch's number of threads inside the block and restore it after the block; raises ConfigError for a number
+    below 1."""
     if count < 1:
         raise ConfigError(f"threads = {count}: must be at least 1")
     before = torch.get_num_threads()
@@ -30,7 +31,8 @@ def without_denormals() -> Iterator[None]:
     """Flush denormal numbers to zero inside the block, in this thread.
 
     A flow in single precision and its adjoint have many denormal numbers where a wave decays. Some processors take a
-    hundred times as long for each: a gradient took three times as long (measured once, Xeon of 2.5 GHz).
+    hundred times as long for an operation on a denormal number, and a gradient took three times as long (measured once,
+    Xeon of 2.5 GHz).
     """
     # Torch cannot report the previous setting; nothing else in this program changes it.
     torch.set_flush_denormal(True)

@@ -1,7 +1,7 @@
 """The checkpoint folder of an unfinished training, which states the training's identity and progress.
 
-The folder can be read without torch, which takes seconds to load, so that another training's checkpoints are refused at
-once.
+The folder can be read without torch, which takes seconds to load, so another training's checkpoints are refused without
+delay.
 """
 
 import json

@@ -26,7 +26,7 @@ def last_hidden(
 
     Args:
         segments: (S, R, F), S segments of R consecutive rows of F features.
-        window: L, rows in a window; R >= L.
+        window: L, number of rows in a window; R >= L.
         weight_ih, weight_hh, bias_ih, bias_hh: (4H, F), (4H, H), (4H,), (4H,) as in `torch.nn.LSTM`.
     """
     count, rows, features = segments.shape

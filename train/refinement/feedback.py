@@ -1,10 +1,10 @@
 """The feedback that becomes the prior of the plan. It computes the next action from a memory of rows, and changes the
 action's sign for the mirror image.
 
-Fixed filters reduce the memory: the newest rows are used one by one, older rows as means under bumps that widen with
-age. The trained part is a layer of tanh units on the filtered differences and actions, and the scheduling of that
-layer. The layer is scheduled by the vehicle's speed, by the goal (`contract.controller.goal`), and by the filtered sums
-of the mirrored sensors. The vehicle applies these filters before the layer, too
+Fixed filters reduce the memory: the newest rows are used one by one, older rows as weighted means, whose weights are
+bumps that widen with age. The trained part is a layer of tanh units on the filtered differences and actions, and the
+scheduling of that layer. The layer is scheduled by the vehicle's speed, by the goal (`contract.controller.goal`), and
+by the filtered sums of the mirrored sensors. The vehicle applies these filters before the layer, too
 (`export.program.weights.PriorWeights`).
 """
 

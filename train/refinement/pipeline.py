@@ -64,7 +64,7 @@ def refine_model(
         sensors: names of the sensors, in pairs of mirror images.
         flow: returns, for these sensors, the plant and developed wakes without jets, one for each stream.
         workers: runs the closed-loop intervals of an update in parallel; without it they run one after the other.
-        resume: continue an interrupted run; if False, start over.
+        resume: whether an interrupted run is continued; if False, the run starts over.
         threads: number of torch's threads.
 
     Returns:

@@ -52,7 +52,7 @@ LAST_ROWS: Final = 20_000
 NEAR_DESIGN: Final = 0.1
 """Largest distance from the design speed of the periods in the predictor's fit, in units of the design speed. One
 linear predictor for speeds from 0.6 to 1.4 had an error of 0.063 in Cp over eight steps; a predictor for the design
-speed has 0.035 (by hand, truck-wake-8). With the predictor for all speeds and a compensated delay of twelve periods,
+speed has 0.035 (manual run, truck-wake-8). With the predictor for all speeds and a compensated delay of twelve periods,
 the jets locked onto the wake."""
 
 
@@ -63,8 +63,8 @@ class Refined:
     Attributes:
         feedback: feedback with averaged weights.
         stretches: for each of the newest stretches near the design speed, an array (n, p + 1) with one row for each of
-            n control periods: p pressure differences and the action. If no stretch is near the design speed, the newest
-            stretches at any speed.
+            n control periods: p pressure differences and the action. If no stretch is near the design speed, these are
+            the newest stretches at any speed.
         periods: number of control periods that the plant was run for.
     """
 
@@ -240,8 +240,8 @@ def _readings(settings: RefineConfig, deviations: Array, speeds: Array, rng: np.
 
 
 def _next_speed(stream: Stream, settings: RefineConfig, rng: np.random.Generator) -> float:
-    """Return the speed at a stretch's end. In a stream's first stretch it is any speed; later, it is at most
-    `SPEED_CHANGE` of the way to any speed."""
+    """Return the speed at a stretch's end. In a stream's first stretch, it is a speed drawn from the range; later, the
+    speed changes by at most `SPEED_CHANGE` of the distance to the drawn speed."""
     # The draw extends beyond the range and is clipped, so that the ends of the range are drawn often.
     beyond = 0.3 * (settings.fastest - settings.slowest)
     anywhere = rng.uniform(settings.slowest - beyond, settings.fastest + beyond)

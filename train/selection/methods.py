@@ -28,10 +28,9 @@ def select_by_hand(count: int, layout: SensorLayout = TRUCK) -> tuple[int, ...]:
     """Return the indices of `count` sensors, outward from the two rear corners, where the shear layers leave the body.
 
     The order alternates between the next pair along the sides, from the rear forward, and the next pair across the
-    base, from its edges inward. When the sides or the base have no more pairs, the order continues without them. On the
-    truck, the first four are upper_39, lower_39, base_0 and base_9. Sensors on the symmetry line come last, from the
-    rear forward. An odd count may end with only the upper sensor of a pair. Raises ConfigError without mirror images or
-    base sensors.
+    base, from its edges inward. When one of the two has no more pairs, the other's pairs follow. On the truck, the
+    first four are upper_39, lower_39, base_0 and base_9. Sensors on the symmetry line come last, from the rear forward.
+    An odd count may end with only the upper sensor of a pair. Raises ConfigError without mirror images or base sensors.
     """
     mirror = layout.mirror
     if mirror is None or not layout.base.size:
@@ -130,7 +129,7 @@ def select(
 
     Args:
         rows: samples with all sensors' columns.
-        settings: its seed is used and, for "shap", its numbers of draws.
+        settings: settings of the training, whose seed is used and, for "shap", whose numbers of draws.
     """
     if method not in METHODS:
         raise ConfigError(f"unknown selection method {method!r}: use {', '.join(METHODS)}")

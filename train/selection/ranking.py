@@ -87,7 +87,7 @@ class SensorChoice:
     Attributes:
         method: "shap.GradientExplainer", another of `train.selection.methods.METHODS`, or "given".
         repeats: number of repeats of the ranking.
-        order: sensors, for SHAP all names, best first; for the other methods the chosen names.
+        order: names of sensors: for SHAP the names of all sensors, best first; for the other methods the chosen names.
         mean: (N,) mean of the N sensors' scores over the repeats.
         std: (N,) standard deviation of the scores over the repeats.
         stable: whether the best set is equal in all repeats, by size of the set.

@@ -21,7 +21,8 @@ PROBE_OBJECT: Final = "wakeProbe"
 
 @dataclass(frozen=True, kw_only=True)
 class CaseClock:
-    """The end of an icoFoam run, in t_c, and its intervals between writes and between measurements."""
+    """The end and the time step of an icoFoam run, in t_c, and its intervals between writes and between
+    measurements."""
 
     end: float
     dt: float
@@ -92,7 +93,7 @@ _SOLVERS: Final[dict[str, Any]] = {
 
 
 def _control(mesh: Mesh, clock: CaseClock) -> dict[str, Any]:
-    # OpenFOAM reads the entries "execute" for forces and the entries "write" for probes.
+    # For forces, OpenFOAM reads the entries "execute"; for probes, it reads the entries "write".
     every_sample = {
         f"{what}{setting}": value
         for what in ("execute", "write")

@@ -72,9 +72,9 @@ def settle(
     Args:
         folder: the case; created if it does not exist.
         start: returns velocity and kinematic pressure at t = 0; called for a new case only.
-        config: Reynolds number and control period; one measurement per control period.
-        substeps: time steps per control period.
-        until: time, t_c, in whole control periods.
+        config: Reynolds number and control period; measurements are taken once per control period.
+        substeps: number of time steps per control period.
+        until: end of the run, in t_c; a whole number of control periods.
         progress: called with (time, until).
     """
     if not (folder / "0" / "p").is_file():

@@ -30,8 +30,8 @@ class Readings:
     """One line of every function object's file.
 
     Attributes:
-        forces: total, pressure and viscous force vectors on the truck, the upper and the lower slot, (3, 3, 3),
-            kinematic.
+        forces: kinematic force vectors, (3, 3, 3): the total, pressure and viscous force on the truck, then on the
+            upper slot, then on the lower slot.
         pressures: kinematic pressures at the probed cells.
         wake: velocity at the wake probe, (3,).
     """

@@ -21,8 +21,8 @@ from wake.solver.grid import graded_faces
 PATCHES: Final = ("inlet", "outlet", "sides", "truck", "jetUpper", "jetLower")
 """Patches of the plane mesh; the case has OpenFOAM's two empty planes in addition."""
 
-# Target spacings (station, size), linear between stations: along the front (y), the sides (x) and the wake (x), away
-# from the wall, and across the wake (y).
+# Each table lists target spacings as (station, size), which are linear between stations: along the front (y), the sides
+# (x) and the wake (x), then away from the wall, and across the wake (y).
 _FRONT: Final = ((0.0, 0.03), (0.25, 0.02), (0.382, 0.0155))
 _ARC: Final = 0.0155
 _SIDE: Final = (
@@ -157,7 +157,8 @@ def _grid(x: npt.ArrayLike, y: npt.ArrayLike) -> Array:
 
 
 def _quads(block: Index) -> Index:
-    """Return the cells of a structured block of vertices (i, j), counter-clockwise if j runs to the left of i."""
+    """Return the cells of a structured block of vertices (i, j). The vertices of a cell are counter-clockwise if j runs
+    to the left of i."""
     corners = (block[:-1, :-1], block[1:, :-1], block[1:, 1:], block[:-1, 1:])
     return np.stack([corner.ravel() for corner in corners], axis=1)
 

@@ -60,9 +60,9 @@ class OpenFoamWake(NeverCopied):
     Args:
         folder: the case to create; an existing case there is removed.
         config: Reynolds number, control period, time steps per period and action bound.
-        refinement: divides every spacing of the mesh; equal to the state's refinement.
-        duration: longest time that can be run after a `reset`, t_c.
-        patience_s: longest wait for one time step.
+        refinement: divisor of every spacing of the mesh; it must equal the state's refinement.
+        duration: longest time that can be run after a `reset`, in t_c.
+        patience_s: longest wait for one time step, in s.
     """
 
     INSTEAD: ClassVar = "icoFoam is a process; give its state() to another OpenFoamWake"
@@ -97,7 +97,7 @@ class OpenFoamWake(NeverCopied):
     def __exit__(self, kind: object, *_: object) -> None:
         self.close()
         if kind is None:
-            # The case of a failed run is left for inspection.
+            # The case of a failed run is not removed, so that it can be inspected.
             shutil.rmtree(self._case, ignore_errors=True)
 
     @property
@@ -120,9 +120,9 @@ class OpenFoamWake(NeverCopied):
         return self._substep % self.config.substeps
 
     def reset(self, state: FoamState) -> Sample:
-        """Restart icoFoam from a state. The restart is not exact: one control period later, forces are within a
-        fraction of a percent of a run without interruption. Raises PlantError if the state is of another mesh or not
-        finite, or icoFoam does not start."""
+        """Restart icoFoam from a state. The restart is not exact: one control period later, the forces differ by a
+        fraction of a percent from those of a run without interruption. Raises PlantError if the state is of another
+        mesh or not finite, or icoFoam does not start."""
         velocity = state.velocity
         if len(velocity) != len(self.mesh.cells):
             raise PlantError(f"flow state has {len(velocity)} cells, this mesh has {len(self.mesh.cells)}")
@@ -184,7 +184,7 @@ class OpenFoamWake(NeverCopied):
         self._readings = self._follower.read()
         self._substep += substep - into
         self._action = target if substep == last else start + (target - start) * (substep - into) / (last - into)
-        # Check here as well as in `sample`: a run need not call `sample` after its last step.
+        # The check is made here as well as in `sample`, because a run need not call `sample` after its last step.
         self._readings.require_finite(self.t)
 
     def sample(self) -> Sample:

@@ -1,11 +1,11 @@
 """icoFoam as a child process, and the pipes through which its jets are controlled step by step.
 
 icoFoam always ends before its parent does. The jets' boundary condition (`wake.openfoam.wall`) reads the velocity at
-listed instants from one file for each instant, and opens the file of the next instant in the first time step after the
-last instant. Here the end of every time step is an instant, and its file is a named pipe for each jet. So icoFoam stops
-at the start of each time step, after it has measured and written everything about the last step, until the jets'
-velocity at the step's end arrives. A ramp can then start at any time step of a control period, as in stillwake's
-solver. Nothing is compiled.
+listed instants from one file for each instant. When it has passed an instant, it opens the next instant's file in the
+following time step. Here the end of every time step is an instant, and its file is a named pipe for each jet. So
+icoFoam stops at the start of each time step, after it has measured and written everything about the last step, until
+the jets' velocity at the step's end arrives. A ramp can then start at any time step of a control period, as in
+stillwake's solver. Nothing is compiled.
 """
 
 import ctypes
@@ -123,7 +123,7 @@ class JetPipes(NeverCopied):
 
     Args:
         folder: the case, written by `wall.write_pipes`.
-        patience_s: longest wait for one time step.
+        patience_s: longest wait for one time step, in s.
     """
 
     INSTEAD: ClassVar = "it holds pipes to a process; open new pipes"

@@ -27,10 +27,10 @@ class FoamState:
 
     Attributes:
         files: contents of the case's field files by name.
-        dt: time step before the state; the time scheme's weights for the older level depend on it.
+        dt: last time step before the state, in t_c; the time scheme's weights for the older level depend on it.
         readings: measurements at the state's time.
         action: jet flow rate in force.
-        substep: time steps since t = 0.
+        substep: number of time steps since t = 0.
     """
 
     files: Mapping[str, bytes]

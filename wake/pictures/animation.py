@@ -57,13 +57,13 @@ def animate(
     Returns the number of frames.
 
     Args:
-        path: ends in .gif or .webp.
+        path: file to write; its name ends in .gif or .webp.
         picture: draws the plant `wake`.
         wake: the plant, moved to the end of the run.
         actions: one command for each of n control periods, (n,); U_inf W.
         skip: number of control periods before the first frame.
-        every: control periods between frames.
-        fps: frames per second; a GIF rounds the time of a frame to 10 ms.
+        every: number of control periods between frames.
+        fps: number of frames per second; a GIF rounds the time of a frame to 10 ms.
         hold: additional time of the last frame, in s.
         progress: called with (control periods done, total).
     """
@@ -80,7 +80,7 @@ def animate(
 
 
 def check_target(path: Path) -> None:
-    """Raise ConfigError if the path's ending is not that of an animation."""
+    """Raise ConfigError if the path does not end like an animation's file name."""
     if path.suffix.lower() not in _SUFFIXES or path.is_dir():
         raise ConfigError(f"{path}: must be a file ending in {' or '.join(_SUFFIXES)}")
 

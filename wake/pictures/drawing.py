@@ -29,7 +29,7 @@ Kind = Literal["vorticity", "pressure"]
 
 VIEW: Final[View] = (-1.5, 20.0, -3.0, 3.0)
 _NEAR_WAKE: Final = (-0.847, 4.353, -1.2, 1.2)
-"""Limits in x and y, in W, with x measured from the base."""
+"""Limits in x and y of the near wake's picture, in W, with x measured from the base."""
 
 FIELD_COLOURS: Final = "RdBu_r"
 """Colour map that is diverging and symmetric about zero."""
@@ -203,8 +203,9 @@ def outline(body: BodyConfig) -> Array:
 
 
 def jet_arrow(share: float, side: int, base: float) -> Array:
-    """Return the outline of the arrow at the upper (side 1) or lower (-1) slot of a base at x = `base`, (7, 2). It
-    points away from the base for blowing (share > 0) and towards it for sucking; its length shows the share."""
+    """Return the outline of the arrow at the upper (side 1) or lower (side -1) slot of a base at x = `base`, (7, 2).
+    The arrow points away from the base for blowing (share > 0) and towards the base for sucking; its length shows the
+    share."""
     length, shaft, head = _FULL_JET * abs(share), JET_WIDTH, 2.4 * JET_WIDTH
     neck = max(length - 2.0 * head, 0.5 * length)
     x = np.array([0.0, neck, neck, length, neck, neck, 0.0])

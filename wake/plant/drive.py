@@ -70,8 +70,7 @@ class Drive:
         name: name of the profile or its file.
         times: instants in s, rising.
         speeds: speed in m/s at each instant.
-        gust: speed of the air that is not part of the vehicle's speed; its times are in t_c of U, from the drive's time
-            0.
+        gust: wind that is added to the vehicle's speed; its times are in t_c of U, from the drive's time 0.
     """
 
     name: str
@@ -114,7 +113,7 @@ class Drive:
 
 def at_speed(flow: FlowConfig, fastest: float) -> FlowConfig:
     """Return the flow's settings with enough time steps for a stream of `fastest` times U."""
-    # The subtracted number prevents rounding from turning 30 * 1.4 into 43 time steps; 42 are enough.
+    # The subtracted number prevents rounding from turning 30 * 1.4 into 43 time steps, where 42 are enough.
     return replace(flow, substeps=ceil(flow.substeps * max(1.0, fastest) - 1e-9))
 
 

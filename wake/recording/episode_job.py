@@ -88,8 +88,8 @@ class EpisodeJob:
 
     def run(self, wake: TruckWake | None = None, progress: EpisodeProgress = lambda name, done, total: None) -> None:
         """Record the missing blocks; `wake` is built if not given. Raises StillwakeError if this process does not find
-        the folder, a block cannot be written, this process has other versions or another start than the process that
-        began the recording, or another call has taken over; PlantError if the flow diverges."""
+        the folder, if a block cannot be written, if this process has other versions or another start than the process
+        that began the recording, or if another call has taken over; PlantError if the flow diverges."""
         if not self.parts.is_owned_by(self.owner):
             raise StillwakeError(f"{platform.node()} does not find {self.parts.path}: it must be in a shared folder")
         mine = setting_of(self.config, self.plan.packages, self.start)
@@ -139,8 +139,8 @@ def setting_of(config: Config, packages: tuple[str, ...] = (), start: Path | Non
     `packages`. Raises PlantError if the file of the start cannot be read."""
     return {
         "body": asdict(config.body),
-        # The entry for the grid is more specific than its refinement, and older recordings have this entry but no
-        # refinement.
+        # Older recordings have no refinement in their settings. They have the entry for the grid, which is more
+        # specific than its refinement.
         "flow": {name: value for name, value in asdict(config.flow).items() if name != "refinement"},
         "forcing": asdict(config.forcing),
         "grid": list(box_grid(config.body.length, config.flow.refinement).shape),

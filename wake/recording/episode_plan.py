@@ -59,8 +59,8 @@ class EpisodePlan:
     """The plan of one episode with open-loop forcing.
 
     Attributes:
-        lead: control steps without forcing before the first sample; they differ, so that episodes begin in different
-            phases.
+        lead: number of control steps without forcing before the first sample. The numbers of the episodes differ, so
+            that the episodes begin in different phases of the shedding cycle.
     """
 
     forcing: ForcingName
@@ -72,8 +72,8 @@ class EpisodePlan:
 
     @property
     def role(self) -> Role:
-        """The episode's role. The paper tests on the chirp and trains on the other episodes; its appendix A adds the
-        extended chirp."""
+        """The episode's role. The paper tests on the chirp and trains on the other episodes; its appendix A also tests
+        on the extended chirp."""
         return _ROLES[self.forcing]
 
     @property

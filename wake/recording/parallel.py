@@ -16,7 +16,7 @@ def run_parallel(
     notice: Callable[[str], None],
 ) -> None:
     """Record the jobs, the longest first, one per worker at a time; an episode whose worker dies continues from its
-    last block. Arguments and errors as for `contract.side_by_side.spread`.
+    last block. The other arguments and the errors are those of `contract.side_by_side.spread`.
 
     Args:
         progress: called for every episode with new steps.

@@ -104,13 +104,13 @@ def record(
 
     Args:
         plans: episodes, in their order in the file.
-        workers: processes on this machine; with 1, episodes are recorded one after another in this process.
+        workers: number of processes on this machine; with 1, episodes are recorded one after another in this process.
         scheduler: address of a dask scheduler whose workers record instead; they need `output`'s folder at its path.
         progress: called for every episode at the start, and then after its blocks.
         notice: called with a line when a worker was lost or joined.
-        block_steps: control steps between two writes to disk.
+        block_steps: number of control steps between two writes to disk.
         start: file of the flow state in which episodes begin; the shipped state if None. Workers read it at this path.
-        overwrite: replace an existing file once the new file is complete.
+        overwrite: whether an existing file is replaced, once the new file is complete.
 
     Raises:
         OutputError: if there is a file of other plans or settings, and `overwrite` is False.
@@ -216,7 +216,7 @@ _FACTS = ("flow", "grid")
 
 
 class Round(Protocol):
-    """A group of episodes that is added to a data set at once, such as `ControlledRound` and `CalmRound`."""
+    """A group of episodes that is added to a data set as a whole, such as `ControlledRound` and `CalmRound`."""
 
     def plans(self, number: int) -> Sequence[Plan]:
         """Return the plans of round `number`; their provenance holds the number as "round"."""
@@ -237,11 +237,11 @@ def record_round(
 ) -> int:
     """Record a round and add its episodes to a data set, which is created if it does not exist.
 
-    The round's number is one more than the highest number in the file, so that a second call adds new data. The next
-    call continues an interrupted call. If the interrupted call had already added its round, the next call only removes
-    the parts. Raises DatasetError, before recording, if the file is no data set, or was recorded with another schema or
-    flow. Raises StillwakeError and PlantError as `wake.recording.recorder.record` does, or the controller's error.
-    Returns the round's number.
+    The round's number is one more than the highest number in the file, so that a second call adds new data. If a call
+    was interrupted, the next call continues its work. If the interrupted call had already added its round, the next
+    call only removes the parts. Raises DatasetError, before recording, if the file is no data set, or was recorded with
+    another schema or flow. Raises StillwakeError and PlantError as `wake.recording.recorder.record` does, or the
+    controller's error. Returns the round's number.
 
     Args:
         policy: builds the controller in each recording process; without it, only the plans' signals act.

@@ -1,9 +1,9 @@
 """Compiled inner loops of the adjoint: the transposes of `wake.solver.kernels`, linearised about a flow.
 
 A bar marks a sensitivity: the derivative of a scalar of later flows with respect to a value. Each kernel takes the
-sensitivities of its forward kernel's outputs and adds to the sensitivities of that kernel's inputs, in equally padded
-arrays and over equal runs of faces. All kernels but convection are linear. Convection is quadratic, so the transpose of
-a rate needs only the velocity at the rate's instant.
+sensitivities to its forward kernel's outputs and adds to the sensitivities to that kernel's inputs. Arrays have the
+same padding as the forward kernel's arrays, and loops run over the same runs of faces. All kernels but convection are
+linear. Convection is quadratic, so the transpose of a rate needs only the velocity at the rate's instant.
 """
 
 import numpy as np
@@ -16,7 +16,8 @@ from wake.solver.kernels import Domain, Fields, Rates, Runs, Spacing, Walls, adv
 
 @njit(cache=True, nogil=True)
 def _across(dy: Array, dyc: Array, nu: float) -> tuple[Array, Array]:
-    """Return coefficients along y, where those of neighbours outside the domain are zero.
+    """Return coefficients along y: an array for u and an array for v. Coefficients of neighbours outside the domain are
+    zero.
 
     By padded column of u, (4, ny + 2): 1 / (2 dy); diffusion to the north and to the south, and minus their sum. By row
     of v, (7, ny + 1): shares of the columns of u below and above a v-face; diffusion to the north and to the south, and
@@ -43,7 +44,7 @@ def back_rates(bar: Fields, gained: Rates, u: Array, v: Array, nu: float, spacin
     """Propagate the sensitivities `gained` of du/dt and dv/dt, zero on faces that are not open, to u, v and p.
 
     Every entry gathers its contributions to its neighbours' rates, row by row in x; scattering from each rate takes
-    twice as long. A loop uses at most eight arrays, because the compiler does not vectorise loops with more arrays.
+    twice the time. A loop uses at most eight arrays, because the compiler does not vectorise loops with more arrays.
     """
     gu, gv = gained.u, gained.v
     real, nx, ny = u.dtype.type, u.shape[0] - 2, u.shape[1] - 2
@@ -53,8 +54,8 @@ def back_rates(bar: Fields, gained: Rates, u: Array, v: Array, nu: float, spacin
     hy, north, south, self_u = yu[0], yu[1], yu[2], yu[3][1:-1]
     below, above, nv, sv, self_v, hc, cy = yv[0], yv[1], yv[2], yv[3], yv[4][1:-1], yv[5], yv[6]
     south_upper, below_upper, sv_upper = south[2:], below[1:], sv[2:]
-    # Coefficients by x-face i: 1 / dxc, diffusion to both sides, shares of both cells. Coefficients by cell: 1 / (2
-    # dx), diffusion to both sides. The arrays have one more entry before the first and after the last index.
+    # The coefficients by x-face i are 1 / dxc, diffusion to both sides, and shares of both cells; by cell they are
+    # 1 / (2 dx) and diffusion to both sides. The arrays have one more entry before the first and after the last index.
     x = np.zeros((8, nx + 3), u.dtype)
     rdxc, west, east, left, right, hrx, west_v, east_v = x[0], x[1], x[2], x[3], x[4], x[5], x[6], x[7]
     for i in range(1, nx + 1):
@@ -66,7 +67,7 @@ def back_rates(bar: Fields, gained: Rates, u: Array, v: Array, nu: float, spacin
     rows = np.zeros((8, ny + 1), u.dtype)
     shares, shifts, through, crossing, part, inner = rows[0:2], rows[2:4], rows[4], rows[5], rows[6], rows[7]
     for i in range(nx + 2):
-        # The terms beyond the first and last row have coefficients of zero; index -1 is the last entry.
+        # Terms beyond the first and last row have zero coefficients: they read other rows; index -1 is the last entry.
         back, ahead = max(i - 1, 0), min(i + 1, nx + 1)
         g, ui, va, vb, ga, gb = gu[i], u[i], v[i], v[ahead], gv[i], gv[ahead]
         w0, w1, s0, s1 = shares[(i + 1) % 2], shares[i % 2], shifts[(i + 1) % 2], shifts[i % 2]
@@ -204,7 +205,8 @@ def back_stages(
         rates, second: finite; overwritten.
         a, step, slot_velocity, wind, gained, domain: arguments as in the forward kernel.
     """
-    # Loops with one call, and no assignment of an array to a slice: either would double the time of compiling this.
+    # The loops have one call each, and no array is assigned to a slice: a further call or such an assignment would
+    # double the time of compiling this function.
     for k in range(2):
         advance_stage(work, rates, a[k], step[k], slot_velocity[k], wind[k], gained[k], domain)
         for source, target in ((work.u, second.u), (work.v, second.v)):

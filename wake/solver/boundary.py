@@ -1,12 +1,12 @@
-"""A second-order immersed boundary: the faces that carry flow, and the velocities on faces behind the walls.
+"""A second-order immersed boundary: the faces that carry flow, and the velocities on the faces at the walls.
 
 A face between two fluid cells is open: its velocity is a solution of the momentum equation. Every other face in the
 stencil of an open face is a ghost. Its value is taken from a parabola along the wall's normal. The parabola vanishes on
 the exact wall and passes through two image points in the flow, where the velocity is interpolated bilinearly between
 open faces. On a straight wall this reduces to reflection in one point, with a discrete wall shear of nu u_1 / distance.
 
-In the mass balance a ghost carries no flow, so there the wall is a staircase. The method remains of second order,
-because within a cell of a no-slip wall the volume flow is of the order of the distance squared.
+In the mass balance a ghost carries no flow, so for the mass balance the wall is a staircase. The method remains of
+second order, because within a cell of a no-slip wall the volume flow is of the order of the distance squared.
 """
 
 from collections.abc import Callable
@@ -130,7 +130,7 @@ def _ghosts(grid: Grid, component: Component, open_faces: Mask, touched: Mask, d
 def _parabola(
     x: Array, y: Array, i: int, j: int, open_faces: Mask, distance: SignedDistance
 ) -> list[tuple[tuple[int, int], float]]:
-    """Return the weights of open faces for the ghost (i, j)."""
+    """Return the open faces, with weights, from whose velocities the velocity of the ghost (i, j) is computed."""
     here = float(distance(x[i], y[j]))
     normal = _normal(distance, x[i], y[j])
     if min(abs(normal[0]), abs(normal[1])) < 1e-6:

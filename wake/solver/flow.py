@@ -58,7 +58,7 @@ class Layout:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Flow:
-    """A buffer, `flat`, with its padded views u, v and p. The views of a copy are views of the copy's own buffer."""
+    """A buffer, `flat`, with its padded views u, v and p. In a copy, these are views of the copy's own buffer."""
 
     flat: Array
     u: Array

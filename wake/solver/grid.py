@@ -19,9 +19,9 @@ Component = Literal["u", "v", "p"]
 _Spacing = tuple[tuple[float, float], ...]
 """The target spacing (station, size), linear between the stations and constant outside them."""
 
-# The wall cell has the size of the body-fitted reference mesh (0.0125 W, 4 cells per slot); sides and wake are as fine
-# as the finest regions of that mesh. Along x, one table is relative to the nose, and one table to the base; on the body
-# the smaller spacing applies.
+# The wall cells are as large as those of the body-fitted reference mesh (0.0125 W, 4 cells per slot); sides and wake
+# are as fine as the finest regions of that mesh. Along x, one table is relative to the nose, and another table to the
+# base; on the body the smaller of the two spacings applies.
 _FROM_NOSE: _Spacing = (
     (-7.0, 0.6), (-1.0, 0.1), (-0.05, 0.0125), (0.15, 0.0125), (1.0, 0.04), (2.0, 0.06), (4.5, 0.09),
 )  # fmt: skip
@@ -41,8 +41,8 @@ class Grid:
     Attributes:
         xf, yf: faces, shapes (nx + 1,) and (ny + 1,).
         xc, yc: cell centres, shapes (nx,) and (ny,).
-        dxc: distance between the centres either side of x-face i, shape (nx + 1,); half cells at the ends.
-        dyc: distance between the centres either side of y-face j, shape (ny + 1,).
+        dxc: distance between the centres on both sides of x-face i, shape (nx + 1,); half cells at the ends.
+        dyc: distance between the centres on both sides of y-face j, shape (ny + 1,).
         front, rear: x-face indices of the body's front and base.
         lower, upper: y-face indices of the body's sides.
         slot_cells: rows in each slot.

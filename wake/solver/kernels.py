@@ -129,7 +129,8 @@ def v_rate(q: Array, a: float, u: Array, v: Array, p: Array, nu: float, spacing:
     one, half, quarter, nu, a = real(1.0), real(0.5), real(0.25), real(nu), real(a)
     dx, dxc, dy, dyc = spacing.dx, spacing.dxc, spacing.dy, spacing.dyc
     rdy, rdyc = one / dy, one / dyc
-    # The two factors weight the rows below and above a v-face in the flow through the sides of the v-face's cell.
+    # The two factors are the shares of the rows below and above a v-face in the flow through the sides of the v-face's
+    # cell.
     below, above = half * dy[:-1] * rdyc[1:-1], half * dy[1:] * rdyc[1:-1]
     along = np.empty_like(dyc)
     for r in range(runs.shape[0]):
@@ -177,7 +178,7 @@ def _fill_ghosts(flat: Array, ghosts: GhostMap) -> None:
 
 @njit(cache=True, nogil=True)
 def fill_edges(u: Array, v: Array, inflow_v: Array) -> None:
-    """Fill the padding: slip sides and outflow for u, inflow and outflow for v."""
+    """Fill the padding for slip at the sides, the inflow of v, and the outflow of u and v."""
     two = u.dtype.type(2.0)
     nx, ny = u.shape[0] - 2, u.shape[1] - 2
     for j in range(ny):
@@ -259,8 +260,8 @@ def stages(
     gained: Array,
     domain: Domain,
 ) -> None:
-    """Run the s Runge-Kutta stages of a step: a (s,), step (s,), and slot_velocity (s, m faces), wind (s,) and gained
-    (s,) of `advance_stage` at each stage's end.
+    """Run the s Runge-Kutta stages of a step. a and step are (s,); slot_velocity (s, m faces), wind (s,) and gained
+    (s,) are the arguments of `advance_stage` for each stage.
 
     One call runs all stages, because passing this number of arrays takes a microsecond or two.
     """

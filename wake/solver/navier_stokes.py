@@ -1,16 +1,17 @@
 """Incompressible Navier-Stokes in time: three-stage Runge-Kutta, one pressure projection per step.
 
-The stages use the pressure gradient of the step's start, and the projection adds its change (Williamson's low-storage
-coefficients). The velocity is of second order in time, because the stages' divergence enters at second order. The
-boundary conditions are uniform inflow, slip sides, p = 0 and zero normal gradient at the outlet, no slip on the body,
-and prescribed flow through the slots. The outlet's velocity solves the momentum equation as elsewhere, with a mirrored
-cell behind the outlet. If the velocity were copied from upstream instead, the last cells could have no transverse flow,
-and a vortex leaving the domain would disturb the pressure everywhere. Pressure here is kinematic, p / (rho U_inf^2); Cp
-is twice this pressure.
+The stages use the pressure gradient of the step's start, and the projection adds the gradient's change (Williamson's
+low-storage coefficients). The velocity is of second order in time, because the stages' divergence enters at second
+order. The boundary conditions are uniform inflow, slip sides, p = 0 and zero normal gradient at the outlet, no slip on
+the body, and prescribed flow through the slots. The outlet's velocity solves the momentum equation as elsewhere, with a
+mirrored cell behind the outlet. If the velocity were copied from upstream instead, the last cells could have no
+transverse flow, and a vortex leaving the domain would disturb the pressure everywhere. Pressure here is kinematic, p /
+(rho U_inf^2); Cp is twice this pressure.
 
 A varying wind is given in the frame of the body, as for a vehicle whose speed through the air varies. The wind's change
-enters with the inflow, and as a uniform acceleration of the whole flow, which leaves the far pressure unchanged. In the
-frame of the ground equal velocities have a pressure gradient of -dU/dt along the stream, as in a wind tunnel.
+enters with the inflow, and as a uniform acceleration of the whole flow, which leaves the far pressure unchanged. If the
+stream itself changed its speed in the frame of the ground, as in a wind tunnel, equal velocities would have a pressure
+gradient of -dU/dt along the stream.
 """
 
 from collections.abc import Callable
@@ -25,7 +26,8 @@ from wake.solver.boundary import Boundary
 from wake.solver.flow import Flow
 from wake.solver.grid import Grid
 
-# Williamson's RK3: q = A q + dt rate, velocity += B q; STAGE_END has the times of the stages' ends in steps.
+# Williamson's RK3 computes q = A q + dt rate, velocity += B q. STAGE_END has the times at which the stages end, as
+# fractions of the step.
 A = np.array([0.0, -5.0 / 9.0, -153.0 / 128.0])
 B = np.array([1.0 / 3.0, 15.0 / 16.0, 8.0 / 15.0])
 STAGE_END = (1.0 / 3.0, 3.0 / 4.0, 1.0)
@@ -108,12 +110,13 @@ class FlowSolver(CopiedWhole):
         starts: Array | None = None,
     ) -> None:
         """Take `steps` time steps in place while the action ramps linearly between the two values. Raises PlantError,
-        and restores the flow, if it is no longer finite or faster than any physical flow here.
+        and restores the flow, if the new flow is not finite or is faster than is physically possible here.
 
         Args:
             dt, steps: length and number of the time steps.
             action_from, action_to: actions at the beginning and at the end.
-            wind: difference between u of stream and inflow, a continuous function of the time since the beginning.
+            wind: excess of the stream's velocity over the inflow's, as a continuous function of the time since the
+                beginning.
             starts: (steps, size of the buffer); receives the flow at the start of each step, for the adjoint.
         """
         self._before.flat[:] = flow.flat
@@ -175,7 +178,7 @@ def stage_ends(steps: int) -> Array:
 
 
 def gusting(wind: Callable[[float], float] | None, dt: float, step: int) -> tuple[Array, Array]:
-    """Return the wind at the end of each stage of a step, and its change during the stage."""
+    """Return the wind at the end of each stage of a step, and the wind's change during each stage."""
     if wind is None:
         return _STEADY, _STEADY
     values = np.array([wind(dt * (step + end)) for end in (0.0, *STAGE_END)])

@@ -13,8 +13,9 @@ No product uses BLAS, whose rounding depends on the number of threads. The funct
 number of threads, in any thread, and are as fast as BLAS: `_product` computes three rows of its result at a time, the
 width is padded to whole vectors, and arrays are aligned to vectors.
 
-Work arrays are stored. Allocating them in every step can cost as much as all other work: in a worker's thread the C
-library may return these blocks to the system each time, and every page is faulted in again.
+Work arrays are allocated once and used again. Allocating them in every step can cost as much as all other work: in a
+worker's thread the C library may return the memory to the system each time, and the system must then map every page
+again.
 """
 
 from dataclasses import dataclass
@@ -45,9 +46,9 @@ class HalfSolver:
         qt: transpose of q, contiguous.
         pivot: reciprocal pivots of the tridiagonal systems, (nx, h).
         coupling: conductance per unit height between columns i - 1 and i, (nx,).
-        links: cells (i1, j1, i2, j2) either side of each cut link, (m, 4).
+        links: cells (i1, j1) and (i2, j2) on the two sides of each cut link, (m, 4).
         capacitance: (K^-1 + D^T A^-1 D)^-1, (m, m).
-        work: three arrays (nx, h) and two (m,), overwritten by every solve.
+        work: three arrays (nx, h) and two arrays (m,), overwritten by every solve.
     """
 
     q: Array
@@ -142,8 +143,8 @@ def _build_half(grid: Grid, fluid: npt.NDArray[np.bool_], precision: Precision, 
 
     links, stiffness = _cut_links(grid, fluid, h)
     if even and len(links):
-        # With phi even, the system is singular if the body's inside is not connected to the fluid. So one link to the
-        # fluid remains; it carries no flux because there is no source inside the body.
+        # With phi even, the system would be singular if the body's inside were not connected to the fluid. So one link
+        # to the fluid remains; it carries no flux because there is no source inside the body.
         links, stiffness = links[1:], stiffness[1:]
     coupling = coupling[:nx].copy()
     capacitance = _capacitance(q, pivot, coupling, links, stiffness)
@@ -199,7 +200,7 @@ def _inverse(matrix: Array) -> Array:
 
 @njit(cache=True, nogil=True, fastmath={"contract"})
 def _tridiagonal(b: Array, pivot: Array, coupling: Array) -> None:
-    """Solve in place for every eigenvector at once; b is (nx, h) in spectral space."""
+    """Solve in place for all eigenvectors together; b is (nx, h) in spectral space."""
     nx, h = b.shape
     for k in range(h):
         b[0, k] *= pivot[0, k]
@@ -238,7 +239,8 @@ def _scatter(spectral: Array, links: Links, y: Array, q: Array) -> None:
 
 @njit(cache=True, nogil=True, fastmath={"contract"})
 def _product(a: Array, b: Array, out: Array) -> None:
-    """Compute out = a b for b (h, h) with h a multiple of 4, for three rows and four terms of their sums at a time.
+    """Compute out = a b for b (h, h) with h a multiple of 4. Three rows of the result are computed at a time, and four
+    terms of their sums.
 
     The terms of each sum are added in a fixed order, so that the result does not depend on the grouping of rows.
     """
@@ -301,7 +303,8 @@ def _split(b: Array, even: Array, odd: Array) -> None:
     nx, h, last = b.shape[0], b.shape[1] // 2, np.uintp(b.shape[1] // 2 - 1)
     for i in range(nx):
         lower, upper, even_i, odd_i = b[i, :h], b[i, h:], even[i], odd[i]
-        # An unsigned index cannot count from the end, so the compiler can vectorise.
+        # An unsigned index cannot be negative, and so cannot count from the array's end; this allows the compiler to
+        # vectorise.
         for j in range(np.uintp(h)):
             even_i[j] = half * (lower[j] + upper[last - j])
         for j in range(np.uintp(h)):

@@ -22,7 +22,7 @@ JET_LIMIT: Final = 4.0
 VISCOUS_LIMIT: Final = 2.51
 
 _SAFE: Final = 1.7
-"""Target value of either number."""
+"""Target value of the convective and of the viscous number."""
 
 
 def convective_number(grid: Grid, flow: Flow, dt: float) -> float:

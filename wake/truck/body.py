@@ -1,6 +1,7 @@
 """The outline of the body, a rectangle whose front corners may be rounded (paper, figure 1), and its jets.
 
-Two slots at the edges of the base blow and suck in opposition: zero net mass flow at every instant.
+Two slots at the edges of the base act in opposition, one blowing while the other sucks, so that the net mass flow is
+zero at every instant.
 """
 
 import numpy as np

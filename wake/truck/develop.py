@@ -90,7 +90,8 @@ def moved(
     """
     flow = Flow.of(interpolated(state, source, wake.grid).flat.astype(wake.solver.precision), wake.grid.shape)
     pressure = flow.p.copy()
-    # A very short step fills edges and walls and removes the divergence; the resulting pressure is that of an impulse.
+    # A very short step fills edges and walls and removes the divergence. The pressure that it leaves is that of an
+    # impulse and is not used.
     wake.solver.run(flow, dt=1e-6, steps=1, action_from=0.0, action_to=0.0)
     flow.p[:] = pressure
     wake.reset(State(flat=flow.flat, substep=0, action=0.0))

@@ -15,8 +15,8 @@ from wake.truck.tape import Tape, no_weights
 from wake.truck.truck_wake import TruckWake
 
 MEMORY_MB: Final = 7000.0
-"""Bound of the tape's memory, in 10^6 bytes. 125 control periods take 2000 on the mesh of `stillwake refine`, 6900 on
-the default mesh; beyond the bound, the tape computes steps a second time."""
+"""Bound of the tape's memory, in 10^6 bytes. The flow of 125 control periods takes 2000 on the mesh of `stillwake
+refine` and 6900 on the default mesh; beyond the bound, the tape computes steps a second time."""
 AT_REST: Final = 60.0
 """Time in t_c in which the wake without jets settles at a speed, and duration of the average that follows: twelve
 cycles."""
@@ -49,7 +49,7 @@ class DifferentiableWake(CopiedWhole):
         return self._seen()
 
     def back(self, weights: Seen) -> float:
-        """Go back by a period. Returns the derivative of the weighted sum with respect to the action commanded in that
+        """Go back by a period. Returns the derivative of the scalar with respect to the action commanded in that
         period."""
         speed = self._speed
         whole = no_weights(len(self.plant.layout))

@@ -55,8 +55,8 @@ class State:
 
 
 def start_name(reynolds: float) -> str:
-    """Return a file name, for messages, of a start that is not computed yet. The name differs from the existing file's
-    name, because that file must not be replaced."""
+    """Return a file name, for messages, of a start that is not computed yet. The name differs from that of the existing
+    file, which must not be replaced."""
     return f"start_re{reynolds:g}.npz"
 
 

@@ -27,7 +27,8 @@ accurate to 1e-5."""
 _UNEVEN: Final = 1e-9
 """Largest difference in U_inf between a steady state and its mirror image; a settled state is symmetric bit for bit."""
 _RATE: Final = 1e-2
-"""Largest rate in U_inf / t_c of a steady state; a settled state is far below it, the developed wake has about 1."""
+"""Largest rate of change in U_inf / t_c of a steady state; a settled state changes far more slowly, and the developed
+wake at about 1."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

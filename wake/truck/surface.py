@@ -1,11 +1,11 @@
 """Sensors and forces as functionals of the flow.
 
 Each measured quantity except the slots' load is a fixed weighted sum of u, v and p, so one sparse product per control
-step gives all of these quantities. The wall pressure is the value on the wall of a parabola along the normal through
-two points in the flow; the parabola's slope on the wall follows from the momentum balance of fluid at rest. At the
-rounded corners, where the boundary layer supports a pressure that falls steeply outside it, a straight line would give
-1 % too little drag. Wall shear follows from the velocity with no slip on the wall. Forces are per unit of rho U_inf^2 W
-/ 2.
+step gives all of these quantities. The wall pressure is found with a parabola along the normal: the parabola passes
+through two points in the flow, its slope on the wall follows from the momentum balance of fluid at rest, and its value
+on the wall is the wall pressure. At the rounded corners the pressure falls steeply outside the boundary layer, and a
+straight line would give 1 % too little drag. Wall shear follows from the velocity with no slip on the wall. Forces are
+per unit of rho U_inf^2 W / 2.
 
 The load on the two slot faces comes from the momentum balance of the half cell before each face. Near a slot the
 pressure falls by several dynamic pressures within a slot's width, and a straight line through two cells has an error of
@@ -102,7 +102,7 @@ class Measured:
     """Functionals of a flow at one instant.
 
     Attributes:
-        Cd, Cl: wall force, pressure and viscous, without the slot faces.
+        Cd, Cl: sum of the pressure and the viscous force on the wall without the slot faces.
         slots: force of the flow on the slot faces, and the pressure on these faces.
         Uy_probe: transverse velocity at the wake probe.
     """
@@ -199,8 +199,8 @@ class Surface:
         return _combine((d2 * d2 * scale, first), (-d1 * d1 * scale, second), (-scale * d1 * d2 * (d2 - d1), slope))
 
     def _wall_pressure_slope(self, x: float, y: float, nx: float, ny: float) -> Terms:
-        """Return the normal derivative of the kinematic pressure on a no-slip wall, nu d2(u.n)/dn2 (momentum at
-        rest)."""
+        """Return the normal derivative of the kinematic pressure on a no-slip wall, nu d2(u.n)/dn2, which is the
+        momentum balance of fluid at rest."""
         terms: Terms = defaultdict(float)
         components: tuple[tuple[float, Component], ...] = ((nx, "u"), (ny, "v"))
         for factor, component in components:

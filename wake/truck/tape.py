@@ -38,9 +38,9 @@ class Tape(CopiedWhole):
     """A record of a plant's control periods from its present state on, which propagates sensitivities back over these
     periods.
 
-    The flow at the start of each time step is stored as long as memory allows. Beyond this limit, only the flow at the
-    start of the oldest periods is stored; `back` computes each of these periods again, which costs one more period
-    each. Raises PlantError if the plant is within a control period. A copy has its own plant.
+    The flow at the start of each time step is stored. When the memory is full, the oldest periods are reduced to the
+    flow at their own start; `back` computes each of these periods a second time. Raises PlantError if the plant is
+    within a control period. A copy has its own plant.
 
     Args:
         plant: plant at the beginning of a control period; its wind must not change.
@@ -143,8 +143,8 @@ class Tape(CopiedWhole):
             self.bar_action += weights.jet_power * (measured.Cp_upper - measured.Cp_lower)
 
     def _memory(self, steps: int) -> Array:
-        """Return memory for the flow at each step's start. The memory is reused, because the system faults in every new
-        page."""
+        """Return memory for the flow at each step's start. The memory of earlier periods is used again, because the
+        system takes time to map every new page."""
         while self._spare:
             if len(spare := self._spare.pop()) == steps:
                 return spare

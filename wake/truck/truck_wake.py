@@ -37,7 +37,7 @@ class TruckWake(CopiedWhole):
     Args:
         config: Reynolds number, control period, substeps, action bound and the grid's refinement.
         body: the truck by default.
-        precision: np.float32 for about twice the speed, for training through the flow; samples are float64.
+        precision: np.float32 computes about twice as fast, for training through the flow; samples are float64.
 
     Attributes:
         layout: the sensors, in the order of a sample's Cp.
@@ -171,7 +171,8 @@ class TruckWake(CopiedWhole):
         """Return the present measurements."""
         measured, a = self.surface.measure(self.flow), self._action
         slots = measured.slots
-        # The integrals of u^3 over a blowing and a sucking slot cancel, so only the work of the pressure remains.
+        # The integrals of u^3 over a blowing and a sucking slot cancel, so the power of the jets is the work of the
+        # pressure alone.
         return Sample(
             t=self.t,
             Cp=measured.Cp,

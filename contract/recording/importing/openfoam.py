@@ -1,5 +1,4 @@
-"""Import of an OpenFOAM case as an episode: the pressures p of its probes, its force coefficients, and the commanded
-actions."""
+"""Import of an OpenFOAM case as an episode: pressures p of its probes, force coefficients, commanded actions."""
 
 import os
 import re
@@ -74,7 +73,7 @@ def read_case(
     scales = [factor(path, name, inside, None, references.get(name)) for name, inside in found.items()]
     coefficients = forces.rows[:, [columns.index(inside) for inside in found.values()]] * scales
     first, last = (max(pressures.rows[0, 0], forces.rows[0, 0]), min(pressures.rows[-1, 0], forces.rows[-1, 0]))
-    # The tolerance is for rounded times, which may fall short of a period in their last digit.
+    # The tolerance is for rounded times, whose last digit may make the last period appear too short.
     t = first * second + period * np.arange(max(0, int((last - first) * second / period + 1e-4) + 1))
     tables = ((pressures, readings), (forces, coefficients))
     at_periods = [_at(table.files[0], table.rows[:, 0] * second, values, t, period) for table, values in tables]
@@ -130,7 +129,7 @@ def _scale(name: str, layout: SensorLayout, references: Mapping[str, Reference],
 
 def _probes_of(pressures: FoamTable, layout: SensorLayout) -> Index:
     """Return the probe of every sensor, which is the probe at the sensor's position. If the case has another origin and
-    length scale, and all probes are arranged like the sensors, probes and sensors correspond by their order."""
+    length scale, and all probes are arranged like the sensors, the probes belong to the sensors in order."""
     path, count = pressures.files[0], pressures.rows.shape[1] - 1
     numbers = [(line.split("(")[0].split()[:1], "(" in line, _NUMBER.findall(line)) for line in pressures.header]
     places = [found[1:3] for word, bracket, found in numbers if word == ["Probe"] and bracket and len(found) == 4]

@@ -232,8 +232,7 @@ def _read_matlab(path: Path) -> dict[str, Stored]:
 
 
 def _flat(found: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, Any]]:
-    """Return the arrays of nested structures. An array's name joins the names of its structures by slashes, as with
-    HDF5's groups."""
+    """Return the arrays of nested structures; a name joins the names of the structures by slashes, as in HDF5."""
     for name, values in found.items():
         if name in _TABLES:
             yield "a MATLAB table or object, whose columns only MATLAB can read: save them as variables", None

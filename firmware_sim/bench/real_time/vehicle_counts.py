@@ -53,7 +53,7 @@ class VehicleFigures:
         lateness: delays of the sampling after its scheduled instant.
         modes: number of commands in each mode.
         latest_mode: mode of the newest command.
-        ended: number of periods that have ended, so that their commands are known.
+        ended: number of periods that have ended; the commands of these periods are known.
         squares: sum of the squared actions of the ended periods, in (U_inf W)^2.
         largest: largest magnitude of an action, in U_inf W.
     """

@@ -41,7 +41,7 @@ class ControlRequest:
         lead_in: number of periods after which control is requested.
         rearm_frames: number of good frames in a row that the ECU needs before a request clears a latched fault.
         wanted: whether control is wanted.
-        waits: whether the lead-in is not over yet; it ends early when a viewer asks for control.
+        waits: whether the lead-in is still under way; it ends early when a viewer asks for control.
         rearming: whether the request stays low until the ECU will accept a rise.
         helped_until: period up to which a new request clears latched faults without a viewer's action.
         first: period of the first request for control; None before this request.

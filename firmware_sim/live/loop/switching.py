@@ -1,4 +1,4 @@
-"""Disturbances that are switched on and off while the loop runs, each from one control period to another.
+"""Disturbances that are switched on and off while the loop runs, each at the start of a control period.
 
 A disturbance that is switched on acts as in a run whose disturbance has the same text and begins at the same time. Each
 item is its own `firmware_sim.bench.disturbing.Disturbing`, whose random sequences are numbered after the sequences of

@@ -42,7 +42,7 @@ class PageAccess:
 
     def refusal(self, *, host: str, origin: str | None, token: str | None) -> str | None:
         """Return the reason for which a request is refused; None if it is allowed. `origin` is None if the request has
-        no Origin, as a request from a program that is not a browser."""
+        no Origin, as in a request from a program that is not a browser."""
         if self.token is None and not is_loopback(_name(host)):
             return "this server answers only to localhost"
         if origin is not None and origin.lower().partition("://")[2] != host.lower():

@@ -122,8 +122,7 @@ class Board(EmulatedCore):
             raise self._raised.pop()
 
     def _guarded(self, work: Callable[[], object]) -> int:
-        """Call a register's function. Its exceptions stop the emulation, and `_execute` raises them again
-        afterwards."""
+        """Call a register's function. Its exceptions stop the emulation, and `_execute` raises them again."""
         if self._raised:
             # The core executes a few more instructions before it stops; these instructions must have no effect.
             return 0

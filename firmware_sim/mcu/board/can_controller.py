@@ -30,8 +30,8 @@ _RXF0S, _RXF0A, _TXFQS, _TXBRP, _TXBAR, _TXBCR, _TXBTO = 0xA4, 0xA8, 0xC4, 0xCC,
 _DBTP, _NBTP, _GFC, _SIDFC, _XIDFC, _XIDAM, _RXF0C, _TXBC = 0x0C, 0x1C, 0x80, 0x84, 0x88, 0x90, 0xA0, 0xC0
 _PLAIN: Final = {_DBTP, _NBTP, 0x20, 0x48, 0x54, 0x5C, _GFC, _SIDFC, _XIDFC, _XIDAM, _RXF0C, 0xBC, _TXBC, 0xC8}
 _PROTECTED: Final = _PLAIN - {0x54, 0x5C}
-"""Registers that store written values (`_PLAIN`), and those of these registers that can be written only with CCE
-(`_PROTECTED`)."""
+"""Registers that store written values (`_PLAIN`), and the registers among them that can be written only while CCE is
+set (`_PROTECTED`)."""
 _INIT, _CCE = 1, 2
 _RF0N, _RF0L, _BO = 1, 8, 1 << 25
 _XTD, _FDF, _BRS = 1 << 30, 1 << 21, 1 << 20
@@ -108,8 +108,8 @@ class CanController:
         return left
 
     def handed_over(self) -> list[Frame]:
-        """Return all waiting frames at once, each stamped with the time when the firmware sent it. Use this for a bus
-        that is modelled elsewhere."""
+        """Return all waiting frames, each stamped with the time when the firmware sent it. Use this for a bus that is
+        modelled elsewhere."""
         self._sending.progress(_EVER_NS)
         left = [frame for frame, _ in self._sending.left]
         self._sending.left.clear()
@@ -122,7 +122,7 @@ class CanController:
         return self._read(offset)
 
     def write(self, offset: int, value: int) -> None:
-        """Write a register or a word of the message RAM; raises McuError for a register that is not modelled or is
+        """Write a register or a message RAM word; raises McuError for a register that is not modelled or is
         protected."""
         if offset >= MESSAGE_RAM:
             self._ram[offset - MESSAGE_RAM : offset - MESSAGE_RAM + 4] = value.to_bytes(4, "little")

@@ -35,8 +35,7 @@ longer."""
 
 
 def read_bank(path: Path) -> FlashBank:
-    """Read the flash from a file; return an erased bank if the file does not exist. Raises McuError if the file cannot
-    be read."""
+    """Read the flash from a file, or return an erased bank if there is none. Raises McuError for an unreadable file."""
     try:
         return FlashBank.unpack(path.read_bytes()) if path.exists() else FlashBank()
     except OSError as error:

@@ -40,8 +40,7 @@ class Counter:
 
 
 class RandomNumbers:
-    """The random number generator of an STM32H743 (RNG: CR with RNGEN, SR with DRDY, DR); its numbers follow from a
-    seed."""
+    """The random number generator of an STM32H743 (RNG: CR with RNGEN, SR with DRDY, DR), with a seed."""
 
     def __init__(self, seed: int) -> None:
         self._random, self._control = random.Random(seed), 0

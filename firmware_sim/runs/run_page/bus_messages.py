@@ -10,16 +10,14 @@ from firmware_sim.runs.run_folder import RunFolder
 from firmware_sim.runs.run_log import RunLog
 
 _MOST_FRAMES: Final = 50_000
-"""Largest number of frames in a log for which a page shows the messages; reading this number takes about ten
-seconds."""
+"""Largest number of frames in a log for which a page shows the messages; reading them takes about ten seconds."""
 
 _Rows = list[tuple[str, ...]]
 BUS_HEADS: Final = ("identifier", "message", "frames", "per s", "lost", "end-to-end checks")
 
 
 def bus_rows(folder: RunFolder, log: RunLog) -> _Rows:
-    """Return a row for each identifier; none if the log is missing or too long. Raises StillwakeError if the log is
-    damaged."""
+    """Return a row for each identifier; none for a missing or too long log. Raises StillwakeError for a damaged log."""
     if log.traffic.frames > _MOST_FRAMES or not folder.frames.is_file():
         return []
     bus = log.metadata.config.bus

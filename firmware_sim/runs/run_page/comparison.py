@@ -1,5 +1,4 @@
-"""The comparison of runs as one self-contained HTML page: figures and their differences, settings, and pictures of the
-wakes."""
+"""The comparison of runs as one self-contained HTML page: figures, differences, settings, pictures of the wakes."""
 
 import os
 from collections.abc import Mapping, Sequence

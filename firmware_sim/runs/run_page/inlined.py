@@ -50,7 +50,7 @@ def inlined(main: str) -> Inlined:
 
 
 def as_json(values: Any) -> Markup:
-    """Return values as JSON for a script element of type application/json; no text in the values can end it."""
+    """Return values as JSON for a script element of type application/json, which no text in the values can end."""
     text = json.dumps(values, allow_nan=False, separators=(",", ":"))
     return Markup(text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026"))
 
