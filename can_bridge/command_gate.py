@@ -1,8 +1,8 @@
 """The last check before a jet command is sent on the bus. It trusts none of the controller's outputs.
 
-The gate shuts the jets at once if there is no permission, the command is not finite, the clock did not advance, or
+The gate shuts the jets immediately if there is no permission, the command is not finite, the clock did not advance, or
 there are no fresh pressures. Otherwise the command is limited to its range and then to one step from the previous
-command. Zero is the safe state, so the shutting of the jets is never slowed down.
+command. Zero is the safe state, so no limit slows down the shutting of the jets.
 
 Pressures that are too old for a new command may still be the basis of a command between the previous command and zero,
 because the fail-safe first repeats and then halves the last command.

@@ -197,8 +197,8 @@ class Ecu:
             flow_m2_per_s=passed.flow_m2_per_s,
             mode=mode.on_wire,
             enable=passed.enable,
-            # The command states the counter of the pressure frame on which it is based, also if the command is only
-            # held.
+            # The command states the counter of the pressure frame on which it is based, even if it repeats an earlier
+            # command.
             pressure_counter=after.pressure_counter if inputs.usable or mode.drives_jets else None,
             next_period=self._config.ecu.plan_ahead,
         )
@@ -360,8 +360,8 @@ def _bus_fault(before: BusHealth, now: BusHealth) -> Reason | None:
 
 
 def _told_by_the_gate(fail_safe: FailSafe, passed: GatedCommand) -> FailSafe:
-    """Return the fail-safe after the command gate. If the gate shut the jets, the fail-safe has the reason for the
-    bus."""
+    """Return the fail-safe after the command gate. If the gate shut the jets, the fail-safe has the reason that is sent
+    on the bus."""
     if Intervention.NOT_FINITE in passed.interventions:
         return fail_safe.latch(Reason.INTERNAL)
     if Intervention.STALE in passed.interventions:

@@ -136,8 +136,8 @@ def _waiting(period: Period) -> Reason:
 
 
 def _unless_refused(reason: Reason) -> Callable[[Period], Reason]:
-    """Return a rule that gives this reason, or NOT_AUTHENTIC if no frame is authentic, because no request is received
-    then."""
+    """Return a rule that gives this reason, or NOT_AUTHENTIC if no frame is authentic, because the ECU takes no request
+    from such frames."""
     return lambda period: Reason.NOT_AUTHENTIC if _missing(period) is Reason.NOT_AUTHENTIC else reason
 
 
@@ -302,16 +302,15 @@ class FailSafe:
         period = Period(inputs, request, rises, misses, good, lost.bit_count(), config, self.reason)
         row = taken(self.mode, period)
         if row.to is OperatingMode.FAULT is not self.mode:
-            # From now on the ECU must first receive a low request, as at power-on. Otherwise a rise that it missed
-            # would end the fault.
+            # The ECU must receive a low request before the fault can end, as after power-on. Otherwise a rise of the
+            # request that the ECU missed would end the fault.
             request = inputs.enable_request is not False
         return FailSafe(
             mode=row.to, misses=misses, good=good, lost=lost, reason=row.reason.of(period), enable_request=request
         )
 
     def latch(self, reason: Reason) -> "FailSafe":
-        """Latch a fault of the ECU itself that is detected during the period; good frames are counted again from
-        here."""
+        """Latch a fault of the ECU itself that is detected during the period; the number of good frames is 0 again."""
         inputs = PeriodInputs(
             usable=False, enable_request=None, unusable_because=reason, window_full=False, fault=reason
         )

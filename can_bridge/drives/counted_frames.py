@@ -85,7 +85,7 @@ def number(frames: Sequence[CountedFrame], *, period_s: float, modulus: int) -> 
         frames: frames with valid CRCs, in the order of reception.
         period_s: the sender's period on the log's clock in s, to a few per cent.
         modulus: number of frames after which the counter wraps. If more than half of this number are lost, only the
-            times show how many.
+            times show how many frames were lost.
     """
     once = without_repeats(frames, SLACK * period_s)
     parts = _parts(once, period_s, modulus)

@@ -161,7 +161,7 @@ class _Bus:
 
 
 def _channel_of(path: Path, buses: Mapping[str, _Bus], specs: Mapping[int, MessageSpec]) -> str:
-    """Return the channel that has our frames. A CRC can be valid by chance, so a channel comes first if most of its
+    """Return the channel that has our frames. A CRC can be valid by chance, so a channel is preferred if most of its
     frames with one of our identifiers are valid."""
     ours = {
         name: [(specs[one].name, count) for one, count in sorted(bus.sound.items()) if count >= bus.damaged[one]]

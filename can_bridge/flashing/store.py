@@ -131,9 +131,9 @@ class Store:
         return self._last_boot
 
     def announce(self, length: int, sha256: bytes) -> Long[int]:
-        """Prepare a slot for an image. Returns the offset of the first byte to send. It is 0 for a new image, `length`
-        if all bytes are stored, and otherwise the number of bytes received in an interrupted transfer of this image, or
-        a smaller number if the memory can only continue earlier.
+        """Prepare a slot for an image. Returns the offset of the first byte to send: 0 for a new image, `length` if all
+        bytes are stored, and otherwise the number of bytes received in an interrupted transfer of this image, or a
+        smaller number if the memory can only continue from an earlier byte.
 
         Raises:
             ConfigError: the length or the hash is out of range.
@@ -225,16 +225,16 @@ class Store:
 
     def confirm(self) -> None:
         """Confirm the release that runs on trial; does nothing if the release is already confirmed. Raises
-        OutOfOrderError if no release runs, if the running release is neither on trial nor confirmed any more, or if its
-        key may no longer sign; MediumError if the confirmation cannot be stored."""
+        OutOfOrderError if no release runs, if the running release is neither on trial nor confirmed any more, or if the
+        key that signed it may no longer sign; MediumError if the confirmation cannot be stored."""
         slot = self._running
         phase = None if slot is None else self.state.slots[slot].phase
         if slot is None or phase not in (SlotPhase.TRIAL, SlotPhase.CONFIRMED):
             raise OutOfOrderError("no release to confirm: an activated release must run")
         if phase == SlotPhase.TRIAL:
             if self.keys is None or PublicKey(self.state.slots[slot].signer) not in self.keys.keys:
-                # The release would not boot again, and after the confirmation the previous release may be too old to
-                # boot.
+                # The release would not boot again, and the confirmation may raise the least security version above the
+                # previous release's, so that the previous release would not boot either.
                 raise OutOfOrderError("the key that signed the release on trial is not in the list: revert it")
             self._confirm(slot)
 

@@ -248,7 +248,7 @@ def _on_fd_channel(time_s: float, words: list[str], base: int) -> Entry:
 
 def _event(word: str, text: str) -> LogEvent:
     """Return the event of a line, found by the line's first word. Lines of variables and signals begin with their own
-    names, so these events are found by characters that only they have."""
+    names, so their events are found by characters that only these lines have."""
     if "GMGroup:" in text:
         return LogEvent("marker")
     if ":=" in text:

@@ -2,7 +2,7 @@
 
 Every request is checked in the order of the standard's figures: service known, allowed in this session, valid length,
 sub-function known and allowed in this session, level unlocked, valid sequence. Then the ECU may refuse it for reasons
-of its own. One request is processed at a time, in pieces, one piece for each `tick`.
+of its own. One request is processed at a time, in parts, one part in each call of `tick`.
 """
 
 from collections.abc import Callable, Mapping
@@ -142,9 +142,9 @@ class UdsServer:
         return self._go_on(now_ns)
 
     def tick(self, now_ns: int) -> list[bytes]:
-        """Do the next piece of the request in progress, or the reset that was answered before.
+        """Execute the next part of the request in progress, or the reset that was answered before.
 
-        Call this method whenever there is time for a piece, at least every 20 ms while `is_busy`.
+        Call this method whenever there is time for a part, at least every 20 ms while `is_busy`.
         """
         now_ns = self._at(now_ns)
         if self._reset_is_due:

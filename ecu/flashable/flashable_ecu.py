@@ -159,7 +159,7 @@ class FlashableEcu:
         return [] if self._controlled.is_silent and not self._request.drives_jets else sent
 
     def service(self, now_ns: int, frames: Sequence[Frame]) -> list[Frame]:
-        """Run diagnosis: process up to `MOST_FRAMES` frames and one piece of long work; return the frames to send."""
+        """Process up to `MOST_FRAMES` frames of diagnosis and a part of a long operation; return the frames to send."""
         if self._is_silent(now_ns) or self._serviced is not self._controlled:
             return []
         if self._wants_reset:

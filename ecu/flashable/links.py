@@ -73,7 +73,7 @@ class DiagnosticLink:
         return self._server.is_busy or self._sent > 0
 
     def service(self, now_ns: int, frames: Sequence[Frame]) -> list[Frame]:
-        """Process frames, do at most one piece of long work, and return the frames to send now."""
+        """Process frames, do at most one part of a long operation, and return the frames to send now."""
         self._server.look(now_ns, in_transit=self._endpoint.is_receiving or self._endpoint.is_sending)
         was_busy, requests = self._server.is_busy, 0
         for request, is_functional in self._requests(now_ns, frames):

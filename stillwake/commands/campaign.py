@@ -165,7 +165,7 @@ def _conducted(planned: "Campaign", folder: "CampaignFolder", spread: Mapping[st
 
 
 def _print(result: "Result") -> None:
-    """Print the table of the scenarios, and the headline last, because a terminal is read from its end."""
+    """Print the table of the scenarios and then the headline, because a terminal shows the end of the output."""
     from firmware_sim.campaign.matrix_words import MATRIX_HEADS, cells, headline
 
     table = Table(*MATRIX_HEADS)

@@ -27,7 +27,7 @@ USES: Final = (
     "vehicle",
     COST_WEIGHTS,
 )
-"""The settings of `run`, but of the settings of the controller's goal only the weights that a release accepts."""
+"""The settings of `run`, but of the section `mpc` only the weights, because a release accepts no other changes."""
 
 Host = Annotated[str, typer.Option(help="Address to listen at; only localhost needs no token in the link.")]
 Port = Annotated[int, typer.Option(help="Port to listen at; 0: any that is free.", min=0, max=65535)]

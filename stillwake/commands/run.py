@@ -257,8 +257,8 @@ class _Loop:
 
 def _ecu_in_c(kind: str, clock_mhz: float, library: Path | None, release: Bundle, config: Config) -> "LoopEcu":
     """Return the bundle's ECU in C, for the vehicle of this run. Raises LibraryError if no library was named and the
-    bundle is not the shipped one, or if the library is not the bundle's. Raises StillwakeError if it cannot be
-    compiled, or the settings are not for an ECU in C."""
+    bundle is not the shipped one, or if the library is not the bundle's. Raises StillwakeError if the library cannot be
+    compiled, or an ECU in C does not support the settings."""
     from can_bridge.secoc.key import read_secret
     from ecu.in_c.c_ecu import ecu_sources
     from firmware_sim.bench.ecus import check_ecu, loop_ecu
@@ -277,7 +277,7 @@ def _ecu_in_c(kind: str, clock_mhz: float, library: Path | None, release: Bundle
 
 
 def _print(log: "RunLog") -> None:
-    """Print failures, the tables, and the headline last, because a terminal is read from its end."""
+    """Print failures and the tables, and then the headline, because a terminal shows the end of the output."""
     from firmware_sim.runs.control import trouble
     from firmware_sim.runs.run_tables import drag_rows, headline, service_rows
 

@@ -46,9 +46,9 @@ class WrappedBus:
 
 
 class FrameArrivals:
-    """The arrival times of frames. A frame arrives at its time stamp if the time stamp lies between the node's last two
-    readings of the bus, which is so if both use one clock. Otherwise the frame arrives at the reading that found it. No
-    frame arrives before a frame that the bus returned earlier."""
+    """The arrival times of frames. A frame arrives at its time stamp if the stamp lies between the node's last two
+    readings of the bus, as it does if stamps and readings use one clock. Otherwise the frame arrives at the reading
+    that found it. No frame arrives before a frame that the bus returned earlier."""
 
     def __init__(self) -> None:
         self._looked_ns = 0
@@ -68,7 +68,7 @@ class FrameArrivals:
 
 @dataclass(frozen=True, kw_only=True)
 class Span(Settings, section="span"):
-    """A time span from `start_s` until before `end_s`. Raises ConfigError for a parameter out of its bounds."""
+    """A time span from `start_s` to `end_s`, without `end_s`. Raises ConfigError for a parameter out of its bounds."""
 
     start_s: NonNegative[float] = 0.0
     end_s: float = inf

@@ -103,7 +103,7 @@ class ClockDrift(BusFault, section="clock_drift"):
     """Time in s by which the clock is ahead at the start of the span."""
 
     def acting(self, port: Injector) -> tuple[Send, Receive]:
-        """See `BusFault.acting`. Received frames get stamps of the drifting clock; their stamps count as the true
+        """See `BusFault.acting`. Received frames get stamps of the drifting clock; the stamps before count as the true
         time."""
 
         def receive() -> list[Frame]:

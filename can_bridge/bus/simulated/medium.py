@@ -295,7 +295,7 @@ class SimulatedBus:
         for port in sent:
             port.queue.remove(attempt.items[port])
         if sent and frame is not None:
-            # If several nodes sent an identical frame at once, the bus carried only one frame.
+            # If several nodes sent an identical frame at the same time, the bus carried only one frame.
             self._frames += 1
             self._capture(frame)
             for port in sent:

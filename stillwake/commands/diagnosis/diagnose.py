@@ -82,7 +82,7 @@ def _print_ecu(facts: "dict[str, str | int]", store: "StoreReport", **rows: str)
 
 
 def _asked(config: Config, *, clear: bool) -> "tuple[dict[str, str | int], StoreReport, list[StoredFault]]":
-    """Return the report of the ECU on a bus, and then clear its faults if requested."""
+    """Return the report of the ECU on a bus; if requested, clear its faults after the report is read."""
     from can_bridge.tester.facts import clear_faults, read_facts, read_faults
 
     with asking(config.bus) as ecu:
