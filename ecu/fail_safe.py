@@ -262,14 +262,14 @@ _COUNTS_NO_LOSS: Final = frozenset({_S.FAULT, _S.UPDATE})
 
 @dataclass(frozen=True, kw_only=True)
 class FailSafe:
-    """The state of the fail-safe. It changes only by `next`, once a period, and by `latch`, if the period then ends in
-    a fault.
+    """The state of the fail-safe. It changes only by `next`, once a period, and by `latch`, if a fault is found after
+    `next`.
 
     Attributes:
         misses: number of consecutive periods without usable pressures.
         good: number of consecutive periods with usable pressures.
-        lost: one bit for each of the latest `loss_window` periods since control was requested or re-armed, the newest
-            lowest: 1 for a period without usable pressures.
+        lost: one bit for each of the latest `loss_window` periods since control was requested or re-armed, the lowest
+            bit for the newest: 1 for a period without usable pressures.
         reason: reason why the ECU is not in control; constant during a fault.
         enable_request: latest enable request of the vehicle; counts as high before the first request, and when a fault
             begins.

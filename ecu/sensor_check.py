@@ -74,7 +74,7 @@ class EstimatorModel(Protocol):
     """A model that evaluates the estimator network of `sensors.onnx`."""
 
     def estimates(self, window: Array) -> Array:
-        """Return the estimates in Cp from each of V views, (V, S), for a window (L, S + 1) of L rows and S sensors.
+        """Return the estimates in Cp of each of the V views, (V, S), for a window (L, S + 1) of L rows and S sensors.
         Raises ControllerError if there are none."""
 
 
@@ -153,7 +153,7 @@ class ResidualLevels(NamedTuple):
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SensorCheck:
     """The check of one bundle's pressures. `fast`, `slow`: (S + P, S) rms of the averaged residuals of healthy sensors,
-    in Cp."""
+    in Cp, for each hypothesis and sensor."""
 
     estimator: EstimatorModel
     fast: Array

@@ -19,7 +19,7 @@ SLACK: Final = 2.0
 """Largest difference, in periods, between the time since the previous frame and the time that the two counters
 imply."""
 _LONGEST: Final = 1000
-"""Largest number of periods without a frame within a stretch, so that a change of the clock adds no endless rows."""
+"""Largest number of periods without a frame within a stretch, so that a change of the clock does not add many rows."""
 _JUMP: Final = 0.5
 """Largest permanent shift of the times within a stretch, in periods. After a larger shift the counter is not
 reliable."""

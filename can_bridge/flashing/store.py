@@ -33,7 +33,7 @@ class OutOfOrderError(BusError):
 
 
 class Store:
-    """The store over its backing, from one power-on to the next.
+    """The store in its memory, from one power-on to the next.
 
     Args:
         backing: memory of the store.

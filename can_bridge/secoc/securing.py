@@ -99,7 +99,7 @@ class VerifierState:
 
     @property
     def refused(self) -> int:
-        """The number of frames refused for either of the two causes."""
+        """The number of refused frames, which were not authentic or not fresh."""
         return self.not_authentic + self.not_fresh
 
 

@@ -229,7 +229,7 @@ class UdsServer:
         if body[1] not in _NORMAL:
             raise Refused(Nrc.OUT_OF_RANGE)
         if body[0] == _DISABLE_SENDING:
-            # Silence has the same conditions as a reset, so that no control is interrupted.
+            # Switching off the messages has the same conditions as a reset, so that no control is interrupted.
             self._diagnostics.before_reset()
         self.is_silent = body[0] == _DISABLE_SENDING
         return body[:1]

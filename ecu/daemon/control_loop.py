@@ -1,7 +1,7 @@
 """Control steps at absolute deadlines: wake, take received frames, step, send.
 
-The loop does not read the bus: a thread fills the reception, and an observer gets the counters after each step.
-Deadlines follow the arrival of the pressures that were used.
+The loop does not read the bus: a thread reads it and queues the frames, and an observer gets the counters after each
+step. Deadlines follow the arrival of the pressures that were used.
 """
 
 import gc

@@ -69,7 +69,7 @@ class DiagnosticLink:
 
     @property
     def is_busy(self) -> bool:
-        """Whether there is work that needs no other frame. A reception can still end later by a timeout."""
+        """Whether work remains even if no further frame arrives. A reception can still end later by a timeout."""
         return self._server.is_busy or self._sent > 0
 
     def service(self, now_ns: int, frames: Sequence[Frame]) -> list[Frame]:

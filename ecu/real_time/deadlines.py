@@ -10,8 +10,8 @@ from statistics import median_low
 from typing import Final, Self
 
 LARGEST_SLEW: Final = 32
-"""Divisor of the period for the largest move of a deadline: the move is half of the lateness at which `ecu.timing`
-begins to see periods left out. From the worst phase, half a period, the correction takes 16 periods."""
+"""Divisor of the period that gives the largest move of a deadline: half of the repeated lateness from which
+`ecu.timing` counts periods as left out. From the worst phase, half a period, the correction takes 16 periods."""
 REMEMBERED: Final = 15
 """Number of arrivals whose median is the expected arrival, so that a few late frames in a burst do not move it. The
 middle arrival is 7 periods old; in this time clocks that differ by 100 ppm drift by 14 us at 20 ms."""

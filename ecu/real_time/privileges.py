@@ -1,4 +1,4 @@
-"""Privileges of the operating system for a process with deadlines: used if granted, reported if not.
+"""Privileges of the operating system for a process with deadlines; a privilege that is not granted is reported.
 
 A process without a privilege works, but is late more often.
 """
@@ -25,7 +25,7 @@ _PR_SET_TIMERSLACK, _PR_GET_TIMERSLACK = 29, 30
 
 
 class Privilege(NamedTuple):
-    """One privilege. `why` is the reason why the process does not have the privilege; empty if it has."""
+    """One privilege. `why` is the reason why the process does not have the privilege; empty if it has the privilege."""
 
     what: str
     granted: bool

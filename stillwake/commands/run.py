@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from wake.plant.drive import Drive
 
 NOT_IN_CONTROL: Final = 3
-"""Exit status of a complete run in which the ECU latched a fault or control was not held."""
+"""Exit status of a complete run in which the ECU latched a fault, or was not in control while control was requested."""
 BELOW_REQUIREMENT: Final = 4
 """Exit status of a complete run that did not reach the required reduction."""
 
@@ -88,9 +88,9 @@ def run(
     folder of --library, or are made from the shipped model.
 
     --disturb may be given several times, for example noise:level=0.5 at the transducers, ecu:drop:probability=0.1@5..10
-    for frames that the ECU sends, reset@5 for the ECU, reynolds=700 for the flow; times are in s of the run. The kinds
-    are noise, bias, drift, stuck, dead, swap, quantise, wire_errors, reset, clock, no_request, reynolds, body, gust,
-    operating_point, action_limit, stuck_jets, speed_scale, speed_late, speed_frozen, no_speed and density
+    for frames that the ECU sends, reset@5 for the ECU, reynolds=700 for the flow; times are in s from the start of the
+    run. The kinds are noise, bias, drift, stuck, dead, swap, quantise, wire_errors, reset, clock, no_request, reynolds,
+    body, gust, operating_point, action_limit, stuck_jets, speed_scale, speed_late, speed_frozen, no_speed and density
     (docs/reference/disturbances.md). Faults of one node begin with vehicle: or ecu: and are drop, burst_loss,
     duplicate, delay, reorder, flip_bits, stuck_at, babble, disconnect, slow_consumer and clock_drift (the same page).
 

@@ -46,8 +46,8 @@ class ProgressBar(Progress):
         """Do nothing: the display starts at the first update, so that an earlier error is shown without a bar."""
 
     def update(self, task_id: TaskID, **changes: Any) -> None:
-        """Update the task as rich does; the first update shows the bars. Raises KeyboardInterrupt if the exception of
-        an earlier stop was lost."""
+        """Update the task as rich does; the first update shows the bars. Raises KeyboardInterrupt if SIGTERM was
+        received and its exception was lost."""
         still_wanted()
         super().update(task_id, **changes)
         if not self.live.is_started:
@@ -93,7 +93,7 @@ class ProgressLines(Progress):
 
     def update(self, task_id: TaskID, **changes: Any) -> None:
         """Update the task as rich does, and print a line if one is due or the task is done. Raises KeyboardInterrupt if
-        the exception of an earlier stop was lost."""
+        SIGTERM was received and its exception was lost."""
         still_wanted()
         super().update(task_id, **changes)
         with self._lock:
@@ -138,7 +138,7 @@ class Report:
         self._visible = set[str]()
 
     def __call__(self, task: str, done: float, total: float | None = None, note: str = "", *, unit: str = "") -> None:
-        """Show the progress of a task. Raises KeyboardInterrupt if the exception of an earlier stop was lost.
+        """Show the progress of a task. Raises KeyboardInterrupt if SIGTERM was received and its exception was lost.
 
         Args:
             task: name of the task.

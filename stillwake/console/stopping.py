@@ -57,8 +57,8 @@ def until_stopped() -> Iterator[Callable[[], bool]]:
     stopped. A second signal interrupts the work.
 
     The first signal does not interrupt the work, so that files are written to their end. Outside the main thread, which
-    alone may handle signals, no signal stops the work. Raises KeyboardInterrupt if the exception of an earlier stop was
-    lost.
+    alone may handle signals, no signal stops the work. Raises KeyboardInterrupt if SIGTERM was received before and its
+    exception was lost.
     """
     if current_thread() is not main_thread():
         yield lambda: False
