@@ -55,7 +55,7 @@ class _Decision(NamedTuple):
         memory: controller's memory with the new plan, or without a plan.
         action: action before the command gate, in U_inf W.
         forces: predicted (Cd, Cl) over the horizon, (H, 2); None without a plan.
-        fault: reason why there is no action although one was due.
+        fault: reason why the controller gave no action in a period that needed one.
     """
 
     memory: ControllerMemory

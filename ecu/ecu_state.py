@@ -32,7 +32,7 @@ class Surroundings(TypedDict, total=False):
 
     Attributes:
         fault: reason for which the ECU must switch itself off.
-        updating: whether a new release is being written. If so, the ECU is off, until a reset, once no jet may run.
+        updating: whether a release is being written; if so, the ECU is off from when no jet may run until a reset.
     """
 
     fault: Reason | None

@@ -3,7 +3,7 @@
 `TRANSITIONS` is examined from its first row on. A control step takes the first row that starts at the present state and
 whose condition is true in this step. `docs/reference/states.md` and its picture are made from the table.
 
-The limit on losses is that of (m, k)-firm control, in which at least m of any k consecutive periods must have usable
+The limit on losses is a limit of (m, k)-firm control, in which at least m of any k consecutive periods must have usable
 pressures. With default settings, control ends when `loss_limit` = 25 of the last `loss_window` = 50 periods have none,
 or when more than `hold_periods` + `decay_periods` = 3 consecutive periods have none.
 """
@@ -310,7 +310,7 @@ class FailSafe:
         )
 
     def latch(self, reason: Reason) -> "FailSafe":
-        """Latch a fault of the ECU itself that is detected during the period; the number of good frames is 0 again."""
+        """Latch a fault of the ECU itself that is found during the period; the count of good frames restarts at 0."""
         inputs = PeriodInputs(
             usable=False, enable_request=None, unusable_because=reason, window_full=False, fault=reason
         )

@@ -18,8 +18,8 @@ from contract.sensors import TRUCK
 
 
 def check_flow(bundle: Bundle, flow: FlowConfig, *, owner: str = "flow") -> None:
-    """Raise BundleError if the control period or the action limit for which the controller was built differs from that
-    of `flow`."""
+    """Raise BundleError if the control period or the action limit for which the controller was built differs from
+    `flow`."""
     for name in ("control_period", "action_limit"):
         right = getattr(bundle.manifest, name)
         remedy = f": set flow.{name}={right}"

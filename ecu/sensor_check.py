@@ -132,15 +132,15 @@ class SensorCheckState(ArrayValue):
 
 
 class ResidualLevels(NamedTuple):
-    """The levels of evidence for each hypothesis: mean squares of residuals, relative to those of healthy sensors.
+    """The levels of evidence for each hypothesis: mean squares of residuals, relative to the values of healthy sensors.
 
     Attributes:
-        liar: (S,) level for the hypothesis that this sensor reads wrongly, and the others do not.
+        liar: (S,) level for the hypothesis that this sensor reads wrongly, and the other sensors do not.
         bias: (S,) level for the hypothesis of `liar`, computed from the slow means.
         swap: (P,) level for the hypothesis that the two sensors of this pair are exchanged.
         doubt: disagreement of the sensors in use, divided by `ASIDE_ALLOWED` if one is set aside.
         drift: disagreement of the slow means, divided by `DRIFT_ALLOWED`. The sensor that is set aside is left out; if
-            there is none, the sensor without which the others agree best.
+            there is none, the sensor without which the other sensors agree best.
     """
 
     liar: Array

@@ -121,7 +121,7 @@ def _parts(frames: Sequence[CountedFrame], period_s: float, modulus: int) -> lis
 
 
 def _cut_at_jumps(stretch: FrameStretch, period_s: float) -> list[FrameStretch]:
-    """Cut the stretch where its times shift permanently, although each time was within the slack of the time before."""
+    """Cut the stretch where its times shift permanently, although each single step of time was within the slack."""
     late = stretch.time_s - period_s * stretch.index
     cuts, after = [0], 0
     for i in (np.flatnonzero(np.abs(np.diff(late)) > _JUMP * period_s) + 1).tolist():

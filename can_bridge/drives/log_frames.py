@@ -30,7 +30,7 @@ class LogFrames:
 
     Attributes:
         messages: message set of the pressures.
-        channel: the only channel with valid frames of ours; empty if the log has no channels.
+        channel: the only channel with valid frames of our messages; empty if the log has no channels.
         pressures, commands, speeds: frames with a valid CRC, in the log's order; with `verify`, only authentic and
             fresh frames.
         damaged: number of frames of these three messages with a wrong CRC or length.

@@ -144,7 +144,7 @@ class FolderBacking:
         return {kind: record for kind, record in found.items() if record is not None}
 
     def keep(self, kind: RecordKind, record: bytes) -> None:
-        """Replace a record; a checkpoint (`RecordKind.STATE`) synchronises the slots before. Raises ValueError if the
+        """Replace a record; before a checkpoint (`RecordKind.STATE`) synchronise the slots. Raises ValueError if the
         record is too long; MediumError if the disk is full or fails."""
         if len(record) > MAX_RECORD:
             raise ValueError(f"record of {len(record)} bytes: must have at most {MAX_RECORD}")

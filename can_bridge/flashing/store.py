@@ -64,7 +64,7 @@ class Store:
         fits: Fits,
         check: ImageCheck = check,
     ) -> "Store":
-        """Fill an empty backing, at production, with a key list and an image, the confirmed image of slot A.
+        """Fill an empty backing, at production, with a key list and an image, which is then confirmed in slot A.
 
         Raises:
             OutOfOrderError: the backing is not empty.
@@ -113,7 +113,7 @@ class Store:
 
     @property
     def running(self) -> Slot | None:
-        """The booted slot, as long as the booted image is in it."""
+        """The booted slot; None without a release, or after another image was announced for this slot."""
         return self._running
 
     @property
@@ -251,8 +251,8 @@ class Store:
 
     def revert(self) -> Long[Verdict]:
         """Return to another release at the next reset: during a trial to the confirmed release, otherwise to the
-        release confirmed before. Returns GOOD, or the reason why that release may no longer run; then nothing changes.
-        Raises OutOfOrderError if there is no earlier release; MediumError if the choice cannot be stored."""
+        release that was confirmed earlier. Returns GOOD, or the reason why that release may no longer run; then nothing
+        changes. Raises OutOfOrderError if there is no earlier release; MediumError if the choice cannot be stored."""
         trial, active = self.state.on_trial, self.state.active
         if trial is not None:
             self._remembered.keep_slot(trial, _given_up(self.state.slots[trial]))

@@ -58,7 +58,7 @@ class SignalValue(NamedTuple):
 
     @property
     def shown(self) -> str:
-        """The value as text: its name if it has one, or else its digits, as far as the message states them."""
+        """The value as text: its name if it has one, otherwise its number with up to ten digits."""
         return self.text or (str(self.value) if isinstance(self.value, int) else f"{self.value:.10g}")
 
 

@@ -202,7 +202,7 @@ class EcuServices:
             self._store.confirm()
             self._has_confirmed = True
         elif not self._has_confirmed:
-            # A tester that confirms a release that is not on trial mistakes another release for its own.
+            # A tester that confirms a release that is not on trial mistakes this release for the one that it sent.
             raise Refused(Nrc.SEQUENCE_ERROR, "no release runs on trial")
 
     def _revert(self) -> Long[None]:

@@ -66,7 +66,7 @@ _DIDS: Final[frozenset[int]] = frozenset(Did)
 
 
 class UdsServer:
-    """A server after power-on. It accepts any bytes, and raises no exceptions but those of `diagnostics`.
+    """A server after power-on. It accepts any bytes, and raises only the exceptions of `diagnostics`.
 
     Args:
         diagnostics: the ECU's services.
@@ -142,7 +142,7 @@ class UdsServer:
         return self._go_on(now_ns)
 
     def tick(self, now_ns: int) -> list[bytes]:
-        """Execute the next part of the request in progress, or the reset that was answered before.
+        """Execute the next part of the request in progress, or the reset that an earlier call answered.
 
         Call this method whenever there is time for a part, at least every 20 ms while `is_busy`.
         """
@@ -325,7 +325,7 @@ class UdsServer:
             raise Refused(Nrc.SEQUENCE_ERROR)
         if self._transfer.is_new(counter, data):
             transfer, self._transfer = self._transfer, None
-            # If writing fails, the transfer ends, because only a new announcement finds out what the memory contains.
+            # If writing fails, the transfer ends, because only a new announcement shows which bytes are stored.
             yield from self._diagnostics.transfer(data)
             transfer.taken(counter, data)
             self._transfer = transfer

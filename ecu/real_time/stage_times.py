@@ -1,7 +1,7 @@
 """The time of each stage of each period, in a table in memory that exists before the first period.
 
 Times are CLOCK_MONOTONIC in ns, one clock for all processes of a computer, so that the tables of two nodes can be
-compared; the table also has counts. A stage that did not happen is 0.
+compared; the table also has counts. A stage that did not happen has the time 0.
 """
 
 from collections.abc import Callable

@@ -127,7 +127,7 @@ class ProgressLines(Progress):
 class Report:
     """A receiver of reports on tasks. A task begins with its first report, whose count is not used for the speed.
 
-    The first and the last report of a task are shown at once. A task that ends before it was shown is not shown at all.
+    The first and the last report of a task are shown immediately. A task that ends before it was shown is never shown.
     """
 
     def __init__(self, bar: Progress, clock: Callable[[], float]) -> None:

@@ -193,8 +193,8 @@ class PythonCanBus(OpenBus):
         """The known health of the CAN controller; healthy if nothing is known.
 
         SocketCAN reports the health by error frames, which have to be received. For other interfaces, only the value
-        ERROR (bus-off) of python-can's `state` means the same for all drivers: for some drivers, PASSIVE is a node that
-        only listens. `bus_off` counts each bus-off that this object has noticed.
+        ERROR (bus-off) of python-can's `state` has one meaning for all drivers: for some drivers, PASSIVE is a node
+        that only listens. `bus_off` counts each bus-off that this object has noticed.
         """
         try:
             is_off = self._bus.state is can.BusState.ERROR

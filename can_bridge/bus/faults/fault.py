@@ -84,7 +84,7 @@ class Span(Settings, section="span"):
 
 @dataclass(frozen=True, kw_only=True)
 class Instant(Span, section="instant"):
-    """An event that happens once, at `start_s`; its text ends in @TIME."""
+    """An event that happens once, at `start_s`; the text of an event ends in @TIME."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -192,7 +192,7 @@ def wrap(bus: Bus, faults: Sequence[BusFault], clock: NowNs, *, seed: int = 0, f
         clock: returns the time in ns on which the spans of the faults are based.
         seed: random seed; equal faults, frames, times and seeds give equal results. Each fault has a random generator
             of its own, so that its random numbers do not depend on the other faults.
-        first: index of the first fault, if other faults were applied before.
+        first: index of the first fault, if earlier calls applied other faults.
     """
     injectors: list[Injector] = []
     for place, fault in enumerate(faults, first):

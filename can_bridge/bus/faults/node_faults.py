@@ -61,7 +61,7 @@ class SlowConsumer(BusFault, section="slow_consumer"):
     full.
 
     A full queue loses the newest frame, like the queues of python-can's buses and of CAN controllers in FIFO mode. When
-    the span ends, all frames in the queue are received at once.
+    the span ends, one reading receives all frames in the queue.
     """
 
     frames_per_call: AtLeastOne[int] = 1
