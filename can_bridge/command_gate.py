@@ -74,7 +74,7 @@ class GateLimits:
         )
 
     def narrowed(self, other: Self) -> Self:
-        """Return the limits with the smaller range and the smaller step of the two, and this object's ages."""
+        """Return the smaller range and the smaller step of both limits, with the ages of this object."""
         return replace(
             self,
             flow_m2_per_s=min(self.flow_m2_per_s, other.flow_m2_per_s),
@@ -109,7 +109,7 @@ def gate(
         previous_m2_per_s: this gate's previous result; 0 at the start.
         previous_ns: time of the previous result; None at the start.
         pressure_ns: sampling time of the pressures that the command uses; None without pressures.
-        now_ns: present time on the clock of the other times. Pressures from the future count as stale, because a clock
+        now_ns: present time on the clock of the other times. Pressures sampled later count as stale, because a clock
             is wrong.
         limits: bounds on the command.
     """

@@ -105,7 +105,7 @@ class ControllerMemory(ArrayValue):
         rows: number of rows with data, the last ones of the window, 0 to L.
         gap: number of consecutive periods without pressures.
         plan: (H,) plan for H steps, as computed by the controller; zeros without a plan.
-        under_way: sent actions; the first takes effect now, the others during the actuator's delay.
+        under_way: sent actions; the first takes effect now, the other actions during the actuator's delay.
         past: rows from which the window of a release with a range of speeds is interpolated; None for other releases.
     """
 

@@ -1,9 +1,9 @@
 """The ECU: a function of state, time and received frames, without clock, socket or thread.
 
-Once a control period it checks the pressure stream end to end, updates the fail-safe, extends the window, plans, and
-sends the plan's first action that was not sent before, after the command gate. Row k of the window is (Cp_k, a_{k-1}).
-The action a_{k-1} is stored as it was sent and, if the actuator has a known delay, in the row of the period in which it
-takes effect.
+Once a control period the ECU checks the pressure stream end to end, updates the fail-safe, extends the window, plans,
+and sends the plan's first action that was not sent before, limited by the command gate. Row k of the window is (Cp_k,
+a_{k-1}). The action a_{k-1} is stored as it was sent and, if the actuator has a known delay, in the row of the period
+in which it takes effect.
 
 Neither frames, nor the time, nor the controller's answer can make the ECU raise an exception.
 """

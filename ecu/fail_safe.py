@@ -136,8 +136,8 @@ def _waiting(period: Period) -> Reason:
 
 
 def _unless_refused(reason: Reason) -> Callable[[Period], Reason]:
-    """Return a rule that gives this reason, or NOT_AUTHENTIC if no frame is authentic, because the ECU takes no request
-    from such frames."""
+    """Return a rule that gives this reason, or NOT_AUTHENTIC if no frame is authentic, because the ECU takes
+    requests from authentic frames only."""
     return lambda period: Reason.NOT_AUTHENTIC if _missing(period) is Reason.NOT_AUTHENTIC else reason
 
 

@@ -23,7 +23,7 @@ T = TypeVar("T")
 
 Long = Generator[None, None, T]
 """A long operation in parts: each `next` executes a part, of at most a few tens of milliseconds on a controller; the
-return value is the result. The caller can answer frames between two parts, and drops the operation with the session."""
+return value is the result. The caller can answer frames between two parts, and drops the rest when the session ends."""
 
 
 def at_once(work: Long[T]) -> T:
@@ -83,8 +83,8 @@ class Backing(Protocol):
 
     def begin_again(self, slot: Slot, length: int) -> int:
         """Prepare a slot after power-on so that data can be appended after its first `length` bytes; data after them
-        are no longer valid. Returns `length`, or a smaller number of bytes after which the memory must first be erased.
-        Raises MediumError if the whole slot must be erased."""
+        are no longer valid. Returns `length`, or a smaller number of bytes; the memory after these bytes must then be
+        erased. Raises MediumError if the whole slot must be erased."""
         ...
 
     def append(self, slot: Slot, data: bytes) -> None:

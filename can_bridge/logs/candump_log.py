@@ -99,7 +99,7 @@ class _Clock:
         return time_s
 
     def check(self) -> None:
-        """Raise ValueError if too many frames are not later than the frame before, as if the times were equal steps."""
+        """Raise ValueError if too many frames are not later than the frame before: their times are differences."""
         if self._not_later > _LATE * self._count:
             raise self._differences(f"{self._not_later} of {self._count} frames are not later than the one before")
 

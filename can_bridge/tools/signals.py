@@ -1,4 +1,4 @@
-"""Conversion of frames to named signals with units, and back, for people; nodes use `can_bridge.wire.message_sets`.
+"""Conversion between frames and named signals with units, for people; nodes use `can_bridge.wire.message_sets`.
 
 `contract/stillwake.dbc` defines the names and units.
 """

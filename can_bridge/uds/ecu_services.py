@@ -144,7 +144,7 @@ class EcuServices:
         with _as_refusals():
             self._store.append(data)
         # This store has already written all data. A flash memory needs milliseconds for each part of the data, so the
-        # operation has as many parts here.
+        # operation has the same number of parts here.
         yield from repeat(None, (len(data) - 1) // WRITTEN)
 
     def exit(self) -> Long[None]:

@@ -1,5 +1,5 @@
-"""The generator of `sw_uds_settings.h`, the constants of the UDS server in C, from those of the server in Python, so
-that no number is written twice."""
+"""The generator of `sw_uds_settings.h`. The UDS server in C gets its constants from the server in Python, so that no
+number is written twice."""
 
 from collections.abc import Mapping
 from enum import IntEnum

@@ -77,7 +77,7 @@ def latency(
 
     `stillwake ecu` and `stillwake vehicle`, which replays recorded pressures, run as two processes on a bus of this
     machine. A third process with the same deadlines and privileges is idle, and shows the delays of the machine itself.
-    Every delay is measured from the scheduled instant.
+    Every delay is measured from the instant that the schedule gives.
 
     Without --set bus.interface the bus is udp_multicast, with a multicast group of its own. With --both and no
     --library the C library is made from the shipped model; for another bundle, --library is required.

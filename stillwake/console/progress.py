@@ -79,7 +79,7 @@ class ProgressLines(Progress):
         self._heart = Thread(target=self._beat, name="progress", daemon=True)
 
     def start(self) -> None:
-        """Start a thread that prints lines too, because one step of the work may take longer than the interval."""
+        """Start a thread that also prints lines, because one step of the work may take longer than the interval."""
         self._heart.start()
 
     def stop(self) -> None:
@@ -150,7 +150,7 @@ class Report:
         still_wanted()
         now, changes = self._clock(), {"completed": done, "total": total, "note": note}
         if task not in self._tasks:
-            # Steps that an earlier call did are not used for the speed; rich accepts fractions of a step.
+            # Steps of an earlier call of the command are not used for the speed; rich accepts fractions of a step.
             self._tasks[task] = self._bar.add_task(task, total=total, completed=done, note=note, unit=unit)  # type: ignore[arg-type]
             self._begin(task)
             self._latest[task] = now

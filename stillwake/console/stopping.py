@@ -93,7 +93,7 @@ def still_wanted() -> None:
 
 @contextmanager
 def go_on_with(line: str) -> Iterator[None]:
-    """Run work that can be continued. If the work is stopped, the command prints `line`, on how to continue."""
+    """Run work that can be continued. If it is stopped, the command prints `line`, which says how to continue."""
     try:
         yield
     except KeyboardInterrupt:

@@ -103,8 +103,8 @@ class ClockDrift(BusFault, section="clock_drift"):
     """Time in s by which the clock is ahead at the start of the span."""
 
     def acting(self, port: Injector) -> tuple[Send, Receive]:
-        """See `BusFault.acting`. Received frames get stamps of the drifting clock; the stamps before count as the true
-        time."""
+        """See `BusFault.acting`. A received frame gets a stamp of the drifting clock; its original stamp counts as the
+        true time."""
 
         def receive() -> list[Frame]:
             received = port.beneath.receive_all()
