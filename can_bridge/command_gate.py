@@ -1,8 +1,8 @@
 """The last check before a jet command is sent on the bus. It trusts none of the controller's outputs.
 
-The gate shuts the jets at once if there is no permission, the command is not finite, the clock did not advance, or
+The gate shuts the jets immediately if there is no permission, the command is not finite, the clock did not advance, or
 there are no fresh pressures. Otherwise the command is limited to its range and then to one step from the previous
-command. Zero is the safe state, so the shutting of the jets is never slowed down.
+command. Zero is the safe state, so no limit slows down the shutting of the jets.
 
 Pressures that are too old for a new command may still be the basis of a command between the previous command and zero,
 because the fail-safe first repeats and then halves the last command.
@@ -74,7 +74,7 @@ class GateLimits:
         )
 
     def narrowed(self, other: Self) -> Self:
-        """Return the limits with the smaller range and the smaller step of the two, and this object's ages."""
+        """Return the smaller range and the smaller step of both limits, with the ages of this object."""
         return replace(
             self,
             flow_m2_per_s=min(self.flow_m2_per_s, other.flow_m2_per_s),
@@ -109,7 +109,7 @@ def gate(
         previous_m2_per_s: this gate's previous result; 0 at the start.
         previous_ns: time of the previous result; None at the start.
         pressure_ns: sampling time of the pressures that the command uses; None without pressures.
-        now_ns: present time on the clock of the other times. Pressures from the future count as stale, because a clock
+        now_ns: present time on the clock of the other times. Pressures sampled later count as stale, because a clock
             is wrong.
         limits: bounds on the command.
     """
@@ -132,7 +132,7 @@ def gate(
     passed = _clamp(in_range, previous_m2_per_s - step, previous_m2_per_s + step)
     if passed != in_range:
         interventions |= Intervention.RATE
-        # The range is applied last, so that it holds for any value of `previous`.
+        # The range is applied last, so that the command is within the range for any value of `previous`.
         passed = _clamp(passed, -limits.flow_m2_per_s, limits.flow_m2_per_s)
     return GatedCommand(flow_m2_per_s=passed, enable=True, interventions=interventions)
 

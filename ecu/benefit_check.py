@@ -34,8 +34,8 @@ _ON_BASE: Final = "base_"
 MOVED: Final = 0.1
 """Change of the speed, in design speeds, that ends a test, because the wake at the new speed is a different wake."""
 PATIENCE: Final = 6
-"""Longest duration of tests, as a multiple of `wake_periods`: 18 s with shut jets, in which the vehicle may leave a
-speed at which control does harm."""
+"""Total duration of the tests after which the fault latches, as a multiple of `wake_periods`: 18 s with shut jets, in
+which the vehicle may leave a speed at which control does harm."""
 UNSTATED: Final = ((1.0, -1e-3, 1e-3),)
 """Values in the form of `BenefitCheck.resting`, in Cp, for a release that does not state its wake. They are smaller
 than in any wake, so that the measured wake is always the larger one."""
@@ -189,7 +189,7 @@ class BenefitCheck:
         return gained >= config.least_gain * abs(suction) and state.swing <= config.most_swing * swing
 
     def _rested(self, state: BenefitCheckState, cp: Array, speed: float, over: int) -> BenefitCheckState:
-        """Add this period to the means without control, which then cover `over` periods."""
+        """Add this period's values to the means without control, with the weight 1 / `over`."""
         suction, swing = self._measured(cp, speed)
         return replace(
             state,

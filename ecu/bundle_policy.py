@@ -62,6 +62,6 @@ class BundlePolicy:
 
 
 def _packed(memory: ControllerMemory) -> Array:
-    """Return the memory as an array: the number of rows, the window (L, S + 1), the plan (H,); (1 + L (S + 1) + H,) in
-    all."""
+    """Return the memory as an array: the number of rows, the window (L, S + 1), the plan (H,); shape (1 + L (S + 1) +
+    H,)."""
     return np.concatenate([[memory.rows], memory.window.ravel(), memory.plan])

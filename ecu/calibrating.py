@@ -17,7 +17,7 @@ from contract.release.checks import Bundle
 
 LEAST_SHARE: Final = 0.05
 """Smallest calibrated share of the vehicle's `flow.action_limit` and `ecu.command_step`. A smaller share would in
-effect switch the control off, which is the purpose of the enable request."""
+effect switch the control off, and the enable request is there to do that."""
 
 
 def release_calibration(bundle: Bundle, config: Config) -> Calibration:

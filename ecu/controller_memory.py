@@ -32,7 +32,7 @@ class DelayLine:
 
     @property
     def in_force(self) -> float:
-        """The value that takes effect now, sent `delay` periods ago."""
+        """The value that takes effect now; it was sent `delay` periods ago."""
         return self.values[0]
 
     @property
@@ -105,7 +105,7 @@ class ControllerMemory(ArrayValue):
         rows: number of rows with data, the last ones of the window, 0 to L.
         gap: number of consecutive periods without pressures.
         plan: (H,) plan for H steps, as computed by the controller; zeros without a plan.
-        under_way: sent actions; the first takes effect now, the others during the actuator's delay.
+        under_way: sent actions; the first takes effect now, the other actions during the actuator's delay.
         past: rows from which the window of a release with a range of speeds is interpolated; None for other releases.
     """
 
@@ -194,8 +194,8 @@ class ControllerMemory(ArrayValue):
 
         The sent actions stay, but take effect at other times: the latest `delay` actions are under way, and each row of
         the window gets the action that was in force with the new delay. Actions older than the window are unknown, so
-        the action of its oldest row, which is zero before the first row, replaces them. The plan is shifted by the
-        change of the delay, so that its action for the next period stays. A past is emptied.
+        the action of the window's oldest row, which is zero before the first row, replaces them. The plan is shifted by
+        the change of the delay, so that its action for the next period stays. The rows in `past` are dropped.
         """
         later = delay - len(self.under_way.pending)
         if not later:

@@ -1,8 +1,9 @@
 """The ECU: a function of state, time and received frames, without clock, socket or thread.
 
-Once a control period it checks the pressure stream end to end, updates the fail-safe, extends the window, plans, passes
-the first free action through the command gate and sends it. Row k of the window is (Cp_k, a_{k-1}). The action a_{k-1}
-is stored as it was sent and, if the actuator has a known delay, in the row of the period in which it takes effect.
+Once a control period the ECU checks the pressure stream end to end, updates the fail-safe, extends the window, plans,
+and sends the plan's first action that was not sent before, limited by the command gate. Row k of the window is (Cp_k,
+a_{k-1}). The action a_{k-1} is stored as it was sent and, if the actuator has a known delay, in the row of the period
+in which it takes effect.
 
 Neither frames, nor the time, nor the controller's answer can make the ECU raise an exception.
 """
@@ -54,7 +55,7 @@ class _Decision(NamedTuple):
         memory: controller's memory with the new plan, or without a plan.
         action: action before the command gate, in U_inf W.
         forces: predicted (Cd, Cl) over the horizon, (H, 2); None without a plan.
-        fault: reason why there is no action although one was due.
+        fault: reason why the controller gave no action in a period that needed one.
     """
 
     memory: ControllerMemory
@@ -197,8 +198,8 @@ class Ecu:
             flow_m2_per_s=passed.flow_m2_per_s,
             mode=mode.on_wire,
             enable=passed.enable,
-            # The command states the counter of the pressure frame on which it is based, also if the command is only
-            # held.
+            # The command states the counter of the pressure frame on which it is based, even if it repeats an earlier
+            # command.
             pressure_counter=after.pressure_counter if inputs.usable or mode.drives_jets else None,
             next_period=self._config.ecu.plan_ahead,
         )
@@ -360,8 +361,8 @@ def _bus_fault(before: BusHealth, now: BusHealth) -> Reason | None:
 
 
 def _told_by_the_gate(fail_safe: FailSafe, passed: GatedCommand) -> FailSafe:
-    """Return the fail-safe after the command gate. If the gate shut the jets, the fail-safe has the reason for the
-    bus."""
+    """Return the fail-safe after the command gate. If the gate shut the jets, the fail-safe has the reason that is sent
+    on the bus."""
     if Intervention.NOT_FINITE in passed.interventions:
         return fail_safe.latch(Reason.INTERNAL)
     if Intervention.STALE in passed.interventions:

@@ -1,7 +1,7 @@
 """The complete state of an ECU from one control period to the next, as one value.
 
 It can be compared, pickled, copied, and given to another ECU with equal bundle and settings, which then continues bit
-for bit as the first ECU would have.
+for bit as the first ECU would have continued.
 """
 
 from dataclasses import dataclass, field, replace
@@ -32,7 +32,7 @@ class Surroundings(TypedDict, total=False):
 
     Attributes:
         fault: reason for which the ECU must switch itself off.
-        updating: whether a new release is being written. The ECU is then off until a reset, as soon as no jet may run.
+        updating: whether a release is being written; if so, the ECU is off from when no jet may run until a reset.
     """
 
     fault: Reason | None

@@ -3,7 +3,7 @@
 `TRANSITIONS` is examined from its first row on. A control step takes the first row that starts at the present state and
 whose condition is true in this step. `docs/reference/states.md` and its picture are made from the table.
 
-The limit on losses is that of (m, k)-firm control, in which at least m of any k consecutive periods must have usable
+The limit on losses is a limit of (m, k)-firm control, in which at least m of any k consecutive periods must have usable
 pressures. With default settings, control ends when `loss_limit` = 25 of the last `loss_window` = 50 periods have none,
 or when more than `hold_periods` + `decay_periods` = 3 consecutive periods have none.
 """
@@ -136,8 +136,8 @@ def _waiting(period: Period) -> Reason:
 
 
 def _unless_refused(reason: Reason) -> Callable[[Period], Reason]:
-    """Return a rule that gives this reason, or NOT_AUTHENTIC if no frame is authentic, because no request is received
-    then."""
+    """Return a rule that gives this reason, or NOT_AUTHENTIC if no frame is authentic, because the ECU takes
+    requests from authentic frames only."""
     return lambda period: Reason.NOT_AUTHENTIC if _missing(period) is Reason.NOT_AUTHENTIC else reason
 
 
@@ -262,14 +262,14 @@ _COUNTS_NO_LOSS: Final = frozenset({_S.FAULT, _S.UPDATE})
 
 @dataclass(frozen=True, kw_only=True)
 class FailSafe:
-    """The state of the fail-safe. It changes only by `next`, once a period, and by `latch`, if the period then ends in
-    a fault.
+    """The state of the fail-safe. It changes only by `next`, once a period, and by `latch`, if a fault is found after
+    `next`.
 
     Attributes:
         misses: number of consecutive periods without usable pressures.
         good: number of consecutive periods with usable pressures.
-        lost: one bit for each of the latest `loss_window` periods since control was requested or re-armed, the newest
-            lowest: 1 for a period without usable pressures.
+        lost: one bit for each of the latest `loss_window` periods since control was requested or re-armed, the lowest
+            bit for the newest: 1 for a period without usable pressures.
         reason: reason why the ECU is not in control; constant during a fault.
         enable_request: latest enable request of the vehicle; counts as high before the first request, and when a fault
             begins.
@@ -302,16 +302,15 @@ class FailSafe:
         period = Period(inputs, request, rises, misses, good, lost.bit_count(), config, self.reason)
         row = taken(self.mode, period)
         if row.to is OperatingMode.FAULT is not self.mode:
-            # From now on the ECU must first receive a low request, as at power-on. Otherwise a rise that it missed
-            # would end the fault.
+            # The ECU must receive a low request before the fault can end, as after power-on. Otherwise a rise of the
+            # request that the ECU missed would end the fault.
             request = inputs.enable_request is not False
         return FailSafe(
             mode=row.to, misses=misses, good=good, lost=lost, reason=row.reason.of(period), enable_request=request
         )
 
     def latch(self, reason: Reason) -> "FailSafe":
-        """Latch a fault of the ECU itself that is detected during the period; good frames are counted again from
-        here."""
+        """Latch a fault of the ECU itself that is found during the period; the count of good frames restarts at 0."""
         inputs = PeriodInputs(
             usable=False, enable_request=None, unusable_because=reason, window_full=False, fault=reason
         )

@@ -18,8 +18,8 @@ from contract.sensors import TRUCK
 
 
 def check_flow(bundle: Bundle, flow: FlowConfig, *, owner: str = "flow") -> None:
-    """Raise BundleError if the control period or the action limit for which the controller was built differs from that
-    of `flow`."""
+    """Raise BundleError if the control period or the action limit for which the controller was built differs from
+    `flow`."""
     for name in ("control_period", "action_limit"):
         right = getattr(bundle.manifest, name)
         remedy = f": set flow.{name}={right}"
@@ -48,8 +48,7 @@ def check_vehicle(bundle: Bundle, config: Config) -> None:
 def check_sensors(bundle: Bundle, layout: SensorLayout) -> None:
     """Raise BundleError if a sensor of the controller is missing on the plant or has another position there.
 
-    A bundle without positions is from a version whose only body was the truck, so its names are those of the truck's
-    sensors.
+    A bundle without positions is from a version whose only body was the truck, so its sensors have the truck's names.
     """
     manifest = bundle.manifest
     try:

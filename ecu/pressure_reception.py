@@ -49,7 +49,7 @@ class PressureReception:
 
     Attributes:
         key: key of the bus; None without authentication.
-        dynamic_pressure: pressure in Pa that is Cp = 1 at the design speed.
+        dynamic_pressure: pressure in Pa for Cp = 1 at the design speed.
         fresh_age_ns: largest age in ns of pressures that the controller may use.
     """
 
@@ -72,7 +72,7 @@ class PressureReception:
 
         Args:
             verifier, receiver: states of the authentication and of the E2E receiver before the period.
-            dynamic_pressure: pressure in Pa that is Cp = 1 at the present speed; None if the speed is unknown.
+            dynamic_pressure: pressure in Pa for Cp = 1 at the present speed; None if the speed is unknown.
         """
         spec = self.message.spec
         verifier, frames, none_authentic = verified(verifier, frames, spec=spec, key=self.key)

@@ -9,18 +9,18 @@ are valid. A network of the bundle estimates each pressure from the window of th
   never depends on that reading;
 * two sensors are exchanged: with their readings swapped, all sensors agree far better. The jets go to zero, and the
   fault latches;
-* the pressures disagree, at once or in the mean of two shedding cycles, and neither of the other hypotheses explains
-  it. The jets go to zero, and the fault latches.
+* the pressures disagree, either over one shedding cycle or in the mean of two, and neither of the other hypotheses
+  explains the disagreement. The jets go to zero, and the fault latches.
 
 Residuals are averaged over a few periods, which keeps slow changes and reduces noise. These averages are squared, and
 the squares are averaged over a shedding cycle. Noise, unlike a sensor fault, changes from one period to the next. So
 the differences between consecutive residuals show how much noise remains in the averages, and the check allows for this
 amount. Noise on all sensors, which the controller tolerates, is therefore no fault.
 
-If two sensors have equal readings over a whole window, and the readings vary in it, one sensor is a copy of the other,
-for example because of a broken multiplexer: the jets go to zero. Mirrored sensors whose readings hardly vary do not
-count as copies, because a calm wake is symmetric. A reading that never changes is stuck, because no transducer in a
-flow is constant. The other sensors show whether there is a flow: on a vehicle at rest or at very low speed all
+If two sensors have equal readings over a whole window, and the readings vary in this window, one sensor is a copy of
+the other, for example because of a broken multiplexer: the jets go to zero. Mirrored sensors whose readings hardly vary
+do not count as copies, because a calm wake is symmetric. A reading that never changes is stuck, because no transducer
+in a flow is constant. The other sensors show whether there is a flow: on a vehicle at rest or at very low speed all
 pressures are nearly constant, and no sensor counts as stuck.
 """
 
@@ -44,12 +44,12 @@ SCORE_PERIODS: Final = 32
 wrong reading may agree with the other readings by chance."""
 NOISE_ALLOWED: Final = 0.3
 """Share of the noise's variance that the check allows for: twice the share that the fast average leaves, 1 / (2
-FAST_PERIODS - 1), because the estimate is noisy, too."""
+FAST_PERIODS - 1), because the estimate of the variance is noisy, too."""
 
 MOVING: Final = 0.4
 """Smallest median range of the other sensors' readings at which a constant reading counts as stuck, in standard
-deviations of healthy sensors' residuals. With the shipped recording it is 0.015 in Cp; the median range of the others
-there is 0.022 or more in ten periods."""
+deviations of healthy sensors' residuals. With the shipped recording this limit is 0.015 in Cp; the median range of the
+other sensors in ten periods is 0.022 or more there."""
 
 ALIKE: Final = 0.1
 """Largest rms difference of two readings over a window at which they can be copies, in standard deviations of healthy
@@ -61,8 +61,8 @@ healthy sensors' residuals: 0.08 in Cp. Under control of the shipped release all
 where mirrored sensors agree, they are below 0.07."""
 
 DRIFT_ALLOWED: Final = 4.0
-"""Factor by which the limit for slow means of residuals exceeds the limit for fast means, so that it is 64. Healthy
-sensors reach 7, or 40 with one sensor left out."""
+"""Factor by which the limit for slow means of residuals exceeds the limit for fast means; the limit for slow means is
+64. Healthy sensors reach 7, or 40 with one sensor left out."""
 
 ASIDE_ALLOWED: Final = 2.0
 """Factor by which the remaining sensors may disagree more when one sensor is set aside, because an estimate from two
@@ -74,7 +74,7 @@ class EstimatorModel(Protocol):
     """A model that evaluates the estimator network of `sensors.onnx`."""
 
     def estimates(self, window: Array) -> Array:
-        """Return the estimates in Cp from each of V views, (V, S), for a window (L, S + 1) of L rows and S sensors.
+        """Return the estimates in Cp of each of the V views, (V, S), for a window (L, S + 1) of L rows and S sensors.
         Raises ControllerError if there are none."""
 
 
@@ -132,15 +132,15 @@ class SensorCheckState(ArrayValue):
 
 
 class ResidualLevels(NamedTuple):
-    """The levels of evidence for each hypothesis: mean squares of residuals, relative to those of healthy sensors.
+    """The levels of evidence for each hypothesis: mean squares of residuals, relative to the values of healthy sensors.
 
     Attributes:
-        liar: (S,) level for the hypothesis that this sensor reads wrongly, and the others do not.
+        liar: (S,) level for the hypothesis that this sensor reads wrongly, and the other sensors do not.
         bias: (S,) level for the hypothesis of `liar`, computed from the slow means.
         swap: (P,) level for the hypothesis that the two sensors of this pair are exchanged.
         doubt: disagreement of the sensors in use, divided by `ASIDE_ALLOWED` if one is set aside.
         drift: disagreement of the slow means, divided by `DRIFT_ALLOWED`. The sensor that is set aside is left out; if
-            there is none, the sensor without which the others agree best.
+            there is none, the sensor without which the other sensors agree best.
     """
 
     liar: Array
@@ -153,7 +153,7 @@ class ResidualLevels(NamedTuple):
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SensorCheck:
     """The check of one bundle's pressures. `fast`, `slow`: (S + P, S) rms of the averaged residuals of healthy sensors,
-    in Cp."""
+    in Cp, for each hypothesis and sensor."""
 
     estimator: EstimatorModel
     fast: Array
@@ -300,8 +300,8 @@ def sensor_check_of(bundle: Bundle, config: Config) -> SensorCheck | None:
 
 
 class _Split(NamedTuple):
-    """Parts of an array (S + P, S). `own`: (S,) each sensor's value by all others. `others`: (S,) mean value of the
-    other sensors without this sensor."""
+    """Parts of an array (S + P, S). `own`: (S,) value of each sensor in the row in which this sensor is left out.
+    `others`: (S,) mean value of the other sensors in that row."""
 
     own: Array
     others: Array
@@ -313,8 +313,8 @@ def _split(values: Array, sensors: int) -> _Split:
 
 
 def _with_swaps(table: Array) -> Array:
-    """Return the table with the rows of exchanged pairs, (S + P, S). In these rows each sensor is estimated by all
-    others, as in the diagonal."""
+    """Return the table with a row added for each of the P exchanged pairs, (S + P, S). In these rows each sensor is
+    estimated by all others, as in the table's diagonal."""
     sensors = len(table)
     return np.concatenate([table, np.tile(table.diagonal(), (len(pairs(sensors)), 1))])
 

@@ -95,7 +95,7 @@ class SpeedReception:
         return replace(state, is_off=is_off)
 
     def dynamic_pressure(self, state: SpeedState) -> float | None:
-        """Return the pressure in Pa that is Cp = 1 at the present speed; None if no speed is in force."""
+        """Return the pressure in Pa for Cp = 1 at the present speed; None if no speed is in force."""
         through_air = self.present(state) * self.design.speed
         return None if state.ratio is None else 0.5 * state.density * through_air * through_air
 

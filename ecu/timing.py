@@ -25,8 +25,8 @@ class StepTiming:
         step_ns: time of the step; None before the first. -1 replaces a negative time, `LATEST_NS` replaces a later
             time.
         lag_ns: lateness beyond the periods left out; negative if early.
-        off_time: one bit for each of the latest `ecu.deadline_window` steps, the newest lowest: 1 if the step was late
-            or early.
+        off_time: one bit for each of the latest `ecu.deadline_window` steps, the lowest bit for the newest: 1 if the
+            step was late or early.
         skipped: number of whole periods left out before the step.
         fault: reason for which the ECU must switch itself off, or None.
     """

@@ -1,9 +1,9 @@
 """The A2L file (ASAM MCD-2 MC 1.7.1): names, addresses, limits and units of the calibration, for a measurement tool.
 
 A file belongs to one release on one vehicle, whose limits the file states. The text that all files share is in
-`stillwake.a2l`. It uses the meta language that ASAM publishes with XCP (part 2, section "ASAM MCD-2 MC description
-file", and part 3), limited to the features of this ECU. The timeouts T1 to T7 are longer than a control period, in
-which every command is answered.
+`stillwake.a2l`, in the meta language that ASAM publishes with XCP (part 2, section "ASAM MCD-2 MC description file",
+and part 3), limited to the features of this ECU. The timeouts T1 to T7 are longer than a control period, in which every
+command is answered.
 """
 
 from collections.abc import Iterator

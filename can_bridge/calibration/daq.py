@@ -1,8 +1,8 @@
 """Measurement by XCP (DAQ): one dynamic list, and one event, the end of a control period.
 
-A tool allocates the list's frames (ODTs) and their entries, writes the address of each entry, and starts the list. The
-values of a control period that ends before all frames of an earlier period are sent are not sent. So all frames of a
-set belong to one period.
+A tool allocates the list's frames (ODTs) and their entries, writes the address of each entry, and starts the list. If
+frames of an earlier period are still waiting when a control period ends, the values of the ended period are not sent.
+So all frames of a set belong to one period.
 """
 
 from enum import IntEnum

@@ -24,7 +24,7 @@ class Page(IntEnum):
 
 
 class Segment:
-    """Both pages, and the choice of the page in force. Raises ConfigError if the release's values are out of the
+    """The two pages, and the choice of the page in force. Raises ConfigError if the release's values are out of the
     limits."""
 
     def __init__(self, reference: Calibration, limits: CalibrationLimits) -> None:

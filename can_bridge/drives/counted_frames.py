@@ -19,7 +19,7 @@ SLACK: Final = 2.0
 """Largest difference, in periods, between the time since the previous frame and the time that the two counters
 imply."""
 _LONGEST: Final = 1000
-"""Largest number of periods without a frame within a stretch, so that a change of the clock adds no endless rows."""
+"""Largest number of periods without a frame within a stretch, so that a change of the clock does not add many rows."""
 _JUMP: Final = 0.5
 """Largest permanent shift of the times within a stretch, in periods. After a larger shift the counter is not
 reliable."""
@@ -85,7 +85,7 @@ def number(frames: Sequence[CountedFrame], *, period_s: float, modulus: int) -> 
         frames: frames with valid CRCs, in the order of reception.
         period_s: the sender's period on the log's clock in s, to a few per cent.
         modulus: number of frames after which the counter wraps. If more than half of this number are lost, only the
-            times show how many.
+            times show how many frames were lost.
     """
     once = without_repeats(frames, SLACK * period_s)
     parts = _parts(once, period_s, modulus)
@@ -121,7 +121,7 @@ def _parts(frames: Sequence[CountedFrame], period_s: float, modulus: int) -> lis
 
 
 def _cut_at_jumps(stretch: FrameStretch, period_s: float) -> list[FrameStretch]:
-    """Cut the stretch where its times shift permanently, although each time was within the slack of the time before."""
+    """Cut the stretch where its times shift permanently, although each single step of time was within the slack."""
     late = stretch.time_s - period_s * stretch.index
     cuts, after = [0], 0
     for i in (np.flatnonzero(np.abs(np.diff(late)) > _JUMP * period_s) + 1).tolist():

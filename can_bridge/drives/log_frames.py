@@ -30,7 +30,7 @@ class LogFrames:
 
     Attributes:
         messages: message set of the pressures.
-        channel: the only channel with valid frames of ours; empty if the log has no channels.
+        channel: the only channel with valid frames of our messages; empty if the log has no channels.
         pressures, commands, speeds: frames with a valid CRC, in the log's order; with `verify`, only authentic and
             fresh frames.
         damaged: number of frames of these three messages with a wrong CRC or length.
@@ -119,7 +119,7 @@ class _Bus:
         sound: number of frames with a valid CRC.
         damaged, forged: numbers of damaged and of forged frames (see `LogFrames`).
         seen: number of all data frames.
-        goes_back: time in s of a frame, and of a later frame that is too old; None if there is no such pair.
+        goes_back: latest time in s so far, and the time of a frame that is too far before it; None if there is none.
     """
 
     def __init__(self) -> None:
@@ -148,7 +148,7 @@ class _Bus:
         self.sound[frame_id] += 1
         if spec.is_secured and verify is not None:
             freshness = verify(spec, data)
-            # An equal freshness value means that the frame was repeated, which is found by its counter.
+            # An equal freshness value means that the frame was repeated; the counters show which frames are repeated.
             if freshness is None or freshness < self._fresh.get(frame_id, 0):
                 self.forged[frame_id] += 1
                 return
@@ -161,7 +161,7 @@ class _Bus:
 
 
 def _channel_of(path: Path, buses: Mapping[str, _Bus], specs: Mapping[int, MessageSpec]) -> str:
-    """Return the channel that has our frames. A CRC can be valid by chance, so a channel comes first if most of its
+    """Return the channel that has our frames. A CRC can be valid by chance, so a channel is preferred if most of its
     frames with one of our identifiers are valid."""
     ours = {
         name: [(specs[one].name, count) for one, count in sorted(bus.sound.items()) if count >= bus.damaged[one]]

@@ -31,7 +31,7 @@ class Scales:
 
     Attributes:
         period: control period in W / U_inf.
-        point: operating point, whose W, U_inf and rho are used as far as the log does not state them.
+        point: operating point; its W is used, and its U_inf and rho where the log does not state them.
         action_limit: bound on the action, in U_inf W. An action that exceeds it by up to half the resolution is set to
             it.
         given: names of the operating point's settings that the user gave; the log must not contradict them.

@@ -31,15 +31,15 @@ _OTHER_PERIOD: Final = 0.2
 _DRIFT: Final = 1e-3
 """Largest relative difference between the sender's period and the control period, as in a table with times
 (`contract.recording.findings`). Quartz clocks differ by at most a tenth of this. Rows are resampled if their distance
-in convective time differs from the control period by more."""
+in convective time differs from the control period by more than this."""
 _OUTSIDE: Final = 0.05
-"""Largest share of the control period by which it may lie outside the range of control periods that the speeds in the
-log give."""
+"""Largest share of the control period by which the control period may lie outside the range that the speeds in the log
+give."""
 _CONTRADICTS: Final = 0.01
 """Largest relative difference between a setting and the log. It is not zero, because the vehicle's own value has an
 error too."""
 _STANDS: Final = 0.2
-"""Distance travelled in a row, as a share of the control period in W, below which the vehicle counts as standing. Its
+"""Distance travelled in a row, as a share of the control period in W, below which the vehicle counts as stationary. Its
 pressures are then as small as the resolution."""
 
 

@@ -117,7 +117,7 @@ def vehicle_speeds(frames: Sequence[CountedFrame], messages: MessageSet, config:
 
 
 def _spans(said: list[tuple[float, float, float]], config: SpeedConfig) -> list[list[tuple[float, float, float]]]:
-    """Group triples of time, speed and density into spans. A triple jumps if no vehicle changes its speed so fast. A
+    """Group triples of time, speed and density into spans. A triple jumps if no vehicle can change its speed so fast. A
     triple that jumps begins a new span if the last speed is too old to be used; otherwise it is left out."""
     spans: list[list[tuple[float, float, float]]] = []
     for one in said:

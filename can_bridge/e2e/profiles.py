@@ -85,7 +85,7 @@ def _crc_8(covered: bytes, data_id: int) -> int:
 
 def _crc_16(covered: bytes, data_id: int) -> int:
     """Return the CRC with polynomial 0x1021, start 0xFFFF, nothing reflected, as in the standard library. The data ID's
-    low byte comes first. An exhaustive test on 12 bytes found that it detects all 1- and 2-bit errors."""
+    low byte comes first. An exhaustive test on 12 bytes found that this CRC detects all 1- and 2-bit errors."""
     return binascii.crc_hqx(covered + data_id.to_bytes(2, "little"), 0xFFFF)
 
 

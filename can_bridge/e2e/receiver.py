@@ -168,7 +168,7 @@ def _checked(
     if len(data) != spec.length or not profile.check(data[: spec.protected], data_id=spec.data_id):
         return FrameCheck.ERROR, last_counter
     counter = profile.counter_of(data)
-    # The first frame has no counter before it, so it counts as the next frame.
+    # The first frame has no counter before it, so its counter counts as the expected counter.
     delta = 1 if last_counter is None else (counter - last_counter) % profile.counter_period
     if delta == 0:
         return FrameCheck.REPEATED, counter

@@ -21,7 +21,7 @@ class SenderState:
 def protected_frame(state: SenderState, data: bytes, *, spec: MessageSpec, now_ns: int) -> Frame:
     """Return the next frame of a message, for data from its `emit` (`can_bridge.wire.message_sets`).
 
-    The frame of a secured message is its protected part; `can_bridge.secoc.node.secured` adds the rest. Raises
+    The frame has only the protected part of a secured message; `can_bridge.secoc.node.secured` adds the rest. Raises
     ValueError if the data do not have the length of the message's protected part.
     """
     if len(data) != spec.protected:

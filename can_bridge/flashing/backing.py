@@ -22,12 +22,12 @@ class MediumError(BusError):
 T = TypeVar("T")
 
 Long = Generator[None, None, T]
-"""Long work in pieces: each `next` does one piece, of at most a few tens of milliseconds on a controller; the return
-value is the result. The caller can answer frames between two pieces, and drops the work when the session ends."""
+"""A long operation in parts: each `next` executes a part, of at most a few tens of milliseconds on a controller; the
+return value is the result. The caller can answer frames between two parts, and drops the rest when the session ends."""
 
 
 def at_once(work: Long[T]) -> T:
-    """Do all of the work and return its result."""
+    """Execute all parts of a long operation and return its result."""
     while True:
         try:
             next(work)
@@ -40,7 +40,7 @@ MAX_RECORD: Final = 8192
 
 
 class Slot(IntEnum):
-    """A place for an image."""
+    """The places for images in the store."""
 
     A = 0
     B = 1
@@ -77,14 +77,14 @@ class Backing(Protocol):
         ...
 
     def clear(self, slot: Slot, behind: int = 0) -> Long[None]:
-        """Erase a slot in pieces, from byte `behind` on: 0, or a result of `begin_again`. Raises MediumError if erasing
+        """Erase a slot in parts, from byte `behind` on: 0, or a result of `begin_again`. Raises MediumError if erasing
         fails."""
         ...
 
     def begin_again(self, slot: Slot, length: int) -> int:
-        """Prepare a slot after power-on so that data can be appended after its first `length` bytes; later data are
-        void. Returns `length`, or a smaller number of bytes after which the memory must first be erased. Raises
-        MediumError if the whole slot must be erased."""
+        """Prepare a slot after power-on so that data can be appended after its first `length` bytes; data after them
+        are no longer valid. Returns `length`, or a smaller number of bytes; the memory after these bytes must then be
+        erased. Raises MediumError if the whole slot must be erased."""
         ...
 
     def append(self, slot: Slot, data: bytes) -> None:

@@ -29,7 +29,7 @@ class BootReason(Enum):
     REVERTED = 3, "confirmed; the release on trial was rejected"
     """The confirmed image, because the image on trial failed a check or was not confirmed in time."""
     FALLBACK = 4, "the release before; the confirmed release is damaged"
-    """The release that was confirmed before, because the confirmed release failed a check."""
+    """The release confirmed before the present confirmed release, because the present one failed a check."""
     NO_RELEASE = 5, "every release is damaged or missing"
     """No image passed its checks: the jets stay shut, and a release can be flashed."""
 
@@ -66,7 +66,7 @@ def _boot_trial(remembered: Remembered, slot: Slot, verdicts: dict[Slot, Verdict
     standing = remembered.state.slots[slot]
     try:
         if standing.boots_left > 0:
-            # The boot is counted first, so that the number of boots is limited even if the image crashes the ECU.
+            # The boot is counted before the image runs, so that a crash in the image does not prevent the count.
             left = standing.boots_left - 1
             remembered.keep_slot(slot, replace(standing, boots_left=left))
             verdicts[slot], bundle = at_once(remembered.judged(slot))

@@ -80,7 +80,7 @@ ImageCheck = Callable[[bytes, Rules], tuple[Verdict, Release | None]]
 def judge_image(
     image: bytes, rules: Rules, *, layout: bytes, opens: Callable[[bytes], bool] = lambda payload: True
 ) -> tuple[Verdict, ControllerImage | None]:
-    """Check a controller image, as `check` does a bundle's.
+    """Check a controller image, as `check` checks a bundle.
 
     Args:
         layout: identifies this ECU's build.

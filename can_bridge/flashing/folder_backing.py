@@ -28,7 +28,7 @@ class FolderFiles:
             raise _failed(folder, error) from error
 
     def read(self, name: str, offset: int = 0, length: int | None = None) -> bytes | None:
-        """Return bytes of a file, fewer if the file ends before; None if there is no such file."""
+        """Return bytes of a file, fewer if the file ends earlier; None if there is no such file."""
         try:
             with os.fdopen(open_regular(self._folder / name, os.O_RDONLY), "rb") as file:
                 file.seek(offset)
@@ -144,7 +144,7 @@ class FolderBacking:
         return {kind: record for kind, record in found.items() if record is not None}
 
     def keep(self, kind: RecordKind, record: bytes) -> None:
-        """Replace a record; a checkpoint (`RecordKind.STATE`) synchronises the slots first. Raises ValueError if the
+        """Replace a record; before a checkpoint (`RecordKind.STATE`) synchronise the slots. Raises ValueError if the
         record is too long; MediumError if the disk is full or fails."""
         if len(record) > MAX_RECORD:
             raise ValueError(f"record of {len(record)} bytes: must have at most {MAX_RECORD}")

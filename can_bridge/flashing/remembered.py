@@ -18,7 +18,7 @@ from contract.release.key_list import KeyList
 from contract.release.signing import PublicKey
 
 PIECE: Final = 4096
-"""Number of bytes of an image that are read or written at once."""
+"""Number of bytes of an image that are read or written in one call."""
 
 
 class Remembered:

@@ -39,7 +39,7 @@ class SlotReport:
 
     Attributes:
         name, digest: name and digest of the release; empty if no image was checked.
-        verdict: result of the last boot's check; None if it did not check this slot.
+        verdict: result of the last boot's check; None if the last boot did not check this slot.
     """
 
     phase: SlotPhase
@@ -61,7 +61,7 @@ class StoreReport:
 
     Attributes:
         slots: reports or states in the order of `Slot`.
-        running: the booted slot; None without a release, or if another image was announced for this slot since.
+        running: the booted slot; None without a release, or after another image was announced for this slot.
         active: the slot of the confirmed release.
         next_boot: the slot that the next boot tries first.
         reason: reason for the result of the last boot; None before the first boot.

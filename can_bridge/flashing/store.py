@@ -33,7 +33,7 @@ class OutOfOrderError(BusError):
 
 
 class Store:
-    """The store over its backing, from one power-on to the next.
+    """The store in its memory, from one power-on to the next.
 
     Args:
         backing: memory of the store.
@@ -64,7 +64,7 @@ class Store:
         fits: Fits,
         check: ImageCheck = check,
     ) -> "Store":
-        """Fill an empty backing, at production, with a key list and an image, the confirmed image of slot A.
+        """Fill an empty backing, at production, with a key list and an image, which is then confirmed in slot A.
 
         Raises:
             OutOfOrderError: the backing is not empty.
@@ -113,7 +113,7 @@ class Store:
 
     @property
     def running(self) -> Slot | None:
-        """The booted slot, as long as the booted image is in it."""
+        """The booted slot; None without a release, or after another image was announced for this slot."""
         return self._running
 
     @property
@@ -131,9 +131,9 @@ class Store:
         return self._last_boot
 
     def announce(self, length: int, sha256: bytes) -> Long[int]:
-        """Prepare a slot for an image. Returns the offset of the first byte to send. It is 0 for a new image, `length`
-        if all bytes are stored, and otherwise the number of bytes received in an interrupted transfer of this image, or
-        a smaller number if the memory can only continue earlier.
+        """Prepare a slot for an image. Returns the offset of the first byte to send: 0 for a new image, `length` if all
+        bytes are stored, and otherwise the number of bytes received in an interrupted transfer of this image, or a
+        smaller number if the memory can only continue from an earlier byte.
 
         Raises:
             ConfigError: the length or the hash is out of range.
@@ -225,16 +225,16 @@ class Store:
 
     def confirm(self) -> None:
         """Confirm the release that runs on trial; does nothing if the release is already confirmed. Raises
-        OutOfOrderError if no release runs, if the running release is neither on trial nor confirmed any more, or if its
-        key may no longer sign; MediumError if the confirmation cannot be stored."""
+        OutOfOrderError if no release runs, if the running release is neither on trial nor confirmed any more, or if the
+        key that signed it may no longer sign; MediumError if the confirmation cannot be stored."""
         slot = self._running
         phase = None if slot is None else self.state.slots[slot].phase
         if slot is None or phase not in (SlotPhase.TRIAL, SlotPhase.CONFIRMED):
             raise OutOfOrderError("no release to confirm: an activated release must run")
         if phase == SlotPhase.TRIAL:
             if self.keys is None or PublicKey(self.state.slots[slot].signer) not in self.keys.keys:
-                # The release would not boot again, and after the confirmation the previous release may be too old to
-                # boot.
+                # The release would not boot again, and the confirmation may raise the least security version above the
+                # previous release's, so that the previous release would not boot either.
                 raise OutOfOrderError("the key that signed the release on trial is not in the list: revert it")
             self._confirm(slot)
 
@@ -251,8 +251,8 @@ class Store:
 
     def revert(self) -> Long[Verdict]:
         """Return to another release at the next reset: during a trial to the confirmed release, otherwise to the
-        release confirmed before. Returns GOOD, or the reason why that release may no longer run; then nothing changes.
-        Raises OutOfOrderError if there is no earlier release; MediumError if the choice cannot be stored."""
+        release that was confirmed earlier. Returns GOOD, or the reason why that release may no longer run; then nothing
+        changes. Raises OutOfOrderError if there is no earlier release; MediumError if the choice cannot be stored."""
         trial, active = self.state.on_trial, self.state.active
         if trial is not None:
             self._remembered.keep_slot(trial, _given_up(self.state.slots[trial]))

@@ -45,7 +45,7 @@ class First(NamedTuple):
 
 
 class Consecutive(NamedTuple):
-    """The next piece of a message; in the last frame `data` includes padding."""
+    """The next part of a message; in the last frame `data` includes padding."""
 
     number: int
     data: bytes

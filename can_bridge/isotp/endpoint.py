@@ -61,8 +61,8 @@ class _Reception:
         return FlowStatus.CONTINUE
 
     def consecutive(self, now_ns: int, part: Consecutive) -> tuple[bytes | None, FlowStatus | None]:
-        """Add the next piece; return the message if it is complete, and the flow status to answer if an answer is
-        due."""
+        """Add the next part of the message; return the message if it is complete, and the flow status to answer if one
+        is due."""
         if not self._wanted:
             return None, None
         if part.number != self._next_number:

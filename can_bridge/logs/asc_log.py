@@ -42,7 +42,7 @@ _TIMESTAMPS: Final = re.compile(r"\btimestamps\s+(absolute|relative)\b", re.IGNO
 _BEGIN: Final = re.compile(r"begin\s+triggerblock\b(.*)", re.IGNORECASE)
 _END: Final = re.compile(r"end\s+triggerblock\b", re.IGNORECASE)
 _DATE: Final = re.compile(r"(\d{1,2})\s+(\d{1,2}):(\d\d):(\d\d(?:\.\d+)?)(?:\s+([ap])m)?\s+(\d{4})", re.IGNORECASE)
-"""Day, time and year of "Fri Nov 27 10:00:00.000 2026"; the names may be in any language."""
+"""Day, time and year of "Fri Nov 27 10:00:00.000 2026"; the names of weekday and month may be in any language."""
 _NUMBER_OF_NAME: Final = re.compile(r"\bID\s*=\s*(\d+)(x?)", re.IGNORECASE)
 """Pattern of the decimal identifier that files of version 8 or later have after a classic frame."""
 _DIRECTIONS: Final = ("rx", "tx", "txrq")
@@ -248,7 +248,7 @@ def _on_fd_channel(time_s: float, words: list[str], base: int) -> Entry:
 
 def _event(word: str, text: str) -> LogEvent:
     """Return the event of a line, found by the line's first word. Lines of variables and signals begin with their own
-    names, so these events are found by characters that only they have."""
+    names, so their events are found by characters that only these lines have."""
     if "GMGroup:" in text:
         return LogEvent("marker")
     if ":=" in text:

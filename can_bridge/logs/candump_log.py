@@ -4,7 +4,7 @@
      (1436509052.249713)  can0  123  [03]  11 22 33  without
 
 A screen's times are absolute (-t a, -t A in words), count from the first frame (-t z), or from the previous line
-(-t d). A single line does not show which; times that decrease are of -t d.
+(-t d). A single line does not show which of these applies; only times of -t d can decrease.
 """
 
 import re
@@ -99,7 +99,7 @@ class _Clock:
         return time_s
 
     def check(self) -> None:
-        """Raise ValueError if too many frames are not later than the frame before, as with constant differences."""
+        """Raise ValueError if too many frames are not later than the frame before: their times are differences."""
         if self._not_later > _LATE * self._count:
             raise self._differences(f"{self._not_later} of {self._count} frames are not later than the one before")
 

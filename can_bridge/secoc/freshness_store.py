@@ -1,10 +1,10 @@
 """The data that must survive a power cycle: the number of power cycles, and the newest accepted freshness values.
 
 Each node has a JSON file of its own. `begin` counts the power cycle before the first frame is sent, so that no
-freshness value is used twice. `accepted` stores the newest value from the other node: at once when that node has begun
-another power cycle, and otherwise every `every` frames, since flash memory wears. A restarted node refuses every frame
-up to the stored value. One gap remains: frames accepted after that value, up to `every` of them, can be replayed to a
-node that has just restarted, until the first genuine frame arrives.
+freshness value is used twice. `accepted` stores the newest value from the other node: immediately when that node has
+begun another power cycle, and otherwise after every `every` frames, since flash memory wears. A restarted node refuses
+every frame up to the stored value. One gap remains: frames accepted after that value, up to `every` of them, can be
+replayed to a node that has just restarted, until the first genuine frame arrives.
 """
 
 import json

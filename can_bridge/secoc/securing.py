@@ -89,8 +89,8 @@ class VerifierState:
     Attributes:
         freshness: value of the latest accepted frame; 0 before the first.
         not_authentic: number of frames refused because of their length or MAC.
-        not_fresh: number of authentic frames refused because their freshness value is not greater than that of the
-            latest accepted frame: the frame was repeated, or recorded earlier.
+        not_fresh: number of authentic frames whose freshness value is not greater than the latest accepted frame's: the
+            frame was repeated, or recorded earlier.
     """
 
     freshness: int = 0
@@ -99,7 +99,7 @@ class VerifierState:
 
     @property
     def refused(self) -> int:
-        """The number of frames refused for either of the two causes."""
+        """The number of refused frames, which were not authentic or not fresh."""
         return self.not_authentic + self.not_fresh
 
 

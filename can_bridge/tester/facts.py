@@ -1,4 +1,4 @@
-"""An ECU's report of itself over UDS, its fault memory, and the check that a bundle fits it."""
+"""An ECU's report of itself over UDS, its fault memory, and the check that a bundle fits the ECU."""
 
 from __future__ import annotations
 

@@ -126,7 +126,8 @@ def flash(
         judge: raises FlashError if an ECU with these facts must not be flashed with this image.
         progress: called with every block.
         on_step: called with every step.
-        clock, sleep: functions that return a time and wait, in s.
+        clock: returns the time in s.
+        sleep: waits a number of seconds.
     """
     began = clock()
     asking = Asking(client, key=key, clock=clock, sleep=sleep)

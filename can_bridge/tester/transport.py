@@ -185,7 +185,7 @@ class BusConnection(BaseConnection):
             except BusError:
                 if self._clock() >= until:
                     raise
-                # Some drivers return at once if the queue is full, so there is a pause before the next attempt.
+                # Some drivers return immediately if the queue is full, so there is a pause before the next attempt.
                 time.sleep(0.001)
 
     def _note(self, error: Exception) -> None:

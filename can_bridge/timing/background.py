@@ -145,8 +145,8 @@ def background(config: BackgroundConfig, bus: BusConfig, taken: Collection[int])
 
 
 def made_up(load: float, bus: BusConfig, taken: Collection[int], *, seed: int) -> tuple[PeriodicMessage, ...]:
-    """Return messages that fill the share `load` of the bus with their longest frames; at most one rare message is
-    missing.
+    """Return messages that fill the share `load` of the bus with their longest frames, except for a rest that is too
+    small for the next message drawn.
 
     Messages with shorter periods have higher priorities, as designers assign them. If there are two or more messages,
     the first has a higher priority than all taken identifiers and the last a lower priority, as far as identifiers are

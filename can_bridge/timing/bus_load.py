@@ -63,7 +63,7 @@ class BusLoad:
 
 def bus_load(config: Config) -> BusLoad:
     """Return loads and worst-case response times with these settings. Raises ConfigError if the ECU's compute time is a
-    control period or longer, or if no background can fill the share; BusError as `read_traffic` does."""
+    control period or longer, or if no background can fill the configured share; BusError as `read_traffic` does."""
     bus = config.bus
     others = background(bus.background, bus, ())
     ours = loop_messages(config, others.messages)

@@ -3,8 +3,8 @@
 The source is Davis, Burns, Bril and Lukkien, "Controller Area Network (CAN) schedulability analysis: refuted, revisited
 and revised", Real-Time Systems 35 (2007), section 3. A frame cannot be interrupted, so a message waits for at most one
 frame of lower priority (blocking, B), and for every frame of higher priority that is queued before the message is sent.
-If all messages are queued at once, the slowest frame of a message need not be the first frame after this instant, so
-the analysis examines every frame in the busy period of the message's priority.
+If all messages are queued at the same instant, the slowest frame of a message need not be the first frame after this
+instant, so the analysis examines every frame in the busy period of the message's priority.
 
 The analysis holds if each node always offers its most urgent frame and queues the frames of one message in order, no
 frame is sent twice, and messages keep their periods and jitters. Phases do not matter.

@@ -35,7 +35,7 @@ _IN_THE_FRAME: Final = ("Freshness", "MAC")
 
 
 def check_measurement(path: Path) -> None:
-    """Check, before the work, whether a measurement can be written. Raises BusError for another ending, or if asammdf
+    """Check whether a measurement can be written, before the work. Raises BusError for an unknown ending, or if asammdf
     is missing; ModuleNotFoundError if another package is missing; StillwakeError if the file cannot be written."""
     if path.suffix.lower() not in MEASUREMENTS:
         raise BusError(f"{path}: a measurement must end in {' or '.join(MEASUREMENTS)}")

@@ -1,4 +1,4 @@
-"""Conversion of frames to named signals with units, and back, for people; nodes use `can_bridge.wire.message_sets`.
+"""Conversion between frames and named signals with units, for people; nodes use `can_bridge.wire.message_sets`.
 
 `contract/stillwake.dbc` defines the names and units.
 """
@@ -58,7 +58,7 @@ class SignalValue(NamedTuple):
 
     @property
     def shown(self) -> str:
-        """The value as text: its name if it has one, or else its digits, as far as the message states them."""
+        """The value as text: its name if it has one, otherwise its number with up to ten digits."""
         return self.text or (str(self.value) if isinstance(self.value, int) else f"{self.value:.10g}")
 
 

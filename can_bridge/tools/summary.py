@@ -79,7 +79,7 @@ class Summary:
 
     @property
     def loads(self) -> dict[str, float]:
-        """The share of time that data frames occupied each bus, by channel; empty if all have equal times."""
+        """The share of time that data frames occupied each bus, by channel; empty if all frames have equal times."""
         return {name: ns / 1e9 / self.span_s for name, ns in sorted(self.busy_ns.items())} if self.span_s > 0 else {}
 
     @property

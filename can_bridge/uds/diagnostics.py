@@ -49,8 +49,8 @@ class Diagnostics(Protocol):
         """Store the number of wrong keys before the answer is sent."""
 
     def before_reset(self) -> None:
-        """Prepare for a reset or for silence. Raises CONDITIONS_NOT_CORRECT if this would interrupt active control,
-        which may have begun after the session."""
+        """Prepare for a reset, or for switching off the control's messages. Raises CONDITIONS_NOT_CORRECT if this would
+        interrupt active control, which may have begun after the session began."""
 
     def reset(self) -> None:
         """Reset the ECU; called after the request was answered."""

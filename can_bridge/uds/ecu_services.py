@@ -21,7 +21,7 @@ from can_bridge.uds.services import Did, Nrc, Refused, Routine, Session
 from contract.errors import ConfigError, KeyFileError, StillwakeError
 
 WRITTEN: Final = 512
-"""Number of bytes of an image that are written in one piece of work."""
+"""Number of bytes of an image that are written in one part of a long operation."""
 _DONE: Final = {
     Routine.ERASE: ("update", "a release is being written: jets shut until a reset"),
     Routine.ACTIVATE: (
@@ -143,8 +143,8 @@ class EcuServices:
     def transfer(self, data: bytes) -> Long[None]:
         with _as_refusals():
             self._store.append(data)
-        # This store has written the data at once. A flash memory needs milliseconds for each piece, so the number of
-        # pieces is the same here.
+        # This store has already written all data. A flash memory needs milliseconds for each part of the data, so the
+        # operation has the same number of parts here.
         yield from repeat(None, (len(data) - 1) // WRITTEN)
 
     def exit(self) -> Long[None]:
@@ -202,7 +202,7 @@ class EcuServices:
             self._store.confirm()
             self._has_confirmed = True
         elif not self._has_confirmed:
-            # A tester that confirms a release that is not on trial mistakes another release for its own.
+            # A tester that confirms a release that is not on trial mistakes this release for the one that it sent.
             raise Refused(Nrc.SEQUENCE_ERROR, "no release runs on trial")
 
     def _revert(self) -> Long[None]:

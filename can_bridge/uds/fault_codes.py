@@ -42,8 +42,7 @@ _LETTERS: Final = "PCBU"
 
 
 class Snapshot(IntEnum):
-    """Identifiers of a snapshot's values from the moment when a fault was found; service 22 cannot read them. The
-    numbers in parentheses are lengths in bytes."""
+    """Identifiers of a snapshot's values from the moment when a fault was found; service 22 cannot read them."""
 
     TIME_MS = 0xFD20
     """Time in ms since power-on, 4 bytes."""
@@ -54,7 +53,7 @@ class Snapshot(IntEnum):
     OVERRUNS = 0xFD23
     """Number of control periods left out since power-on, at most 65535, 2 bytes."""
     PRESSURES_CP = 0xFD24
-    """Newest pressure coefficients of the previous period, as float32 (4 each)."""
+    """Newest pressure coefficients of the previous period, as float32, 4 bytes each."""
 
 
 SNAPSHOT_FORMATS: Final[Mapping[Snapshot, str]] = {

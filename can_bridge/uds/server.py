@@ -2,7 +2,7 @@
 
 Every request is checked in the order of the standard's figures: service known, allowed in this session, valid length,
 sub-function known and allowed in this session, level unlocked, valid sequence. Then the ECU may refuse it for reasons
-of its own. One request is processed at a time, in pieces, one piece for each `tick`.
+of its own. One request is processed at a time, in parts, one part in each call of `tick`.
 """
 
 from collections.abc import Callable, Mapping
@@ -66,7 +66,7 @@ _DIDS: Final[frozenset[int]] = frozenset(Did)
 
 
 class UdsServer:
-    """A server after power-on. It accepts any bytes, and raises no exceptions but those of `diagnostics`.
+    """A server after power-on. It accepts any bytes, and raises only the exceptions of `diagnostics`.
 
     Args:
         diagnostics: the ECU's services.
@@ -142,9 +142,9 @@ class UdsServer:
         return self._go_on(now_ns)
 
     def tick(self, now_ns: int) -> list[bytes]:
-        """Do the next piece of the request in progress, or the reset that was answered before.
+        """Execute the next part of the request in progress, or the reset that an earlier call answered.
 
-        Call this method whenever there is time for a piece, at least every 20 ms while `is_busy`.
+        Call this method whenever there is time for a part, at least every 20 ms while `is_busy`.
         """
         now_ns = self._at(now_ns)
         if self._reset_is_due:
@@ -229,7 +229,7 @@ class UdsServer:
         if body[1] not in _NORMAL:
             raise Refused(Nrc.OUT_OF_RANGE)
         if body[0] == _DISABLE_SENDING:
-            # Silence has the same conditions as a reset, so that no control is interrupted.
+            # Switching off the messages has the same conditions as a reset, so that no control is interrupted.
             self._diagnostics.before_reset()
         self.is_silent = body[0] == _DISABLE_SENDING
         return body[:1]
@@ -325,7 +325,7 @@ class UdsServer:
             raise Refused(Nrc.SEQUENCE_ERROR)
         if self._transfer.is_new(counter, data):
             transfer, self._transfer = self._transfer, None
-            # If writing fails, the transfer ends, because only a new announcement finds out what the memory contains.
+            # If writing fails, the transfer ends, because only a new announcement shows which bytes are stored.
             yield from self._diagnostics.transfer(data)
             transfer.taken(counter, data)
             self._transfer = transfer

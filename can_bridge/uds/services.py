@@ -19,7 +19,7 @@ MAX_REQUEST: Final = 4095
 LONGEST_ANSWER: Final = 768
 """Largest length in bytes of an answer with several identifiers; a single identifier is always answered."""
 BESIDE: Final = 24
-"""Largest total length in bytes of answers not yet sent with which a new request is accepted; with more, the request is
+"""Largest total length in bytes of unsent answers at which a new request is accepted; above this length the request is
 refused as busy."""
 POSITIVE: Final = 0x40
 """Difference between a positive response's first byte and the service's identifier."""
@@ -93,28 +93,27 @@ UNSENT_TO_ALL: Final = frozenset(
 
 
 class Routine(IntEnum):
-    """RoutineControl identifiers, all started by sub-function 1. Numbers in parentheses are lengths in bytes. Results
-    are in `can_bridge.uds.ecu_services`."""
+    """RoutineControl identifiers, all started by sub-function 1. Results are in `can_bridge.uds.ecu_services`."""
 
     PRECONDITIONS = 0x0203
     """Check whether the ECU may be programmed now; the answer is CONDITIONS_NOT_CORRECT if it may not."""
     SELF_TEST = 0x0204
     """Run the running release's controller on input that must give a finite plan."""
     ACTIVATE = 0x0205
-    """Activate the checked image: it boots from the next reset on, on trial."""
+    """Activate the checked image: from the next reset on, it boots on trial."""
     CONFIRM = 0x0206
     """Confirm the release on trial."""
     REVERT = 0x0207
     """Return to the previous release from the next reset on."""
     ERASE = 0xFF00
-    """Announce an image and prepare a slot. The option record has the image's length (4) and SHA-256 (32). The answer
-    has the offset (4) of the first byte to send, above zero if an earlier transfer of this image was interrupted."""
+    """Announce an image and prepare a slot. The option record has the image's length (4 bytes) and SHA-256 (32 bytes).
+    The answer has the offset (4 bytes) of the first byte to send, above 0 if a transfer was interrupted."""
     CHECK = 0xFF01
     """Check the transferred image; the answer has a `Verdict`, 1 byte."""
 
 
 class Did(IntEnum):
-    """Data identifiers. Numbers in parentheses are lengths in bytes."""
+    """Identifiers of the data that UDS reads and writes."""
 
     ACTIVE_SESSION = 0xF186
     SERIAL_NUMBER = 0xF18C
@@ -123,7 +122,7 @@ class Did(IntEnum):
     SOFTWARE_VERSION = 0xF195
     """Version of stillwake, UTF-8."""
     DBC_SHA256 = 0xFD00
-    """SHA-256 of the DBC (32)."""
+    """SHA-256 of the DBC, 32 bytes."""
     STORE = 0xFD01
     """State of the slots, in the format of `can_bridge.flashing.report`."""
     KEY_LIST = 0xFD02
@@ -173,8 +172,8 @@ class Permission:
 
 SERVICES: Final[Mapping[int, Permission]] = {
     Service.SESSION: Permission(),
-    # The programming session begins only while the jets are shut; `Diagnostics.before_reset` checks again that they
-    # are.
+    # The programming session begins only while the jets are shut; `Diagnostics.before_reset` checks again that the jets
+    # are shut.
     Service.RESET: Permission(_PROGRAMMING),
     Service.CLEAR_FAULTS: Permission(),
     Service.REPORT_FAULTS: Permission(),

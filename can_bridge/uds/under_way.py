@@ -57,7 +57,7 @@ class Job:
         self.is_done = False
 
     def go_on(self, now_ns: int) -> list[bytes]:
-        """Do one piece of the work; return the responses to send now."""
+        """Do one part of the work; return the responses to send now."""
         sent = []
         if now_ns >= self._pending_ns:
             # A tester waits for the answer after a response-pending, even if its request suppressed the answer.

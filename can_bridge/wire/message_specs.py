@@ -34,7 +34,7 @@ class MessageSpec:
     is_secured: bool = False
 
     def names(self, frame: Frame) -> bool:
-        """Return whether a frame has this message's 11-bit identifier; an equal 29-bit number is another node's."""
+        """Return whether a frame has this message's 11-bit identifier; the same number in 29 bits is another node's."""
         return frame.frame_id == self.frame_id and not frame.is_extended
 
 

@@ -1,7 +1,7 @@
 """Control steps at absolute deadlines: wake, take received frames, step, send.
 
-The loop does not read the bus: a thread fills the reception, and an observer gets the counters after each step.
-Deadlines follow the arrival of the pressures that were used.
+The loop does not read the bus: a thread reads it and queues the frames, and an observer gets the counters after each
+step. Deadlines follow the arrival of the pressures that were used.
 """
 
 import gc
@@ -30,7 +30,7 @@ from ecu.stepped import SteppedEcu
 GRACE: Final = 4
 """Divisor of the period: a step may begin up to a period / GRACE late; a step that would begin later is left out."""
 SHUT_FRAMES: Final = 3
-"""Number of final periods that send shut jets, since single frames may be lost."""
+"""Number of periods at the end in which the ECU sends a command to shut the jets, because single frames may be lost."""
 _PASSING: Final = (Mode.HOLD, Mode.DECAY)
 """Modes that last too briefly for a line in the log."""
 
@@ -85,7 +85,7 @@ class ControlLoop:
         self.counters = Counters(state=ecu.state)
 
     def run(self, is_stopped: Callable[[], bool], periods: int | None = None) -> None:
-        """Do control steps until `is_stopped`, or for a number of periods."""
+        """Do control steps until `is_stopped` returns True, or for this number of periods."""
         while not is_stopped() and (periods is None or self.counters.steps < periods):
             self.period()
 
@@ -106,7 +106,7 @@ class ControlLoop:
         if self._stages is not None:
             self._note(self._stages, pressures, due_ns, woke_ns, began_ns, ended_ns, sent_ns if sent else 0)
         if self._ecu.state.missed == before.missed:
-            # Only pressures that were used move the deadlines, so that another node's frames do not.
+            # Only pressures that were used move the deadlines, so that frames of another node do not move them.
             counters = [self._counter(frame) for frame in pressures]
             if (used := self._ecu.state.pressure_counter) in counters:
                 self._used += 1

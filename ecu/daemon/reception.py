@@ -1,8 +1,8 @@
 """Frames received between two control steps, with times in the ECU's clock.
 
-The backends of a bus stamp a received frame with the date, which NTP sets. A step of the date must neither make fresh
-pressures old nor old pressures fresh. So the stamp only gives the age of a frame when it is read, within bounds. The
-time of a frame is CLOCK_MONOTONIC minus its age.
+The backends of a bus stamp a received frame with the date, which NTP sets. When NTP changes the date, fresh pressures
+must not count as old, nor old pressures as fresh. So the stamp only gives the age of a frame when it is read, within
+bounds. The time of a frame is CLOCK_MONOTONIC minus its age.
 """
 
 import time
@@ -19,10 +19,10 @@ LONGEST_AGE_NS: Final = 1_000_000_000
 was set."""
 STAMPED_WITH_THE_DATE: Final = frozenset({"socketcan", "udp_multicast", "slcan"})
 """Interfaces that stamp the reception with the computer's date. A `virtual` bus passes on the sender's stamp, and
-vendors' drivers have their own clocks: with these, a frame counts as received when it is read."""
+vendors' drivers have their own clocks; on these interfaces a frame counts as received when it is read."""
 ROOM: Final = 256
-"""Largest number of frames stored for a step. A period has one pressure frame, but a flood may have its identifier,
-too. Checking this number of frames takes 2 ms."""
+"""Largest number of frames stored for a step. A period has one pressure frame, but a node that floods the bus may send
+more frames with this identifier. Checking this number of frames takes 2 ms."""
 
 
 class Taken(NamedTuple):
@@ -45,8 +45,8 @@ def received_ns(stamp_ns: int, *, monotonic_ns: int, date_ns: int) -> int:
 
 
 class FrameReception:
-    """The received frames of the ECU's messages, for the control step. `heard` counts all frames since it was set, for
-    the report on a bus without usable frames."""
+    """The received frames of the ECU's messages, for the control step. `heard` counts all frames on the bus since the
+    caller last replaced it, for the report on a bus without usable frames."""
 
     def __init__(
         self,

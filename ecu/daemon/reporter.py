@@ -51,11 +51,11 @@ INTERVAL_S: Final = 1.0
 
 
 class Reporter:
-    """A writer of the control loop's counters and log lines while its `with` block runs; the rest follows at its end.
+    """A writer of the control loop's counters and log lines while its `with` block runs, and of the rest at its end.
 
     Args:
         write: writes one line of the log; may raise OSError or ValueError, which loses that line.
-        metrics: the file of counters; None for no file.
+        metrics: file to which the counters are written; None for no file.
         keep: called with the counters once an interval; may raise StillwakeError.
         interval_s: time between two readings of the counters, in s.
 
@@ -132,7 +132,7 @@ class Reporter:
         self._attempt("freshness", lambda: self._keep(counters))
 
     def _attempt(self, name: str, work: Callable[[], None]) -> None:
-        """Do the work. Report when it fails for the first time, and when it succeeds again."""
+        """Call `work`. Report when it fails for the first time, and when it succeeds again."""
         try:
             work()
         except StillwakeError as error:

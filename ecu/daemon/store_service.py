@@ -1,8 +1,8 @@
 """The ECU with a store of releases as a process: its control loop, and a thread that serves a tester.
 
-Slow disks and long checks do not delay a control period. The thread takes the frames of diagnosis, does a piece of work
-and sends the frames that are due. While there is work it repeats this at once; otherwise it waits for a frame. The
-thread also boots after a reset, and the control runs the booted release from its next period on.
+Slow disks and long checks do not delay a control period. The thread takes the frames of diagnosis, does one part of a
+long operation, and sends the frames that are due. During a long operation it repeats this every ms; otherwise it waits
+for a frame. The thread also boots after a reset, and the control runs the booted release from the next period on.
 """
 
 import secrets
@@ -37,13 +37,13 @@ _ROOM: Final = 1024
 """Largest number of waiting frames: seven requests of the largest length on CAN FD. In a flood the oldest are
 dropped."""
 PAUSE_S: Final = 0.05
-"""Largest time in s between two calls if no frame arrives, and so the largest delay of a timeout."""
+"""Largest time in s between two calls of `service` if no frame arrives, and so the largest delay of a timeout."""
 SENDING_S: Final = 0.001
-"""Time in s between two parts of a long answer, and between two calls while a tool measures."""
+"""Time in s between two calls of `service` during a long operation or a long answer, or while a tool measures."""
 
 
 class DiagnosisThread:
-    """A thread that works in its `with` block.
+    """A thread that serves the tester of an ECU while its `with` block runs.
 
     Args:
         ecu: the ECU whose diagnosis the thread serves; another thread does its control.
@@ -91,7 +91,7 @@ class DiagnosisThread:
 
 
 SWITCH_INTERVAL_S: Final = 0.0005
-"""Time in s after which a thread must hand the interpreter to the control when the control wakes; Python's default is 5
+"""Longest time in s for which another thread keeps Python's interpreter after the control wakes; Python's default is 5
 ms."""
 NO_RELEASE: Final = "none"
 

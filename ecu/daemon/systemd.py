@@ -37,7 +37,7 @@ class Notifier:
         self._tell(f"STATUS={' '.join(text.split())}")
 
     def came_through(self, now_ns: int) -> None:
-        """Note a control step; report it to the watchdog when due."""
+        """Note a completed control step; report it to the watchdog when a report is due."""
         if self._interval_ns and now_ns >= self._due_ns:
             self._due_ns = now_ns + self._interval_ns
             self._tell("WATCHDOG=1")

@@ -62,7 +62,7 @@ class FlashableEcu:
         self._service_ns = 0
         self._wants_reset = False
         self.resets = 0
-        # The service uses a new power cycle as soon as it is booted; the control uses it from the next period on.
+        # Diagnosis uses a new power cycle as soon as its boot has ended; the control uses it from the next period on.
         self._serviced = self._controlled = self._power_on()
 
     @property
@@ -101,7 +101,7 @@ class FlashableEcu:
 
     @property
     def is_busy(self) -> bool:
-        """Whether `service` has work to do without another frame."""
+        """Whether `service` has work to do even if no further frame arrives."""
         cycle = self._serviced
         is_sending = cycle.calibration is not None and cycle.calibration.is_sending
         return self._wants_reset or cycle.link.is_busy or is_sending
@@ -159,7 +159,7 @@ class FlashableEcu:
         return [] if self._controlled.is_silent and not self._request.drives_jets else sent
 
     def service(self, now_ns: int, frames: Sequence[Frame]) -> list[Frame]:
-        """Run diagnosis: process up to `MOST_FRAMES` frames and one piece of long work; return the frames to send."""
+        """Process up to `MOST_FRAMES` frames of diagnosis and a part of a long operation; return the frames to send."""
         if self._is_silent(now_ns) or self._serviced is not self._controlled:
             return []
         if self._wants_reset:

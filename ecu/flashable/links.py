@@ -69,11 +69,11 @@ class DiagnosticLink:
 
     @property
     def is_busy(self) -> bool:
-        """Whether there is work that needs no other frame. A reception can still end later by a timeout."""
+        """Whether work remains even if no further frame arrives. A reception can still end later by a timeout."""
         return self._server.is_busy or self._sent > 0
 
     def service(self, now_ns: int, frames: Sequence[Frame]) -> list[Frame]:
-        """Process frames, do at most one piece of long work, and return the frames to send now."""
+        """Process frames, do at most one part of a long operation, and return the frames to send now."""
         self._server.look(now_ns, in_transit=self._endpoint.is_receiving or self._endpoint.is_sending)
         was_busy, requests = self._server.is_busy, 0
         for request, is_functional in self._requests(now_ns, frames):
@@ -83,8 +83,8 @@ class DiagnosticLink:
                 answers = self._server.request(now_ns, request, is_functional=is_functional, is_occupied=is_occupied)
                 self._send(answers)
             requests += 1
-        # A request that begins long work has already executed the first part of it in this call. A request that arrives
-        # during long work executes no part of it.
+        # A request that begins a long operation has executed the first part in this call. A request that arrives during
+        # a long operation executes no part of it.
         if was_busy or not (requests and self._server.is_busy):
             self._send(self._server.tick(now_ns))
         sent = self._endpoint.poll(now_ns)
@@ -109,7 +109,7 @@ class DiagnosticLink:
 
 
 class CalibrationLink:
-    """The calibration of the ECU of one release from its boot on, for an ECU in Python or in C.
+    """The calibration of an ECU, in Python or in C, from the boot of one release on.
 
     Args:
         bundle: the running release.

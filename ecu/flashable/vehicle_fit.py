@@ -1,6 +1,6 @@
 """The check that a release is for this vehicle and runs on this computer: before a boot, and before a confirmation.
 
-All other checks of the release are done before it. The self-test shows that controller and estimator run here.
+All other checks of the release are done before this check. The self-test shows that controller and estimator run here.
 """
 
 from collections.abc import Callable, Iterator
@@ -65,8 +65,8 @@ LIMIT_SLACK: Final = 1e-5
 
 
 def self_test(bundle: Bundle, controller: Controller) -> Long[None]:
-    """Run the controller on windows of zeros and of a shedding wake, and the estimator on the same windows, piece by
-    piece. Raises ControllerError if controller or estimator fails, or if an answer is not finite, has another shape, or
+    """Run the controller on windows of zeros and of a shedding wake, and the estimator on the same windows, in several
+    parts. Raises ControllerError if controller or estimator fails, or if an answer is not finite, has another shape, or
     exceeds the action limit."""
     sizes = bundle.manifest.sizes
     weights = np.array(bundle.manifest.mpc.weights.as_tuple())

@@ -206,7 +206,7 @@ def ecu_sources(folder: Path, bundle: Bundle, config: Config) -> dict[str, bytes
         raise LibraryError(f"library {folder}: it has only the control step and no ECU; export it again")
     check = config.ecu.sensor_check
     if bundle.manifest.sensor_estimator is None and check.enabled:
-        # The ECU in Python, too, does without the check if the release has no estimator.
+        # The ECU in Python does not do this check either if the release has no estimator.
         config = replace(config, ecu=replace(config.ecu, sensor_check=replace(check, enabled=False)))
     elif check.enabled and _ESTIMATOR not in sources:
         raise LibraryError(f"library {folder}: it has no sensor estimator; export it again, or switch off sensor_check")

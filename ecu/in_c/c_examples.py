@@ -27,8 +27,8 @@ def played_pressures(rows: Array, config: Config) -> bytes:
     with the design speed.
 
     Args:
-        rows: (n, S + any) recorded pressures Cp of n periods at the S sensors of the bus, then other columns; the
-            pressures are limited to the range of the message.
+        rows: (n, S + any) recorded pressures Cp of n periods at the S sensors of the bus, followed by other columns;
+            the pressures are limited to the range of the message.
     """
     messages = message_set(config.bus)
     message, limit_pa = messages.pressure, messages.pressure_limit_pa

@@ -215,8 +215,8 @@ def _of_diagnosis(config: DiagnosisConfig, period_ns: int) -> dict[str, int | fl
 
 
 def _of_speeds(manifest: Manifest, config: SpeedConfig) -> dict[str, int | float | str]:
-    """Return the settings of a range of speeds. For a release with a single speed SW_PAST is 0, and the others are not
-    used."""
+    """Return the settings of a range of speeds. For a release with a single speed SW_PAST is 0, and the other settings
+    are not used."""
     if manifest.speeds is None:
         return {"SW_PAST": 0}
     return {

@@ -120,7 +120,7 @@ class Structs:
         )
 
     def state(self, state: Any) -> EcuState:
-        """Return the state in a `sw_ecu_state`. C stores only bus-off of the CAN controller's error states. Raises
+        """Return the state in a `sw_ecu_state`. Of the CAN controller's error states C stores only bus-off. Raises
         ValueError or IndexError if a value is not in its enumeration."""
         memory, sensors = state.memory, state.sensors
         fail_safe, timing = state.fail_safe, state.timing
@@ -237,7 +237,7 @@ class Structs:
             self._copy(getattr(sensors, name), getattr(value, name))
 
     def _copy(self, member: Any, values: Array) -> None:
-        """Copy an array's bytes into a member of the same shape and type, whose bytes must be zero before."""
+        """Copy an array's bytes into a member of the same shape and type, whose bytes must be zero."""
         content = np.ascontiguousarray(values)
         assert content.nbytes == self.ffi.sizeof(member)
         self.ffi.memmove(member, content, content.nbytes)
@@ -262,7 +262,6 @@ class Structs:
 
     @property
     def _has_key(self) -> bool:
-        """Whether the library authenticates its frames."""
         return "freshness" in dict(self.ffi.typeof("sw_ecu_state").fields)
 
     @property

@@ -17,8 +17,8 @@ OPTIMISED: Final = ("-O3", "-march=native", "-ffp-contract=fast")
 """Flags for speed. Contraction to fused multiply-adds changes only roundings; the sources reject -ffast-math."""
 
 EXACT: Final = ("-O3", "-march=native", "-ffp-contract=off")
-"""Flags with which decisions equal those in Python bit for bit. GCC needs the flag against contraction, because it
-ignores the pragma."""
+"""Flags with which the decisions in C equal those in Python bit for bit. GCC needs the flag against contraction,
+because it ignores the pragma."""
 
 
 def host_compiler() -> list[str]:

@@ -1,7 +1,7 @@
 """The controller's C99 library on this machine: compiled by the host's compiler and called through ctypes.
 
-The library is a folder that `stillwake export --c` writes (`contract.controller.c_folder`). The gates of `export` and
-the ECU of `firmware_sim` run it through the same class.
+The library is a folder that `stillwake export --c` writes (`contract.controller.c_folder`). The checks that `export`
+makes of the library, and the ECU of `firmware_sim`, run it through the same class.
 """
 
 import ctypes
@@ -123,9 +123,9 @@ class CController(NeverCopied):
         return ControlStep(plan=new_plan, forces=forces, terms=terms, cost=float(cost))
 
     def known_answer(self) -> tuple[float, float]:
-        """Compute the first action and the cost of `sw_known_answer.c` in another build of the same sources, in which
-        no operations are fused. Raises ControllerError if an input or a result is not finite; LibraryError if the
-        sources do not compile."""
+        """Return the first action and the cost of the step in `sw_known_answer.c`, computed by another build of the
+        same sources, in which no operations are fused. Raises ControllerError if an input or a result is not finite;
+        LibraryError if the sources do not compile."""
         contents, sizes, command = self._made_of
         exact = CController(contents, sizes, compiler=command, flags=EXACT)
         workspace, given, found = exact._workspace.ctypes.data, exact._input, exact._output

@@ -1,5 +1,5 @@
-"""The generator of `sw_uds_settings.h`, the constants of the UDS server in C, from those of the server in Python, so
-that no number is written twice."""
+"""The generator of `sw_uds_settings.h`. The UDS server in C gets its constants from the server in Python, so that no
+number is written twice."""
 
 from collections.abc import Mapping
 from enum import IntEnum
@@ -39,8 +39,8 @@ def uds_settings() -> bytes:
         "LEVELS": len(Level),
         "ACCESS_ATTEMPTS": security.MAX_ATTEMPTS,
         "LONGEST_ANSWER": services.LONGEST_ANSWER,
-        # The room is enough for the longest answer, the answers that may wait beside it, and a refusal in every other
-        # place of the queue.
+        # The room is enough for the longest answer, the answers that may wait at the same time, and a refusal in every
+        # other place of the queue.
         "ISOTP_ROOM": services.LONGEST_ANSWER + services.BESIDE + 3 * _ISOTP.queue,
         "ISOTP_BESIDE": services.BESIDE,
         "ISOTP_QUEUE": _ISOTP.queue,
@@ -86,7 +86,7 @@ def _of_xcp() -> dict[str, int]:
     numbers |= {item.name: item.value for item in xcp.Command}
     numbers |= {f"ERROR_{item.name}": item.value for item in xcp.Error}
     numbers |= {
-        # This number means that a command had no error, because no error has it.
+        # This number means that a command had no error, because no error has this number.
         "DONE": 0xFF,
         "SEED_LENGTH": xcp.XCP_SEED_LENGTH,
         "CONNECT_BYTES": xcp.SHORTEST_COMMAND[xcp.Command.CONNECT],

@@ -1,4 +1,4 @@
-"""The clock for all real time, CLOCK_MONOTONIC, which cannot be set, and a function that sleeps until an instant of it.
+"""The clock for all real time, CLOCK_MONOTONIC, which cannot be set, and a sleep until an instant of this clock.
 
 `time.sleep` takes a duration: a process that loses the processor between computing the duration and falling asleep
 wakes too late. `clock_nanosleep` takes the instant itself. Python has no such function, so it is called in the C
@@ -15,7 +15,7 @@ from typing import Any, Final
 TIMER_ABSTIME: Final = 1
 """Flag of time.h: the time is an instant, not a duration."""
 LONGEST_NAP_NS: Final = 100_000_000
-"""Longest sleep by duration in ns, and so the largest delay after the whole computer was suspended."""
+"""Longest single sleep in ns where a sleep has a duration, so the largest delay after the computer was suspended."""
 
 
 class _Timespec(ctypes.Structure):
@@ -29,9 +29,9 @@ def now_ns() -> int:
 
 
 def sleep_until(due_ns: int, *, spin_ns: int = 0) -> None:
-    """Return when `now_ns` reaches `due_ns`, or at once if this time has passed. During the last `spin_ns` the process
-    polls the clock. Polling is more precise than a wake-up by the operating system, but uses the processor, and the
-    process's other threads wait."""
+    """Return when `now_ns` reaches `due_ns`, or immediately if this time has passed. During the last `spin_ns` the
+    process polls the clock. Polling is more precise than a wake-up by the operating system, but uses the processor, and
+    the process's other threads wait."""
     until_ns = due_ns - spin_ns
     if until_ns > now_ns():
         _sleep(until_ns)

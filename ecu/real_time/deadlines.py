@@ -10,11 +10,11 @@ from statistics import median_low
 from typing import Final, Self
 
 LARGEST_SLEW: Final = 32
-"""Divisor of the period for the largest move of a deadline: the move is half of the lateness at which `ecu.timing`
-begins to see periods left out. From the worst phase, half a period, the correction takes 16 periods."""
+"""Divisor of the period that gives the largest move of a deadline: half of the repeated lateness from which
+`ecu.timing` counts periods as left out. From the worst phase, half a period, the correction takes 16 periods."""
 REMEMBERED: Final = 15
 """Number of arrivals whose median is the expected arrival, so that a few late frames in a burst do not move it. The
-median is 7 periods old, in which clocks that differ by 100 ppm drift by 14 us at 20 ms."""
+middle arrival is 7 periods old; in this time clocks that differ by 100 ppm drift by 14 us at 20 ms."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -25,7 +25,7 @@ class Deadlines:
         period_ns: time from one deadline to the next.
         due_ns: deadline at which the period begins.
         number: number of the period; omitted periods are counted.
-        left_out: number of periods so far that were not begun, because work on an earlier one was not done.
+        left_out: number of periods so far that were not begun, because the work of an earlier period took too long.
         grace_ns: largest time by which a period may begin late after the previous period's work; a later period is left
             out.
     """

@@ -1,4 +1,4 @@
-"""Privileges of the operating system for a process with deadlines: used if granted, reported if not.
+"""Privileges of the operating system for a process with deadlines; a privilege that is not granted is reported.
 
 A process without a privilege works, but is late more often.
 """
@@ -18,14 +18,14 @@ PRIORITY: Final = 50
 (50), so that the threads of the CAN driver still run."""
 LOWEST_PRIORITY: Final = 1
 TIMER_SLACK_NS: Final = 1
-"""Timer slack in ns. By default Linux wakes ordinary processes up to 50 us late, to wake several at once."""
+"""Timer slack in ns. By default Linux wakes ordinary processes up to 50 us late, to wake several processes together."""
 
 _MCL_CURRENT, _MCL_FUTURE = 1, 2
 _PR_SET_TIMERSLACK, _PR_GET_TIMERSLACK = 29, 30
 
 
 class Privilege(NamedTuple):
-    """One privilege. `why` is the reason why the process does not have the privilege; empty if it has."""
+    """One privilege. `why` is the reason why the process does not have the privilege; empty if it has the privilege."""
 
     what: str
     granted: bool
@@ -50,7 +50,7 @@ class Wanted:
 def taken(wanted: Wanted) -> Iterator[list[Privilege]]:
     """Request privileges, yield the results, and give the privileges back at the end.
 
-    The priority holds for this thread and the threads that it starts afterwards.
+    The priority applies to this thread and to the threads that it starts afterwards.
     """
     with ExitStack() as undo:
         found = [_attempt("timer slack 1 ns", _timer_slack, undo)]
@@ -79,7 +79,7 @@ def stay_ordinary() -> None:
 
 
 def step_back() -> None:
-    """Give this thread a lower priority than the thread that started it, if the latter has a real-time priority.
+    """Give this thread a lower priority than the thread that started it, if that has a real-time priority.
 
     This thread gets the lowest real-time priority, not an ordinary one: while an ordinary thread holds the
     interpreter's lock, any process could take its processor and so delay the control loop.

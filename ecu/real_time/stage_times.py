@@ -1,7 +1,7 @@
 """The time of each stage of each period, in a table in memory that exists before the first period.
 
 Times are CLOCK_MONOTONIC in ns, one clock for all processes of a computer, so that the tables of two nodes can be
-compared; the table also has counts. A stage that did not happen is 0.
+compared; the table also has counts. A stage that did not happen has the time 0.
 """
 
 from collections.abc import Callable
@@ -74,7 +74,7 @@ class StageTimes:
             raise ValueError(f"periods = {periods}: must be at least 1")
         self._stages = stages
         self._blank = np.array([NOTHING if stage.name.endswith("COUNTER") else 0 for stage in stages], dtype=np.int64)
-        # Every page is written once, so that the system provides it now and not in a control period.
+        # Every page of memory is written once, so that the system provides it now and not in a control period.
         self._table = np.repeat(self._blank[np.newaxis], periods, axis=0)
         self._begun = 0
         self._row = self._table[0]

@@ -171,8 +171,8 @@ def inspect(
     """Verify a bundle, an image or a key list, and show its contents and its signer.
 
     For a bundle, the command prints one line for each check that is made when a bundle is loaded, and one line for a
-    control step; if a check fails, nothing else is shown and the exit status is 1. A key list may have any signer,
-    unless --trust names the root key.
+    control step that it runs; if a check fails, nothing else is shown and the exit status is 1. A key list may have any
+    signer, unless --trust names the root key.
     """
     if path is not None and key_list.is_list(path):
         _refuse_sbom(sbom)

@@ -35,7 +35,7 @@ _USES: Final = ("operating_point", "flow", "bus", "ecu", "vehicle")
 _LONGEST: Final = 1e6
 """Longest time in t_c that an option accepts, about a day on the road."""
 _MOST_PHASES: Final = 25
-"""Largest number of starts of a scenario, about the number of control periods in a shedding cycle."""
+"""Largest number of starting phases of the wake, about the number of control periods in a shedding cycle."""
 
 Scenarios = Annotated[list[Path], typer.Option(help="TOML file with your own scenarios (repeatable).", metavar="FILE")]
 Only = Annotated[list[str], typer.Option(help="Only these scenarios, e.g. 'noise_*' (repeatable).", metavar="GLOB")]
@@ -62,8 +62,8 @@ def campaign(
     json_file: shared.JsonFile = None,
     given: shared.Settings = [],  # noqa: B006
 ) -> None:
-    """Run a test plan: the closed loop with noise, delay, faults of sensors and of the bus, and another flow, each from
-    several starts.
+    """Run a test plan: the closed loop with noise, delay, faults of sensors and of the bus, and another flow, each
+    disturbance from several starting phases of the wake.
 
     The command writes a table, figures and one page into the folder. It can be stopped at any time: finished runs are
     stored, and the same command continues the campaign. A different seed, bundle, time or setting makes a different
@@ -165,7 +165,7 @@ def _conducted(planned: "Campaign", folder: "CampaignFolder", spread: Mapping[st
 
 
 def _print(result: "Result") -> None:
-    """Print the table of the scenarios, and the headline last, because a terminal is read from its end."""
+    """Print the table of the scenarios and then the headline, because a terminal shows the end of the output."""
     from firmware_sim.campaign.matrix_words import MATRIX_HEADS, cells, headline
 
     table = Table(*MATRIX_HEADS)

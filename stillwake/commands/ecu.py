@@ -90,11 +90,11 @@ def run(
 ) -> None:
     """Run the ECU on a real CAN bus: read pressures and send a jet command in each control period, until stopped.
 
-    The jets stay shut until the vehicle raises its enable request while the ECU is present. The ECU sends commands that
-    shut the jets when the program ends, also by Ctrl-C or SIGTERM, when it has lost the bus, which it then opens again,
-    and when another ECU sends commands on the bus. Real-time privileges are used if they are granted; otherwise a
-    message says that they are not. --freshness is needed with bus.key; the default is a file in systemd's state
-    directory.
+    The jets stay shut until the vehicle raises its enable request while the ECU is present. In three cases the ECU
+    sends commands that shut the jets: the program ends, also by Ctrl-C or SIGTERM; the bus was lost, and the ECU has
+    opened it again; or another ECU sends commands on the bus. Real-time privileges are used if they are granted;
+    otherwise a message says that they are not. --freshness is needed with bus.key; the default is a file in systemd's
+    state directory.
 
     With --slots the command runs the release in a folder. `stillwake ecu provision` makes the folder, `stillwake flash`
     replaces the release over the same bus, and `stillwake calibrate` changes its goal and limits. With --mcu the
@@ -242,7 +242,7 @@ def _refuse(why: str, **given: Any) -> None:
 
 
 def _needed(what: str, **given: Path | None) -> dict[str, Path]:
-    """Return the paths that `what` needs; raises ConfigError for the first path that was not given."""
+    """Return the paths that the option `what` needs; raises ConfigError for the first path that was not given."""
     found = {}
     for name, value in given.items():
         if value is None:

@@ -107,8 +107,8 @@ def export(
 
     Without a model, `export --c FOLDER` writes this folder for the shipped bundle, `export --fmu FILE` writes the
     shipped bundle's ECU as an FMU, and `export --image FILE` writes the shipped bundle's image. `export --for-testers
-    FOLDER` writes the files for testers of the shipped bundle, and `export BUNDLE --for-testers FOLDER` those of
-    another bundle; no ECU is needed.
+    FOLDER` writes the files for testers of the shipped bundle, and `export BUNDLE --for-testers FOLDER` the files for
+    testers of another bundle; no ECU is needed.
     """
     files = _Files(
         c=c,

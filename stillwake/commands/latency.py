@@ -35,7 +35,7 @@ _NOT_PASSED: Final = 3
 LEAD_IN_S: Final = 2.0
 """Time in s until control is requested; by then the ECU's deadlines follow the vehicle's sampling."""
 SPARE_PERIODS: Final = 25
-"""Number of control periods that are run in addition to those that count, before the first plan and after the last
+"""Number of control periods that are run in addition to the counted periods: before the first plan and after the last
 counted period."""
 INTERFACE: Final = "udp_multicast"
 USES: Final = ("operating_point", "flow.control_period", "flow.action_limit", *REAL_BUS, "ecu", "vehicle")
@@ -77,7 +77,7 @@ def latency(
 
     `stillwake ecu` and `stillwake vehicle`, which replays recorded pressures, run as two processes on a bus of this
     machine. A third process with the same deadlines and privileges is idle, and shows the delays of the machine itself.
-    Every delay is measured from the scheduled instant.
+    Every delay is measured from the instant that the schedule gives.
 
     Without --set bus.interface the bus is udp_multicast, with a multicast group of its own. With --both and no
     --library the C library is made from the shipped model; for another bundle, --library is required.
@@ -141,7 +141,7 @@ def in_real_time(loaded: Loaded) -> Loaded:
 def measured(
     subjects: Sequence[Subject], loaded: Loaded, folder: Path, *, periods: int, window: int
 ) -> "list[MeasuredRun]":
-    """Measure the controllers one after another, and write each one's tables into a folder of its name."""
+    """Measure the controllers one after another; write the tables of each into a folder of the controller's name."""
     from can_bridge.e2e.profiles import profile_of
     from can_bridge.wire.message_sets import message_set
     from firmware_sim.latency.measured import MeasuredRun

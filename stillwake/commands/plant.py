@@ -95,7 +95,7 @@ def plant_fmu(
     pressures.
 
     The FMU runs in the importing tool's Python, where stillwake[sim] has to be installed. `export --fmu` writes an FMU
-    of the ECU for it. Writing the FMU needs a C compiler.
+    of the ECU that can control this wake. Writing the FMU needs a C compiler.
     """
     config = settings("plant-fmu", given, uses=(*USES, "operating_point")).config
     kind, path = kind_and_path(output, ("fmi2",))

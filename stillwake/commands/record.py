@@ -69,16 +69,17 @@ def record(
     The default is three episodes with these numbers of control steps: training=6000, a sine whose frequency and
     amplitude vary; chirp=1500, a slow sweep of the frequency, for tests; and uncontrolled=500. Give another number, or
     0 to leave an episode out. --paper has 50,000 training steps in ten episodes, 2,500 uncontrolled steps, 10,000 steps
-    of the chirp, and 10,000 steps of the extended chirp of the paper's appendix A. The workers of a scheduler must have
-    the output's folder at its path.
+    of the chirp, and 10,000 steps of the extended chirp of the paper's appendix A. The workers of a scheduler must find
+    the output's folder at the path that this computer uses.
 
     With --under, record the wake under a controller with exploration, and add the episodes, of controlled=1100 steps
     each. With --from-steady, record the growth of small disturbances on the steady wake, with or without a controller,
     in episodes of calm=350 steps each. The steady wake (`develop --steady`) is computed and written to the file if the
     file does not exist. The rms of the random actions is between --amplitudes, evenly spaced in the logarithm over the
-    episodes. --role controlled or calm excludes the new episodes from training. --seed gives the waveform of the
+    episodes. --role controlled or calm excludes the new episodes from training. --seed determines the waveform of the
     training episode; with --paper it is the seed of the first of the ten episodes, and each further episode has the
-    next number. With --under and --from-steady it gives exploration, random actions and the episodes' starts.
+    next number. With --under and --from-steady, --seed determines the exploration, the random actions and the starts of
+    the episodes.
 
     The command can be stopped at any time. The same command continues the recording, and leaves a finished recording
     unchanged.
@@ -137,7 +138,7 @@ def _check_round(
     paper: bool,
     overwrite: bool,
 ) -> None:
-    """Refuse options that are only for forced episodes, or only for the round that was not requested."""
+    """Refuse options that belong to forced episodes, or to the one of --under and --from-steady that was not given."""
     option, own = ("--under", "controlled") if steady is None else ("--from-steady", "calm")
     if paper:
         raise StillwakeError(f"{option} and --paper are two recordings: give one of them")

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from wake.plant.drive import Drive
 
 NOT_IN_CONTROL: Final = 3
-"""Exit status of a complete run in which the ECU latched a fault or control was not held."""
+"""Exit status of a complete run in which the ECU latched a fault, or was not in control while control was requested."""
 BELOW_REQUIREMENT: Final = 4
 """Exit status of a complete run that did not reach the required reduction."""
 
@@ -88,9 +88,9 @@ def run(
     folder of --library, or are made from the shipped model.
 
     --disturb may be given several times, for example noise:level=0.5 at the transducers, ecu:drop:probability=0.1@5..10
-    for frames that the ECU sends, reset@5 for the ECU, reynolds=700 for the flow; times are in s of the run. The kinds
-    are noise, bias, drift, stuck, dead, swap, quantise, wire_errors, reset, clock, no_request, reynolds, body, gust,
-    operating_point, action_limit, stuck_jets, speed_scale, speed_late, speed_frozen, no_speed and density
+    for frames that the ECU sends, reset@5 for the ECU, reynolds=700 for the flow; times are in s from the start of the
+    run. The kinds are noise, bias, drift, stuck, dead, swap, quantise, wire_errors, reset, clock, no_request, reynolds,
+    body, gust, operating_point, action_limit, stuck_jets, speed_scale, speed_late, speed_frozen, no_speed and density
     (docs/reference/disturbances.md). Faults of one node begin with vehicle: or ecu: and are drop, burst_loss,
     duplicate, delay, reorder, flip_bits, stuck_at, babble, disconnect, slow_consumer and clock_drift (the same page).
 
@@ -257,8 +257,8 @@ class _Loop:
 
 def _ecu_in_c(kind: str, clock_mhz: float, library: Path | None, release: Bundle, config: Config) -> "LoopEcu":
     """Return the bundle's ECU in C, for the vehicle of this run. Raises LibraryError if no library was named and the
-    bundle is not the shipped one, or if the library is not the bundle's. Raises StillwakeError if it cannot be
-    compiled, or the settings are not for an ECU in C."""
+    bundle is not the shipped one, or if the library is not the bundle's. Raises StillwakeError if the library cannot be
+    compiled, or an ECU in C does not support the settings."""
     from can_bridge.secoc.key import read_secret
     from ecu.in_c.c_ecu import ecu_sources
     from firmware_sim.bench.ecus import check_ecu, loop_ecu
@@ -277,7 +277,7 @@ def _ecu_in_c(kind: str, clock_mhz: float, library: Path | None, release: Bundle
 
 
 def _print(log: "RunLog") -> None:
-    """Print failures, the tables, and the headline last, because a terminal is read from its end."""
+    """Print failures and the tables, and then the headline, because a terminal shows the end of the output."""
     from firmware_sim.runs.control import trouble
     from firmware_sim.runs.run_tables import drag_rows, headline, service_rows
 

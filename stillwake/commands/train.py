@@ -21,7 +21,7 @@ from stillwake.parts.training_progress import TrainingProgress, check_model_outp
 from train.fitting import unfinished
 
 if TYPE_CHECKING:
-    # The imports are for types only, because torch takes seconds to load and a vehicle has no HDF5.
+    # The imports are for types only, because torch takes seconds to load and a vehicle's computer has no HDF5.
     from contract.recording.dataset import Dataset
     from train.distillation.evaluate import ModelMetrics
     from train.model_store import TrainedModel
@@ -51,10 +51,10 @@ def train(
 
     The command can be stopped at any time. The same command continues from the last checkpoint, and the model is the
     same as without a stop. To change a setting use, for example, --set train.epochs=300. The model stores all settings;
-    `export` begins with these settings. The sensors of --sensors replace those that the method would choose.
-    docs/how-to/train.md describes the steps.
+    `export` begins with these settings. The sensors of --sensors replace the choice of the method. docs/how-to/train.md
+    describes the steps.
     """
-    # A missing extra is reported before a missing file; a vehicle has no HDF5.
+    # A missing extra is reported before a missing file; a vehicle's computer has no HDF5.
     from contract.recording.dataset import read
 
     config = settings("train", given, uses=USES, base=training_settings(quick=quick)).config

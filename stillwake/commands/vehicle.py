@@ -65,8 +65,9 @@ def vehicle(
     for this computer, for example --set flow.refinement=0.75 --set flow.substeps=15. --state and --drive need --plant
     wake, and the drive begins when control is requested.
 
-    At a quarter of the speed, --set operating_point.speed=6.25, wake and control period are four times as slow. The ECU
-    then needs a bundle for this operating point (`bundle renew --set operating_point.speed=...`).
+    At a quarter of the speed, --set operating_point.speed=6.25, the wake is four times as slow and the control period
+    is four times as long. The ECU then needs a bundle for this operating point (`bundle renew --set
+    operating_point.speed=...`).
 
     --freshness is needed with bus.key: the file counts this node's power cycles.
 

@@ -22,7 +22,7 @@ NEEDS_MB: Final = {
 }
 """Smallest address space in MB, by command, for commands that simulate, learn or draw, with one thread of BLAS."""
 _A_THREAD_MB: Final = 80
-"""Address space in MB for each further thread of BLAS; numpy and scipy each load a BLAS of their own."""
+"""Address space in MB for each further thread of BLAS; numpy and scipy each load their own BLAS."""
 _DATA: Final = 0.5
 """Share of a process's address space that is private data, which `ulimit -d` limits."""
 _SIGNS: Final = ("failed to map segment", "annot allocate memory", "can't start new thread", "bad_alloc", "to allocate")

@@ -35,8 +35,8 @@ def listed(counts: Mapping[str, int]) -> str:
 
 
 def workers_of(text: str | None) -> dict[str, Any]:
-    """Return `workers` and `scheduler` of `--workers`: a number of processes, by default one per core, or a scheduler's
-    address. Raises ConfigError for another text."""
+    """Return the arguments `workers` and `scheduler` for the value of `--workers`: a number of processes, by default
+    one per core, or a scheduler's address. Raises ConfigError for another text."""
     if text is None:
         return {"workers": cores(), "scheduler": None}
     if ":" in text:

@@ -62,7 +62,7 @@ def check_frames(path: Path | None) -> None:
 
 
 def print_written(path: Path, result: object) -> None:
-    """Print that a file was written. For a measurement, also print which of our frames have no signals in the file."""
+    """Print that a file was written; for a measurement also the numbers of frames without signals in it, by name."""
     skipped = listed(result) if isinstance(result, Counter) else ""
     console.print(f"wrote {path}{f'; frames without signals: {skipped}' if skipped else ''}")
 

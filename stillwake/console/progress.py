@@ -46,8 +46,8 @@ class ProgressBar(Progress):
         """Do nothing: the display starts at the first update, so that an earlier error is shown without a bar."""
 
     def update(self, task_id: TaskID, **changes: Any) -> None:
-        """Update the task as rich does; the first update shows the bars. Raises KeyboardInterrupt if the exception of
-        an earlier stop was lost."""
+        """Update the task as rich does; the first update shows the bars. Raises KeyboardInterrupt if SIGTERM was
+        received and its exception was lost."""
         still_wanted()
         super().update(task_id, **changes)
         if not self.live.is_started:
@@ -79,7 +79,7 @@ class ProgressLines(Progress):
         self._heart = Thread(target=self._beat, name="progress", daemon=True)
 
     def start(self) -> None:
-        """Start a thread that prints lines too, because one step of the work may take longer than the interval."""
+        """Start a thread that also prints lines, because one step of the work may take longer than the interval."""
         self._heart.start()
 
     def stop(self) -> None:
@@ -93,7 +93,7 @@ class ProgressLines(Progress):
 
     def update(self, task_id: TaskID, **changes: Any) -> None:
         """Update the task as rich does, and print a line if one is due or the task is done. Raises KeyboardInterrupt if
-        the exception of an earlier stop was lost."""
+        SIGTERM was received and its exception was lost."""
         still_wanted()
         super().update(task_id, **changes)
         with self._lock:
@@ -127,7 +127,7 @@ class ProgressLines(Progress):
 class Report:
     """A receiver of reports on tasks. A task begins with its first report, whose count is not used for the speed.
 
-    The first and the last report of a task are shown at once. A task that ends before it was shown is not shown at all.
+    The first and the last report of a task are shown immediately. A task that ends before it was shown is never shown.
     """
 
     def __init__(self, bar: Progress, clock: Callable[[], float]) -> None:
@@ -138,7 +138,7 @@ class Report:
         self._visible = set[str]()
 
     def __call__(self, task: str, done: float, total: float | None = None, note: str = "", *, unit: str = "") -> None:
-        """Show the progress of a task. Raises KeyboardInterrupt if the exception of an earlier stop was lost.
+        """Show the progress of a task. Raises KeyboardInterrupt if SIGTERM was received and its exception was lost.
 
         Args:
             task: name of the task.
@@ -150,7 +150,7 @@ class Report:
         still_wanted()
         now, changes = self._clock(), {"completed": done, "total": total, "note": note}
         if task not in self._tasks:
-            # Steps that an earlier call did are not used for the speed; rich accepts fractions of a step.
+            # Steps of an earlier call of the command are not used for the speed; rich accepts fractions of a step.
             self._tasks[task] = self._bar.add_task(task, total=total, completed=done, note=note, unit=unit)  # type: ignore[arg-type]
             self._begin(task)
             self._latest[task] = now

@@ -19,7 +19,7 @@ REAL_BUS: Final = (*_FRAMES, "bus.e2e")
 COST_WEIGHTS: Final = "mpc.weights"
 """The section of settings that a released controller reads as an input."""
 _BUS: Final = ("bus.interface", "bus.channel")
-"""Settings that `--bus` names."""
+"""Settings that the option `--bus` sets."""
 
 
 def read_settings(given: Sequence[str], *, base: Config | None = None) -> Loaded:

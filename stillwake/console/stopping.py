@@ -16,7 +16,7 @@ _asked: list[str] = []
 """Names of the signals that were received."""
 _advice: list[str] = []
 _is_left_to_work = False
-"""Whether work inside `until_stopped`, which no signal interrupts, is running."""
+"""Whether work inside `until_stopped` is running, which the first signal does not interrupt."""
 _hook_before: Callable[["sys.UnraisableHookArgs"], object] = sys.unraisablehook
 """The hook for exceptions in callbacks that was set before this module set its own hook."""
 
@@ -25,10 +25,10 @@ def ends_like_ctrl_c() -> None:
     """Let SIGTERM raise KeyboardInterrupt, as Ctrl-C does, so that incomplete files are removed; a second SIGTERM kills
     the process.
 
-    Python handles a signal only between two of its own steps, so compiled code or an import ends before. Some compiled
-    code takes the exception for an error of its own and continues; `until_stopped` and `still_wanted` then raise
-    KeyboardInterrupt again. An exception in a callback is lost too, and Python would print it; a hook prevents this.
-    Nothing is changed outside the main thread, because only the main thread may handle signals.
+    Python handles a signal only between two of its own steps, so compiled code or an import ends before the signal is
+    handled. Some compiled code takes the exception for an error of its own and continues; `until_stopped` and
+    `still_wanted` then raise KeyboardInterrupt again. An exception in a callback is lost too, and Python would print
+    it; a hook prevents this. Outside the main thread, which alone may handle signals, nothing is changed.
     """
     if current_thread() is not main_thread():
         return
@@ -57,8 +57,8 @@ def until_stopped() -> Iterator[Callable[[], bool]]:
     stopped. A second signal interrupts the work.
 
     The first signal does not interrupt the work, so that files are written to their end. Outside the main thread, which
-    alone may handle signals, no signal stops the work. Raises KeyboardInterrupt if the exception of an earlier stop was
-    lost.
+    alone may handle signals, no signal stops the work. Raises KeyboardInterrupt if SIGTERM was received before and its
+    exception was lost.
     """
     if current_thread() is not main_thread():
         yield lambda: False
@@ -93,7 +93,7 @@ def still_wanted() -> None:
 
 @contextmanager
 def go_on_with(line: str) -> Iterator[None]:
-    """Run work that can be continued. If the work is stopped, `line` is printed, which states how to continue."""
+    """Run work that can be continued. If it is stopped, the command prints `line`, which says how to continue."""
     try:
         yield
     except KeyboardInterrupt:

@@ -136,8 +136,8 @@ def library_folder(given: Path | None) -> Iterator[Path]:
 
 
 def _without_check(release: Bundle, config: Config, notice: Callable[[str], None]) -> Config:
-    """Return the settings; the check of the sensors is switched off if the ECU in C cannot make it. Without an
-    estimator the ECU in Python cannot make it either."""
+    """Return the settings; the check of the sensors is switched off if the ECU in C cannot do this check. Without an
+    estimator the ECU in Python cannot do it either."""
     check, manifest = config.ecu.sensor_check, release.manifest
     if not check.enabled:
         return config

@@ -15,7 +15,7 @@ _STEPS: Final = 200
 
 
 def draw(dataset: Dataset, path: Path) -> None:
-    """Write a picture as PNG, completely or not at all. Raises StillwakeError if the name has another ending, or the
+    """Write a picture as PNG, completely or not at all. Raises StillwakeError if the name does not end in .png, or the
     file cannot be written."""
     if path.suffix.lower() != ".png":
         raise ConfigError(f"{path}: a picture must end in .png")

@@ -21,8 +21,9 @@ from wake.truck.truck_wake import TruckWake
 def differentiable_wake(
     config: Config, sensors: Sequence[str], start: Path | None, progress: Callable[[float, float], None]
 ) -> tuple[DifferentiableWake, list[FlowState]]:
-    """Return the plant of a refinement on its mesh, and a developed wake for each of the plant's streams, each in a
-    different phase. Raises PlantError if the start has another body, Reynolds number or mesh, or the flow diverges.
+    """Return the plant of a refinement on its mesh, and a developed wake for each of the flows that the refinement
+    simulates side by side (`refine.streams`), each in a different phase. Raises PlantError if the start has another
+    body, Reynolds number or mesh, or the flow diverges.
 
     Args:
         start: file with a developed wake on the default mesh. If None, the truck's shipped wake is used, or for another

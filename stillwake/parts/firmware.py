@@ -26,7 +26,7 @@ def run_firmware(
         flash: file with the contents of the flash memory; created if it does not exist.
         hardware: name of the hardware.
         library: C library from which the firmware is built.
-        root: public root key that signs key lists.
+        root: file of the public root key, which verifies key lists.
         access: file of the ECU's access key.
     """
     from can_bridge.bus.backends.python_can import PythonCanBus

@@ -122,9 +122,9 @@ class PythonCanBus(OpenBus):
 
         Args:
             bus: python-can bus, which is closed together with this object.
-            accept: identifiers to receive, a number for an 11-bit identifier; None for all 11-bit identifiers.
-                python-can's own filter is not used, because it ends a reception without waiting at the first frame that
-                it drops.
+            accept: identifiers to receive, in which a plain number is an 11-bit identifier; None for all 11-bit
+                identifiers. python-can's own filter is not used, because with it a reception stops waiting at the first
+                frame that is dropped.
             is_classic: whether CAN FD frames are neither sent nor received.
             linux_error_frames: whether error frames are as in `linux/can/error.h` and report on this node's controller.
             keep: called with every frame that was sent or accepted, and with whether the frame was received.
@@ -193,8 +193,8 @@ class PythonCanBus(OpenBus):
         """The known health of the CAN controller; healthy if nothing is known.
 
         SocketCAN reports the health by error frames, which have to be received. For other interfaces, only the value
-        ERROR (bus-off) of python-can's `state` means the same for all drivers: for some drivers, PASSIVE is a node that
-        only listens. `bus_off` counts each bus-off that this object has noticed.
+        ERROR (bus-off) of python-can's `state` has one meaning for all drivers: for some drivers, PASSIVE is a node
+        that only listens. `bus_off` counts each bus-off that this object has noticed.
         """
         try:
             is_off = self._bus.state is can.BusState.ERROR
@@ -224,7 +224,7 @@ class PythonCanBus(OpenBus):
         self._keep(frame, False)
 
     def receive(self, timeout_s: float) -> Frame | None:
-        """Return the next frame; None if none arrives within `timeout_s`. Raises BusError for a failed bus or only
+        """Return the next frame; None if none arrives within `timeout_s`. Raises BusError if the bus failed or has only
         garbage."""
         deadline = time.monotonic() + timeout_s
         while True:

@@ -42,7 +42,7 @@ _SO_RCVBUFFORCE: Final = 33
 _IP_MULTICAST_ALL: Final = 49
 _IPV6_MULTICAST_ALL: Final = 29
 """Linux: option that decides whether a socket receives the groups that other processes on the machine have joined
-(ip(7)). By default it does."""
+(ip(7)). By default a socket receives them."""
 
 _FLAGS: Final = (
     "is_extended_id",

@@ -46,9 +46,9 @@ class WrappedBus:
 
 
 class FrameArrivals:
-    """The arrival times of frames. A frame arrives at its time stamp if the time stamp lies between the node's last two
-    readings of the bus, which is so if both use one clock. Otherwise the frame arrives at the reading that found it. No
-    frame arrives before a frame that the bus returned earlier."""
+    """The arrival times of frames. A frame arrives at its time stamp if the stamp lies between the node's last two
+    readings of the bus, as it does if stamps and readings use one clock. Otherwise the frame arrives at the reading
+    that found it. No frame arrives before a frame that the bus returned earlier."""
 
     def __init__(self) -> None:
         self._looked_ns = 0
@@ -68,7 +68,7 @@ class FrameArrivals:
 
 @dataclass(frozen=True, kw_only=True)
 class Span(Settings, section="span"):
-    """A time span from `start_s` until before `end_s`. Raises ConfigError for a parameter out of its bounds."""
+    """A time span from `start_s` to `end_s`, without `end_s`. Raises ConfigError for a parameter out of its bounds."""
 
     start_s: NonNegative[float] = 0.0
     end_s: float = inf
@@ -84,7 +84,7 @@ class Span(Settings, section="span"):
 
 @dataclass(frozen=True, kw_only=True)
 class Instant(Span, section="instant"):
-    """An event that happens once, at `start_s`; its text ends in @TIME."""
+    """An event that happens once, at `start_s`; the text of an event ends in @TIME."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -192,7 +192,7 @@ def wrap(bus: Bus, faults: Sequence[BusFault], clock: NowNs, *, seed: int = 0, f
         clock: returns the time in ns on which the spans of the faults are based.
         seed: random seed; equal faults, frames, times and seeds give equal results. Each fault has a random generator
             of its own, so that its random numbers do not depend on the other faults.
-        first: index of the first fault, if other faults were applied before.
+        first: index of the first fault, if earlier calls applied other faults.
     """
     injectors: list[Injector] = []
     for place, fault in enumerate(faults, first):

@@ -242,7 +242,7 @@ def _spec_of(frame: Frame) -> MessageSpec | None:
 
 
 def payload_bits(spec: MessageSpec) -> range:
-    """Return the message's bits after the header, counted from the least significant bit of each byte."""
+    """Return the numbers of the message's bits after the header, from the least significant bit of each byte."""
     return range(profile_of(spec).header_bits, 8 * spec.protected)
 
 

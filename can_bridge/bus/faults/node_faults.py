@@ -61,7 +61,7 @@ class SlowConsumer(BusFault, section="slow_consumer"):
     full.
 
     A full queue loses the newest frame, like the queues of python-can's buses and of CAN controllers in FIFO mode. When
-    the span ends, all frames in the queue are received at once.
+    the span ends, one reading receives all frames in the queue.
     """
 
     frames_per_call: AtLeastOne[int] = 1
@@ -103,8 +103,8 @@ class ClockDrift(BusFault, section="clock_drift"):
     """Time in s by which the clock is ahead at the start of the span."""
 
     def acting(self, port: Injector) -> tuple[Send, Receive]:
-        """See `BusFault.acting`. Received frames get stamps of the drifting clock; their stamps count as the true
-        time."""
+        """See `BusFault.acting`. A received frame gets a stamp of the drifting clock; its original stamp counts as the
+        true time."""
 
         def receive() -> list[Frame]:
             received = port.beneath.receive_all()

@@ -1,6 +1,6 @@
-"""Faults as a line of text, for settings and the command line, and back.
+"""Conversion between faults and lines of text, for settings and the command line.
 
-    drop:probability=0.1@5..10         a tenth of the frames, from 5 s until before 10 s
+    drop:probability=0.1@5..10         a tenth of the frames is lost, from 5 s to 10 s
     flip_bits:bits=2,at=receive@5..    from 5 s on
     drop:probability=1,frame_ids=0x120+0x130
     disconnect

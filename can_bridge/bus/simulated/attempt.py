@@ -82,7 +82,7 @@ class AttemptOutcome(Generic[T]):
         verdicts: the result for each node.
         used: numbers of bits at the nominal and at the data bit rate, from the start of frame to the end of frame or to
             the error.
-        rest: number of nominal bits from this point until the bus is free.
+        rest: number of nominal bits from the last bit of `used` until the bus is free.
     """
 
     frame: Frame | None

@@ -6,14 +6,13 @@ Specification 2.0, part B, chapter 8), which is free to read. Each function is o
     1  `receive_error`         REC + 1   a receiver detects an error
     2  `dominant_after_flag`   REC + 8   a receiver sees a dominant bit right after its own error flag
     3  `transmit_error`        TEC + 8   a transmitter sends an error flag, with two exceptions
-    4, 5, 6                              a flag that is not seen on the bus, or that dominant bits follow for long: does
-                                         not happen on the simulated bus
-    7  `transmitted`           TEC - 1   a frame went out and was acknowledged
-    8  `received`              REC - 1   a frame came in without error; from above 127 back to 127
-    9  `state`                           error-passive from 128 on, whichever counter
-    10 `state`                           bus-off from TEC = 256 on
-    11 `state`                           error-active again when both are below 128
-    12 `recovered`                       error-active with both at 0 after 128 x 11 recessive bits (`RECOVERY`)
+    4, 5, 6                              a flag that is not seen, or many dominant bits after it (not simulated)
+    7  `transmitted`           TEC - 1   a frame was sent and acknowledged
+    8  `received`              REC - 1   a frame was received without error; above 127, REC becomes 127
+    9  `state`                           error-passive if one of the counters is 128 or more
+    10 `state`                           bus-off if TEC is 256 or more
+    11 `state`                           error-active again if both counters are below 128
+    12 `recovered`                       error-active with both counters at 0 after 128 x 11 recessive bits (`RECOVERY`)
 """
 
 from dataclasses import dataclass, replace

@@ -12,9 +12,10 @@ node that first sends a recessive bit against a dominant bit has a bit error.
 Time passes only in `advance_to` and `advance_until`, and jumps from event to event. A frame that begins at the present
 time waits until time passes, because other nodes can still send at that instant and take part in the arbitration.
 
-Physical errors come from two functions of the caller, so that a seed determines them. Remote frames and overload frames
-are left out, because today's controllers do not need them. Phase differences between nodes are also left out: all nodes
-begin a frame in the same nanosecond. All other faults wrap a port, which is a `can_bridge.bus.interface.Bus`.
+Physical errors come from two functions of the caller, so that a seed can make them reproducible. Remote frames and
+overload frames are left out, because today's controllers do not need them. Phase differences between nodes are also
+left out: all nodes begin a frame in the same nanosecond. All other faults wrap a port, which is a
+`can_bridge.bus.interface.Bus`.
 """
 
 import heapq
@@ -295,7 +296,7 @@ class SimulatedBus:
         for port in sent:
             port.queue.remove(attempt.items[port])
         if sent and frame is not None:
-            # If several nodes sent an identical frame at once, the bus carried only one frame.
+            # If several nodes sent an identical frame at the same time, the bus carried only one frame.
             self._frames += 1
             self._capture(frame)
             for port in sent:

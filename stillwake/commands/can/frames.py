@@ -170,7 +170,7 @@ def decode(
         for number, message in enumerate(log, 1):
             traffic = found.add(message)
             if summary:
-                # Without a line for each frame, the progress shows that the work continues.
+                # If no line is printed for each frame, the progress shows that the work continues.
                 report(f"reading {file.name}", number)
             if traffic is None:
                 continue

@@ -33,7 +33,7 @@ USES: Final = (
     "bus.background",
 )
 NAMED: Final = 5
-"""Number of messages that are listed below the table, which shows all messages."""
+"""Largest number of late messages whose names the line below the table lists."""
 _HEADS: Final = ("id", "message", "bytes", "period", "jitter", "frame", "blocking", "response", "deadline", "met")
 
 

@@ -305,7 +305,7 @@ def _forces(path: Path, series: "LogSeries", log: "CanLog", options: DriveOption
 
 
 def _check_limit(path: Path, series: "LogSeries", scales: "Scales") -> None:
-    """Raise DatasetError for actions beyond the limit that are due to a slow vehicle. The limit in U_inf W is a flow
+    """Raise DatasetError for actions that exceed the limit because the vehicle is slow. The limit in U_inf W is a flow
     rate at the design speed; at a lower speed an equal flow rate is a larger action."""
     from contract.recording.findings import LIMIT_TOLERANCE
 
@@ -320,8 +320,8 @@ def _check_limit(path: Path, series: "LogSeries", scales: "Scales") -> None:
 
 
 def _check_zone(log: Path, series: "LogSeries", force: "TimeSeries", fill: int) -> None:
-    """Raise DatasetError for a log that begins in local time if the forces cover the log in a zone other than UTC,
-    because the zone is then not certain."""
+    """Raise DatasetError for a log that begins in local time if the forces would also cover it in a zone other than
+    UTC, so that the log's zone is not certain."""
     zones = []
     for minutes in range(-12 * 60, 14 * 60 + 1, 15):
         with suppress(DatasetError):

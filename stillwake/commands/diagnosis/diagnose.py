@@ -43,10 +43,10 @@ def diagnose(
 ) -> None:
     """Show an ECU's report: its identification, its releases, and the faults that it found and stored.
 
-    Each fault has the time at which it was found. The ECU stores a fault, also without power, until the fault is
-    cleared or has not occurred in 40 successive drives with control; the fault's age is the number of these drives.
-    Faults can be cleared only while the jets are shut. With --slots the command reads an ECU's folder instead of a bus,
-    and shows no faults.
+    For each fault the command shows the time at which the ECU found it. The ECU stores a fault in non-volatile memory,
+    until the fault is cleared or has not occurred in 40 successive drives with control; the fault's age is the number
+    of successive drives without it. Faults can be cleared only while the jets are shut. With --slots the command reads
+    an ECU's folder instead of a bus, and shows no faults.
 
     Exit status: 3 if the ECU does not answer; 5 if the faults are not cleared because the jets are enabled; 7 if the
     ECU refused something else.
@@ -82,7 +82,7 @@ def _print_ecu(facts: "dict[str, str | int]", store: "StoreReport", **rows: str)
 
 
 def _asked(config: Config, *, clear: bool) -> "tuple[dict[str, str | int], StoreReport, list[StoredFault]]":
-    """Return the report of the ECU on a bus, and then clear its faults if requested."""
+    """Return the report of the ECU on a bus; if requested, clear its faults after the report is read."""
     from can_bridge.tester.facts import clear_faults, read_facts, read_faults
 
     with asking(config.bus) as ecu:

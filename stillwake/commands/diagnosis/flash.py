@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 MOST_KEY_BYTES: Final = 4092
-"""Largest size of a key list in bytes: the data of one UDS request after service and identifier."""
+"""Largest size of a key list in bytes: a UDS request of 4,095 bytes without service and identifier (3 bytes)."""
 Keys = Annotated[Path | None, typer.Option(help="Key list to send first (`bundle keylist`).", metavar="LIST")]
 DryRun = Annotated[bool, typer.Option("--dry-run", help="Ask the ECU, check everything, and write nothing.")]
 NoConfirm = Annotated[bool, typer.Option("--no-confirm", help="Leave the release on trial.")]
@@ -105,7 +105,7 @@ def _bring_release(
     key = None if access is None else AccessKey.read(access)
     release = None if is_image(bundle) else open_release(bundle, trust)
     if release is None:
-        # The ECU itself checks the image's signer and its hardware.
+        # The ECU itself checks the signer of the image, and the hardware that the image is for.
         name, image = opened(bundle).facts.name, bundle.read_bytes()
         console.print(f"image {name}, {len(image)} bytes")
     else:
