@@ -183,8 +183,8 @@ int sw_board_can_is_idle(void) { return CAN(TXBRP) == 0u || is_off(); }
 
 void sw_board_can_health(sw_bus_health *health)
 {
-    /* A bus-off sets INIT; clearing INIT begins the recovery of 128 times eleven recessive bits. INIT reads back late,
-     * because it passes to another clock, so it does not show another bus-off.
+    /* A bus-off sets INIT; clearing INIT begins the recovery of 128 times eleven recessive bits. Another bus-off shows
+     * in IR, because INIT changes late: it belongs to another clock domain.
      */
     for (uint32_t i = 0; i < MOST_BUS_OFFS && (CAN(IR) & IR_BUS_OFF) != 0u; i++) {
         CAN(IR) = IR_BUS_OFF;
@@ -196,6 +196,6 @@ void sw_board_can_health(sw_bus_health *health)
     const uint32_t errors = CAN(ECR);
     health->is_bus_off = (uint8_t)is_off();
     health->tx_errors = errors & 0xffu;
-    /* RP: the 7-bit counter is at the passive level or above. */
+    /* RP is set from 128 receive errors on, which the 7-bit counter cannot show. */
     health->rx_errors = ((errors >> 15) & 1u) != 0u ? 128u : (errors >> 8) & 0x7fu;
 }

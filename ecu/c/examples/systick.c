@@ -5,11 +5,10 @@
  *         -T examples/mps2_an500.ld -Wl,-e,sw_board_start -o ecu.elf
  *     qemu-system-arm -M mps2-an500 -nographic -icount shift=1,sleep=off -semihosting -kernel ecu.elf
  *
- * The program simulates the vehicle: the generated pressures.h has the frames of its control periods. The request for
- * control is low at first, since the ECU ignores a request that is present from the start. The program prints each
- * JetCommand, then its figures, and ends. On a vehicle, a CAN driver replaces `vehicle` and the printing. The interrupt
- * only counts. The step runs in the main loop, so that it does not delay other interrupts, above all those of the CAN
- * controller.
+ * The program simulates the vehicle with the frames of the generated pressures.h. The request for control begins low,
+ * since the ECU ignores a request that is present from the start. The program prints each JetCommand, then a summary,
+ * and ends. On a vehicle, a CAN driver replaces `vehicle` and the printing. The interrupt only counts. The step runs in
+ * the main loop, so that it does not delay other interrupts, above all those of the CAN controller.
  */
 #include "pressures.h"
 #include "sw_board_start.h"

@@ -1,7 +1,7 @@
 /* Measurement by XCP (DAQ): one dynamic list, and one event, the end of a control period. This file corresponds to
  * can_bridge/calibration/daq.py and measured.py.
  *
- * If a control period ends before all frames of an earlier period are sent, its measurement is skipped, so that all
+ * If a control period ends before all frames of an earlier period are sent, the new period is not measured, so that all
  * frames of a set belong to one period.
  */
 #ifndef SW_DAQ_H

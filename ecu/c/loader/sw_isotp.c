@@ -110,7 +110,7 @@ static uint32_t consecutive(sw_isotp *end, int64_t now_ns, const sw_frame *frame
 
 /* --- Transmission --- */
 
-/* Returns the bytes of the message being sent and of the waiting ones. */
+/* Returns the number of bytes of the message being sent and of the waiting messages. */
 static uint32_t used(const sw_isotp_queue *queue)
 {
     uint32_t bytes = queue->under_way;
@@ -356,7 +356,7 @@ int sw_isotp_poll(sw_isotp *end, int64_t now_ns, int room, sw_frame frames[SW_IS
     if (end->answer != NO_ANSWER && most > 0) {
         start_frame(&frames[0], now_ns);
         put(&frames[0], (uint32_t)FLOW << 4 | end->answer);
-        put(&frames[0], 0); /* block size 0: the sender may send all frames at once */
+        put(&frames[0], 0); /* block size 0: the sender needs no further flow control */
         put(&frames[0], 0); /* separation time 0: the sender need not pause between frames */
         pad(&frames[0]);
         end->answer = NO_ANSWER;

@@ -79,9 +79,7 @@ int sw_node_is_request(const sw_frame *frame);
 /* Returns whether sw_node_service has work to do without another frame. */
 int sw_node_is_busy(const sw_node *node);
 
-/* Returns whether the work in progress waits for flash or for frames to be sent: one call per millisecond is then
- * enough.
- */
+/* Returns whether the work waits for flash or for frames to be sent: one call per millisecond is then enough. */
 int sw_node_waits(const sw_node *node);
 
 int sw_node_wants_reset(const sw_node *node);

@@ -11,11 +11,9 @@
 
 /* Results of a handler besides a negative response code (SW_NRC_). */
 #define SW_UDS_DONE 0u /* the answer is positive */
-#define SW_UDS_MORE 1u /* the service continues, one piece per call */
+#define SW_UDS_MORE 1u /* the service needs further calls */
 
-/* The vehicle's request for control, as the control periods received it: while the request is valid nothing is
- * flashed.
- */
+/* The vehicle's request for control, from the control periods: while it is valid, nothing is flashed. */
 typedef struct {
     uint8_t has_asked;
     uint8_t drives_jets;

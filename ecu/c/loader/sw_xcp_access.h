@@ -1,6 +1,4 @@
-/* The unlocking of the calibration by a tool: seed and key of XCP. This file corresponds to XcpAccess in
- * can_bridge/calibration/xcp.py.
- */
+/* The unlocking of the calibration by seed and key of XCP, as XcpAccess in can_bridge/calibration/xcp.py. */
 #ifndef SW_XCP_ACCESS_H
 #define SW_XCP_ACCESS_H
 
