@@ -82,8 +82,7 @@ int sw_board_can_is_idle(void);
 
 #if SW_SECOC
 /* Writes the bus key and the freshness values of earlier power cycles to `found`, and counts this power cycle in memory
- * that survives a loss of the supply. Returns 0, or 1 if the cycle cannot be counted; the ECU then has no key and sends
- * nothing.
+ * that survives a loss of the supply. Returns 0, or 1 if it cannot count; the ECU then has no key and sends nothing.
  */
 int sw_board_authentication(sw_authentication *found);
 

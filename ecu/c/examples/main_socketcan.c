@@ -92,9 +92,7 @@ static int open_bus(const char *interface)
     return -1;
 }
 
-/* Returns the kernel's arrival time, converted from the settable clock to CLOCK_MONOTONIC; without one, the present
- * time.
- */
+/* Returns the kernel's arrival time, converted from the settable clock to CLOCK_MONOTONIC, or the present time. */
 static int64_t arrival_ns(struct msghdr *message)
 {
     const int64_t now_ns = clock_ns(CLOCK_MONOTONIC), date_ns = clock_ns(CLOCK_REALTIME);

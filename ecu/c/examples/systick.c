@@ -156,9 +156,7 @@ void sw_board_main(void)
     figures seen = {0, 0, 0, 0};
     (void)sw_ecu_init(&ecu); /* the reason at the end shows whether init refused */
 #if SW_SECOC
-    /* This key is only for the example: on a vehicle no debugger can read the key, and non-volatile memory counts the
-     * power cycle.
-     */
+    /* This key is only an example: on a vehicle no debugger can read it, and non-volatile memory counts the cycle. */
     const sw_authentication given = {PLAYED_KEY, 1, 0, 0};
     (void)sw_ecu_authenticate(&ecu, &given);
 #endif

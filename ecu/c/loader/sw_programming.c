@@ -41,9 +41,8 @@ uint8_t sw_programming_download(const sw_programming *programming, uint32_t offs
     return is_missing ? 0u : SW_NRC_OUT_OF_RANGE;
 }
 
-/* --- The self-test: it checks whether the running release computes correctly on this chip. This part corresponds to
- * ecu/flashable/self_test.py. The self-test uses the ECU's memory for the control step, whose content no later period
- * needs. ---
+/* --- The self-test checks whether the running release computes correctly on this chip, as ecu/flashable/self_test.py
+ * does. It uses the ECU's memory for the control step, whose content no later period needs. ---
  */
 
 #define AMPLITUDE 0.3f /* in Cp: a typical amplitude of a shedding wake at the rear edges */

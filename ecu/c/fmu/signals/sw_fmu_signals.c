@@ -37,9 +37,8 @@ static int32_t nearest(double value, int32_t least, int32_t most, int32_t otherw
     return found >= least && found <= most ? found : otherwise;
 }
 
-/* Converts an age to units of its signal. The age is rounded to the nearest unit; in the classic set, which has few
- * values, it is rounded up, so that no pressure looks fresher than it is. An age out of range, or NaN, becomes the last
- * value.
+/* Converts an age to units of its signal, rounding to the nearest; in the classic set, which has few values, rounding
+ * up, so that no pressure looks fresher than it is. An age out of range, or NaN, becomes the last value.
  */
 static int32_t age_steps(double seconds)
 {
