@@ -25,7 +25,7 @@ extern "C" {
 /* Initialises the ECU as at power-on: nothing is received or sent, the jets are shut, and the release's own calibration
  * is in force. Memory filled with zeros is not an initialised ECU: the zeros would mean that the request was seen low,
  * and that a sensor is excluded. Returns SW_REASON_NONE, or SW_REASON_INTERNAL if this build, or the present mode of
- * the processor, does not compute as exactly as the decisions need (sw_arithmetic; contraction). Every step repeats
+ * the processor, does not compute as exactly as the decisions need (sw_inexact). Every step repeats
  * this check and shuts the jets while it fails. The jets stay shut until the next init if a control step on a known
  * window differs from the exporter's (sw_known_answer). The check with the known window takes as long as the longest
  * step; a build with SW_WITHOUT_KNOWN_ANSWER omits it.
@@ -58,8 +58,7 @@ int sw_ecu_calibrate(sw_ecu *ecu, const sw_calibration *values);
 
 /* Continues from a saved state: `state` of an sw_ecu with the same release, settings and calibration. Returns 0, or 1
  * for a state that no ECU can reach, for example after a memory failure; the ECU is then unchanged. Only values that
- * would lead outside an array or a number's range are checked. A checksum is the task of the caller, which owns the
- * memory.
+ * would lead outside an array or a number's range are checked. A checksum is the task of the caller.
  */
 int sw_ecu_restore(sw_ecu *ecu, const sw_ecu_state *state);
 

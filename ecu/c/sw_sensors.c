@@ -67,9 +67,7 @@ static double others_mean(const double values[SW_SENSORS], int own)
     return (sum - values[own]) / (double)(SW_SENSORS - 1);
 }
 
-/* Returns the row of deviations for a hypothesis. For an exchange it is the sensor's own row, since all other sensors
- * estimate this sensor.
- */
+/* Returns a hypothesis's row of deviations: for an exchange the sensor's own, since all other sensors estimate it. */
 static int row_of(int hypothesis, int sensor) { return hypothesis < SW_SENSORS ? hypothesis : sensor; }
 
 /* Repeats the newest estimates in one more row for this period, and in one row for each skipped period. */

@@ -13,11 +13,11 @@
  *     whenever all frames have been sent and sw_node_wants_reset: reset the microcontroller.
  *
  * An image runs in place in the flash, or from a copy (sw_equipment). The copy is needed if the flash cannot be read
- * while one of its sectors is erased: an erasure takes a second on some chips, for which a control period without a copy
+ * while one of its sectors is erased: an erasure takes a second on some chips, and without the copy a control period
  * would have to wait. A transfer may overwrite the image that is running on trial. From the announcement of a transfer
  * until a reset, the ECU therefore sends unchanged counts and pressure counters, and refuses the self-test.
  *
- * A call executes at most one part of long work (hash, signature, erasure). For one node, no call may interrupt another.
+ * A call executes at most one part of long work (hash, signature, erasure). It must not interrupt a call for its node.
  */
 #ifndef SW_NODE_H
 #define SW_NODE_H
