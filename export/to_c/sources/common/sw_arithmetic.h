@@ -20,9 +20,7 @@ static inline float sw_unknown(float value)
 /* Returns 0 if the number has these bits. */
 static inline uint32_t sw_other(float value, uint32_t bits) { return sw_to_bits(value) ^ bits; }
 
-/* Returns 0 if the number differs from these bits by so few units of the last place that fused operations may explain
- * it.
- */
+/* Returns 0 if the number is within a few units in the last place of these bits, as fused operations may cause. */
 static inline uint32_t sw_far(float value, uint32_t bits) { return (sw_to_bits(value) - bits + 4u) & ~7u; }
 
 /* Returns whether a product is added without rounding: a product that rounds to 1, minus 1, is then not 0. */

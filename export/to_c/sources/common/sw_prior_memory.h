@@ -45,7 +45,7 @@ typedef struct {
     float rows[SW_PRIOR_MEMORY + SW_HORIZON][SW_PRIOR_ROW]; /* oldest first: the past, then the prediction */
     float schedule[SW_SCHEDULED];
     float inputs[SW_PRIOR_INPUTS];
-    float weight[SW_PRIOR_INPUTS + 1][SW_PRIOR_OUTPUTS]; /* weights of this control step, and a row read ahead */
+    float weight[SW_PRIOR_INPUTS + 1][SW_PRIOR_OUTPUTS]; /* this control step's weights; the last row is read ahead */
     float outputs[SW_PRIOR_OUTPUTS];
     float gated[SW_PRIOR_OUTPUTS]; /* the last layer's weights multiplied by the gates */
 } sw_prior_scratch;

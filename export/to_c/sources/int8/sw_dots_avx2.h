@@ -1,6 +1,4 @@
-/* sw_dots.h for x86 processors with AVX2: one instruction multiplies and adds eight pairs of numbers, which form a
- * tile.
- */
+/* sw_dots.h for x86 processors with AVX2: one instruction multiplies and adds a tile's eight pairs of numbers. */
 #ifndef SW_DOTS_AVX2_H
 #define SW_DOTS_AVX2_H
 
