@@ -13,8 +13,8 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
     /**
      * @param {Element} element to fill.
      * @param {object} what title, series [{label, colour, dash, width, step, gaps}] (`gaps` 'join' draws across
-     *   nulls), lines [{label, value, colour}], least and greatest of the axis (otherwise multiples of `snap` around the
-     *   data), height, sync (charts with equal sync share a cursor), x (whether times are labelled), onPick.
+     *   nulls), lines [{label, value, colour}], least and greatest of the axis (otherwise multiples of `snap` around
+     *   the data), height, sync (charts with equal sync share a cursor), x (whether times are labelled), onPick.
      */
     constructor(element, what) {
       this.what = {height: 150, snap: 0.1, x: true, digits: 2, ...what};
