@@ -100,7 +100,7 @@ typedef struct {
     uint8_t window[SW_E2E_WINDOW];
     uint32_t counts[SW_CHECKS];
 #if SW_SECOC
-    sw_verifier verifier; /* checks each frame before E2E does */
+    sw_verifier verifier; /* state of the authentication, which precedes the E2E check */
 #endif
 } sw_receiver;
 
@@ -149,7 +149,7 @@ typedef struct {
     uint32_t frozen; /* number of a plan's first actions that are in transit, because of the actuator's delay */
     double under_way[SW_HORIZON]; /* the latest `frozen` + 1 sent actions, oldest first; then zeros */
 #if SW_PAST > 0
-    sw_past past; /* source of the window */
+    sw_past past; /* record from which the window is resampled */
 #endif
 } sw_memory;
 

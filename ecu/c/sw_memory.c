@@ -19,7 +19,7 @@ static int clipped(int index, int last)
 
 static void extended(sw_memory *memory, const double cp[SW_SENSORS], double speed)
 {
-    double row[SW_COLUMNS]; /* cp may be a row of the window */
+    double row[SW_COLUMNS]; /* a copy, since cp may be a row of the window */
     for (int s = 0; s < SW_SENSORS; s++) row[s] = cp[s];
     row[SW_SENSORS] = memory->under_way[0] / speed;
 #if SW_PAST > 0

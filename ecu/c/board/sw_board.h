@@ -31,7 +31,7 @@
 #define SW_BOARD_FLASH_BANK 0x08100000u
 #define SW_BOARD_FLASH_SECTORS 8u
 #define SW_BOARD_BACKUP 0x38800000u /* SRAM that survives a loss of the supply; sw_board_power_on enables it */
-#define SW_BOARD_ERASE_NS INT64_C(5000000000) /* an erasure that takes longer has failed; at most 4 s (DS12110) */
+#define SW_BOARD_ERASE_NS INT64_C(5000000000) /* limit of an erasure; the chip needs at most 4 s (DS12110) */
 
 /* --- Declarations that are the same for every board --- */
 

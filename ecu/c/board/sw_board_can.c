@@ -41,11 +41,11 @@
 #define PSR_BUS_OFF 0x80u
 #define IR_NEW_IN_FIFO_0 1u
 #define IR_BUS_OFF 0x2000000u /* the bus-off state has changed since the bit was cleared */
-#define MOST_BUS_OFFS 8u      /* largest number of bus-off events counted at once */
+#define MOST_BUS_OFFS 8u      /* largest number of bus-off events counted per call */
 #define REFUSE_REMOTE_AND_OTHERS 0x2bu             /* GFC: refuses remote frames and frames that match no filter */
 #define FILTER_TO_FIFO_0 ((2u << 30) | (1u << 27)) /* classic filter: identifier and mask */
 #define EXTENDED_TO_FIFO_0 (1u << 29)              /* first word of a 29-bit filter, with the identifier */
-#define EXTENDED_MASK ((2u << 30) | 0x1fffffffu)   /* second word: classic, and the mask */
+#define EXTENDED_MASK ((2u << 30) | 0x1fffffffu)   /* second word of a 29-bit filter: classic, with the mask */
 #define ELEMENT_64_BYTES 7u
 #define STANDARD_SHIFT 18u
 #define XTD 0x40000000u
@@ -161,7 +161,7 @@ volatile uint32_t sw_board_lost;
 
 int sw_board_can_send(const sw_frame *frame, uint32_t place)
 {
-    /* Frames that wait while the controller is bus-off would be sent late, when they are outdated. */
+    /* Frames that wait while the controller is bus-off would be outdated when sent, so they are cancelled. */
     const int off = is_off();
     const uint32_t mine = UINT32_C(1) << place, old = CAN(TXBRP) & (off ? UINT32_MAX : mine);
     if (old != 0u) CAN(TXBCR) = old;

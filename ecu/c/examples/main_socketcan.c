@@ -220,7 +220,7 @@ static int period(int bus, int64_t *due_ns)
 
 static const char *freshness_file;
 
-/* Reads 32 hexadecimal digits; returns -1 if there are none. */
+/* Reads a key of 32 hexadecimal digits; returns -1 on failure. */
 static int read_key(const char *path, uint8_t key[SW_AES_BYTES])
 {
     FILE *file = fopen(path, "r");

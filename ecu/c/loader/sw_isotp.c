@@ -145,7 +145,7 @@ static int64_t separation_ns(uint32_t code)
     return (code < LONGEST_MS ? code : LONGEST_MS) * MS;
 }
 
-/* Takes the receiver's flow control; it is ignored if none is due. */
+/* Takes the receiver's flow control; ignores it if no flow control is due. */
 static void flow(sw_isotp *end, int64_t now_ns, const sw_frame *frame)
 {
     if (frame->length < 3u || end->state != WAITING) return;

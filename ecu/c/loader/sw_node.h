@@ -48,7 +48,7 @@ typedef struct {
     uint8_t is_full;   /* whether frames wait because there was no room */
     uint8_t has_begun; /* whether sw_node_service has run since power-on; its first run was at begun_ns */
     int64_t begun_ns;
-    sw_ecu ecu; /* last; the caller writes `ecu.surroundings.health` as for sw_ecu_step */
+    sw_ecu ecu; /* last member; the caller writes `ecu.surroundings.health` as for sw_ecu_step */
 } sw_node;
 
 /* Powers on: boots the release in the flash memory. `message` has SW_ISOTP_MOST bytes. All arguments must stay valid as

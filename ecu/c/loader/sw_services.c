@@ -7,7 +7,7 @@
 #define START 1u
 #define PLAIN 0x00u         /* data format of a download: neither compressed nor encrypted */
 #define FOUR_AND_FOUR 0x44u /* numbers of bytes for length and address in a download request */
-#define TWO_BYTES 0x20u     /* format of the block length in its answer */
+#define TWO_BYTES 0x20u     /* format of the block length in the answer to a download request */
 #define P2_UNIT_MS 10u
 #define ENABLE 0u
 #define DISABLE_SENDING 1u

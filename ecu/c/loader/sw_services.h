@@ -26,7 +26,7 @@ typedef struct {
 
 typedef enum { SW_NO_TRANSFER, SW_TRANSFER_OPEN, SW_TRANSFER_CLOSED } sw_transfer_state;
 
-/* A requested download. The SHA-256 of the last block serves to acknowledge it again. */
+/* A requested download. The SHA-256 of the last block serves to acknowledge a repeated last block. */
 typedef struct {
     uint8_t state;    /* sw_transfer_state */
     uint8_t expected; /* counter of the next block */

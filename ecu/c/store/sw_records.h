@@ -43,7 +43,7 @@ typedef struct {
     uint8_t other;                     /* sw_records_other */
     uint32_t sector;                   /* the valid sector; SW_RECORD_SECTORS: none */
     uint32_t sequence;                 /* sequence number of the valid sector; the later number is newer */
-    uint32_t end;                      /* word after the last written one */
+    uint32_t end;                      /* word after the last written word */
     uint32_t words[SW_RECORD_KINDS];   /* first word of the newest record of each kind; 0: none */
     uint32_t lengths[SW_RECORD_KINDS]; /* lengths of the newest records of each kind, in bytes */
 } sw_records;
@@ -61,7 +61,7 @@ void sw_records_care(sw_records *records);
 int sw_records_begin_erasing(sw_records *records, uint32_t sector);
 sw_flash_state sw_records_erased(sw_records *records);
 
-/* Returns whether a record of `length` bytes fits after the last one. */
+/* Returns whether a record of `length` bytes fits after the last record. */
 int sw_records_have_room(const sw_records *records, uint32_t length);
 
 /* Copies bytes of a record from `offset` on. Returns 1 if the record is missing, too short or unreadable. */

@@ -67,7 +67,7 @@ static void put_frame(fmu_side *side, const sw_frame *frame)
     if (place == NULL) return;
     put_number(place, frame->id, 4);
     place[4] = frame->is_extended;
-    place[5] = frame->is_fd; /* bit rate switch for CAN FD; for CAN: no remote frame */
+    place[5] = frame->is_fd; /* CAN FD: bit rate switch on; CAN: no remote frame */
     if (frame->is_fd) place[6] = side->status == ERROR_PASSIVE;
     put_number(place + before - 2, frame->length, 2);
     (void)memcpy(place + before, frame->data, frame->length);

@@ -6,7 +6,7 @@
 
 #include "sw_workspace.h"
 
-/* Tiles of four rows that share the loads of a vector. */
+/* Number of tiles of four rows that share the loads of a vector. */
 #define SW_BESIDE 8
 
 /* Returns `sums`, which has two numbers for each row, plus the products of a tile with four numbers of the vector in
