@@ -1,9 +1,9 @@
 /* The ECU around a control step: it takes CAN frames and returns a jet command and a status, once a control period.
  *
- * It corresponds to the Python ECU (ecu), which is its specification: equal frames at equal times lead to equal frames
- * and an equal state. The code is freestanding C99, without allocation, recursion, library calls or static state: all
- * memory is in the caller's sw_ecu. The generated sw_ecu_settings.h has the messages of the DBC, the parameters of the
- * release that is compiled in, and the vehicle's settings.
+ * The Python ECU (ecu) is the specification of this code: equal frames at equal times lead to equal frames and an equal
+ * state. The code is freestanding C99, without allocation, recursion, library calls or static state: all memory is in
+ * the caller's sw_ecu. The generated sw_ecu_settings.h has the messages of the DBC, the parameters of the release that
+ * is compiled in, and the vehicle's settings.
  *
  *     static sw_ecu ecu;
  *     sw_ecu_init(&ecu);

@@ -1,7 +1,7 @@
 /* A driver of Bosch's M_CAN (user's manual, revision 3.3), which polls the controller. Received frames come through
- * FIFO 0. Each frame of control is sent from its own transmit buffer, other frames through the transmit FIFO, which
- * follows these buffers. Whenever the bus is free, the controller sends the frame with the lowest identifier, from a
- * buffer or the head of the FIFO. Each element of the message RAM has room for 64 bytes of data.
+ * FIFO 0. Each control frame has a separate transmit buffer; other frames go through the transmit FIFO, which follows
+ * these buffers. Whenever the bus is free, the controller sends the frame with the lowest identifier, from a buffer or
+ * the head of the FIFO. Each element of the message RAM has room for 64 bytes of data.
  */
 #include <stddef.h>
 

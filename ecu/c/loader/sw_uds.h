@@ -26,8 +26,8 @@ typedef struct sw_services sw_services;
 #define SW_IN_ALL (SW_IN_DEFAULT | SW_IN_PROGRAMMING | SW_IN_EXTENDED)
 
 /* A service. `body` has the request's bytes after the service's number, without the bit that suppresses the answer;
- * `answer` begins with the number of the positive answer. Both functions return SW_UDS_DONE, SW_UDS_MORE or the SW_NRC_
- * of the refusal.
+ * `answer` begins with the number of the positive answer. `handle` and `go_on` return SW_UDS_DONE, SW_UDS_MORE or the
+ * SW_NRC_ of the refusal.
  */
 typedef struct {
     uint8_t number;

@@ -6,8 +6,8 @@
  *     confirm                         keeps the image; the least security version rises to the image's version
  *     revert                          lets the previous release boot again
  *
- * A power loss may interrupt any call: from the state stored before, the next boot finds a valid image, if there was
- * one. The code is freestanding, without allocation or static state. Long work is done in parts: after SW_STORE_MORE,
+ * A power loss may interrupt any call: the state stored before then lets the next boot find a valid image, if one was
+ * there. The code is freestanding, without allocation or static state. Long work is done in parts: after SW_STORE_MORE,
  * call sw_store_go_on until it returns another result. The calls above, boot and drop discard such work before they
  * begin, and wait for a running erasure. While sw_store_is_erasing, call only sw_store_go_on and the functions that
  * read state, facts and report.

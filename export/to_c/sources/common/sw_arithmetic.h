@@ -1,10 +1,10 @@
 /* The check that a build computes floats as C99 and IEEE 754 define: a known answer.
  *
- * It detects sums and products in another order, divisions replaced by products, more digits than the type has, small
- * numbers taken as zero, the assumption that numbers are never NaN or infinite, zeros without a sign, and rounding
- * other than to the nearest. The cause may be the compiler, or the present mode of the processor. The inputs are
- * unknown to the compiler, so that it treats this code like all other code with these flags. sw_compiler.h rejects the
- * cases that a macro shows.
+ * The check detects sums and products in another order, divisions replaced by products, more digits than the type has,
+ * small numbers taken as zero, the assumption that numbers are never NaN or infinite, zeros without a sign, and
+ * rounding other than to the nearest. The cause may be the compiler, or the present mode of the processor. The inputs
+ * are unknown to the compiler, so that it treats this code like all other code with these flags. sw_compiler.h rejects
+ * the cases that a macro shows.
  */
 #ifndef SW_ARITHMETIC_H
 #define SW_ARITHMETIC_H

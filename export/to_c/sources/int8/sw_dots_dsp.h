@@ -75,7 +75,7 @@ static inline void sw_dots(int32_t *restrict y, const int8_t *restrict w, const 
 
 /* Multiplies pairs of rows by both vectors; every second pair begins in the middle of a tile. The stack has at 0 y; at
  * 4 the number of rows left; at 8 and 12 the bytes by which w and x advance in a row of tiles, including loads ahead;
- * at 16 the address of w after the last tile; at 20 the distance from it to the next pair, of two values in turn.
+ * at 16 the address of w after the last tile; at 20 the distance from it to the next pair, one of two values in turn.
  */
 #define SW_TWO_ROWS_TWICE(tiles)                                                                                 \
     __asm__ volatile("sub sp, #24\n" "strd %[s0], %[s1], [sp]\n" "strd %[s2], %[s3], [sp, #8]\n"           \

@@ -5,7 +5,7 @@
  * = ELU'(y) gain dJ/dh, the adjoint is dJ/du = r (t - mean t - xhat mean(t xhat)), and ELU' = min(h, 0) + 1.
  *
  * A norm does not depend on its input's unit, so u is an integer in a unit of the layer, which is as fine as the
- * layer's largest sum allows. Only values of which a layer has one are float. Constants are grouped in eights, for
+ * layer's largest sum allows. Only values that exist once per layer are float. Constants are grouped in eights, for
  * processors that take eight at a time. Padding has zeros for constants, so it has no effect.
  */
 #ifndef SW_NORM_H
