@@ -191,8 +191,8 @@ static double sound_deviation(const sw_release *release)
     return mean_of(sound);
 }
 
-/* Returns whether the median of the other pressures moved, as in a flow, in the periods in which this sensor was stuck.
- * Rows before row `first` are taken to be equal to row `first`.
+/* Returns whether the median of the other pressures moved, which shows a flow, in the periods in which this sensor was
+ * stuck. Rows before row `first` are taken to be equal to row `first`.
  */
 static int others_move(const sw_release *release, int resting, const double window[SW_WINDOW][SW_COLUMNS], int first)
 {

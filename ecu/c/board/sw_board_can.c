@@ -183,8 +183,8 @@ int sw_board_can_is_idle(void) { return CAN(TXBRP) == 0u || is_off(); }
 
 void sw_board_can_health(sw_bus_health *health)
 {
-    /* A bus-off sets INIT; clearing INIT begins the recovery of 128 times eleven recessive bits. Another bus-off shows
-     * in IR, because INIT changes late: it belongs to another clock domain.
+    /* A bus-off sets INIT; clearing INIT begins the recovery of 128 times eleven recessive bits. The loop detects
+     * another bus-off in IR, because INIT changes late: INIT belongs to another clock domain.
      */
     for (uint32_t i = 0; i < MOST_BUS_OFFS && (CAN(IR) & IR_BUS_OFF) != 0u; i++) {
         CAN(IR) = IR_BUS_OFF;

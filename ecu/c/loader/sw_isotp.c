@@ -83,8 +83,8 @@ static void first(sw_isotp *end, int64_t now_ns, const sw_frame *frame)
     sw_bytes_copy(end->message, &data[2], end->received);
 }
 
-/* Takes the next piece. Only the last frame may be shorter than the first. A shorter frame before the last is ignored;
- * the frame after it then has the wrong sequence number.
+/* Takes a consecutive frame. Only the last frame may be shorter than the first. A shorter frame before the last is
+ * ignored; the frame after it then has the wrong sequence number.
  */
 static uint32_t consecutive(sw_isotp *end, int64_t now_ns, const sw_frame *frame)
 {

@@ -51,8 +51,8 @@ typedef struct {
     sw_ecu ecu; /* last member; the caller writes `ecu.surroundings.health` as for sw_ecu_step */
 } sw_node;
 
-/* Powers on: boots the release in the flash memory. `message` has SW_ISOTP_MOST bytes. All arguments must stay valid as
- * long as the node is used. Returns the result of sw_ecu_init.
+/* Boots the release in the flash memory, at power-on. `message` has SW_ISOTP_MOST bytes. All arguments must stay valid
+ * as long as the node is used. Returns the result of sw_ecu_init.
  */
 int sw_node_init(sw_node *node, const sw_equipment *equipment, const sw_flash *flash, uint8_t *message);
 

@@ -73,8 +73,8 @@ typedef struct sw_weights {
     SW_ALIGNED float dyn3_scale[SW_LATENT_P];
     SW_ALIGNED float state_inverse_scale;
 
-    /* Decoder. The sum of its residuals has a separate unit, in which residual_of_elu is the integer 1 of an ELU's
-     * output; residual_factor are sw_scaled's factors from the sum to the inputs of the blocks and the last layer.
+    /* Decoder. The sum of residuals has a separate unit, in which residual_of_elu is the integer 1 of an ELU's output;
+     * sw_scaled with residual_factor converts the sum to the inputs of the blocks and of the last layer.
      */
     SW_ALIGNED int8_t decoder_rows[SW_DECODER_P * SW_LATENT_P + SW_AHEAD];
     SW_ALIGNED int8_t decoder_adjoint_rows[SW_LATENT_P * SW_DECODER_P + SW_AHEAD];
