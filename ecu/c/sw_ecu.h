@@ -10,8 +10,8 @@
  *     every control period:
  *         count = sw_ecu_step(&ecu, now_ns, frames_in, n, frames_out);   send frames_out[0 .. count - 1]
  *
- * Decisions are made in integers and doubles, in the Python ECU's order of operations, so that both ECUs decide equally,
- * bit for bit. The control step and the sensor estimates use float and int8.
+ * Decisions are made in integers and doubles, in the Python ECU's order of operations, so that both ECUs' decisions are
+ * equal bit for bit. The control step and the sensor estimates use float and int8.
  */
 #ifndef SW_ECU_H
 #define SW_ECU_H
