@@ -28,7 +28,7 @@ static inline uint8_t sw_request_refusal(const sw_vehicle_request *request)
     return (uint8_t)(request->drives_jets || asks ? SW_NRC_CONDITIONS_NOT_CORRECT : 0u);
 }
 
-/* Returns the refusal for a result of the store; SW_UDS_DONE or SW_UDS_MORE if the store does not refuse. */
+/* Converts a result of the store to SW_UDS_DONE, SW_UDS_MORE or the SW_NRC_ of the refusal. */
 static inline uint8_t sw_store_refusal(sw_store_result result)
 {
     static const uint8_t codes[] = { /* codes in the order of sw_store_result */

@@ -105,7 +105,7 @@ typedef struct {
     uint8_t announced;   /* the slot of the present transfer; or SW_NO_SLOT */
     uint8_t verdict;     /* result of `finish` and `revert` */
     uint32_t wanted;     /* result of `announce`: offset of the next bytes to send */
-    /* Work in pieces. */
+    /* Long work, which is done in parts. */
     uint8_t work, slot;  /* sw_work, and its slot */
     uint32_t at, until;  /* sectors to erase, or bytes to read or append: finished number, and total */
     const uint8_t *data; /* bytes to append */

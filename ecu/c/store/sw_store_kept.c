@@ -16,7 +16,7 @@ static const uint8_t magic[MAGIC] = {'S', 'W', 'S', '1'};
 
 void sw_state_empty_slot(sw_slot_state *slot)
 {
-    static const sw_slot_state empty_slot = {0}; /* SW_PHASE_EMPTY */
+    static const sw_slot_state empty_slot = {0}; /* its phase is SW_PHASE_EMPTY */
     *slot = empty_slot;
 }
 
