@@ -1,5 +1,5 @@
 'use strict';
-/** The ECU in C as WebAssembly, and a vehicle that plays a recorded drive to it in CAN frames. Neither needs a page. */
+/** The ECU's C code as WebAssembly, and a simulated vehicle that sends it a recorded drive in CAN frames. */
 var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
 
 (() => {
@@ -9,7 +9,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
   const bytesOf = (text) => Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
   const stepsOf = (text) => new Int16Array(bytesOf(text).buffer);
 
-  /** Signals [first bit, bits, whether signed, scale] count bits from the lowest of the first byte on, as in the DBC. */
+  /** Writes a signal [first bit, bits, ...]; bits count from the lowest bit of the first byte, as in the DBC. */
   const put = (data, [start, bits], steps) => {
     for (let i = 0; i < bits; i += 1) data[(start + i) >> 3] |= ((steps >> i) & 1) << ((start + i) & 7);
   };
@@ -19,7 +19,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
     return (isSigned && steps >= 2 ** (bits - 1) ? steps - 2 ** bits : steps) * scale;
   };
 
-  /** All signals of a frame by name, in their units. */
+  /** Returns all signals of a frame by name, in their units. */
   stillwake.signalsOf = (message, data) =>
     Object.fromEntries(Object.entries(message.signals).map(([name, signal]) => [name, taken(data, signal)]));
 
@@ -29,7 +29,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       return new this(instance.exports, facts);
     }
 
-    /** The ECU's memory and that of its frames lie behind the program's own. */
+    /** Places the memory of the ECU and of its frames after the program's own memory. */
     constructor(code, facts) {
       const frames = MOST_FRAMES * facts.layout.frame;
       this.code = code;
@@ -44,13 +44,13 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       this.powerOn();
     }
 
-    /** Throws an Error where this machine does not compute as exactly as the ECU's decisions need. */
+    /** Throws an Error if this machine does not compute as exactly as the ECU's decisions need. */
     powerOn() {
       const refused = this.code.sw_ecu_init(this.ecu);
       if (refused !== this.facts.none) throw new Error(`the ECU refuses to run: ${this.facts.reasons[refused]}`);
     }
 
-    /** Takes values in the order of a calibration; returns 0, or the number of the first that is out of range. */
+    /** Sets a calibration, in its order; returns 0, or the number of the first value that is out of range. */
     calibrate(values) {
       values.slice(0, -1).forEach((value, i) => this.view.setFloat32(this.values + 4 * i, value, true));
       this.view.setUint32(this.values + 4 * (values.length - 1), values.at(-1), true);
@@ -65,12 +65,12 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       return Array.from({length: count}, (_, i) => this.read(this.sent + i * this.facts.layout.frame));
     }
 
-    /** The operating mode by its name, which is more than the ECU tells on the bus. */
+    /** Returns the name of the operating mode; the frames on the bus contain less detail. */
     get state() {
       return this.facts.states[this.view.getUint8(this.ecu + this.facts.layout.mode)];
     }
 
-    /** Adds the end-to-end protection of a message to its data. */
+    /** Writes the end-to-end protection of a message into its data. */
     protect(message, data, counter) {
       const place = new Uint8Array(this.code.memory.buffer, this.received, data.length);
       place.set(data);
@@ -95,7 +95,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
     }
   };
 
-  /** Numbers from 0 to 1, the same at every start (mulberry32). */
+  /** Returns a generator of numbers from 0 to 1 (mulberry32), whose sequence depends only on the seed. */
   const random = (seed) => () => {
     seed = (seed + 0x6d2b79f5) | 0;
     let t = Math.imul(seed ^ (seed >>> 15), 1 | seed);
@@ -103,11 +103,11 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
     return ((t ^ (t >>> 14)) >>> 0) / 2 ** 32;
   };
 
-  /** What a reader can change: speed in m/s; a sensor's number, or -1; shares of the pressure frames. */
+  /** Settings of a reader: speed in m/s; number of a faulty sensor, or -1; shares of the pressure frames. */
   stillwake.SOUND = {request: false, speed: 0, sensor: -1, fault: 'zero', lost: 0, damaged: 0};
 
   stillwake.Vehicle = class {
-    /** @param {EcuInWasm} ecu computes the frames' protection. */
+    /** @param {EcuInWasm} ecu protects the frames. */
     constructor(ecu, drive = 0) {
       this.ecu = ecu;
       this.facts = ecu.facts;
@@ -115,7 +115,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       this.choose(drive);
     }
 
-    /** Begins a drive of the recording, at its design speed. */
+    /** Begins a recorded drive, at the speed that is set. */
     choose(number) {
       const {pressures, flow} = this.facts.drives[number];
       [this.drive, this.recorded] = [stepsOf(pressures), stepsOf(flow)];
@@ -127,12 +127,12 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       return this.row > this.recorded.length - 2;
     }
 
-    /** The command that the jets followed when the drive was recorded, in m2/s at the present speed. */
+    /** Returns the command that the jets followed in the recording, in m2/s at the present speed. */
     get command() {
       return this.recorded[Math.floor(this.row)] * this.facts.messages.command.signals.Flow[3] * this.ratio;
     }
 
-    /** Pressures as the sensors read them, in steps of the message: as recorded, times the square of the speed. */
+    /** Returns the sensors' readings, in steps of the message: as recorded, times the square of the speed ratio. */
     pressures() {
       const {sensors, pressure_limit: limit} = this.facts;
       const [row, part] = [Math.floor(this.row), this.row % 1];
@@ -148,7 +148,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       return steps;
     }
 
-    /** The frames of the next control period that reach the ECU. */
+    /** Returns the frames of the next control period that reach the ECU. */
     frames() {
       const {messages, sensors, speed} = this.facts;
       const {request, sensor, fault, lost, damaged, speed: wanted} = this.settings;
@@ -164,7 +164,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       this.ecu.protect(messages.speed, cruise.data, this.sent % messages.speed.counters);
       this.row += this.ratio;
       this.sent += 1;
-      const most = 0.1 / speed; // 5 m/s each second
+      const most = 0.1 / speed; // an acceleration of 5 m/s2
       this.ratio += Math.min(most, Math.max(-most, wanted / speed - this.ratio));
       const [a, b, place] = [this.random(), this.random(), Math.floor(this.random() * 8 * pressure.data.length)];
       if (b < damaged) pressure.data[place >> 3] ^= 1 << (place & 7);

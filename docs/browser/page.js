@@ -1,5 +1,5 @@
 'use strict';
-/** The page: it plays a drive in real time, shows what is on the bus, and passes on what a reader changes. */
+/** The page: it runs a drive in real time, shows the frames on the bus, and applies the reader's settings. */
 var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
 
 (() => {
@@ -137,7 +137,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       write(at('pause'), paused ? 'Go on' : 'Pause');
     }
 
-    /** Powers the ECU on at the beginning of a drive; the request for control comes later. */
+    /** Powers the ECU on at the beginning of a drive; control is requested REQUEST_S later. */
     begin(number = this.number) {
       this.number = number;
       this.k = 0;
@@ -158,7 +158,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       this.status = null;
     }
 
-    /** Ends all faults, and raises the request anew. An ECU that has set a sensor aside uses it after a restart. */
+    /** Ends all faults and renews the request. A restart includes an excluded sensor again. */
     clear() {
       if (this.aside) this.powerOn();
       Object.assign(this.vehicle.settings, SOUND, {speed: this.facts.speed});
@@ -183,7 +183,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       this.show();
     }
 
-    /** One control period of the vehicle and the ECU. */
+    /** Simulates one control period of the vehicle and the ECU. */
     period() {
       if (this.vehicle.ended) this.begin();
       if (this.time >= this.request_at) {

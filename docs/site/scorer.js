@@ -1,4 +1,4 @@
-// Sphinx's scores, but pages that were written for readers come before the API and the changes, which have every word.
+// Scores like Sphinx, but ranks written pages before the API pages and the changelog, which contain nearly every word.
 var Scorer = {
   score: (result) => result[4] * (/^generated\/api\/|CHANGELOG/.test(result[0]) ? 0.2 : 1),
   objNameMatch: 11,

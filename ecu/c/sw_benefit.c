@@ -1,6 +1,5 @@
 /* The benefit check: whether control reduces the suction on the base and the pressure differences of mirrored sensors,
- * compared with the wake while the jets are shut. This file corresponds to ecu/benefit_check.py, which gives the
- * reasons.
+ * compared with the wake while the jets are shut (reasons: ecu/benefit_check.py).
  */
 #include "sw_ecu_parts.h"
 
@@ -13,9 +12,7 @@ typedef struct {
 
 static double magnitude(double value) { return value < 0.0 ? -value : value; }
 
-/* Returns suction and swing of the release's wake without jets at a speed, in Cp, interpolated linearly between two
- * stored speeds.
- */
+/* Returns suction and swing of the release's wake without jets at a speed, in Cp, interpolated linearly. */
 static measured stated_at(const sw_release *release, double speed)
 {
     const double *before = release->resting[0];
@@ -49,9 +46,7 @@ static measured measure(const sw_release *release, const double *cp, double spee
 
 static uint32_t at_most(uint32_t count, uint32_t most) { return count < most ? count : most; }
 
-/* Returns a mean without control. While the mean has too few periods, it returns the release's value if that is
- * larger.
- */
+/* Returns a mean without control; while it has too few periods, the release's value if that is larger. */
 static double resting(const sw_benefit *benefit, double mean)
 {
     return benefit->rested < SW_PROVEN_PERIODS && mean < 1.0 ? 1.0 : mean;
@@ -114,9 +109,7 @@ static void drive(sw_benefit *benefit, const sw_release *release, const double *
     if (benefit->doubt >= SW_BENEFIT_DOUBT) benefit->tested_at = speed;
 }
 
-/* Runs a period of a test. A test compares control with the wake since the jets were shut; later shedding cycles of the
- * test count more.
- */
+/* Runs a period of a test, which compares control with the mean of the wake since the jets were shut. */
 static uint8_t test(sw_benefit *benefit, const sw_release *release, const double *cp, double speed)
 {
     if (cp == NULL) return SW_REASON_NONE;

@@ -14,7 +14,7 @@ void sw_calibration_bounds(const float weights[SW_TERMS], sw_calibration *low, s
     *low = least;
     *high = greatest;
     for (int i = 0; i < SW_TERMS; i++) {
-        /* A release's own weight may be greater than a calibrated one. */
+        /* A release's own weight may be greater than the general limit. */
         if (weights[i] > high->weights[i]) high->weights[i] = weights[i];
     }
 }
@@ -33,7 +33,7 @@ int sw_calibration_beyond(const sw_calibration *values, const sw_release *releas
 
 void sw_calibration_own(const sw_release *release, sw_calibration *own)
 {
-    *own = greatest; /* the limits of the jets are the vehicle's */
+    *own = greatest; /* the jets' limits come from the vehicle, not from the release */
     for (int i = 0; i < SW_TERMS; i++) own->weights[i] = release->weights[i];
     own->delay_steps = SW_DELAY_STEPS;
 }
@@ -42,9 +42,7 @@ sw_gate_limits sw_calibration_limits(const sw_calibration *values)
 {
     sw_gate_limits limits = {SW_GATE_FLOW, SW_GATE_STEP}; /* the vehicle's bounds, as doubles */
     if (values->action_limit < greatest.action_limit) {
-        /* The range ends on a step of the message's resolution. The small number prevents that rounding takes a step
-         * from a limit that is itself such a step.
-         */
+        /* The range ends on a step of the message; 1e-6 keeps rounding from lowering a limit that is itself a step. */
         const double steps = (double)values->action_limit * SW_FLOW_SCALE / SW_FLOW_RESOLUTION + 1e-6;
         limits.flow_m2_per_s = (double)(int32_t)steps * SW_FLOW_RESOLUTION;
     }

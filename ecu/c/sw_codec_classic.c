@@ -1,4 +1,4 @@
-/* The messages of the classic set, as laid out in the DBC: eight bytes each. */
+/* The messages of the classic set, as laid out in the DBC; each has eight bytes. */
 #include "sw_codec_bytes.h"
 
 #if !SW_FRAMES_FD
@@ -11,7 +11,7 @@
 
 /* Constants of the message PressureClassic. */
 #define ENABLE_REQUEST 0x10u
-#define AGE_LIMIT 7u /* this value means this age or a greater age */
+#define AGE_LIMIT 7u /* this value means this age or a greater one */
 #define PRESSURES 2  /* first byte; two pressures of 12 bits take three bytes */
 
 /* Constants of the message VehicleSpeedClassic. */

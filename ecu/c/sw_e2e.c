@@ -1,8 +1,7 @@
 /* AUTOSAR end-to-end protection (PRS_E2EProtocol) of the messages in use: profile 5 for CAN FD, profile 2 for classic
  * CAN, where the 16 data IDs of a message are equal to each other.
  *
- * The CRCs are computed half byte by half byte: the table has 16 entries instead of 256, and the loop has no branch on
- * the data.
+ * The CRCs are computed half byte by half byte: the table has only 16 entries, and no branch depends on the data.
  */
 #include "sw_ecu_parts.h"
 

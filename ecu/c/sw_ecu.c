@@ -30,7 +30,7 @@ static double present_speed(const sw_ecu_state *state, const sw_release *release
 #endif
 }
 
-/* Adds this period's row to the window. At a speed outside the release's range it empties the window instead. */
+/* Adds this period's row to the window, or empties the window at a speed outside the release's range. */
 static void with_row(sw_ecu_state *state, const sw_release *release, const double *cp)
 {
     sw_memory *memory = &state->memory;
@@ -180,7 +180,7 @@ static int32_t steps_of(double flow_m2_per_s)
     return whole;
 }
 
-/* Passes on to the fail-safe, for the bus, the reason why the gate shut the jets. */
+/* Passes the reason why the gate shut the jets to the fail-safe, which reports it on the bus. */
 static void told_by_the_gate(sw_fail_safe *fail_safe, uint8_t interventions)
 {
     if ((interventions & SW_GATED_NOT_FINITE) != 0) sw_fail_safe_latch(fail_safe, SW_REASON_INTERNAL);

@@ -1,17 +1,17 @@
 /* The ECU around a control step: it takes CAN frames and returns a jet command and a status, once a control period.
  *
- * It corresponds to the Python ECU (ecu), which is its specification: equal frames at equal times lead to equal frames
- * and an equal state. The code is freestanding C99, without allocation, recursion, library calls or static state: all
- * memory is in the caller's sw_ecu. The generated sw_ecu_settings.h has the messages of the DBC, the parameters of the
- * release that is compiled in, and the vehicle's settings.
+ * The Python ECU (ecu) is the specification of this code: equal frames at equal times lead to equal frames and an equal
+ * state. The code is freestanding C99, without allocation, recursion, library calls or static state: all memory is in
+ * the caller's sw_ecu. The generated sw_ecu_settings.h has the messages of the DBC, the parameters of the release that
+ * is compiled in, and the vehicle's settings.
  *
  *     static sw_ecu ecu;
  *     sw_ecu_init(&ecu);
  *     every control period:
  *         count = sw_ecu_step(&ecu, now_ns, frames_in, n, frames_out);   send frames_out[0 .. count - 1]
  *
- * Decisions are made in integers and doubles, in the Python ECU's order of operations, so that they are equal bit for
- * bit. The control step and the sensor estimates use float and int8.
+ * Decisions are made in integers and doubles, in the Python ECU's order of operations, so that both ECUs' decisions are
+ * equal bit for bit. The control step and the sensor estimates use float and int8.
  */
 #ifndef SW_ECU_H
 #define SW_ECU_H
@@ -25,7 +25,7 @@ extern "C" {
 /* Initialises the ECU as at power-on: nothing is received or sent, the jets are shut, and the release's own calibration
  * is in force. Memory filled with zeros is not an initialised ECU: the zeros would mean that the request was seen low,
  * and that a sensor is excluded. Returns SW_REASON_NONE, or SW_REASON_INTERNAL if this build, or the present mode of
- * the processor, does not compute as exactly as the decisions need (sw_arithmetic; contraction). Every step repeats
+ * the processor, does not compute as exactly as the decisions need (sw_inexact). Every step repeats
  * this check and shuts the jets while it fails. The jets stay shut until the next init if a control step on a known
  * window differs from the exporter's (sw_known_answer). The check with the known window takes as long as the longest
  * step; a build with SW_WITHOUT_KNOWN_ANSWER omits it.
@@ -58,8 +58,7 @@ int sw_ecu_calibrate(sw_ecu *ecu, const sw_calibration *values);
 
 /* Continues from a saved state: `state` of an sw_ecu with the same release, settings and calibration. Returns 0, or 1
  * for a state that no ECU can reach, for example after a memory failure; the ECU is then unchanged. Only values that
- * would lead outside an array or a number's range are checked. A checksum is the task of the caller, which owns the
- * memory.
+ * would lead outside an array or a number's range are checked. A checksum is the task of the caller.
  */
 int sw_ecu_restore(sw_ecu *ecu, const sw_ecu_state *state);
 

@@ -5,9 +5,7 @@
 #include "sw_ecu_state.h"
 #include "sw_exact.h"
 
-/* The bus key as the last argument of functions that read or write frames; in a build without a key there is no such
- * argument.
- */
+/* The bus key as the last argument of functions that read or write frames, in a build with a key. */
 #if SW_SECOC
 #define SW_BY_KEY(key) , key
 #else
@@ -112,7 +110,7 @@ typedef struct {
     int64_t sampled_ns;       /* time at which the usable pressures were sampled */
     double cp[SW_SENSORS];    /* the usable pressures */
 #if SW_PAST > 0
-    double reading[SW_SENSORS]; /* pressures over the design speed's dynamic pressure: a stuck reading is constant */
+    double reading[SW_SENSORS]; /* pressures divided by the design speed's dynamic pressure */
 #endif
 } sw_received;
 
@@ -137,9 +135,7 @@ void sw_speed_next(sw_speed_state *speed, const sw_release *release, const sw_fr
 /* Returns the pressure of Cp = 1, in Pa; 0 without a speed. */
 double sw_speed_dynamic_pressure(const sw_speed_state *speed, const sw_release *release);
 
-/* Returns the vehicle's speed in design speeds, limited to the release's range; 1 if the speed is unknown or too far
- * outside the range.
- */
+/* Returns the speed in design speeds, limited to the release's range; 1 if it is unknown or too far out of range. */
 double sw_speed_present(const sw_speed_state *speed, const sw_release *release);
 #endif
 
@@ -149,7 +145,7 @@ double sw_speed_present(const sw_speed_state *speed, const sw_release *release);
 double sw_followed(double before, double to, double share);
 
 #if SW_PAST > 0
-/* Adds this period's row, whose pressures are first filtered with those of the row before. */
+/* Adds this period's row, after filtering its pressures with the previous row's pressures. */
 void sw_past_extend(sw_past *past, const double row[SW_COLUMNS], double speed);
 
 void sw_past_empty(sw_past *past);
@@ -160,9 +156,7 @@ uint32_t sw_past_read(const sw_past *past, double window[SW_WINDOW][SW_COLUMNS],
 
 /* --- sw_memory.c: window, plan and actions in transit --- */
 
-/* Adds a row for this period at a speed, in design speeds. The next two functions bridge a period without pressures,
- * and empty the window.
- */
+/* Add a row for this period (speed in design speeds), bridge a period without pressures, and empty the window. */
 void sw_memory_observed(sw_memory *memory, const double cp[SW_SENSORS], double speed);
 void sw_memory_bridged(sw_memory *memory);
 void sw_memory_emptied(sw_memory *memory);
@@ -238,9 +232,7 @@ int sw_calibration_beyond(const sw_calibration *values, const sw_release *releas
 /* Returns a release's own calibration in this vehicle. */
 void sw_calibration_own(const sw_release *release, sw_calibration *own);
 
-/* Returns the gate's bounds that follow from values within their limits; the bounds are never wider than the
- * vehicle's.
- */
+/* Returns the gate's bounds for values within their limits; the bounds are never wider than the vehicle's. */
 sw_gate_limits sw_calibration_limits(const sw_calibration *values);
 
 /* --- sw_gate.c --- */

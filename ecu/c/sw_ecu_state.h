@@ -1,6 +1,4 @@
-/* The inputs, the parameters and the state of an ECU. These types are public only because the caller provides the
- * memory.
- */
+/* The inputs, the parameters and the state of an ECU; public only because the caller provides the memory. */
 #ifndef SW_ECU_STATE_H
 #define SW_ECU_STATE_H
 
@@ -29,9 +27,7 @@
 #define SW_KEPT SW_WINDOW
 #endif
 
-/* Valid times are 0 to this limit (73 years), in ns, of one clock that never goes back. Every other time is a clock
- * fault.
- */
+/* Valid times are 0 to this limit (73 years), in ns, of one clock that never goes back; others are clock faults. */
 #define SW_LATEST_NS ((int64_t)1 << 61)
 
 /* A CAN frame; bytes beyond `length` are not read. */
@@ -88,9 +84,7 @@ typedef struct {
     uint32_t rx_errors;
 } sw_bus_health;
 
-/* The conditions around the ECU. The caller writes them before a step, never during a step; the values apply until the
- * caller changes them.
- */
+/* The conditions around the ECU. The caller writes them between two steps; they apply until the next change. */
 typedef struct {
     sw_bus_health health;
     uint8_t fault;    /* SW_REASON_ for which the ECU must switch itself off, or SW_REASON_NONE */
@@ -106,7 +100,7 @@ typedef struct {
     uint8_t window[SW_E2E_WINDOW];
     uint32_t counts[SW_CHECKS];
 #if SW_SECOC
-    sw_verifier verifier; /* checks each frame before E2E does */
+    sw_verifier verifier; /* state of the authentication, which precedes the E2E check */
 #endif
 } sw_receiver;
 
@@ -155,7 +149,7 @@ typedef struct {
     uint32_t frozen; /* number of a plan's first actions that are in transit, because of the actuator's delay */
     double under_way[SW_HORIZON]; /* the latest `frozen` + 1 sent actions, oldest first; then zeros */
 #if SW_PAST > 0
-    sw_past past; /* source of the window */
+    sw_past past; /* record from which the window is resampled */
 #endif
 } sw_memory;
 
@@ -224,7 +218,7 @@ typedef struct {
 
 /* The parameters of a release except those of its controller and its sensor estimator; read in place. */
 typedef struct {
-    double fast_deviation[SW_SENSORS][SW_SENSORS]; /* deviation in Cp of healthy residuals of sensor i without j */
+    double fast_deviation[SW_SENSORS][SW_SENSORS]; /* [i][j]: deviation of healthy sensor i's residual without j, Cp */
     double slow_deviation[SW_SENSORS][SW_SENSORS]; /* as fast_deviation, for the slow means of the residuals */
     double resting[SW_RESTING_SPEEDS][3]; /* the wake without jets: speed, base and swing in Cp */
     double slowest;                       /* lowest speed in the release's range, in design speeds */

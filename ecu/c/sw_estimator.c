@@ -107,9 +107,7 @@ static void second_layer(sw_estimator_work *work, float largest)
     }
 }
 
-/* Computes the hidden layers of a view from the sums of the first layer plus the change for the sensor that is left
- * out.
- */
+/* Computes the hidden layers of a view from the first layer's sums plus the change for the sensor left out. */
 ONCE static void hidden_layers(sw_estimator_work *work, const int32_t *sums, const int32_t *out)
 {
     const sw_estimator_weights *w = work->weights;
@@ -123,9 +121,7 @@ ONCE static void hidden_layers(sw_estimator_work *work, const int32_t *sums, con
     second_layer(work, largest);
 }
 
-/* Computes the last layer for one sensor, in Cp. The code adds four sums side by side, so that an addition need not
- * wait for the previous addition.
- */
+/* Computes the last layer for one sensor, in Cp, in four independent sums, so that no addition waits for another. */
 ONCE static double last_layer(const sw_estimator_work *work, int sensor)
 {
     const sw_estimator_weights *w = work->weights;

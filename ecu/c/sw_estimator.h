@@ -42,7 +42,7 @@ extern const sw_estimator_weights sw_own_estimator; /* compiled in */
 typedef struct {
     const sw_estimator_weights *weights;         /* the network in use */
     int32_t all[SW_ESTIMATOR_WIDTH];             /* sum of all columns' products, each in its own place, no flags */
-    int32_t crossed[SW_ESTIMATOR_WIDTH];         /* that sum with two readings exchanged, or without a sensor */
+    int32_t crossed[SW_ESTIMATOR_WIDTH];         /* `all` with two readings exchanged, or without a sensor */
     int32_t out[SW_SENSORS][SW_ESTIMATOR_WIDTH]; /* change of the sum without a sensor: flag minus column */
     int32_t crossed_out[SW_SENSORS][SW_ESTIMATOR_WIDTH]; /* change of the sum `crossed` if a sensor is left out */
     int32_t sums[SW_ESTIMATOR_WIDTH];

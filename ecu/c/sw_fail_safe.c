@@ -100,9 +100,7 @@ static uint8_t missing(const period *now)
     return now->inputs->usable ? (uint8_t)SW_REASON_NONE : now->inputs->unusable_because;
 }
 
-/* Returns NOT_AUTHENTIC if no frame of the vehicle is authentic, since the vehicle's request is then ignored; otherwise
- * returns `reason`.
- */
+/* Returns `reason`, or NOT_AUTHENTIC if no frame of the vehicle is authentic: its request is then ignored. */
 static uint8_t unless_refused(const period *now, uint8_t reason)
 {
     return missing(now) == SW_REASON_NOT_AUTHENTIC ? (uint8_t)SW_REASON_NOT_AUTHENTIC : reason;
@@ -206,9 +204,7 @@ static uint8_t reason_of(uint8_t because_of, const period *now)
     return reason;
 }
 
-/* Returns the row for a period. There is always such a row, since each mode has a row whose condition is always
- * true.
- */
+/* Returns the row for a period; it always exists, since each mode has a row whose condition is always true. */
 static const transition *taken(uint8_t mode, const period *now)
 {
     for (int row = 0; row < LAST; row++) {
@@ -217,7 +213,7 @@ static const transition *taken(uint8_t mode, const period *now)
     return &transitions[LAST];
 }
 
-/* Returns the lost periods among the latest ones with a request for control, including this period. */
+/* Returns a bit for each lost period among the latest ones with a request for control, including this period. */
 static uint64_t lost_with(const sw_fail_safe *before, const period *now)
 {
     const unsigned counts_no_loss = FAULT | UPDATE;

@@ -1,9 +1,9 @@
 /* The command gate: the last check before a jet command is sent. It does not trust the controller.
  *
- * The jets are shut at once in four cases, checked in this order: there is no permission, the command is not a finite
- * number, the clock has not advanced, or there is no fresh pressure. Otherwise the command is limited to its range, and
- * then to one step from the previous command. Zero is the safe state, so the step limit never slows down a shut-off.
- * This file corresponds to can_bridge/command_gate.py.
+ * The jets are shut immediately in four cases, checked in this order: there is no permission, the command is not a
+ * finite number, the clock has not advanced, or there is no fresh pressure. Otherwise the command is limited to its
+ * range, and then to one step from the previous command. Zero is the safe state, so the step limit never slows down a
+ * shut-off. This file corresponds to can_bridge/command_gate.py.
  */
 #include <float.h>
 
@@ -26,9 +26,7 @@ static sw_gated shut(uint8_t why)
     return gated;
 }
 
-/* Returns the largest change from the previous command: if less than a period has passed, the change is smaller in
- * proportion.
- */
+/* Returns the largest change from the previous command, proportionally smaller if less than a period has passed. */
 static double largest_change(double step_m2_per_s, int has_previous, int64_t previous_ns, int64_t now_ns)
 {
     double share = 1.0;
@@ -39,9 +37,7 @@ static double largest_change(double step_m2_per_s, int has_previous, int64_t pre
     return step_m2_per_s * share;
 }
 
-/* Returns whether the pressures are fresh. Older pressures still justify a command between the previous command and
- * zero.
- */
+/* Returns whether the pressures are fresh; older pressures still allow a command between the previous one and zero. */
 static int is_fresh(double flow_m2_per_s, double previous_m2_per_s, int64_t pressure_ns, int64_t now_ns)
 {
     const int towards_zero = smaller(0.0, previous_m2_per_s) <= flow_m2_per_s &&

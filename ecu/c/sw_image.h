@@ -16,9 +16,7 @@ extern "C" {
 
 #define SW_IMAGE_HEADER 512
 
-/* The parameters of a release: little-endian, in the compiler's layout. Every compiler uses the layout of the image's
- * writer (sw_own_layout.c compares both layouts).
- */
+/* The parameters of a release: little-endian, in a layout that sw_own_layout.c compares with the image writer's. */
 typedef struct {
     sw_release release;
     sw_weights weights;

@@ -1,7 +1,5 @@
-/* The check of exact arithmetic: the known answers of float and double, and a test that the build contracts no
- * operations.
- */
-/* This header is first: it also switches off contraction for the checks of sw_arithmetic.h. */
+/* The check of exact arithmetic: known answers of float and double, and a test that no operations are contracted. */
+/* This header comes before all others: it also switches off contraction for the checks of sw_arithmetic.h. */
 #include "sw_exact.h"
 
 #include "sw_arithmetic.h"

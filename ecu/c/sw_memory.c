@@ -19,7 +19,7 @@ static int clipped(int index, int last)
 
 static void extended(sw_memory *memory, const double cp[SW_SENSORS], double speed)
 {
-    double row[SW_COLUMNS]; /* cp may be a row of the window */
+    double row[SW_COLUMNS]; /* a copy, since cp may be a row of the window */
     for (int s = 0; s < SW_SENSORS; s++) row[s] = cp[s];
     row[SW_SENSORS] = memory->under_way[0] / speed;
 #if SW_PAST > 0
@@ -84,7 +84,7 @@ void sw_memory_commanded(sw_memory *memory, double action)
 /* Sent actions do not change, but the time at which they act does: the latest actions are in transit, and a row of the
  * window has the action that was in force under the new delay. If a row would need an action older than that of the
  * oldest row, it gets the oldest row's action. The plan is shifted, so that its action for the next period does not
- * change. A record of past periods begins again.
+ * change. In a release for a range of speeds, a changed delay empties the window.
  */
 void sw_memory_freeze(sw_memory *memory, int frozen)
 {

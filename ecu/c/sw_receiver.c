@@ -5,9 +5,7 @@
  */
 #include "sw_ecu_parts.h"
 
-/* Returns whether a frame has the message's 11-bit identifier; a 29-bit identifier with an equal number belongs to
- * another node.
- */
+/* Returns whether a frame has the message's 11-bit identifier; an equal 29-bit identifier is another node's. */
 static int is_of(const sw_message *message, const sw_frame *frame)
 {
     return frame->id == message->id && !frame->is_extended;

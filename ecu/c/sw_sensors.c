@@ -42,7 +42,7 @@ typedef struct {
     double bias[SW_SENSORS]; /* like `liar`, from the slow means */
     double swap;             /* evidence that two sensors are exchanged: the largest of all pairs */
     double doubt;            /* evidence that the sensors in use disagree */
-    double drift;            /* like `doubt`, from the slow means, whichever sensor is left out */
+    double drift;            /* like `doubt`, from the slow means: the smallest value over the left-out sensors */
 } levels;
 
 static double square(double value) { return value * value; }
@@ -67,9 +67,7 @@ static double others_mean(const double values[SW_SENSORS], int own)
     return (sum - values[own]) / (double)(SW_SENSORS - 1);
 }
 
-/* Returns the row of deviations for a hypothesis. For an exchange it is the sensor's own row, since all other sensors
- * estimate this sensor.
- */
+/* Returns a hypothesis's row of deviations: for an exchange the sensor's own, since all other sensors estimate it. */
 static int row_of(int hypothesis, int sensor) { return hypothesis < SW_SENSORS ? hypothesis : sensor; }
 
 /* Repeats the newest estimates in one more row for this period, and in one row for each skipped period. */
@@ -193,8 +191,8 @@ static double sound_deviation(const sw_release *release)
     return mean_of(sound);
 }
 
-/* Returns whether the median of the other pressures moved, as in a flow, in the periods in which this sensor was stuck.
- * Rows before row `first` are taken to be equal to row `first`.
+/* Returns whether the median of the other pressures moved, which shows a flow, in the periods in which this sensor was
+ * stuck. Rows before row `first` are taken to be equal to row `first`.
  */
 static int others_move(const sw_release *release, int resting, const double window[SW_WINDOW][SW_COLUMNS], int first)
 {

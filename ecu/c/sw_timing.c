@@ -53,12 +53,10 @@ void sw_timing_next(sw_timing *timing, int64_t now_ns)
         return;
     }
     const int64_t lag_ns = timing->lag_ns + now_ns - timing->step_ns - SW_PERIOD_NS;
-    const int64_t whole = floor_divided(2 * lag_ns + SW_PERIOD_NS, 2 * SW_PERIOD_NS); /* to the nearest */
+    const int64_t whole = floor_divided(2 * lag_ns + SW_PERIOD_NS, 2 * SW_PERIOD_NS); /* rounded to the nearest */
     const uint32_t off_time = ((timing->off_time << 1) | (whole != 0 ? 1u : 0u)) & JUDGED;
     const int too_often = whole != 0 && sw_bit_count(off_time) >= SW_DEADLINE_MISSES;
-    /* If this is true, the ECU made no step for longer than pressures may be missing, so the vehicle has shut the
-     * jets.
-     */
+    /* True if the ECU made no step for longer than pressures may be missing: the vehicle has then shut the jets. */
     const int away = whole > SW_HOLD_PERIODS + SW_DECAY_PERIODS;
     timing->fault = SW_REASON_NONE;
     if (too_often || away) timing->fault = whole > 0 ? SW_REASON_DEADLINE : SW_REASON_CLOCK;

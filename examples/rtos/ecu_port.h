@@ -1,39 +1,39 @@
-/* What the task in ecu_task.c asks of the system. docs/how-to/board-and-rtos.md explains how to use these files. */
+/* The functions that the task in ecu_task.c needs from the system (docs/how-to/board-and-rtos.md). */
 
 #ifndef ECU_PORT_H
 #define ECU_PORT_H
 
 #include "sw_ecu.h"
 
-/* Frames that are kept between two steps; a period has one pressure frame, and one with the speed. */
+/* Number of frames that are stored between two steps; a period has one frame with pressures and one with the speed. */
 #define ROOM 16
 
-/* What the ECU listens to: pressures, the speed, and another ECU. On a busy bus all else would fill the room. */
+/* Identifiers of the frames that the ECU needs; on a busy bus, other frames would fill the buffer. */
 #define HEARD {SW_PRESSURE_ID, SW_SPEED_ID, SW_COMMAND_ID, SW_STATUS_ID}
 
-/* Never returns. */
+/* Runs the ECU; never returns. */
 void controller_task(void);
 
-/* The time of a clock that is never set, the same in tasks and interrupts. */
+/* Returns the time of a clock that nobody sets; tasks and interrupts must use one clock. */
 int64_t clock_ns(void);
 
 void sleep_until(int64_t due_ns);
 
-/* Received since the last call, oldest first; returns how many. */
+/* Writes the frames received since the last call, oldest first, and returns their number. */
 int take_frames(sw_frame *frames, int room);
 
-/* Hands it over, and does not wait until it is on the bus. */
+/* Hands a frame to the CAN controller without waiting until the frame is sent. */
 void send_frame(const sw_frame *frame);
 
-/* The CAN controller's error counters. */
+/* Writes the CAN controller's error counters. */
 void note_health(sw_bus_health *health);
 
 #if SW_SECOC
-/* Reads the key and the freshness values from non-volatile memory, in which it has counted this power cycle; returns 0,
- * or 1 without them. */
+/* Counts this power cycle in non-volatile memory, and reads the key and the freshness values from it. Returns 0, or 1
+ * if they cannot be read. */
 int read_authentication(sw_authentication *given);
 
-/* Writes the newest freshness values of the receivers there, as often as the memory bears it. */
+/* Stores the receivers' newest freshness values, as often as wear of the non-volatile memory permits. */
 void keep_freshness(const sw_ecu_state *state);
 #endif
 

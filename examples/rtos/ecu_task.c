@@ -1,15 +1,15 @@
-/* The ECU as a task, for any system that has what ecu_port.h asks for.
+/* The ECU as a task, for any system that provides the functions of ecu_port.h.
  *
- * Deadlines are absolute, so that delays do not add up, and they follow the pressures slowly, because the vehicle's clock
- * and this one drift apart. A deadline that was missed by more than a quarter of a period is left out; the ECU sees that
- * by its clock, and counts it. */
+ * Deadlines are absolute, so that delays do not add up. They follow the pressures slowly, because the vehicle's clock
+ * and this clock drift apart. A step that would begin more than a quarter of a period late is skipped; the ECU detects
+ * the skipped period by its clock and counts it. */
 
 #include "ecu_port.h"
 
-#define GRACE 4         /* a step that begins later than a period / GRACE is left out */
-#define LARGEST_SLEW 32 /* deadlines move by a period / LARGEST_SLEW at most */
+#define GRACE 4         /* a step that would begin later than a period / GRACE is skipped */
+#define LARGEST_SLEW 32 /* a deadline moves by at most a period / LARGEST_SLEW */
 
-static sw_ecu ecu; /* all memory there is */
+static sw_ecu ecu; /* the ECU has no other memory */
 static sw_frame received[ROOM], to_send[SW_FRAMES_OUT];
 
 static int64_t next_due(int64_t due_ns, int64_t arrived_ns)
@@ -29,10 +29,10 @@ static int64_t next_due(int64_t due_ns, int64_t arrived_ns)
 void controller_task(void)
 {
     int64_t due_ns = clock_ns() + SW_PERIOD_NS;
-    (void)sw_ecu_init(&ecu); /* a build that it refuses keeps the jets shut, and EcuStatus has the reason */
+    (void)sw_ecu_init(&ecu); /* if it refuses, the jets stay shut, and EcuStatus has the reason */
 #if SW_SECOC
     sw_authentication given = {{0}, 0, 0, 0};
-    if (read_authentication(&given) == 0) (void)sw_ecu_authenticate(&ecu, &given); /* without it nothing is sent */
+    if (read_authentication(&given) == 0) (void)sw_ecu_authenticate(&ecu, &given); /* without a key nothing is sent */
     for (int i = 0; i < SW_AES_BYTES; i++) ((volatile uint8_t *)given.key)[i] = 0;
 #endif
     for (;;) {

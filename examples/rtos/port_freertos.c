@@ -1,5 +1,5 @@
-/* FreeRTOS has no CAN interface, so three functions are your driver's. clock_ns reads a free-running hardware timer; the
- * tick counter is too coarse and its interrupt may be late. */
+/* FreeRTOS has no CAN interface: write the three board_ functions in your driver, and clock_ns, which must read a
+ * free-running hardware timer: the tick counter is too coarse, and its interrupt may be late. */
 
 #include "FreeRTOS.h"
 #include "queue.h"
@@ -11,7 +11,7 @@
 #define STACK_WORDS 1024
 #define PRIORITY (configMAX_PRIORITIES - 1)
 
-/* Your driver; the first reads the frame that the interrupt is for, all but its time. */
+/* Your driver; board_read_frame fills in the frame that caused the interrupt, except its time. */
 void board_read_frame(sw_frame *frame);
 void board_send_frame(const sw_frame *frame);
 void board_health(sw_bus_health *health);

@@ -14,31 +14,31 @@
 
 /* --- The board --- */
 
-#define SW_BOARD_COUNTER 0x5c008000u /* counts the ns since power-on */
+#define SW_BOARD_COUNTER 0x5c008000u /* time since power-on, in ns */
 #define SW_BOARD_RANDOM 0x48021800u
 #define SW_BOARD_CAN 0x4000a000u     /* registers of M_CAN */
 #define SW_BOARD_CAN_RAM 0x4000ac00u /* message RAM of M_CAN */
 #define SW_BOARD_CAN_INTERRUPT 19u   /* line 0 of M_CAN; the interrupt only ends the core's sleep */
 #define SW_BOARD_TIMER_INTERRUPT 30u /* compare value of the counter; the interrupt only ends sleep */
 #define SW_BOARD_CAN_NS 2000u        /* resolution of receive time stamps: one nominal bit */
-/* The clock of M_CAN has 80 MHz. A nominal bit has 160 quanta (500 kbit/s) and is sampled at 80 %; a data bit has 40
+/* The clock of M_CAN is 80 MHz. A nominal bit has 160 quanta (500 kbit/s) and is sampled at 80 %; a data bit has 40
  * quanta (2 Mbit/s) and is sampled at 75 %.
  */
 #define SW_BOARD_CAN_NOMINAL ((31u << 25) | (0u << 16) | (126u << 8) | 31u)
 #define SW_BOARD_CAN_DATA ((1u << 23) | (0u << 16) | (28u << 8) | (9u << 4) | 9u)
-#define SW_BOARD_CAN_DELAY (30u << 8) /* sample point of a data bit after the transceiver's delay, in clocks */
+#define SW_BOARD_CAN_DELAY (30u << 8) /* sample point of a data bit, in clocks after the measured transceiver delay */
 #define SW_BOARD_FLASH 0x52002100u    /* registers of the second bank, which holds the data written in the field */
 #define SW_BOARD_FLASH_BANK 0x08100000u
 #define SW_BOARD_FLASH_SECTORS 8u
 #define SW_BOARD_BACKUP 0x38800000u /* SRAM that survives a loss of the supply; sw_board_power_on enables it */
-#define SW_BOARD_ERASE_NS INT64_C(5000000000) /* an erasure that takes longer has failed; at most 4 s (DS12110) */
+#define SW_BOARD_ERASE_NS INT64_C(5000000000) /* limit of an erasure; the chip needs at most 4 s (DS12110) */
 
 /* --- Declarations that are the same for every board --- */
 
 #define SW_BOARD_REGISTER(address) (*(volatile uint32_t *)(uintptr_t)(address))
 
-/* Feeds a watchdog. It is called in each turn of the loop, which takes at most one and a half control periods, and
- * after a start, which may erase a sector. On the emulated board the function does nothing.
+/* Feeds a watchdog; does nothing on the emulated board. The program calls it in each turn of its loop (at most one and
+ * a half control periods) and after start-up, which may erase a sector.
  */
 void sw_board_alive(void);
 
@@ -48,7 +48,7 @@ int64_t sw_board_now_ns(void);
 /* Sleeps until a frame arrives or until until_ns; the function may also return earlier. */
 void sw_board_sleep(int64_t until_ns);
 
-/* The second bank; its driver has no state. */
+/* The driver of the flash's second bank. */
 extern const sw_flash sw_board_flash;
 
 /* Returns 32 random bits, which may be 0. If the generator failed, *failed becomes 1 and the bits are invalid. */
@@ -65,41 +65,34 @@ void sw_board_can_start(const uint32_t *ids, uint32_t count);
 /* Copies all received frames, oldest first, up to `room` frames; returns their number. */
 int sw_board_can_receive(sw_frame *frames, int room);
 
-/* Hands over a frame of control. Each place holds one frame; a frame with a lower identifier is sent before a frame
- * with a greater one. An older frame that is still in the place is outdated and is cancelled. Returns 1 if the
- * controller is bus-off or is sending the older frame: the new frame is then lost. sw_board_lost counts lost and
+/* Hands a control frame to the CAN controller. Each place holds one frame; a frame with a lower identifier is sent
+ * before a frame with a greater one. An older frame that is still in the place is outdated and is cancelled. Returns 1
+ * if the controller is bus-off or is sending the older frame: the new frame is then lost. sw_board_lost counts lost and
  * cancelled frames.
  */
 int sw_board_can_send(const sw_frame *frame, uint32_t place);
 extern volatile uint32_t sw_board_lost;
 
-/* Returns how many frames of diagnosis, sent in order, can be handed over now; returns 0 while the controller is
- * bus-off.
- */
+/* Returns how many diagnostic frames the CAN controller can take now; 0 while it is bus-off. */
 int sw_board_can_room(void);
 void sw_board_can_queue(const sw_frame *frame);
 
-/* Returns whether no frame that was handed over is still to be sent: every frame was sent, or the controller is
- * bus-off.
- */
+/* Returns 1 if no frame waits to be sent: every frame was sent, or the controller is bus-off. */
 int sw_board_can_is_idle(void);
 
 #if SW_SECOC
-/* Returns the bus key and the freshness values of earlier power cycles, and counts this power cycle in memory that
- * survives a loss of the supply. Returns 0, or 1 if the cycle cannot be counted; the ECU then has no key and sends
- * nothing.
+/* Writes the bus key and the freshness values of earlier power cycles to `found`, and counts this power cycle in memory
+ * that survives a loss of the supply. Returns 0, or 1 if it cannot count; the ECU then has no key and sends nothing.
  */
 int sw_board_authentication(sw_authentication *found);
 
-/* Stores the newest accepted values. It is called after every step, because a frame whose value is stored late could be
- * replayed once after a restart.
+/* Stores the newest accepted freshness values. It must be called after every step: a frame whose value is stored late
+ * could be replayed once after a restart.
  */
 void sw_board_keep_freshness(const sw_ecu_state *state);
 #endif
 
-/* Reads the present error counters. If the controller went bus-off, the function counts the event and restarts the
- * controller.
- */
+/* Reads the error counters. If the controller went bus-off, counts the event and restarts the controller. */
 void sw_board_can_health(sw_bus_health *health);
 
 #endif

@@ -1,4 +1,4 @@
-/* The bus key, which production writes here if SW_SECOC is 1. This file has no key: the ECU then sends nothing. */
+/* The place for the bus key, which production writes here if SW_SECOC is 1; without a key the ECU sends nothing. */
 #ifndef SW_BOARD_BUS_KEY_H
 #define SW_BOARD_BUS_KEY_H
 

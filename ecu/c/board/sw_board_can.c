@@ -1,7 +1,7 @@
 /* A driver of Bosch's M_CAN (user's manual, revision 3.3), which polls the controller. Received frames come through
- * FIFO 0. Each frame of control is sent from its own transmit buffer, other frames through the transmit FIFO, which
- * follows these buffers. Whenever the bus is free, the controller sends the frame with the lowest identifier, from a
- * buffer or the head of the FIFO. Each element of the message RAM has room for 64 bytes of data.
+ * FIFO 0. Each control frame has a separate transmit buffer; other frames go through the transmit FIFO, which follows
+ * these buffers. Whenever the bus is free, the controller sends the frame with the lowest identifier, from a buffer or
+ * the head of the FIFO. Each element of the message RAM has room for 64 bytes of data.
  */
 #include <stddef.h>
 
@@ -41,11 +41,11 @@
 #define PSR_BUS_OFF 0x80u
 #define IR_NEW_IN_FIFO_0 1u
 #define IR_BUS_OFF 0x2000000u /* the bus-off state has changed since the bit was cleared */
-#define MOST_BUS_OFFS 8u      /* largest number of bus-off events counted at once */
+#define MOST_BUS_OFFS 8u      /* largest number of bus-off events counted per call */
 #define REFUSE_REMOTE_AND_OTHERS 0x2bu             /* GFC: refuses remote frames and frames that match no filter */
 #define FILTER_TO_FIFO_0 ((2u << 30) | (1u << 27)) /* classic filter: identifier and mask */
 #define EXTENDED_TO_FIFO_0 (1u << 29)              /* first word of a 29-bit filter, with the identifier */
-#define EXTENDED_MASK ((2u << 30) | 0x1fffffffu)   /* second word: classic, and the mask */
+#define EXTENDED_MASK ((2u << 30) | 0x1fffffffu)   /* second word of a 29-bit filter: classic, with the mask */
 #define ELEMENT_64_BYTES 7u
 #define STANDARD_SHIFT 18u
 #define XTD 0x40000000u
@@ -161,7 +161,7 @@ volatile uint32_t sw_board_lost;
 
 int sw_board_can_send(const sw_frame *frame, uint32_t place)
 {
-    /* Frames that wait while the controller is bus-off would be sent late, when they are outdated. */
+    /* Frames that wait while the controller is bus-off would be outdated when sent, so they are cancelled. */
     const int off = is_off();
     const uint32_t mine = UINT32_C(1) << place, old = CAN(TXBRP) & (off ? UINT32_MAX : mine);
     if (old != 0u) CAN(TXBCR) = old;
@@ -183,8 +183,8 @@ int sw_board_can_is_idle(void) { return CAN(TXBRP) == 0u || is_off(); }
 
 void sw_board_can_health(sw_bus_health *health)
 {
-    /* A bus-off sets INIT; clearing INIT begins the recovery of 128 times eleven recessive bits. INIT reads back late,
-     * because it passes to another clock, so it does not show another bus-off.
+    /* A bus-off sets INIT; clearing INIT begins the recovery of 128 times eleven recessive bits. The loop detects
+     * another bus-off in IR, because INIT changes late: INIT belongs to another clock domain.
      */
     for (uint32_t i = 0; i < MOST_BUS_OFFS && (CAN(IR) & IR_BUS_OFF) != 0u; i++) {
         CAN(IR) = IR_BUS_OFF;
@@ -196,6 +196,6 @@ void sw_board_can_health(sw_bus_health *health)
     const uint32_t errors = CAN(ECR);
     health->is_bus_off = (uint8_t)is_off();
     health->tx_errors = errors & 0xffu;
-    /* RP: the 7-bit counter is at the passive level or above. */
+    /* RP is set from 128 receive errors on, which the 7-bit counter cannot show. */
     health->rx_errors = ((errors >> 15) & 1u) != 0u ? 128u : (errors >> 8) & 0x7fu;
 }

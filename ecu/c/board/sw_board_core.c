@@ -24,7 +24,7 @@ int64_t sw_board_now_ns(void)
     return (int64_t)(((uint64_t)high << 32) | low);
 }
 
-/* Sleeps. A frame that has arrived since the last poll is a pending interrupt, which ends the sleep at once. */
+/* Sleeps. A frame received since the last poll has left an interrupt pending, which ends the sleep immediately. */
 void sw_board_sleep(int64_t until_ns)
 {
     COMPARE_LOW = (uint32_t)until_ns;

@@ -87,9 +87,7 @@ static int program(void *context, uint32_t address, const uint8_t *word)
     return end();
 }
 
-/* Reads bytes. An uncorrectable word causes a bus fault; with the fault mask and BFHFNMIGN set, the core continues
- * after the fault.
- */
+/* Reads bytes. An uncorrectable word causes a bus fault, which the core ignores with fault mask and BFHFNMIGN set. */
 static int read(void *context, uint32_t address, uint8_t *data, uint32_t length)
 {
     const uint32_t size = SW_FLASH_SECTOR * SW_BOARD_FLASH_SECTORS;

@@ -1,5 +1,5 @@
 /* The program: it reads frames, steps the ECU once a control period, then answers diagnosis and sleeps. A step begins
- * when the pressures arrive. If no pressures arrive, the step begins half a period after their due time.
+ * when the pressures arrive, or else half a period after they were due.
  */
 #include "sw_board.h"
 #include "sw_board_equipment.h"
@@ -23,8 +23,8 @@ typedef struct {
 
 #if SW_BOARD_LOADER
 
-#define SERVICE_NS INT64_C(1000000)  /* time between two checks for a timeout of the conversation, in ns */
-#define TALKS_NS INT64_C(5000000000) /* time after a frame of diagnosis in which these checks continue, in ns */
+#define SERVICE_NS INT64_C(1000000)  /* time between two checks for a timeout of a diagnostic conversation, in ns */
+#define TALKS_NS INT64_C(5000000000) /* time for which these checks continue after a diagnostic frame, in ns */
 
 static sw_node node;
 static uint8_t message[SW_ISOTP_MOST];
@@ -79,7 +79,7 @@ static int64_t serve(const sw_frame *frames, int count, int64_t now_ns)
 
 static sw_ecu ecu;
 
-/* The ECU, for observers: a debugger or a test bench. */
+/* The ECU, which a debugger or a test bench may read. */
 sw_ecu *const sw_board_ecu = &ecu;
 
 static void begin(void) { (void)sw_ecu_init(&ecu); }

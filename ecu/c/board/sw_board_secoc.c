@@ -1,5 +1,5 @@
 /* The bus key and the freshness values on this board. The key is compiled into a firmware that is never shipped; a
- * board for sale reads it from memory that no debugger can read.
+ * board for sale must read the key from memory that no debugger can read.
  *
  * Freshness values are in the backup SRAM, which survives a reset, and a loss of the supply while a battery supplies
  * VBAT. The SRAM does not wear, so every accepted value is stored. If the content of the SRAM is lost, power cycles

@@ -3,8 +3,8 @@
  *     cc -std=c99 -O2 -ffp-contract=off -I. sw_*.c examples/main_socketcan.c -o ecu
  *     chrt -f 50 ./ecu can0
  *
- * If frames are authenticated (SW_SECOC), the program takes two more files: the key as `stillwake keygen --secret`
- * writes it, and a file in which the program stores freshness values, `./ecu can0 bus.key freshness`.
+ * If frames are authenticated (SW_SECOC), the command is `./ecu can0 bus.key freshness`, with the key as `stillwake
+ * keygen --secret` writes it, and a file in which the program stores freshness values.
  *
  * The ECU steps at absolute deadlines on CLOCK_MONOTONIC, a fixed time after the arrival of the pressures, and each
  * frame has the kernel's time of arrival. SIGTERM and SIGINT end the program, whose last commands shut the jets. The
@@ -29,8 +29,8 @@
 
 #include "sw_ecu.h"
 
-#define ROOM 64              /* frames read per period; further frames wait in the socket and become old */
-#define GRACE 4              /* a step may begin late by a period divided by this; a later one is skipped */
+#define ROOM 64              /* most frames read per period; the other frames wait in the socket and get old */
+#define GRACE 4              /* a step that would begin later than a period divided by this is skipped */
 #define LARGEST_SLEW 32      /* a deadline moves by at most a period divided by this */
 #define SHUT_PERIODS 3       /* periods with shut jets at the end, since two frames may be lost */
 #define SECOND INT64_C(1000000000)
@@ -92,9 +92,7 @@ static int open_bus(const char *interface)
     return -1;
 }
 
-/* Returns the kernel's time of arrival, converted from the settable clock to CLOCK_MONOTONIC; the present time if there
- * is none.
- */
+/* Returns the kernel's arrival time, converted from the settable clock to CLOCK_MONOTONIC, or the present time. */
 static int64_t arrival_ns(struct msghdr *message)
 {
     const int64_t now_ns = clock_ns(CLOCK_MONOTONIC), date_ns = clock_ns(CLOCK_REALTIME);
@@ -163,9 +161,7 @@ static int receive(int bus)
     return count;
 }
 
-/* Sends frames without waiting: if the queue is full, the next period's frames replace these. Returns -1 if the
- * interface fails.
- */
+/* Sends frames without waiting; a full queue drops them. Returns -1 if the interface fails. */
 static int send_frames(int bus, const sw_frame *frames, int count)
 {
     for (int i = 0; i < count; i++) {
@@ -192,7 +188,7 @@ static int64_t used_arrival_ns(int count, uint32_t missed_before)
     return found;
 }
 
-/* Returns the next deadline that can be met, moved a little towards the fixed time after the pressures. */
+/* Returns the next deadline that can be met, moved slightly towards the intended time after the pressures. */
 static int64_t next_due(int64_t due_ns, int64_t arrived_ns)
 {
     const int64_t late_ns = clock_ns(CLOCK_MONOTONIC) - due_ns - SW_PERIOD_NS / GRACE;
@@ -224,7 +220,7 @@ static int period(int bus, int64_t *due_ns)
 
 static const char *freshness_file;
 
-/* Reads 32 hexadecimal digits; returns -1 if there are none. */
+/* Reads a key of 32 hexadecimal digits; returns -1 on failure. */
 static int read_key(const char *path, uint8_t key[SW_AES_BYTES])
 {
     FILE *file = fopen(path, "r");
@@ -238,7 +234,7 @@ static int read_key(const char *path, uint8_t key[SW_AES_BYTES])
     return failed ? -1 : 0;
 }
 
-/* Replaces the old file as a whole; returns -1 on failure. */
+/* Replaces the file of freshness values atomically; returns -1 on failure. */
 static int keep_freshness(unsigned long trip, unsigned long long pressure, unsigned long long speed)
 {
     char beside[4096];

@@ -5,11 +5,10 @@
  *         -T examples/mps2_an500.ld -Wl,-e,sw_board_start -o ecu.elf
  *     qemu-system-arm -M mps2-an500 -nographic -icount shift=1,sleep=off -semihosting -kernel ecu.elf
  *
- * The program simulates the vehicle: the generated pressures.h has the frames of its control periods. The request for
- * control is low at first, since the ECU ignores a request that is present from the start. The program prints each
- * JetCommand, then its figures, and ends. On a vehicle, a CAN driver replaces `vehicle` and the printing. The interrupt
- * only counts. The step runs in the main loop, so that it does not delay other interrupts, above all those of the CAN
- * controller.
+ * The program simulates the vehicle with the frames of the generated pressures.h. The request for control begins low,
+ * since the ECU ignores a request that is present from the start. The program prints each JetCommand, then a summary,
+ * and ends. On a vehicle, a CAN driver replaces `vehicle` and the printing. The interrupt only counts. The step runs in
+ * the main loop, so that it does not delay other interrupts, above all those of the CAN controller.
  */
 #include "pressures.h"
 #include "sw_board_start.h"
@@ -157,9 +156,7 @@ void sw_board_main(void)
     figures seen = {0, 0, 0, 0};
     (void)sw_ecu_init(&ecu); /* the reason at the end shows whether init refused */
 #if SW_SECOC
-    /* This key is only for the example: on a vehicle no debugger can read the key, and non-volatile memory counts the
-     * power cycle.
-     */
+    /* This key is only an example: on a vehicle no debugger can read it, and non-volatile memory counts the cycle. */
     const sw_authentication given = {PLAYED_KEY, 1, 0, 0};
     (void)sw_ecu_authenticate(&ecu, &given);
 #endif

@@ -1,7 +1,5 @@
 /* The types and functions of an FMU's binary, with their names from the FMI 3.0 standard (fmi-standard.org, section
- * 2.2).
- *
- * They are declared here instead of including the standard's headers, so that the sources of an FMU compile alone.
+ * 2.2). They are declared here, so that an FMU's sources compile without the standard's headers.
  */
 #ifndef SW_FMI3_H
 #define SW_FMI3_H

@@ -41,7 +41,7 @@ static inline int fmu_is_number(double value)
     return value >= -1.7976931348623157e308 && value <= 1.7976931348623157e308;
 }
 
-/* Returns the error in the first call for an FMU with this token, or NULL. */
+/* Returns the error in a call that creates an instance, or NULL. */
 static inline fmi3String fmu_wrong_instance(fmi3String token, fmi3String own, fmi3Boolean event_mode)
 {
     if (token == NULL || strcmp(token, own) != 0) {
@@ -69,7 +69,7 @@ static inline fmi3String fmu_wrong_step(double stands, double point, double size
     return NULL;
 }
 
-/* Functions for a type without variables, and functions that this kind of FMU does not support. */
+/* Define a function for a type without variables, and a function that this kind of FMU does not support. */
 #define FMU_NONE_OF(NAME, ...)                                                                                     \
     SW_EXPORT fmi3Status fmi3##NAME(fmi3Instance fmu, const fmi3ValueReference references[], size_t count,         \
                                     __VA_ARGS__)                                                                   \

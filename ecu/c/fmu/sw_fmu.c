@@ -5,8 +5,7 @@
  * period, and so on, with the inputs at the time of the step; a communication step of any length includes the ECU's
  * steps that begin in it.
  *
- * This file is for a computer, not for a vehicle: the standard requires an FMU to allocate its instances and saved
- * states.
+ * This file is for a computer, not a vehicle: the standard requires an FMU to allocate its instances and saved states.
  */
 #include <stdlib.h>
 #include <string.h>

@@ -8,7 +8,7 @@
 #include "sw_fmi3_calls.h"
 #include "sw_fmu_settings.h"
 
-#define FMU_MOST_FRAMES 256 /* largest number between two steps; a full bus at 500 kbit/s has fewer in 20 ms */
+#define FMU_MOST_FRAMES 256 /* most frames between two steps; a full bus at 500 kbit/s has fewer in 20 ms */
 
 typedef enum { FLOAT32, FLOAT64, INT8, UINT8, INT16, UINT16, INT32, UINT32, INT64, UINT64, BOOLEAN } kind;
 typedef enum { OUTPUT, INPUT, PARAMETER } causality;
@@ -30,7 +30,7 @@ extern const variable fmu_variables[SW_FMU_VARIABLES];
 
 #if SW_FMU_BUS
 #define RX_BYTES 8192u
-#define TX_BYTES 16384u /* leaves room for a format error with any Rx_Data */
+#define TX_BYTES 16384u /* has room for a format error that quotes all of Rx_Data */
 
 /* A simulated CAN controller, its mailboxes, and the binary variables of the terminal. Times count from the start. */
 typedef struct {
@@ -40,7 +40,7 @@ typedef struct {
     int64_t answer_ns; /* time at which `answers` are to be sent */
     int32_t waiting;   /* number of answers that are not in `tx` yet; sent answers stay for a repetition */
     int32_t received;
-    uint8_t status; /* status that the bus simulation was last told */
+    uint8_t status; /* status last reported to the bus simulation */
     uint8_t has_lost;
     fmi3Clock rx_ticks; /* whether Rx_Clock ticks in this event */
     fmi3Clock tx_ticks;
@@ -62,7 +62,7 @@ typedef struct {
 typedef struct {
     double values[SW_FMU_VARIABLES]; /* values of the variables, by value reference; reference 0 is the time */
     double start;
-    int64_t next_ns; /* time of the ECU's next step, from the start */
+    int64_t next_ns; /* time of the ECU's next step after the start, in ns */
     uint32_t mode;   /* mode in FMI's state machine */
     fmu_side side;
 } fmu_memory;

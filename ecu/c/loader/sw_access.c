@@ -76,9 +76,7 @@ uint8_t sw_access_unlock(sw_access *access, sw_store *store, int64_t now_ns, uin
     if (access->asked != level) return SW_NRC_SEQUENCE_ERROR;
     access->asked = 0;
     const uint32_t count = (uint32_t)sw_store_failed_attempts(store, level) + 1u;
-    /* Counting an attempt may fill the sector, which must not happen while the jets run: until they are shut, no
-     * attempt is allowed.
-     */
+    /* An attempt must be counted, which is impossible while the jets run and the sector is full. */
     if (!sw_store_has_room(store)) return SW_NRC_CONDITIONS_NOT_CORRECT;
     if (sw_store_keep_failed_attempts(store, level, count) != SW_STORE_DONE) return SW_NRC_PROGRAMMING_FAILURE;
     expected(level, key, access->seed, SW_SEED_BYTES, right);

@@ -2,7 +2,7 @@
  * corresponds to can_bridge/uds/security.py and access_key.py.
  *
  * A seed is valid for one answer. An attempt is counted in the store before the answer is checked, so that cutting the
- * supply at the right moment gains no attempt.
+ * supply gains no further attempt.
  */
 #ifndef SW_ACCESS_H
 #define SW_ACCESS_H

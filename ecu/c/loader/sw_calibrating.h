@@ -1,8 +1,6 @@
 /* The calibration of the ECU through UDS and XCP: the values that both protocols read and write and that control reads
- * between two periods, and the stored values, which survive a power loss. This file corresponds to
- * can_bridge/calibration/segment.py and uds/calibration_service.py.
- *
- * Values are sent in their memory layout: little-endian.
+ * between two periods, and the stored values, which survive a power loss. Values are sent as in memory: little-endian.
+ * This file corresponds to can_bridge/calibration/segment.py and uds/calibration_service.py.
  */
 #ifndef SW_CALIBRATING_H
 #define SW_CALIBRATING_H
@@ -29,9 +27,7 @@ typedef struct {
 #endif
 } sw_calibrating;
 
-/* Puts the stored values in force if they are within their limits. It is called after a boot, when the release's own
- * values are in force.
- */
+/* Replaces the release's values, in force after a boot, by the stored values if these are within their limits. */
 void sw_calibrating_restore(sw_calibrating *calibrating);
 
 /* Passes the values in force to the ECU if they have changed. It is called at the beginning of a control period. */
@@ -54,9 +50,7 @@ void sw_calibrating_select(sw_calibrating *calibrating, uint8_t page);
 /* Copies the release's own values to the working page. */
 void sw_calibrating_copy_release(sw_calibrating *calibrating);
 
-/* Copies bytes of a page, including those of a partly written value. `at`, the offset of the first byte, and `length`
- * are within the values.
- */
+/* Copies `length` bytes of a page from the valid offset `at` on, including those of a partly written value. */
 void sw_calibrating_bytes(const sw_calibrating *calibrating, uint8_t page, uint32_t at, uint32_t length, uint8_t *bytes);
 
 /* Writes up to SW_XCP_MAX_CTO - 2 bytes of the working page, in order: `at` is the beginning of a value, or the end of

@@ -1,7 +1,7 @@
 /* Measurement by XCP (DAQ): one dynamic list, and one event, the end of a control period. This file corresponds to
  * can_bridge/calibration/daq.py and measured.py.
  *
- * If a control period ends before all frames of an earlier period are sent, its measurement is skipped, so that all
+ * If a control period ends before all frames of an earlier period are sent, the new period is not measured, so that all
  * frames of a set belong to one period.
  */
 #ifndef SW_DAQ_H
@@ -57,7 +57,7 @@ void sw_daq_sample(sw_daq *daq, const sw_ecu *ecu, uint8_t mode);
 /* Writes the next packet of the period, of at most SW_XCP_MAX_CTO bytes. Returns its length; 0 if none is due. */
 uint32_t sw_daq_packet(sw_daq *daq, uint8_t *packet);
 
-/* Answers a measurement command of checked length: SW_XCP_DONE, or the SW_XCP_ERROR_ of the refusal. */
+/* Answers a measurement command; the caller checks its length. Returns SW_XCP_DONE or the refusal's SW_XCP_ERROR_. */
 uint8_t sw_daq_command(sw_daq *daq, const uint8_t *data, sw_answer *answer);
 
 #endif

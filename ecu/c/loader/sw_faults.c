@@ -153,9 +153,7 @@ static void take(sw_faults *faults, uint8_t reason, const uint8_t snapshot[SW_SN
     faults->is_changed = 1;
 }
 
-/* Notes a test result. While `is_off` is set, only the latest result waits; when `is_off` ends, that result gives the
- * states of the tests.
- */
+/* Takes a test result. While `is_off` is set, the result only replaces the waiting one (take_waiting). */
 static void note(sw_faults *faults, uint8_t reason)
 {
     if (faults->is_off) {
@@ -261,9 +259,7 @@ static void put_fault(const sw_faults *faults, uint32_t place, sw_answer *answer
     sw_answer_byte(answer, faults->faults[place].status);
 }
 
-/* Counts faults with one of these status bits (0: all), and writes them if `answer` is not NULL. Returns the number of
- * these faults.
- */
+/* Returns how many faults have one of these status bits (0: all faults), and writes them if `answer` is not NULL. */
 static uint32_t list(const sw_faults *faults, uint32_t mask, sw_answer *answer)
 {
     uint32_t found = 0;

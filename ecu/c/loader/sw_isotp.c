@@ -83,8 +83,8 @@ static void first(sw_isotp *end, int64_t now_ns, const sw_frame *frame)
     sw_bytes_copy(end->message, &data[2], end->received);
 }
 
-/* Takes the next piece. Only the last frame may be shorter than the first. A shorter frame before the last is ignored;
- * the frame after it then has the wrong sequence number.
+/* Takes a consecutive frame. Only the last frame may be shorter than the first. A shorter frame before the last is
+ * ignored; the frame after it then has the wrong sequence number.
  */
 static uint32_t consecutive(sw_isotp *end, int64_t now_ns, const sw_frame *frame)
 {
@@ -110,7 +110,7 @@ static uint32_t consecutive(sw_isotp *end, int64_t now_ns, const sw_frame *frame
 
 /* --- Transmission --- */
 
-/* Returns the bytes of the message being sent and of the waiting ones. */
+/* Returns the number of bytes of the message being sent and of the waiting messages. */
 static uint32_t used(const sw_isotp_queue *queue)
 {
     uint32_t bytes = queue->under_way;
@@ -145,7 +145,7 @@ static int64_t separation_ns(uint32_t code)
     return (code < LONGEST_MS ? code : LONGEST_MS) * MS;
 }
 
-/* Takes the receiver's flow control; it is ignored if none is due. */
+/* Takes the receiver's flow control; ignores it if no flow control is due. */
 static void flow(sw_isotp *end, int64_t now_ns, const sw_frame *frame)
 {
     if (frame->length < 3u || end->state != WAITING) return;
@@ -356,7 +356,7 @@ int sw_isotp_poll(sw_isotp *end, int64_t now_ns, int room, sw_frame frames[SW_IS
     if (end->answer != NO_ANSWER && most > 0) {
         start_frame(&frames[0], now_ns);
         put(&frames[0], (uint32_t)FLOW << 4 | end->answer);
-        put(&frames[0], 0); /* block size 0: the sender may send all frames at once */
+        put(&frames[0], 0); /* block size 0: the sender needs no further flow control */
         put(&frames[0], 0); /* separation time 0: the sender need not pause between frames */
         pad(&frames[0]);
         end->answer = NO_ANSWER;

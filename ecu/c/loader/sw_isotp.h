@@ -1,6 +1,5 @@
 /* One endpoint of an ISO-TP connection (ISO 15765-2:2016), as a state machine of time and frames. This file corresponds
- * to can_bridge/isotp/endpoint.py. Messages have 1 to SW_ISOTP_MOST bytes; each direction transfers one message at a
- * time.
+ * to can_bridge/isotp/endpoint.py. Messages have 1 to SW_ISOTP_MOST bytes, one at a time in each direction.
  *
  * Times are in ns, from 0 to 2^61.
  */
@@ -68,16 +67,14 @@ uint32_t sw_isotp_functional(const sw_frame *frame, uint8_t message[SW_FRAME_BYT
  */
 uint32_t sw_isotp_receive(sw_isotp *end, int64_t now_ns, const sw_frame *frame, uint8_t single[SW_FRAME_BYTES]);
 
-/* The first function returns whether a message is being received, the second whether a message has not been sent
- * completely.
- */
+/* Return whether a message is being received, and whether a message is not completely sent yet. */
 int sw_isotp_is_receiving(const sw_isotp *end);
 int sw_isotp_is_sending(const sw_isotp *end);
 
 /* Returns whether the waiting messages leave too little room for a message of the greatest length. */
 int sw_isotp_is_occupied(const sw_isotp *end);
 
-/* Returns whether only SW_ISOTP_KEPT places for messages are left, reserved for the request in progress. */
+/* Returns whether only the SW_ISOTP_KEPT places reserved for the request in progress are free for messages. */
 int sw_isotp_is_full(const sw_isotp *end);
 
 /* Returns the buffer for the next message to send, and stores the number of its free bytes in `room`. */

@@ -26,7 +26,7 @@ static const uint8_t *image_of(const sw_node *node)
     return sw_store_read_image(store, equipment->image, count) == 0 ? equipment->image : NULL;
 }
 
-/* Starts the ECU of the booted image; without an image, an ECU whose jets stay shut. */
+/* Starts the ECU of the booted image; without an image, the jets of this ECU stay shut. */
 static void start_ecu(sw_node *node)
 {
     const uint8_t *image = image_of(node);
@@ -65,9 +65,8 @@ static int64_t clipped(int64_t now_ns)
     return now_ns < SW_LATEST_NS ? now_ns : SW_LATEST_NS;
 }
 
-/* Runs a control period if there is no release, or if the release has been overwritten: the jets are shut, the reason
- * is sent on the bus, and the counts advance in the state. The function reads nothing of the release. This function
- * corresponds to ecu/flashable/shut_ecu.py.
+/* Runs a control period without a release, or with an overwritten one, of which it reads nothing: the jets are shut,
+ * the reason is sent, and the counts advance. This function corresponds to ecu/flashable/shut_ecu.py.
  */
 static int shut_step(sw_node *node, int64_t now_ns, sw_frame frames_out[SW_FRAMES_OUT])
 {
@@ -92,7 +91,7 @@ int sw_node_control(sw_node *node, int64_t now_ns, const sw_frame *frames_in, in
     const uint32_t missed = ecu->state.missed;
     int sent;
     sw_faults_before(&services->faults);
-    /* The release that is booted next cannot know whether the jets run now, so the jets are shut before the reset. */
+    /* The release that boots next cannot find out whether the jets run now, so they are shut before the reset. */
     ecu->surroundings.fault = services->uds.wants_reset ? SW_REASON_UPDATING : SW_REASON_NONE;
     ecu->surroundings.updating = services->programming.is_updating;
     if (has_release) {
@@ -115,9 +114,7 @@ int sw_node_control(sw_node *node, int64_t now_ns, const sw_frame *frames_in, in
 
 /* --- Diagnosis --- */
 
-/* Takes at most SW_ISOTP_QUEUE requests; a request is lost if there is no place for its answer. Returns the number of
- * requests.
- */
+/* Takes at most SW_ISOTP_QUEUE requests, and returns their number. A request without a place for its answer is lost. */
 static uint32_t take_requests(sw_node *node, int64_t now_ns, const sw_frame *frames_in, int count)
 {
     uint8_t single[SW_FRAME_BYTES];
@@ -138,7 +135,7 @@ static uint32_t take_requests(sw_node *node, int64_t now_ns, const sw_frame *fra
     return requests;
 }
 
-/* Sets the permissions for the records of diagnosis, and checks the progress of an erasure. */
+/* Sets how records may be stored now, and checks the progress of an erasure. */
 static void look_after_records(sw_node *node)
 {
     if (!node->has_begun) node->begun_ns = node->services.request.now_ns;
@@ -197,7 +194,7 @@ int sw_node_service(sw_node *node, int64_t now_ns, const sw_frame *frames_in, in
     sw_uds_look(uds, time_ns);
     const int looked_at = count < (int)SW_MOST_FRAMES ? count : (int)SW_MOST_FRAMES;
     const uint32_t requests = take_requests(node, time_ns, frames_in, looked_at);
-    /* A request that begins long work has already done its first piece here; requests during long work do no piece. */
+    /* If long work has begun in this call, its first part is done, and its next part waits for the next call. */
     if (was_busy || requests == 0u || !sw_uds_is_busy(uds)) sw_uds_tick(uds, time_ns);
 #if SW_XCP
     hear_tool(node, time_ns, frames_in, looked_at);

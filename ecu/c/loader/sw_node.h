@@ -14,12 +14,10 @@
  *
  * An image runs in place in the flash, or from a copy (sw_equipment). The copy is needed if the flash cannot be read
  * while one of its sectors is erased: an erasure takes a second on some chips, and without the copy a control period
- * would have to wait for its end. A transfer may overwrite the image that is running on trial. From the announcement of
- * a transfer until a reset, the ECU therefore sends unchanged counts and an unchanged pressure counter, and refuses the
- * self-test.
+ * would have to wait. A transfer may overwrite the image that is running on trial. From the announcement of a transfer
+ * until a reset, the ECU therefore sends unchanged counts and pressure counters, and refuses the self-test.
  *
- * A call does at most one piece of long work (hash, signature, erasure). No call may interrupt another call for the
- * same node.
+ * A call executes at most one part of long work (hash, signature, erasure). It must not interrupt a call for its node.
  */
 #ifndef SW_NODE_H
 #define SW_NODE_H
@@ -50,11 +48,11 @@ typedef struct {
     uint8_t is_full;   /* whether frames wait because there was no room */
     uint8_t has_begun; /* whether sw_node_service has run since power-on; its first run was at begun_ns */
     int64_t begun_ns;
-    sw_ecu ecu; /* last; the caller writes `ecu.surroundings.health` as for sw_ecu_step */
+    sw_ecu ecu; /* last member; the caller writes `ecu.surroundings.health` as for sw_ecu_step */
 } sw_node;
 
-/* Powers on: boots the release in the flash memory. `message` has SW_ISOTP_MOST bytes. All arguments must stay valid as
- * long as the node is used. Returns the result of sw_ecu_init.
+/* Boots the release in the flash memory, at power-on. `message` has SW_ISOTP_MOST bytes. All arguments must stay valid
+ * as long as the node is used. Returns the result of sw_ecu_init.
  */
 int sw_node_init(sw_node *node, const sw_equipment *equipment, const sw_flash *flash, uint8_t *message);
 
@@ -79,9 +77,7 @@ int sw_node_is_request(const sw_frame *frame);
 /* Returns whether sw_node_service has work to do without another frame. */
 int sw_node_is_busy(const sw_node *node);
 
-/* Returns whether the work in progress waits for flash or for frames to be sent: one call per millisecond is then
- * enough.
- */
+/* Returns whether the work waits for flash or for frames to be sent: one call per millisecond is then enough. */
 int sw_node_waits(const sw_node *node);
 
 int sw_node_wants_reset(const sw_node *node);

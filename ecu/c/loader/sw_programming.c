@@ -22,9 +22,7 @@ uint8_t sw_programming_take_keys(sw_programming *programming, const uint8_t *val
     sw_sha256_of(value, length, digest);
     const int is_again = programming->has_keys && sw_bytes_equal(digest, programming->keys_digest, sizeof digest);
     if (is_again) return SW_UDS_DONE;
-    /* Verifying a signature takes a large part of a control period, so the vehicle's request is checked first, here and
-     * before a revert.
-     */
+    /* Verifying a signature takes a large part of a control period, so it waits until no control is requested. */
     uint8_t code = sw_request_refusal(programming->request);
     if (code == 0u) code = sw_store_refusal(sw_store_take_keys(programming->store, value, length));
     if (code == SW_UDS_DONE) {
@@ -43,9 +41,8 @@ uint8_t sw_programming_download(const sw_programming *programming, uint32_t offs
     return is_missing ? 0u : SW_NRC_OUT_OF_RANGE;
 }
 
-/* --- The self-test: it checks whether the running release computes correctly on this chip. This part corresponds to
- * ecu/flashable/self_test.py. The self-test uses the ECU's memory for the control step; later periods read nothing of
- * what it leaves there. ---
+/* --- The self-test checks whether the running release computes correctly on this chip, as ecu/flashable/self_test.py
+ * does. It uses the ECU's memory for the control step, whose content no later period needs. ---
  */
 
 #define AMPLITUDE 0.3f /* in Cp: a typical amplitude of a shedding wake at the rear edges */
@@ -54,9 +51,7 @@ uint8_t sw_programming_download(const sw_programming *programming, uint32_t offs
 #define TWICE_COSINE 1.9371663222f
 #define SLACK 1e-5f /* amount by which a plan in float32 may exceed the action limit */
 
-/* Fills in the pressures of a shedding wake, with opposite signs at neighbouring sensors; or zeros, if `amplitude` is
- * 0.
- */
+/* Fills in pressures of a shedding wake, with opposite signs at neighbouring sensors; zeros if `amplitude` is 0. */
 static void fill(sw_input *input, float amplitude)
 {
     float now = 0.0f;
@@ -92,7 +87,7 @@ static int runs(sw_ecu *ecu, float amplitude, float most)
     return sound;
 }
 
-/* Runs a piece of the self-test: a control step on a window that must lead to a finite plan within the action limit. */
+/* Runs one part of the self-test: a control step on a window must lead to a finite plan within the action limit. */
 static uint8_t test_piece(sw_programming *programming)
 {
     programming->has_passed = 0;
@@ -138,8 +133,8 @@ static uint8_t announce(sw_programming *programming, const uint8_t *option, sw_a
     return ended(programming, sw_store_announce(programming->store, sw_number(option, 4), &option[4]), answer);
 }
 
-/* Confirms the release on trial. The function refuses if no release is on trial, because the tester then has the wrong
- * release in mind, or if the release has not passed its self-test since this boot.
+/* Confirms the release on trial, if it has passed its self-test since this boot. Without a release on trial, the
+ * function refuses: the tester then means another release.
  */
 static uint8_t confirm(sw_programming *programming)
 {

@@ -11,11 +11,9 @@
 
 /* Results of a handler besides a negative response code (SW_NRC_). */
 #define SW_UDS_DONE 0u /* the answer is positive */
-#define SW_UDS_MORE 1u /* the service continues, one piece per call */
+#define SW_UDS_MORE 1u /* the service needs further calls */
 
-/* The vehicle's request for control, as the control periods received it: while the request is valid nothing is
- * flashed.
- */
+/* The vehicle's request for control, from the control periods: while it is valid, nothing is flashed. */
 typedef struct {
     uint8_t has_asked;
     uint8_t drives_jets;
@@ -30,7 +28,7 @@ static inline uint8_t sw_request_refusal(const sw_vehicle_request *request)
     return (uint8_t)(request->drives_jets || asks ? SW_NRC_CONDITIONS_NOT_CORRECT : 0u);
 }
 
-/* Returns the refusal for a result of the store; SW_UDS_DONE or SW_UDS_MORE if the store does not refuse. */
+/* Converts a result of the store to SW_UDS_DONE, SW_UDS_MORE or the SW_NRC_ of the refusal. */
 static inline uint8_t sw_store_refusal(sw_store_result result)
 {
     static const uint8_t codes[] = { /* codes in the order of sw_store_result */

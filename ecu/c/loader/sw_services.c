@@ -7,7 +7,7 @@
 #define START 1u
 #define PLAIN 0x00u         /* data format of a download: neither compressed nor encrypted */
 #define FOUR_AND_FOUR 0x44u /* numbers of bytes for length and address in a download request */
-#define TWO_BYTES 0x20u     /* format of the block length in its answer */
+#define TWO_BYTES 0x20u     /* format of the block length in the answer to a download request */
 #define P2_UNIT_MS 10u
 #define ENABLE 0u
 #define DISABLE_SENDING 1u
@@ -39,9 +39,7 @@ static const permission routines[] = {
     {SW_ROUTINE_CHECK, SW_IN_PROGRAMMING, SW_LEVEL_PROGRAMMING, 0},
 };
 
-/* Returns 0 if an identifier or a routine is allowed in this session, at the unlocked level, with this number of bytes;
- * otherwise the SW_NRC_ of the refusal.
- */
+/* Checks session, unlocked level and length for an identifier or a routine. Returns 0 or the refusal's SW_NRC_. */
 static uint8_t refusal(const sw_services *services, const permission *table, uint32_t count, uint32_t number,
                        uint32_t length)
 {
@@ -163,9 +161,7 @@ static uint8_t read(sw_services *services, const uint8_t *body, uint32_t length,
     return answer->length > SW_LONGEST_ANSWER ? SW_NRC_RESPONSE_TOO_LONG : SW_UDS_DONE;
 }
 
-/* Handles security access: an odd sub-function requests the seed of its level, the next number brings the answer to
- * this seed.
- */
+/* Handles security access: an odd sub-function requests its level's seed, the next number answers the seed. */
 static uint8_t give_access(sw_services *services, const uint8_t *body, uint32_t length, sw_answer *answer)
 {
     const int is_answer = body[0] % 2u == 0u;
@@ -239,7 +235,7 @@ static uint8_t download(sw_services *services, const uint8_t *body, uint32_t len
     } else if (transfer->has_last || transfer->offset != offset || transfer->length != bytes) {
         return SW_NRC_CONDITIONS_NOT_CORRECT;
     } else {
-        /* A request repeated before the first block is acknowledged. */
+        /* A request repeated before the first block has arrived is acknowledged. */
     }
     sw_answer_byte(answer, TWO_BYTES);
     sw_answer_number(answer, SW_MAX_BLOCK, 2);

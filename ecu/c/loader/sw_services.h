@@ -26,7 +26,7 @@ typedef struct {
 
 typedef enum { SW_NO_TRANSFER, SW_TRANSFER_OPEN, SW_TRANSFER_CLOSED } sw_transfer_state;
 
-/* A requested download. The SHA-256 of the last block serves to acknowledge it again. */
+/* A requested download. The SHA-256 of the last block serves to acknowledge a repeated last block. */
 typedef struct {
     uint8_t state;    /* sw_transfer_state */
     uint8_t expected; /* counter of the next block */
@@ -40,7 +40,7 @@ typedef struct {
 
 struct sw_services {
     const sw_equipment *equipment;
-    sw_programming programming; /* this member stands next to a pointer, so that alignment needs no padding */
+    sw_programming programming; /* next to a pointer, so that alignment needs no padding */
     sw_vehicle_request request;
     sw_uds uds;
     sw_calibrating calibrating;
@@ -48,9 +48,7 @@ struct sw_services {
     sw_transfer transfer;
 };
 
-/* Connects the parts, at power-on, in memory of zeros. All arguments must stay valid as long as the services are
- * used.
- */
+/* Connects the parts at power-on, in memory of zeros. All arguments must stay valid while the services are used. */
 void sw_services_init(sw_services *services, const sw_equipment *equipment, sw_store *store, sw_isotp *isotp,
                       sw_ecu *ecu);
 

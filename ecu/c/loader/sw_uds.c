@@ -82,7 +82,7 @@ static int is_unsent(uint8_t code)
            code == SW_NRC_SERVICE_NOT_IN_SESSION;
 }
 
-/* Ends a piece of a request with its result code. */
+/* Processes the result code of one part of a request. */
 static void came_to(sw_uds *uds, uint8_t number, uint8_t code, const sw_answer *answer)
 {
     uds->under_way = code == SW_UDS_MORE ? service_of(uds, number) : NULL;
@@ -97,9 +97,7 @@ static void came_to(sw_uds *uds, uint8_t number, uint8_t code, const sw_answer *
     uds->heard_ns = uds->now_ns;
 }
 
-/* Stores a request that cannot begin yet, at a place where no other request is stored. A functional request must not
- * replace a physical request that is still being received.
- */
+/* Stores a request until an erasure ends; refuses while a physical request is received into the same memory. */
 static uint8_t put_off(sw_uds *uds, const uint8_t *request, uint32_t length)
 {
     if (uds->isotp->wanted > 0u) return SW_NRC_BUSY_REPEAT_REQUEST;
@@ -108,7 +106,7 @@ static uint8_t put_off(sw_uds *uds, const uint8_t *request, uint32_t length)
     return SW_UDS_MORE;
 }
 
-/* Does the first piece of a request, from which the bit that suppresses the answer is removed. */
+/* Executes the first part of a request, after removing the bit that suppresses the answer. */
 static uint8_t began(sw_uds *uds, uint8_t *request, uint32_t length, sw_answer *answer)
 {
     const sw_service *service = service_of(uds, request[0]);
@@ -162,9 +160,7 @@ void sw_uds_tick(sw_uds *uds, int64_t now_ns)
     if (uds->under_way == NULL) return;
     const uint8_t number = uds->under_way->number;
     if (uds->now_ns >= uds->pending_ns) {
-        /* A tester that has received response-pending waits for the answer, even if its request suppressed the
-         * answer.
-         */
+        /* After response-pending the tester waits for the answer, even if the request suppressed a positive answer. */
         uds->is_quiet = 0;
         uds->is_functional = 0;
         uds->pending_ns = uds->now_ns + NEXT_PENDING_NS;

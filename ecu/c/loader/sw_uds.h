@@ -2,8 +2,8 @@
  * corresponds to can_bridge/uds/server.py, job.py and sessions.py. The caller gives the table of services.
  *
  * Every request is checked in the order of the standard's figures: service, session, length, sub-function and its
- * session, security level, sequence. The function of the service may then refuse for its own reasons. One request is
- * processed at a time, in pieces: each sw_uds_tick does one piece.
+ * session, security level, sequence. The function of the service may then refuse for its own reasons. Requests are
+ * processed one at a time and in parts: each sw_uds_tick executes one part.
  */
 #ifndef SW_UDS_H
 #define SW_UDS_H
@@ -26,8 +26,8 @@ typedef struct sw_services sw_services;
 #define SW_IN_ALL (SW_IN_DEFAULT | SW_IN_PROGRAMMING | SW_IN_EXTENDED)
 
 /* A service. `body` has the request's bytes after the service's number, without the bit that suppresses the answer;
- * `answer` begins with the number of the positive answer. Both functions return SW_UDS_DONE, SW_UDS_MORE or the SW_NRC_
- * of the refusal.
+ * `answer` begins with the number of the positive answer. `handle` and `go_on` return SW_UDS_DONE, SW_UDS_MORE or the
+ * SW_NRC_ of the refusal.
  */
 typedef struct {
     uint8_t number;
@@ -35,7 +35,7 @@ typedef struct {
     uint8_t has_sub_function;
     uint8_t writes; /* needs the flash memory: the service waits while a sector is erased for later use */
     uint8_t (*handle)(sw_services *services, const uint8_t *body, uint32_t length, sw_answer *answer);
-    uint8_t (*go_on)(sw_services *services, sw_answer *answer); /* does a further piece; NULL: there is only one */
+    uint8_t (*go_on)(sw_services *services, sw_answer *answer); /* executes a further part; NULL: there is only one */
 } sw_service;
 
 typedef struct {
@@ -67,20 +67,18 @@ typedef struct {
 /* Returns whether a request or a reset is in progress, which sw_uds_tick continues. */
 int sw_uds_is_busy(const sw_uds *uds);
 
-/* Ends a session in which no tester was heard for the time S3. It is called first in each call of diagnosis. The tester
- * counts as present while a message is being transferred, in either direction, and while a request is in progress (ISO
- * 14229-2).
+/* Ends a session in which no tester was heard for the time S3. Every call of diagnosis calls this function first. The
+ * tester counts as present while a message is being transferred, in either direction, and while a request is in
+ * progress (ISO 14229-2).
  */
 void sw_uds_look(sw_uds *uds, int64_t now_ns);
 
-/* Takes a complete request of `length` bytes, 1 or more, which is physical or functional, and does the request's first
- * piece. A request that arrives while a long answer is still being sent is not begun: the tester has to repeat it.
+/* Takes a complete physical or functional request of at least 1 byte, and executes its first part. A request that
+ * arrives while a long answer is still being sent is refused: the tester has to repeat it.
  */
 void sw_uds_request(sw_uds *uds, int64_t now_ns, uint8_t *request, uint32_t length, int is_functional);
 
-/* Does a piece of the present request, or the answered reset. Call sw_uds_tick at least every 20 ms while
- * sw_uds_is_busy.
- */
+/* Executes one part of the present request, or an answered reset. Call it within 20 ms while sw_uds_is_busy. */
 void sw_uds_tick(sw_uds *uds, int64_t now_ns);
 
 /* Returns whether the request in progress is still read from the `message` of the sw_isotp. */

@@ -179,7 +179,7 @@ void sw_xcp_look(sw_xcp *xcp, int64_t now_ns, int may_store)
     if (!xcp->has_to_store || !may_store || xcp->waiting.count == SW_XCP_PLACES) return;
     const uint8_t code = sw_calibrating_store(xcp->memory.calibrating, &xcp->to_store);
     if (code == SW_NRC_CONDITIONS_NOT_CORRECT) return; /* waits until the jets are shut */
-    /* Storing is not attempted again: an attempt in every period would wear out a memory that fails. */
+    /* Storing is not attempted again: an attempt in every period would wear out a failing memory. */
     xcp->has_to_store = 0;
     if (code == SW_UDS_DONE) to_tool(xcp, &stored);
 }

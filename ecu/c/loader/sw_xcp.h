@@ -1,9 +1,9 @@
 /* The ECU's side of XCP on CAN (ASAM MCD-1 XCP 1.x): it takes and returns packets, with time as an argument. This file
- * corresponds to can_bridge/calibration/xcp.py and xcp_slave.py. Compiled in if SW_XCP is 1.
+ * corresponds to can_bridge/calibration/xcp.py and xcp_slave.py; it is compiled in if SW_XCP is 1.
  *
  * A tool reads and writes the same calibration as UDS (sw_calibrating), and reads or measures the latest control period
- * (sw_daq). It waits for each answer: at most SW_XCP_PLACES packets wait to be sent, and a command is lost if no place
- * is free for its answer.
+ * (sw_daq). The tool must wait for each answer: at most SW_XCP_PLACES packets wait to be sent, and a command is lost if
+ * no place is free for its answer.
  */
 #ifndef SW_XCP_H
 #define SW_XCP_H
@@ -45,9 +45,7 @@ int sw_xcp_is_command(const sw_frame *frame);
 /* Processes a frame from the tool. */
 void sw_xcp_command(sw_xcp *xcp, int64_t now_ns, const sw_frame *frame);
 
-/* Checks for a timeout, and stores the requested values if `may_store` is true; called once in each call of
- * diagnosis.
- */
+/* Checks for a timeout, and stores the requested values if `may_store`; called once in each call of diagnosis. */
 void sw_xcp_look(sw_xcp *xcp, int64_t now_ns, int may_store);
 
 /* Writes the frames to send now, at most `room` frames. Returns the number of frames. */

@@ -1,6 +1,4 @@
-/* The unlocking of the calibration by a tool: seed and key of XCP. This file corresponds to XcpAccess in
- * can_bridge/calibration/xcp.py.
- */
+/* The unlocking of the calibration by seed and key of XCP, as XcpAccess in can_bridge/calibration/xcp.py. */
 #ifndef SW_XCP_ACCESS_H
 #define SW_XCP_ACCESS_H
 
@@ -24,8 +22,8 @@ typedef struct {
 /* Locks the calibration, at the beginning and at the end of a connection. */
 void sw_xcp_access_lock(sw_xcp_access *access);
 
-/* Answer GET_SEED and UNLOCK of checked length: SW_XCP_DONE or the SW_XCP_ERROR_ of the refusal. Every attempt needs a
- * new seed. A wrong key is answered with ACCESS_LOCKED and ends the connection.
+/* Answer GET_SEED and UNLOCK, whose length the caller checks. Return SW_XCP_DONE or the refusal's SW_XCP_ERROR_. Every
+ * attempt needs a new seed. A wrong key is answered with ACCESS_LOCKED and ends the connection.
  */
 uint8_t sw_xcp_access_seed(sw_xcp_access *access, const uint8_t *data, sw_random random, void *context,
                            sw_answer *answer);

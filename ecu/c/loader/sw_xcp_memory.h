@@ -26,7 +26,7 @@ void sw_xcp_memory_end(sw_xcp_memory *memory);
 /* Sets the name that UPLOAD returns next. */
 void sw_xcp_memory_text(sw_xcp_memory *memory, const char *text, uint32_t bytes);
 
-/* Answers a calibration command of checked length: SW_XCP_DONE or the SW_XCP_ERROR_ of the refusal. */
+/* Answers a calibration command; the caller checks its length. Returns SW_XCP_DONE or the refusal's SW_XCP_ERROR_. */
 uint8_t sw_xcp_memory_command(sw_xcp_memory *memory, const uint8_t *data, uint32_t length, sw_answer *answer);
 
 #endif

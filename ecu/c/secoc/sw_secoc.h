@@ -38,9 +38,7 @@ int sw_secoc_begin(sw_secoc *secoc, const uint8_t key[SW_AES_BYTES]);
 int sw_secoc_is_authentic(const sw_secoc *secoc, const uint8_t *data, uint32_t bytes, uint32_t length, uint16_t data_id,
                           uint64_t *freshness);
 
-/* Returns whether a frame is accepted: it is authentic, and fresher than the latest accepted frame. The state then
- * stores the frame's freshness value.
- */
+/* Returns whether a frame is authentic and fresher than the latest accepted frame; if so, stores its freshness. */
 int sw_secoc_accepts(sw_verifier *verifier, const sw_secoc *secoc, const uint8_t *data, uint32_t bytes, uint32_t length,
                      uint16_t data_id);
 

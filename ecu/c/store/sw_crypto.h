@@ -16,7 +16,7 @@ void sw_sha256_begin(sw_sha256 *hash);
 void sw_sha256_add(sw_sha256 *hash, const uint8_t *data, uint32_t length);
 void sw_sha256_end(sw_sha256 *hash, uint8_t digest[SW_SHA256_BYTES]);
 
-/* Computes the digest of all data at once. */
+/* Computes the digest of the whole data in one call. */
 void sw_sha256_of(const uint8_t *data, uint32_t length, uint8_t digest[SW_SHA256_BYTES]);
 
 /* Returns whether a public key is of small order: anyone can forge signatures that such a key accepts. */

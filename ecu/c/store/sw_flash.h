@@ -24,11 +24,10 @@
 typedef enum { SW_FLASH_DONE = 0, SW_FLASH_FAILED = 1, SW_FLASH_AT_WORK = 2 } sw_flash_state;
 
 /* A driver. Each function except `erased` returns 0, or 1 if the memory failed. If the supply fails during a call, the
- * words that the call erases or programs have any value, or cannot be read.
+ * words that the call erases or programs may have any value or be unreadable.
  *
- * An erasure takes a second on some chips, so `erase` only begins the erasure. All bytes are 0xFF once `erased` returns
- * DONE; while it returns AT_WORK no other function is called. A driver aborts an erasure that takes longer than the
- * chip allows.
+ * An erasure takes a second on some chips, so `erase` only begins it. All bytes are 0xFF once `erased` returns DONE;
+ * while it returns AT_WORK no other function is called. A driver aborts an erasure that takes longer than allowed.
  */
 typedef struct {
     void *context;
@@ -36,7 +35,7 @@ typedef struct {
     int (*erase)(void *context, uint32_t sector);                         /* begins an erasure */
     sw_flash_state (*erased)(void *context);                              /* state of the erasure */
     int (*program)(void *context, uint32_t address, const uint8_t *word); /* programs an erased word completely */
-    int (*read)(void *context, uint32_t address, uint8_t *data, uint32_t length); /* 1: an uncorrectable word */
+    int (*read)(void *context, uint32_t address, uint8_t *data, uint32_t length); /* 1: uncorrectable word */
 } sw_flash;
 
 #endif

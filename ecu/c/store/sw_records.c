@@ -7,21 +7,21 @@
 #define WORD SW_FLASH_WORD
 #define WORDS (SW_FLASH_SECTOR / WORD)
 #define TRIES 3u            /* number of places at which a write is attempted */
-#define FILLED (WORDS / 2u) /* number of written words from which on a sector is left when there is time */
+#define FILLED (WORDS / 2u) /* number of written words from which on maintenance may change the sector */
 
 /* First byte of a word: its type. A blank word has 0xFF. */
 #define IS_SECTOR 0xc3u
 #define IS_FIRST 0xa5u
 #define IS_FURTHER 0x5au
 
-/* The first word of a record: type, kind, length (2), CRC-32 of kind, length and data (4), data. */
+/* The first word of a record: type; kind; length, 2 bytes; CRC-32 of kind, length and data, 4 bytes; data. */
 #define KIND 1u
 #define LENGTH 2u
 #define CRC 4u
 #define DATA 8u
 #define IN_FIRST (WORD - DATA)
 #define IN_FURTHER (WORD - 1u)
-/* The first word of a sector: type, magic (3), sequence number (4), CRC-32 of these fields (4). */
+/* The first word of a sector: type; magic, 3 bytes; sequence number, 4 bytes; CRC-32 of these fields, 4 bytes. */
 #define SEQUENCE 4u
 #define SECTOR_CRC 8u
 
@@ -75,9 +75,7 @@ static uint32_t crc_begun(sw_record_kind kind, uint32_t length)
     return sw_crc32(0, head, 3);
 }
 
-/* Return the offset at which the data of a record's word with this number begin, and how many bytes fit in this
- * word.
- */
+/* Return where the data of the record's word `number` begin: the offset in the record, and the byte in the word. */
 static uint32_t offset_of(uint32_t number) { return number == 0u ? 0u : IN_FIRST + (number - 1u) * IN_FURTHER; }
 static uint32_t begin_in(uint32_t number) { return number == 0u ? DATA : 1u; }
 
@@ -127,9 +125,7 @@ static void scan(sw_records *records)
     }
 }
 
-/* Returns whether a sequence number is later than another number; sequence numbers begin again at 0 after the largest
- * number.
- */
+/* Returns whether a sequence number is later than another; 0 follows the largest number. */
 static int is_later(uint32_t one, uint32_t other) { return one != other && one - other <= UINT32_MAX / 2u; }
 
 void sw_records_open(sw_records *records, const sw_flash *flash)
@@ -290,7 +286,7 @@ static int copied(const sw_records *records, uint32_t from, uint32_t sector, uin
 }
 
 /* Moves the newest records into the other sector, with this record in place of the older record of its kind. The other
- * sector becomes valid when its first word is written, which is written last.
+ * sector becomes valid with its first word, which is written last.
  */
 static int moved(sw_records *records, const record *of)
 {
@@ -351,7 +347,7 @@ void sw_records_care(sw_records *records)
         if (is_blank_sector(records, sector)) {
             records->other = SW_OTHER_BLANK;
         } else if (sw_records_begin_erasing(records, sector) != 0) {
-            records->other = SW_OTHER_BAD; /* a failed memory is not attempted again */
+            records->other = SW_OTHER_BAD; /* a failed sector is not erased again */
         } else {
             /* The next call checks the progress of the erasure. */
         }

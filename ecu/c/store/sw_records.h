@@ -6,8 +6,7 @@
  * other sector. The first word of a sector makes the sector valid, and is written last.
  *
  * An erasure takes longer than a control period. Before control begins, the code waits for the erasure. Later
- * sw_records_care begins and checks an erasure while the jets are shut, so that the other sector is blank when it is
- * needed.
+ * sw_records_care begins and checks an erasure while the jets are shut, so that the other sector is blank in time.
  */
 #ifndef SW_RECORDS_H
 #define SW_RECORDS_H
@@ -44,7 +43,7 @@ typedef struct {
     uint8_t other;                     /* sw_records_other */
     uint32_t sector;                   /* the valid sector; SW_RECORD_SECTORS: none */
     uint32_t sequence;                 /* sequence number of the valid sector; the later number is newer */
-    uint32_t end;                      /* word after the last written one */
+    uint32_t end;                      /* word after the last written word */
     uint32_t words[SW_RECORD_KINDS];   /* first word of the newest record of each kind; 0: none */
     uint32_t lengths[SW_RECORD_KINDS]; /* lengths of the newest records of each kind, in bytes */
 } sw_records;
@@ -52,21 +51,17 @@ typedef struct {
 /* Finds the records after power-on; writes nothing. */
 void sw_records_open(sw_records *records, const sw_flash *flash);
 
-/* Blanks the other sector before control begins, if the sector in use is filling up. A failure is noticed only when the
- * other sector is needed.
- */
+/* Blanks the other sector before control begins, if the sector in use is more than half full; ignores a failure. */
 void sw_records_tidy(sw_records *records);
 
-/* Does a piece of maintenance: blanks the other sector, or moves the records out of a sector that is filling up. */
+/* Executes one part of maintenance: blanks the other sector, or moves the records out of a sector that fills up. */
 void sw_records_care(sw_records *records);
 
-/* Begins to erase any sector of the memory; sw_records_erased checks the progress. All erasures use these two
- * functions.
- */
+/* Begins to erase any sector; sw_records_erased checks the progress. All erasures use these two functions. */
 int sw_records_begin_erasing(sw_records *records, uint32_t sector);
 sw_flash_state sw_records_erased(sw_records *records);
 
-/* Returns whether a record of `length` bytes fits after the last one. */
+/* Returns whether a record of `length` bytes fits after the last record. */
 int sw_records_have_room(const sw_records *records, uint32_t length);
 
 /* Copies bytes of a record from `offset` on. Returns 1 if the record is missing, too short or unreadable. */
@@ -80,9 +75,7 @@ uint32_t sw_records_length(const sw_records *records, sw_record_kind kind);
  */
 int sw_records_keep(sw_records *records, sw_record_kind kind, const uint8_t *data, uint32_t length);
 
-/* A part of a record: the bytes at `data`; if `data` is NULL, the bytes of the stored record of the kind from `place`
- * on.
- */
+/* A part of a record: the bytes at `data` or, if that is NULL, of the stored record of this kind from `place` on. */
 typedef struct {
     const uint8_t *data;
     uint32_t place, length;
@@ -91,9 +84,7 @@ typedef struct {
 /* Replaces a record, like sw_records_keep, with a record that consists of several parts. */
 int sw_records_keep_parts(sw_records *records, sw_record_kind kind, const sw_part *parts, uint32_t count);
 
-/* Returns zlib's CRC-32 of earlier data followed by this data; `before` is the CRC of the earlier data, 0 if there is
- * none.
- */
+/* Returns zlib's CRC-32 of this data after earlier data whose CRC is `before`; 0 if there is no earlier data. */
 uint32_t sw_crc32(uint32_t before, const uint8_t *data, uint32_t length);
 
 #endif

@@ -47,7 +47,7 @@ typedef struct {
     uint8_t layout[32];      /* SHA-256 of the build's layout of the payload */
     uint8_t dbc[32];         /* SHA-256 of stillwake.dbc */
     uint8_t hardware[64];    /* UTF-8, zero padded */
-    uint8_t vehicle[44];     /* bytes 148..191 of the header of every image that fits: control period, operating point,
+    uint8_t vehicle[44];     /* bytes 148..191 of the header of every image for it: control period, operating point,
                                 action limit, number of sensors */
 } sw_rules;
 
@@ -61,7 +61,7 @@ typedef struct {
 } sw_release_facts;
 
 /* Judges the header of an image of `length` bytes against the rules and a key list; `payload_sha256` is the SHA-256 of
- * the image's payload. The caller has to find WRONG_HASH, INCOMPLETE, UNREADABLE and EMPTY, and to check whether the
+ * the image's payload. The caller has to detect WRONG_HASH, INCOMPLETE, UNREADABLE and EMPTY, and to check whether the
  * build can run the payload.
  */
 sw_verdict sw_release_judge(const uint8_t header[SW_HEADER_BYTES], uint32_t length, const uint8_t payload_sha256[32],

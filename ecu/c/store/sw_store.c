@@ -17,9 +17,7 @@ static int is_blank(const sw_store *store, uint32_t address)
     return all == 0xffu;
 }
 
-/* Returns the offset at which writing can continue: after all received bytes, or at the start of a sector; SW_NO_OFFSET
- * if writing cannot continue.
- */
+/* Returns the offset at which writing can continue, possibly the start of a sector; SW_NO_OFFSET if there is none. */
 static uint32_t begin_again(const sw_store *store, uint32_t slot)
 {
     const sw_slot_state *standing = &store->state.slots[slot];
@@ -115,7 +113,7 @@ void sw_store_drop(sw_store *store)
     store->announced = SW_NO_SLOT;
 }
 
-/* Announces the image for the slot, when the memory directly after the received bytes is writable. */
+/* Announces the image for the slot, whose memory after the received bytes is now writable. */
 static sw_store_result announced(sw_store *store)
 {
     const sw_slot_state *announced_slot = &store->scratch.next.slot;
@@ -151,9 +149,7 @@ sw_store_result sw_store_announce(sw_store *store, uint32_t length, const uint8_
         next->received = wanted;
         return announced(store);
     }
-    /* An interrupted write may have left bytes after the received bytes; these do not count until the slot is
-     * announced.
-     */
+    /* The stored state counts only the bytes that stay, before the other bytes are erased. */
     sw_store_state *state = without(store, slot);
     if (wanted != SW_NO_OFFSET) {
         next->received = wanted;
@@ -165,8 +161,8 @@ sw_store_result sw_store_announce(sw_store *store, uint32_t length, const uint8_
     return SW_STORE_MORE;
 }
 
-/* Appends a piece of the bytes. The bytes count as received only when the last piece is written. The scratch memory has
- * the draft of the state.
+/* Appends a part of the bytes. The draft of the state in the scratch memory counts them; the draft is stored, so that
+ * the bytes count as received, when the last part is written.
  */
 static sw_store_result appended(sw_store *store)
 {
@@ -304,8 +300,8 @@ sw_store_result sw_store_confirm(sw_store *store)
     sw_store_state *next = sw_state_draft(store);
     sw_slot_state *standing = &next->slots[slot];
     if (standing->phase == SW_PHASE_CONFIRMED) return SW_STORE_DONE;
-    /* If the release's key was removed from the list, the release would not boot again, and the earlier release might
-     * be older than the minimum.
+    /* If the release's key has been removed from the list, the release would not boot again once confirmed, and the
+     * earlier release's version might be below the new minimum.
      */
     if (standing->phase != SW_PHASE_TRIAL || !sw_key_is_allowed(store->keys, standing->facts.signer)) {
         return SW_STORE_OUT_OF_ORDER;
@@ -322,8 +318,8 @@ sw_store_result sw_store_confirm(sw_store *store)
 sw_store_result sw_store_revert(sw_store *store)
 {
     const uint32_t trial = sw_state_in_phase(&store->state, SW_PHASE_TRIAL);
-    /* The running release decides to which release the ECU reverts: a tester that missed the answer repeats its
-     * request, and the repeated request must not undo the first.
+    /* The running release, not the active one, decides which release is the earlier one: a tester that missed the
+     * answer repeats its request, and the repeated request must not undo the first.
      */
     const uint32_t now = store->running != SW_NO_SLOT ? store->running : store->state.active;
     drop_work(store);

@@ -1,16 +1,16 @@
 /* Two slots for releases, of which one runs and the other can be written. This file corresponds to
  * can_bridge/flashing/store.py.
  *
- *     announce, append .., finish     an image into the slot that is not protected; checked as stored in flash
- *     activate                        boots from the next reset on, at most SW_TRIAL_BOOTS times
- *     confirm                         the image stays; the least security version rises to the image's
- *     revert                          the previous release boots again
+ *     announce, append .., finish     write an image into the slot that is not protected, and check it in flash
+ *     activate                        lets the image boot from the next reset on, at most SW_TRIAL_BOOTS times
+ *     confirm                         keeps the image; the least security version rises to the image's version
+ *     revert                          lets the previous release boot again
  *
- * A power loss may interrupt any call: from the state stored before, the next boot finds a valid image, if there was
- * one. The code is freestanding, without allocation or static state. Long work is done in pieces: after SW_STORE_MORE,
- * call sw_store_go_on until it returns another result. The calls above, boot and drop first discard such work, and wait
- * for a running erasure. While sw_store_is_erasing, call only sw_store_go_on and the functions that read state, facts
- * and report.
+ * A power loss may interrupt any call: the state stored before then lets the next boot find a valid image, if one was
+ * there. The code is freestanding, without allocation or static state. Long work is done in parts: after SW_STORE_MORE,
+ * call sw_store_go_on until it returns another result. The calls above, boot and drop discard such work before they
+ * begin, and wait for a running erasure. While sw_store_is_erasing, call only sw_store_go_on and the functions that
+ * read state, facts and report.
  */
 #ifndef SW_STORE_H
 #define SW_STORE_H
@@ -77,9 +77,7 @@ typedef struct {
 
 typedef enum { SW_WORK_NONE = 0, SW_WORK_CLEAR, SW_WORK_APPEND, SW_WORK_FINISH, SW_WORK_REVERT } sw_work;
 
-/* Scratch memory for reading an image, or for changing the state. A changed state is in force only after it is
- * stored.
- */
+/* Scratch memory for reading an image, or for changing the state; a changed state is in force only once stored. */
 typedef union {
     struct {
         sw_sha256 whole, payload;
@@ -107,9 +105,9 @@ typedef struct {
     uint8_t announced;   /* the slot of the present transfer; or SW_NO_SLOT */
     uint8_t verdict;     /* result of `finish` and `revert` */
     uint32_t wanted;     /* result of `announce`: offset of the next bytes to send */
-    /* Work in pieces. */
+    /* Long work, which is done in parts. */
     uint8_t work, slot;  /* sw_work, and its slot */
-    uint32_t at, until;  /* number of sectors to erase, or of bytes to read or append: finished, and total */
+    uint32_t at, until;  /* sectors to erase, or bytes to read or append: finished number, and total */
     const uint8_t *data; /* bytes to append */
     sw_scratch scratch;
 } sw_store;
@@ -117,14 +115,10 @@ typedef struct {
 /* Finds the stored records after power-on. The arguments must stay valid while the store is used. */
 void sw_store_open(sw_store *store, const sw_flash *flash, const sw_rules *rules, sw_store_opens opens);
 
-/* Chooses an image and checks it completely; a boot on trial is counted first. The call takes the time of checking one
- * or two images.
- */
+/* Chooses an image and checks it completely, after counting a boot on trial. One or two images are checked. */
 void sw_store_boot(sw_store *store);
 
-/* Returns the address of the booted image in the flash; NULL if no image is booted. The image becomes invalid when its
- * slot is announced again.
- */
+/* Returns the booted image's address in the flash, or NULL. It is valid until the image's slot is announced again. */
 const uint8_t *sw_store_image(const sw_store *store);
 
 /* Copies the first `length` bytes of the booted image. Returns 1 if the bytes cannot be read. */
@@ -143,23 +137,19 @@ sw_store_result sw_store_append(sw_store *store, const uint8_t *data, uint32_t l
 /* Checks the announced image; afterwards store->verdict has the result. Errors: OUT_OF_ORDER, BAD_MEMORY. */
 sw_store_result sw_store_finish(sw_store *store);
 
-/* Does one more piece of announce, append, finish or revert; returns DONE if there is none. */
+/* Executes the next part of announce, append, finish or revert; returns DONE if there is no work. */
 sw_store_result sw_store_go_on(sw_store *store);
 
 /* Returns whether an erasure is running. */
 int sw_store_is_erasing(const sw_store *store);
 
-/* Ends a session: the work and the transfer in progress are dropped. A new announcement of the same image continues the
- * transfer.
- */
+/* Ends a session: drops the work and the transfer in progress. Announcing the image again continues the transfer. */
 void sw_store_drop(sw_store *store);
 
 sw_store_result sw_store_activate(sw_store *store); /* errors: OUT_OF_ORDER, BAD_MEMORY */
 sw_store_result sw_store_confirm(sw_store *store);  /* errors: OUT_OF_ORDER, BAD_MEMORY */
 
-/* Reverts at the next reset. Afterwards store->verdict is GOOD, or the reason why the earlier release may no longer
- * run.
- */
+/* Reverts at the next reset. Afterwards store->verdict is GOOD, or states why the earlier release may not run. */
 sw_store_result sw_store_revert(sw_store *store); /* errors: OUT_OF_ORDER, BAD_MEMORY */
 
 /* Replaces the key list by a list that the root key signed. Errors: BAD_KEYS, BAD_MEMORY. */
@@ -168,9 +158,7 @@ sw_store_result sw_store_take_keys(sw_store *store, const uint8_t *data, uint32_
 /* Stores a calibration for the running release; length 0 deletes it. Errors: OUT_OF_ORDER, OUT_OF_RANGE, BAD_MEMORY. */
 sw_store_result sw_store_keep_calibration(sw_store *store, const uint8_t *data, uint32_t length);
 
-/* Returns the length of the running release's stored calibration; 0 if there is none. Copies the calibration if it has
- * at most `room` bytes.
- */
+/* Returns the length of the running release's stored calibration, or 0. Copies it if it has at most `room` bytes. */
 uint32_t sw_store_calibration(const sw_store *store, uint8_t *data, uint32_t room);
 
 /* Returns whether the state can be stored now. It cannot while the jets run and the sector is full. */
@@ -211,8 +199,8 @@ void sw_state_give_up(sw_slot_state *slot);
 /* sw_store.c */
 uint32_t sw_slots_address(uint32_t slot);
 
-/* sw_store_judge.c: the judgement of a slot. sw_judge_go_on does one piece and returns 1 if more pieces follow. At the
- * end the scratch memory has the header of a good image.
+/* sw_store_judge.c: the judgement of a slot. sw_judge_go_on executes one part and returns 1 if more parts follow. At
+ * the end the scratch memory has the header of a good image.
  */
 void sw_judge_begin(sw_store *store, uint32_t slot);
 int sw_judge_go_on(sw_store *store);

@@ -5,7 +5,7 @@
 
 #include "sw_bytes.h"
 
-#define READ 256u /* number of bytes read at once */
+#define READ 256u /* number of bytes per read */
 
 void sw_judge_begin(sw_store *store, uint32_t slot)
 {
@@ -97,9 +97,7 @@ static int boot_trial(sw_store *store, uint32_t slot)
     return 0;
 }
 
-/* Boots the confirmed or the previous image. An image that fails a check stays confirmed, and is judged again at the
- * next boot.
- */
+/* Boots the confirmed or the previous image. An image that fails stays confirmed; the next boot checks it again. */
 static void boot_confirmed(sw_store *store, int is_reverted)
 {
     const uint32_t active = store->state.active;

@@ -16,7 +16,7 @@ static const uint8_t magic[MAGIC] = {'S', 'W', 'S', '1'};
 
 void sw_state_empty_slot(sw_slot_state *slot)
 {
-    static const sw_slot_state empty_slot = {0}; /* SW_PHASE_EMPTY */
+    static const sw_slot_state empty_slot = {0}; /* its phase is SW_PHASE_EMPTY */
     *slot = empty_slot;
 }
 
@@ -60,7 +60,7 @@ static uint32_t encoded(const sw_store_state *state, uint8_t *data)
     return at + 2u * SW_FLASH_WORD;
 }
 
-/* Returns whether a slot has values that a store writes in this phase. */
+/* Returns whether a slot has values that are possible in its phase. */
 static int is_sound_slot(const sw_slot_state *slot)
 {
     const uint32_t phase = slot->phase;
@@ -91,9 +91,7 @@ static int is_sound(const sw_store_state *state)
     return state->active == SW_NO_SLOT || (state->active < 2u && state->slots[state->active].phase == SW_PHASE_CONFIRMED);
 }
 
-/* Reads a record. Returns 0 for an invalid record: the record must be checked, because an accepted state decides which
- * image boots.
- */
+/* Reads a record; returns 0 if it is invalid. It is checked because an accepted state decides which image boots. */
 static int decoded(const uint8_t *data, uint32_t length, sw_store_state *state)
 {
     uint32_t at = MAGIC;
@@ -184,7 +182,7 @@ void sw_state_give_up(sw_slot_state *slot)
 
 /* --- Key list, calibrations, failed attempts and faults; they correspond to can_bridge/flashing/remembered.py --- */
 
-/* The record of calibrations: magic (4), number (1); for each digest (32), length (2), bytes. */
+/* The record of calibrations: magic, 4 bytes; number, 1 byte; for each: digest, 32 bytes; length, 2 bytes; data. */
 #define HEAD 5u
 #define ENTRY 34u
 #define DIGEST 32u
@@ -238,9 +236,7 @@ static int is_before(const uint8_t one[DIGEST], const uint8_t other[DIGEST])
     return one[i] < other[i];
 }
 
-/* Finds a release's calibration in the record. Returns its length and writes its place; returns 0 if there is none, or
- * if the record is invalid.
- */
+/* Returns the length of a release's calibration, and writes its place; 0 if it is missing or the record invalid. */
 static uint32_t found(const sw_store *store, const uint8_t digest[DIGEST], uint32_t *place)
 {
     uint8_t data[ENTRY], before[DIGEST];

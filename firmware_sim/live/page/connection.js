@@ -1,15 +1,15 @@
 'use strict';
-/** WebSockets that come back by themselves, each time after a longer wait. */
+/** WebSockets that reconnect by themselves, each time after a longer wait. */
 var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
 
 (() => {
-  // An ECU in C takes a minute to be made. A connection that ends answers at once.
+  // Building an ECU in C takes a minute, so an answer may be late; a closed connection ends the wait immediately.
   const [SHORTEST_MS, LONGEST_MS, ANSWER_MS] = [500, 8000, 300000];
 
   const OPEN_MS = 10000;
   const pause = (ms) => new Promise((resolve) => setTimeout(resolve, ms));
 
-  /** The address of a channel next to this page, with the page's token. */
+  /** Returns the address of a channel on the page's server, with the page's token. */
   stillwake.channelUrl = (name) => {
     const url = new URL(name, location.href);
     url.protocol = location.protocol === 'https:' ? 'wss:' : 'ws:';
@@ -18,16 +18,14 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
     return url.href;
   };
 
-  /** '?token=...' of this page, or ''. */
+  /** Returns '?token=...' of this page, or ''. */
   stillwake.tokenQuery = () => {
     const token = new URLSearchParams(location.search).get('token');
     return token ? `?${new URLSearchParams({token})}` : '';
   };
 
   stillwake.Channel = class {
-    /**
-     * @param {Function} on called with ('open'), ('message', data), ('closed', {wait_ms, reason}).
-     */
+    /** @param {Function} on called with ('open'), ('message', data) or ('closed', {wait_ms, reason}). */
     constructor(url, on) {
       this.url = url;
       this.on = on;
@@ -55,12 +53,12 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
     }
   };
 
-  /** Requests on a channel of their own, each with its answer. */
+  /** Requests on a separate channel, each with its answer. */
   stillwake.Requests = class {
     constructor(url) {
       this.next = 1;
       this.waiting = new Map();
-      /** Resolves when requests can be asked for the first time. */
+      /** Resolves when the channel has opened for the first time. */
       this.opened = new Promise((resolve) => (this.isOpen = resolve));
       this.channel = new stillwake.Channel(url, (what, data) => {
         if (what === 'open') this.isOpen();
@@ -69,7 +67,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       });
     }
 
-    /** Resolves to the answer; an answer with `error` where there is none. A page that has just come waits a little. */
+    /** Resolves to the answer, or to one with `error`. On a new page, waits up to OPEN_MS for the channel. */
     async ask(request) {
       if (!this.channel.ready) await Promise.race([this.opened, pause(OPEN_MS)]);
       if (!this.channel.ready) return {error: 'not connected to the loop'};

@@ -1,5 +1,5 @@
 'use strict';
-/** What a viewer can set on the running loop. Every control shows the loop's value, so that all viewers agree. */
+/** The settings of the running loop that a viewer can change. Every control shows the loop's present value. */
 var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
 
 (() => {
@@ -27,9 +27,9 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
 
   stillwake.Controls = class {
     /**
-     * @param {Element} element to fill; goal for the weights.
-     * @param {object} hello choices, bounds and settings.
-     * @param {Function} ask sends a request: {set: {...}}, {clear: true}, ...
+     * @param {Element} element for the settings; `goal` is the element for the weights.
+     * @param {object} hello with choices, bounds and settings.
+     * @param {Function} ask sends a request, such as {set: {...}} or {clear: true}.
      */
     constructor(element, goal, hello, ask) {
       this.hello = hello;
@@ -62,7 +62,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       this.show(hello.settings);
     }
 
-    /** The loop's settings, which are the truth. */
+    /** Shows the loop's settings, which replace those that the viewer has just chosen. */
     show(settings) {
       for (const [name, field] of this.fields) field.show(settings[name]);
       const weights = settings.weights || this.hello.weights;
@@ -94,7 +94,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       return this.keep(name, new Slider(this.words(name), this.bounds(this.hello.sliders[name]), this.set(name)));
     }
 
-    /** Shares are shown as they are set; long units go into the help's line. */
+    /** Returns a slider's bounds with a short unit: 'ms', 'σ', or none for a share. */
     bounds(slider) {
       const unit = slider.unit.split(' ')[0];
       return {...slider, unit: unit === 'ms' ? 'ms' : unit === 'deviations' ? 'σ' : ''};
@@ -112,7 +112,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       return make('div', {class: 'act'}, button, make('p', {class: 'note'}, help));
     }
 
-    /** Weights of the cost, a calibration of the release. */
+    /** Returns the controls for the weights of the cost, which are part of the release's calibration. */
     goal() {
       const {least, greatest, step} = this.hello.weight_slider;
       const fields = Object.keys(this.hello.weights).map((name) => {

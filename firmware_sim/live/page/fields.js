@@ -1,12 +1,12 @@
 'use strict';
-/** Native controls with a label and a line of help, which show the loop's value and pass on what a viewer wants. */
+/** Native form controls with a label and help; they show the loop's value and pass on the viewer's changes. */
 var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
 
 (() => {
   const {make, write, format} = stillwake;
   let count = 0;
 
-  /** Label, control, value and help in one block. */
+  /** Returns a block of label, control, value and help. */
   const block = (kind, {label, help}, control, ...more) => {
     control.id = `field-${(count += 1)}`;
     const lines = [make('label', {for: control.id}, label)];
@@ -20,7 +20,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
     return element;
   };
 
-  /** On or off. `set(true)` passes on a request; `show` follows the loop. */
+  /** A switch: the viewer's change calls `set(true)` or `set(false)`; `show` shows the loop's value. */
   stillwake.Switch = class {
     constructor(words, set) {
       this.input = make('input', {type: 'checkbox', role: 'switch'});
@@ -33,7 +33,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
     }
   };
 
-  /** One of [{name, label, missing}]; what is missing cannot be chosen, and shows why. */
+  /** A choice from [{name, label, missing}]; an entry with `missing`, a reason, cannot be chosen. */
   stillwake.Choice = class {
     constructor(words, choices, set) {
       this.input = make('select', {name: words.name});
@@ -53,8 +53,8 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
   };
 
   /**
-   * A number. It is passed on when the slider is let go; until then the loop's value does not pull it back.
-   * `scale` maps the loop's value to the slider and back.
+   * A number, passed on when the viewer releases the slider; while the viewer moves it, the loop's value is not shown.
+   * `scale` has two functions: `to` maps a value to the slider's position, `from` maps a position to the value.
    */
   stillwake.Slider = class {
     constructor(words, {least, greatest, step, unit}, set, scale = null) {
@@ -92,7 +92,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
     }
   };
 
-  /** Terms of the cost, for people. */
+  /** Labels of the cost terms. */
   stillwake.WEIGHTS = {
     drag_mean: 'Mean drag',
     drag_fluctuation: 'Drag swings',
@@ -104,7 +104,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
     prior: 'Distance from the learned plan',
   };
 
-  /** From 0, and then from 0.01 to the greatest by equal ratios, on a slider of 0 to 100. */
+  /** Maps 0 to a slider's 0, and values from 0.01 to `greatest` logarithmically to its positions 1 to 100. */
   stillwake.byRatio = (greatest) => ({
     to: (value) => (value < 0.01 ? 0 : Math.round(1 + (99 * Math.log(value / 0.01)) / Math.log(greatest / 0.01))),
     from: (place) => (place < 1 ? 0 : Number((0.01 * (greatest / 0.01) ** ((place - 1) / 99)).toPrecision(2))),

@@ -1,11 +1,11 @@
 'use strict';
-/** One sentence on what is seen, for someone who has just come. */
+/** One sentence that describes the present situation to a new viewer. */
 var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
 
 (() => {
   const {make, write, format} = stillwake;
 
-  /** The drag in words; null where it is not known. */
+  /** Describes the drag; null if it is unknown. */
   const drag = (percent) => {
     if (!format.is(percent)) return null;
     const size = format.number(Math.abs(percent), 0);
@@ -13,7 +13,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
     return `Drag is ${size} % ${percent > 0 ? 'below' : 'above'} the uncontrolled wake`;
   };
 
-  /** {kind, text}: the kind stays while only numbers change. */
+  /** Returns {kind, text}: `kind` stays equal while only numbers in the text change. */
   const sentence = (hello, now) => {
     const count = hello.used.length;
     const reason = stillwake.reasonOf(hello, now);
@@ -53,11 +53,11 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
     }
   };
 
-  /** Why the jets may not follow the controller, in words. */
+  /** Returns in words why the jets do not follow the controller. */
   stillwake.reasonOf = (hello, now) => (hello.reasons && hello.reasons[now.reason]) ?? now.reason;
 
   stillwake.Headline = class {
-    /** The text is for the eye at once; a screen reader hears it when what happens has changed. */
+    /** The visible text always changes immediately; a screen reader reads the text only if its kind has changed. */
     constructor(element) {
       this.kind = null;
       this.state = make('span', {class: 'pill'});
@@ -73,7 +73,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       this.report({kind: paused + kind, text: paused + text, state: now.state});
     }
 
-    /** The latest event, small below the sentence. */
+    /** Shows the latest event in small type below the sentence. */
     happened({t, text}) {
       write(this.event, `t = ${format.number(t, 1)}: ${text}`);
     }

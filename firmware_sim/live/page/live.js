@@ -1,11 +1,11 @@
 'use strict';
-/** The live page: joins the channels to the widgets. */
+/** The live page: passes the channels' messages to the widgets. */
 var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
 
 (() => {
   const {write, format} = stillwake;
   const at = (id) => document.getElementById(id);
-  const SPEAK_MS = 5000; // between changes of a picture's text alternative
+  const SPEAK_MS = 5000; // shortest time between changes of a picture's text alternative
 
   stillwake.LivePage = class {
     constructor() {
@@ -28,7 +28,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       });
     }
 
-    /** Tell the loop something, and the viewer what came of it. */
+    /** Sends a request to the loop, and shows an error to the viewer. */
     async ask(request) {
       const answer = await this.requests.ask(request);
       this.toolbar.answer(answer);
@@ -42,7 +42,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
         this.stream.take(data);
       } else if (what === 'closed') {
         document.body.dataset.connection = 'lost';
-        this.stream.now = null; // another loop may answer next time
+        this.stream.now = null; // after a reconnection, another loop may answer
         const again = `trying again in ${format.number(data.wait_ms / 1000, 1)} s`;
         write(at('connection'), `${data.reason || 'no connection'}; ${again}`);
         this.headline.report({kind: 'lost', text: 'The loop cannot be reached. This page tries again by itself.'});
@@ -63,7 +63,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       this.request();
     }
 
-    /** What the loop's process does besides running: it starts, makes a controller, has ended. */
+    /** Shows the state of the loop's process other than running: the loop starts, builds a controller, or has ended. */
     wait({state, text}) {
       this.toolbar.loop(state, text);
       if (state !== 'starting' && state !== 'ended') return;
@@ -104,7 +104,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       if (items.length) this.headline.happened(items.at(-1));
     }
 
-    /** HOLD and DECAY may last a period each: they light up for long enough to be seen. */
+    /** HOLD and DECAY may last only one period each, so they stay lit long enough to be seen. */
     passed(modes) {
       for (const [mode, state] of [[3, 'HOLD'], [4, 'DECAY']]) if (modes.includes(mode)) this.states.glow(state);
     }
@@ -145,7 +145,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       write(at('speed'), `${speed}, drawn ${format.number(this.drawn.tick(now.k), 0)}/s`);
       write(at('clock'), `t = ${format.number(now.t, 1)}`);
       write(at('computed'), now.computed_by || '');
-      // The shipped wake keeps nearly what it is on a grid of 0.75, and not on coarser ones.
+      // The hint suggests a grid of 0.75, which hardly changes the shipped plant's wake; coarser grids change it more.
       this.slow = !now.paused && this.finer && now.real_time < (this.slow ? 0.7 : 0.5);
       at('slow').hidden = !this.slow;
       this.toolbar.follow(now);
@@ -163,7 +163,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
     }
   };
 
-  /** Periods that were drawn, a second, over the last ones. */
+  /** Measures how many periods per second were drawn recently. */
   stillwake.Rate = class {
     constructor() {
       this.times = [];

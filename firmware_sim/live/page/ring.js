@@ -1,9 +1,9 @@
 'use strict';
-/** Series of control periods of which the latest are kept: memory stays as it is, however long the page is open. */
+/** Columns of the latest control periods; the memory does not grow while the page is open. */
 var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
 
 stillwake.Ring = class {
-  /** @param {number} kept rows; a quarter more may lie in memory before the oldest are let go. */
+  /** @param {number} kept number of rows to keep; up to a quarter more are stored before the oldest are deleted. */
   constructor(kept) {
     this.kept = Math.max(1, kept);
     this.clear();
@@ -14,7 +14,7 @@ stillwake.Ring = class {
     this.length = 0;
   }
 
-  /** Rows as lists of equal length by column; rows whose `k` is not later than the last one are left out. */
+  /** Appends rows, given as columns of equal length; drops rows whose `k` is not greater than the last stored one. */
   push(columns) {
     const last = this.length ? this.columns.k[this.length - 1] : -1;
     const first = columns.k.findIndex((k) => k > last);

@@ -1,12 +1,12 @@
 'use strict';
-/** What comes from the loop, kept for the widgets: the latest of each message, and a ring of periods. */
+/** Data from the loop that the widgets read: the latest message of each type, and a ring of periods. */
 var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
 
 (() => {
-  const HEAD = 12; // k, t, width, height: `firmware_sim.live.loop.messages.pack_field`
+  const HEAD = 12; // bytes of k, t, width, height: `firmware_sim.live.loop.messages.pack_field`
 
   stillwake.Stream = class {
-    /** @param {Function} on called with (type) after each message has been kept. */
+    /** @param {Function} on called with (type, message) after each message has been stored. */
     constructor(on) {
       this.on = on;
       this.hello = null;
@@ -14,7 +14,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       this.periods = new stillwake.Ring(1);
     }
 
-    /** A message as it came: JSON text, or the bytes of a picture. */
+    /** Takes a received message: JSON text, or the bytes of a picture. */
     take(data) {
       if (typeof data !== 'string') {
         this.picture = stillwake.unpackField(data);
@@ -37,7 +37,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
     }
   };
 
-  /** {k, t, width, height, levels} of a picture's bytes. */
+  /** Returns {k, t, width, height, levels} from the bytes of a picture. */
   stillwake.unpackField = (buffer) => {
     const head = new DataView(buffer);
     const [width, height] = [head.getUint16(8, true), head.getUint16(10, true)];

@@ -1,5 +1,5 @@
 'use strict';
-/** The live page's buttons for the whole loop, its theme, and what came of a request. */
+/** The live page's buttons for the whole loop, its colour theme, and the errors of requests. */
 var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
 
 (() => {
@@ -7,7 +7,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
   const at = (id) => document.getElementById(id);
   const SEEN = 'stillwake.seen';
 
-  /** Kept by the browser, where it lets us. */
+  /** Reads a value stored in the browser, after storing a new one if given; null if the browser allows no storage. */
   const kept = (name, value) => {
     try {
       if (value !== undefined) localStorage.setItem(name, value);
@@ -18,7 +18,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
   };
 
   stillwake.Toolbar = class {
-    /** @param {object} page with `ask`. */
+    /** @param {object} page with the function `ask`. */
     constructor(page) {
       at('clear').addEventListener('click', () => page.ask({clear: true}));
       at('pause').addEventListener('click', () => {
@@ -43,7 +43,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       write(at('loop'), text || '');
     }
 
-    /** Why a request was not done; everything else shows in the events and on the controls. */
+    /** Shows why a request failed; all other effects appear among the events and on the controls. */
     answer({error}) {
       at('toast').hidden = !error;
       if (error) write(at('answer'), `Not done: ${error}`);

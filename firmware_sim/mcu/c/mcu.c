@@ -1,5 +1,5 @@
-/* The control step on a bare Cortex-M7: one call for each row of the window. A test bench, or a bus driver, fills
- * mcu_row and reads mcu_output. Until the window is full, rows are only added.
+/* The control step on a bare Cortex-M7: a test bench, or a bus driver, fills mcu_row, calls mcu_step and reads
+ * mcu_output once for each row; while the window is not full, it calls mcu_push instead.
  */
 #include <stddef.h>
 
@@ -18,11 +18,11 @@ static sw_workspace workspace;
 
 extern unsigned char mcu_hot_start[], mcu_hot_end[], mcu_hot_load[];
 
-/* Copies to data TCM the constants that every step reads, then resets the input. */
+/* Copies the constants that every step reads into data TCM, then resets the input. */
 void mcu_reset(void)
 {
     memcpy(mcu_hot_start, mcu_hot_load, (size_t)(mcu_hot_end - mcu_hot_start));
-    (void)sw_input_reset(&mcu_input); /* every step checks the arithmetic again */
+    (void)sw_input_reset(&mcu_input); /* every step repeats the check of arithmetic */
 }
 
 int mcu_push(void)

@@ -1,13 +1,13 @@
-/* Counts the basic blocks that an emulated core executes: a hook of Unicorn's, called some million times a step. It runs
- * on this machine, inside the emulator.
+/* Counts the basic blocks that an emulated core executes: a hook of Unicorn, called about a million times per step. The
+ * hook runs on the host, inside the emulator.
  */
 #include <stdint.h>
 
 typedef struct {
-    uint64_t origin; /* of the memory with the code */
-    uint64_t places; /* half-words of it */
-    uint64_t *counts; /* of blocks that begin at a half-word */
-    uint32_t *sizes;  /* bytes of the latest one there */
+    uint64_t origin; /* first address of the memory with the code */
+    uint64_t places; /* number of half-words of this memory */
+    uint64_t *counts; /* number of executions of the block that begins at a half-word */
+    uint32_t *sizes;  /* length in bytes of the latest block that began there */
 } block_counts;
 
 void count_block(void *core, uint64_t address, uint32_t size, void *counts);

@@ -1,11 +1,10 @@
 /* The bus terminal of the ECU's FMU: CAN as in FMI-LS-BUS 1.0, network abstraction ("low-cut").
  *
- * The binary variables carry operations. An operation is a code and a length, of four bytes each, followed by
- * arguments; numbers are little-endian. The ECU steps at start + step_offset and then once a control period, with the
- * frames received before the step. A time of compute_time after the step Tx_Clock ticks, and Tx_Data has the ECU's
- * frames. Tx_Clock is a countdown clock, or a triggered clock that ticks in the next event, as modelDescription.xml
- * states. Error counters follow ISO 11898-1; without BusNotifications the controller neither counts nor repeats, as the
- * standard demands.
+ * The binary variables carry operations: a code and a length of four bytes each, then arguments; numbers are
+ * little-endian. The ECU steps at start + step_offset and then once a control period, with the frames received before
+ * the step. Tx_Clock ticks compute_time after the step; Tx_Data then has the ECU's frames. Tx_Clock is a countdown
+ * clock, or a triggered clock that ticks in the next event, as modelDescription.xml states. Error counters follow ISO
+ * 11898-1; without BusNotifications the controller counts no errors and repeats no frames, as the standard demands.
  */
 #include <string.h>
 
@@ -68,7 +67,7 @@ static void put_frame(fmu_side *side, const sw_frame *frame)
     if (place == NULL) return;
     put_number(place, frame->id, 4);
     place[4] = frame->is_extended;
-    place[5] = frame->is_fd; /* bit rate switch for CAN FD; for CAN: no remote frame */
+    place[5] = frame->is_fd; /* CAN FD: bit rate switch on; CAN: no remote frame */
     if (frame->is_fd) place[6] = side->status == ERROR_PASSIVE;
     put_number(place + before - 2, frame->length, 2);
     (void)memcpy(place + before, frame->data, frame->length);
@@ -98,9 +97,7 @@ static void put_answers(fmu_side *side)
 
 /* --- The controller's errors --- */
 
-/* Reports a changed state to the bus simulation. A controller that went bus-off drops its frames until it has
- * recovered; recovery takes 128 times eleven bits of a free bus.
- */
+/* Reports a changed state. A bus-off controller drops its frames; recovery takes 128 times eleven bits of free bus. */
 static void update_status(fmu_side *side)
 {
     sw_bus_health *health = &side->health;
@@ -128,7 +125,7 @@ static void recover(fmu_side *side, int64_t now_ns)
     update_status(side);
 }
 
-/* Repeats the frames with an identifier, unless the next frames already wait. */
+/* Repeats the frames with an identifier, unless frames of the next step wait already. */
 static void repeat(fmu_side *side, uint32_t id)
 {
     if (side->waiting > 0 || side->health.is_bus_off) return;
@@ -172,9 +169,7 @@ static int take_frame(fmu_side *side, const uint8_t *arguments, uint32_t bytes, 
     if (bytes != before + length || !is_length(length, is_fd)) return 0;
     if (!is_bool(arguments[4]) || !is_bool(arguments[5]) || (is_fd && !is_bool(arguments[6]))) return 0;
     if (id > (arguments[4] ? 0x1fffffffu : 0x7ffu)) return 0;
-    /* A controller that is bus-off receives nothing, a classic controller receives no CAN FD frame, and a remote frame
-     * has no data.
-     */
+    /* A bus-off controller receives nothing, a classic controller no CAN FD frame; a remote frame has no data. */
     if (side->health.is_bus_off || (is_fd && !SW_FRAMES_FD) || (!is_fd && arguments[5])) return 1;
     uint32_t *errors = &side->health.rx_errors;
     if (*errors > 0) *errors = *errors > 127 ? 127 : *errors - 1;

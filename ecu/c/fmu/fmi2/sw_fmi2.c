@@ -58,7 +58,7 @@ fmi3Status fmi3SerializedFMUStateSize(fmi3Instance, fmi3FMUState, size_t *);
 fmi3Status fmi3SerializeFMUState(fmi3Instance, fmi3FMUState, fmi3Byte[], size_t);
 fmi3Status fmi3DeserializeFMUState(fmi3Instance, const fmi3Byte[], size_t, fmi3FMUState *);
 
-/* Passes a message on; function names in the message have FMI 3.0's prefix. */
+/* Passes a message on, with the prefix fmi2 instead of fmi3 in a function's name. */
 static void pass_on(fmi3InstanceEnvironment environment, fmi3Status status, fmi3String category, fmi3String message)
 {
     const component *to = environment;

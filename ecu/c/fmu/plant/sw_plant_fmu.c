@@ -1,6 +1,5 @@
 /* The front end of the plant's FMU, which is written in Python. It checks the order of calls, references, numbers and
- * times, and passes valid calls on to pythonfmu3's binary in the same folder. In that binary every error in Python is
- * fatal.
+ * times, and passes valid calls on to pythonfmu3's binary in the same folder, where every error in Python is fatal.
  */
 #define _GNU_SOURCE /* for dladdr */
 #include <dlfcn.h>

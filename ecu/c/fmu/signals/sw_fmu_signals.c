@@ -6,7 +6,7 @@
 
 fmi3String fmu_begun(fmu_memory *kept) { return NULL; }
 
-/* A period that begins with the next communication step, within a microsecond, belongs to the next step. */
+/* A period that begins less than a microsecond before the end of a communication step belongs to the next one. */
 int fmu_is_due(const fmu_memory *kept, double until_ns) { return (double)kept->next_ns < until_ns - 1e3; }
 
 /* The FMU has no bus: the outputs show everything that the ECU sends. */
@@ -37,9 +37,8 @@ static int32_t nearest(double value, int32_t least, int32_t most, int32_t otherw
     return found >= least && found <= most ? found : otherwise;
 }
 
-/* Converts an age to units of its signal. The age is rounded to the nearest unit; in the classic set, which has few
- * values, it is rounded up, so that no pressure looks fresher than it is. An age out of range, or NaN, becomes the last
- * value.
+/* Converts an age to units of its signal, rounding to the nearest; in the classic set, which has few values, rounding
+ * up, so that no pressure looks fresher than it is. An age out of range, or NaN, becomes the last value.
  */
 static int32_t age_steps(double seconds)
 {
@@ -64,9 +63,7 @@ static void start_frame(sw_frame *frame, uint32_t id, int length, int64_t now_ns
 
 static uint8_t next_counter(uint8_t counter) { return (uint8_t)((counter + 1u) % SW_E2E_COUNTERS); }
 
-/* Writes the pressures. A pressure beyond a transducer's range is limited to the end of the range and marked as
- * invalid.
- */
+/* Writes the pressures; a pressure beyond a transducer's range is limited to the range and marked as invalid. */
 static void write_pressures(fmu_memory *kept, sw_frame *frame)
 {
     start_frame(frame, SW_PRESSURE_ID, SW_PRESSURE_BYTES, kept->next_ns);

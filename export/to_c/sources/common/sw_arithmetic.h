@@ -1,10 +1,10 @@
 /* The check that a build computes floats as C99 and IEEE 754 define: a known answer.
  *
- * It detects sums and products in another order, divisions replaced by products, more digits than the type has, small
- * numbers taken as zero, the assumption that numbers are never NaN or infinite, zeros without a sign, and rounding
- * other than to the nearest. The cause may be the compiler, or the present mode of the processor. The inputs are
- * unknown to the compiler, so that it treats this code like all other code with these flags. sw_compiler.h rejects the
- * cases that a macro shows.
+ * The check detects sums and products in another order, divisions replaced by products, more digits than the type has,
+ * small numbers taken as zero, the assumption that numbers are never NaN or infinite, zeros without a sign, and
+ * rounding other than to the nearest. The cause may be the compiler, or the present mode of the processor. The inputs
+ * are unknown to the compiler, so that it treats this code like all other code with these flags. sw_compiler.h rejects
+ * the cases that a macro shows.
  */
 #ifndef SW_ARITHMETIC_H
 #define SW_ARITHMETIC_H
@@ -20,9 +20,7 @@ static inline float sw_unknown(float value)
 /* Returns 0 if the number has these bits. */
 static inline uint32_t sw_other(float value, uint32_t bits) { return sw_to_bits(value) ^ bits; }
 
-/* Returns 0 if the number differs from these bits by so few units of the last place that fused operations may explain
- * it.
- */
+/* Returns 0 if the number is within a few units in the last place of these bits, as fused operations may cause. */
 static inline uint32_t sw_far(float value, uint32_t bits) { return (sw_to_bits(value) - bits + 4u) & ~7u; }
 
 /* Returns whether a product is added without rounding: a product that rounds to 1, minus 1, is then not 0. */

@@ -21,8 +21,8 @@
 #endif
 #endif
 
-/* Unroll the following loop on a Cortex-M. Its compilers then interleave the passes of the loop, because the core
- * issues two instructions at a time, in order.
+/* Unroll the following loop on a Cortex-M, so that compilers interleave the passes of the loop: the core issues two
+ * instructions at a time, in order.
  */
 #if defined(__ARM_FEATURE_DSP) && defined(__thumb2__) && defined(__clang__)
 #define SW_FOUR_TIMES _Pragma("clang loop unroll_count(4)")
@@ -35,9 +35,7 @@
 #define SW_EIGHT_TIMES
 #endif
 
-/* Loads four numbers before the statements that follow, because a Cortex-M cannot use a number in the cycle after its
- * load.
- */
+/* Loads four numbers before the statements that follow: a Cortex-M cannot use a number in the cycle after its load. */
 #if defined(__ARM_FEATURE_DSP) && defined(__thumb2__) && defined(__GNUC__)
 #define SW_LOADED(a, b, c, d) __asm__("" : "+t"(a), "+t"(b), "+t"(c), "+t"(d))
 #else

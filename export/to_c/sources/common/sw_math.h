@@ -81,9 +81,7 @@ static inline float sw_inverse_sqrt(float x)
     return y;
 }
 
-/* Returns sqrt(x) with a relative error of at most 3e-7 for normal x; 0 for smaller x, whose roots are below
- * 1.1e-19.
- */
+/* Returns sqrt(x) with a relative error of at most 3e-7; 0 for subnormal x, whose roots are below 1.1e-19. */
 static inline float sw_sqrt(float x) { return x < 1.17549435e-38f ? 0.0f : x * sw_inverse_sqrt(x); }
 
 #endif

@@ -9,17 +9,13 @@ struct sw_workspace;
 /* Computes the latent state, work->z, from a window. */
 void sw_encode(struct sw_workspace *work, const float window[SW_WINDOW][SW_COLUMNS]);
 
-/* Computes the latent states, work->latents, that follow from work->z under work->plan; writes the tape, which the
- * adjoint reads.
- */
+/* Computes work->latents, which follow from work->z under work->plan; writes the tape, which the adjoint reads. */
 void sw_roll_out(struct sw_workspace *work);
 
 /* Computes work->forces from work->latents; writes the tape, which the adjoint reads. */
 void sw_decode(struct sw_workspace *work);
 
-/* Computes the derivative of the cost J by the latent states, work->d_latents, as far as J depends on them through the
- * forces, from work->d_forces.
- */
+/* Computes work->d_latents, dJ/d(latent states) through the forces alone, from work->d_forces. */
 void sw_decode_adjoint(struct sw_workspace *work);
 
 /* Adds to work->gradient the effect of each action through the latent states. */

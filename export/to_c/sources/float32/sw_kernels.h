@@ -42,9 +42,7 @@ static inline float sw_lane_sum(float lanes[SW_LANES])
     return lanes[0] + lanes[1];
 }
 
-/* Computes y = w x; w is (rows, columns), with columns a multiple of SW_LANES. Four rows at a time share the loads of
- * x.
- */
+/* Computes y = w x; w is (rows, columns), columns a multiple of SW_LANES. Four rows at a time share the loads of x. */
 static inline void sw_dots(float *restrict y, const float *restrict w, const float *restrict x, int rows, int columns)
 {
     for (; rows >= 4; rows -= 4, w += 4 * columns, y += 4) {

@@ -13,7 +13,7 @@ typedef float sw_prior_number; /* type of the prior's matrices (sw_prior_memory.
 
 /* The parameters are read in place: little-endian, no pointers, every member aligned to SW_ALIGNMENT. */
 typedef struct sw_weights {
-    /* Scaling: a column of the window enters as (value - mean) factor; the physical forces are mean + std scaled. */
+    /* Scaling: the encoder reads (value - mean) * factor of a window's column; a force is mean + std * output. */
     SW_ALIGNED float window_mean[SW_SENSORS + 1];
     SW_ALIGNED float window_factor[SW_SENSORS + 1];
     SW_ALIGNED float force_mean[2];
@@ -52,9 +52,7 @@ typedef struct sw_weights {
     SW_ALIGNED float force_weight[2][SW_DECODER]; /* (outputs, inputs) */
     SW_ALIGNED float force_bias[2];
 
-    /* Cost and optimiser: lr / (1 - b1^i) and 1 / sqrt(1 - b2^i) of Adam's iteration i, and the default cost
-     * weights.
-     */
+    /* Cost and optimiser; adam_rate is lr / (1 - b1^i) and adam_unbias 1 / sqrt(1 - b2^i) in Adam's iteration i. */
     SW_ALIGNED float drag_reference;
     SW_ALIGNED float adam_rate[SW_ITERATIONS];
     SW_ALIGNED float adam_unbias[SW_ITERATIONS];

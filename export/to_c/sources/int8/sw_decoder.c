@@ -4,7 +4,7 @@
 #include "sw_networks.h"
 #include "sw_norm.h"
 
-/* The function is not inlined: a copy for each of its calls would take 2 KiB of flash. */
+/* Functions marked CALLED are not inlined, because a copy for each call would take 2 KiB of flash. */
 #if defined(__GNUC__)
 #define CALLED __attribute__((noinline))
 #else
@@ -94,9 +94,7 @@ static CALLED void decode_steps(sw_workspace *work, int first, int count)
     }
 }
 
-/* Writes x + sums to both arrays, in a unit that is four times the coarser of both units, so that nothing overflows.
- * Returns the unit.
- */
+/* Writes x + sums to both arrays, and returns their new unit: four times the coarser one, so that nothing overflows. */
 static float add_adjoints(int32_t *restrict x, float unit, int32_t *restrict sums, float unit_of_sums)
 {
     const float coarser = 4.0f * sw_fmax(unit, unit_of_sums);
@@ -110,9 +108,7 @@ static float add_adjoints(int32_t *restrict x, float unit, int32_t *restrict sum
     return coarser;
 }
 
-/* Converts x times the scales of the first layer's rows to int16, as finely as the largest of the products allows.
- * Returns the unit.
- */
+/* Converts x times the first layer's row scales to int16, as finely as the largest product allows; returns the unit. */
 static float round_adjoints(int16_t *restrict vector, int32_t *restrict x, float unit, const sw_weights *w)
 {
     uint32_t bits = 0;

@@ -15,9 +15,7 @@
 
 #include "sw_integer.h"
 
-/* Largest number of columns of a matrix; a file with longer matrices defines the number before it includes this
- * header.
- */
+/* Largest number of columns of a matrix; a file with longer matrices defines it before including this header. */
 #ifndef SW_DOTS_COLUMNS
 #define SW_DOTS_COLUMNS SW_LONGEST
 #endif

@@ -1,6 +1,4 @@
-/* sw_dots.h for x86 processors with AVX2: one instruction multiplies and adds eight pairs of numbers, which form a
- * tile.
- */
+/* sw_dots.h for x86 processors with AVX2: one instruction multiplies and adds a tile's eight pairs of numbers. */
 #ifndef SW_DOTS_AVX2_H
 #define SW_DOTS_AVX2_H
 
@@ -8,7 +6,7 @@
 
 #include "sw_workspace.h"
 
-/* Tiles of four rows that share the loads of a vector. */
+/* Number of tiles of four rows that share the loads of a vector. */
 #define SW_BESIDE 8
 
 /* Returns `sums`, which has two numbers for each row, plus the products of a tile with four numbers of the vector in

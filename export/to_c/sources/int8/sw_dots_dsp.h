@@ -1,5 +1,4 @@
-/* sw_dots.h for cores with the Arm DSP extension (Cortex-M4, M7, M33): one instruction multiplies and adds two pairs of
- * numbers.
+/* sw_dots.h for cores with the Arm DSP extension (Cortex-M4, M7, M33): an instruction multiplies and adds two pairs.
  *
  * The loops are written in assembly, because compilers run out of registers in them. The instructions are ordered for
  * cores that issue two instructions at a time. Each loop needs thirteen registers; values used once per pass over the
@@ -28,9 +27,7 @@
 #define SW_EIGHT_COLUMNS SW_ONE_TILE SW_ONE_TILE
 #define SW_SIXTEEN_COLUMNS "2:\n" "subs %[count], #1\n" SW_EIGHT_COLUMNS SW_EIGHT_COLUMNS "bne 2b\n"
 
-/* The stack has y, the number of rows left, the number of bytes of a vector, and the number of groups of sixteen
- * columns.
- */
+/* The stack has y, the number of rows left, the bytes of a vector, and the number of groups of sixteen columns. */
 #define SW_FOUR_ROWS(columns)                                                                            \
     __asm__ volatile("sub sp, #16\n" "strd %[s0], %[s1], [sp]\n" "strd %[s2], %[s3], [sp, #8]\n"           \
                      "ldr %[wa], [%[w]], #4\n" "ldr %[wb], [%[w]], #4\n"                                     \
@@ -46,9 +43,7 @@
 
 /* clang-format on */
 
-/* Computes sw_dots if the number of columns is a multiple of sixteen. Its code is only in sw_decoder.c, since the loop
- * takes 0.4 KiB.
- */
+/* Computes sw_dots for a multiple of sixteen columns. Only sw_decoder.c has its code, whose loop takes 0.4 KiB. */
 void sw_dots_sixteens(int32_t *restrict y, const int8_t *restrict w, const int16_t *restrict x, int rows, int columns);
 
 static inline void sw_dots(int32_t *restrict y, const int8_t *restrict w, const int16_t *restrict x, int rows,
@@ -67,9 +62,7 @@ static inline void sw_dots(int32_t *restrict y, const int8_t *restrict w, const 
 
 /* clang-format off */
 
-/* Multiplies two rows of a tile by both vectors, x and then z: eight multiplications, with all other instructions in
- * between.
- */
+/* Multiplies two rows of a tile by both vectors, x and z: eight multiplications, with other instructions between. */
 #define SW_TWO_ROWS                                                                                          \
     "smlad %[s0], %[t], %[za], %[s0]\n" "ldr %[u], [%[w]], #12\n"                                           \
     "smlad %[s1], %[t], %[xa], %[s1]\n" "sxtb16 %[wa], %[wa], ror #8\n"                                     \
@@ -80,9 +73,9 @@ static inline void sw_dots(int32_t *restrict y, const int8_t *restrict w, const 
     "smlad %[s2], %[u], %[zb], %[s2]\n" "ldrd %[za], %[zb], [%[x], %[apart]]\n"                             \
     "smlad %[s3], %[u], %[xb], %[s3]\n" "ldrd %[xa], %[xb], [%[x]], #8\n"
 
-/* Multiplies pairs of rows by both vectors; every second pair begins in the middle of a tile. On the stack: 0 y, 4 the
- * number of rows left, 8 the bytes that w advances in a row of tiles, 12 those that x advances, both with the loads
- * ahead, 16 the address of w after the last tile, 20 the distance from there to the next pair, one of two distances.
+/* Multiplies pairs of rows by both vectors; every second pair begins in the middle of a tile. The stack has at 0 y; at
+ * 4 the number of rows left; at 8 and 12 the bytes by which w and x advance in a row of tiles, including loads ahead;
+ * at 16 the address of w after the last tile; at 20 the distance from it to the next pair, one of two values in turn.
  */
 #define SW_TWO_ROWS_TWICE(tiles)                                                                                 \
     __asm__ volatile("sub sp, #24\n" "strd %[s0], %[s1], [sp]\n" "strd %[s2], %[s3], [sp, #8]\n"           \

@@ -35,15 +35,13 @@ static inline int32_t sw_held(int32_t value, int32_t least, int32_t most)
     return value < least ? least : value > most ? most : value;
 }
 
-/* Returns value factor / 2^32, rounded, with ties upwards: this is one instruction of a Cortex-M with the DSP
- * extension.
- */
+/* Returns value factor / 2^32, rounded, ties upwards: one instruction of a Cortex-M with the DSP extension. */
 static inline int32_t sw_scaled(int32_t value, int32_t factor)
 {
     return (int32_t)(((int64_t)value * factor + 0x80000000LL) >> 32);
 }
 
-/* Returns start + value factor / 2^16, rounded down: this is also one instruction. */
+/* Returns start + value factor / 2^16, rounded down: also one instruction. */
 static inline int32_t sw_scaled_on(int32_t start, int32_t factor, int16_t value)
 {
     return sw_sum(start, (int32_t)(((int64_t)factor * value) >> 16));

@@ -5,7 +5,7 @@
  * = ELU'(y) gain dJ/dh, the adjoint is dJ/du = r (t - mean t - xhat mean(t xhat)), and ELU' = min(h, 0) + 1.
  *
  * A norm does not depend on its input's unit, so u is an integer in a unit of the layer, which is as fine as the
- * layer's largest sum allows. Only values of which a layer has one are float. Constants are grouped in eights, for
+ * layer's largest sum allows. Only values that exist once per layer are float. Constants are grouped in eights, for
  * processors that take eight at a time. Padding has zeros for constants, so it has no effect.
  */
 #ifndef SW_NORM_H
@@ -15,7 +15,7 @@
 #include "sw_tables.h"
 #include "sw_weights.h"
 
-/* If a function is inlined into its caller with its loops unrolled, the caller needs a deeper stack. */
+/* Functions marked SW_ONCE are not inlined: with its unrolled loops, their caller would need a deeper stack. */
 #if defined(__ARM_FEATURE_DSP) && defined(__thumb2__)
 #include "sw_norm_dsp.h"
 #define SW_ONCE static __attribute__((noinline, unused))
@@ -38,8 +38,8 @@ static inline float sw_norm_elu(int32_t *restrict sums, sw_tape_eight *restrict 
     return r;
 }
 
-/* A scale for rounding: a bound on numbers, from the collected bits of their magnitudes; the factor that scales the
- * bound to `top`; and the shift that a number needs before sw_scaled so that no digit is lost.
+/* A scale for rounding numbers up to a bound: `factor` scales the bound to `top`; `scaled` is this factor for
+ * sw_scaled, after a number was shifted left by `shift` so that no digit is lost.
  */
 typedef struct {
     float factor;
@@ -56,12 +56,11 @@ static inline sw_fine sw_fine_of(float bound, float top)
     return fine;
 }
 
-/* Returns the bits of a number's magnitude, or all bits below its highest bit. */
+/* Returns the bits of a number that is not negative, otherwise those of its magnitude minus 1. */
 static inline uint32_t sw_bits_of(int32_t value) { return (uint32_t)(value ^ (value >> 31)); }
 
 /* Computes dJ/du times the scales of the matrix rows before the norm, as int16 for the transposed product, from dJ/dh,
- * which is in `sums` in units of `unit`. Returns the factor for the sums of the transposed product. The sums are
- * overwritten.
+ * which is in `sums` in units of `unit`. Overwrites `sums`; returns the factor for the transposed product's sums.
  */
 SW_ONCE float sw_norm_adjoint(int32_t *restrict sums, float unit, int16_t *restrict vector,
                               const sw_tape_eight *restrict tape, const int32_t channel[][2][8],
@@ -85,9 +84,7 @@ SW_ONCE float sw_norm_adjoint(int32_t *restrict sums, float unit, int16_t *restr
     /* A unit of xhat is SW_XHAT_QMAX / sqrt(n) as an integer, so this is mean(t xhat) for xhat in integers. */
     const float project = sw_float_of(along) * (1.0f / (SW_XHAT_QMAX * SW_XHAT_QMAX));
     const float mean = sw_float_of(sum) / (float)width;
-    /* This is a bound on every result for any xhat. It costs a bit or two of precision and saves a pass over the
-     * numbers.
-     */
+    /* This bound on every result for any xhat costs a bit or two of precision, and saves a pass over the numbers. */
     const sw_fine fine = sw_fine_of((float)bits + sw_abs(mean) + SW_XHAT_QMAX * sw_abs(project), top);
     const int32_t centre = (int32_t)(-mean * fine.factor), slant = (int32_t)(-project * fine.factor * 65536.0f);
     for (int c = 0; c < SW_PADDED(width); c += 8) {
@@ -101,9 +98,7 @@ SW_ONCE float sw_norm_adjoint(int32_t *restrict sums, float unit, int16_t *restr
     return fine.factor > 0.0f ? unit * r * layer[SW_LAYER_ADJOINT] * one / fine.factor : 0.0f;
 }
 
-/* Converts values times scales to int16, as finely as the largest product allows; returns the value of one unit of the
- * integers.
- */
+/* Converts values times scales to int16, as finely as the largest product allows; returns the integers' unit. */
 static inline float sw_rounded_finely(int16_t *restrict vector, const float *restrict values,
                                       const float *restrict scales, int width)
 {

@@ -16,8 +16,7 @@ static inline int16_t sw_between(const uint32_t *points, int32_t x, int32_t step
 }
 
 /* Returns ELU(y) in units of 1 / SW_ELU_ONE; the argument is y in units of 1 / SW_ELU_ARGUMENT_ONE, plus SW_ELU_START.
- * The error of the interpolation between points 1 / 32 apart is at most 1.5 units. Below -8 and above 8 the value is
- * constant.
+ * Interpolation between points 1 / 32 apart errs by at most 1.5 units. Below -8 and above 8 the value is constant.
  */
 static inline int16_t sw_elu(int32_t y)
 {
@@ -28,8 +27,7 @@ static inline int16_t sw_elu(int32_t y)
 static inline uint8_t sw_slope_of(int16_t h) { return (uint8_t)sw_held((h + SW_ELU_ONE) >> SW_SLOPE_SHIFT, 0, 255); }
 
 /* Returns 1 / (1 + exp(-x)) in units of 1 / SW_LOGISTIC_QMAX; the argument is x in units of 1 / SW_LOGISTIC_ONE, plus
- * SW_LOGISTIC_START. The error of the interpolation between points 1 / 32 apart is at most 5e-5. Beyond -16 and 16 the
- * value is constant.
+ * SW_LOGISTIC_START. Interpolation between points 1 / 32 apart errs by at most 5e-5. It is constant beyond -16 and 16.
  */
 static inline int32_t sw_table_logistic(int32_t x)
 {

@@ -1,6 +1,6 @@
 /* The parameters of a trained program; the generated sw_weights.c defines the parameters that are compiled in. Matrices
  * are int8 with one scale for each output, W[o][i] ~ scale[o] q[o][i]. Their layout is that of sw_dots.h, and each is
- * followed by SW_AHEAD zeros for loads ahead of their use. The adjoint has its own, transposed copy of each matrix.
+ * followed by SW_AHEAD zeros for loads ahead of their use. The adjoint has a transposed copy of each matrix.
  *
  * An activation is a scale times an int16. Forward scales are constants from calibration; an adjoint's scale is
  * computed when the adjoint is rounded.
@@ -22,7 +22,7 @@ extern const uint32_t sw_logistic_points[2 * SW_LOGISTIC_START / SW_LOGISTIC_STE
 
 /* Constants of outputs, grouped in eights: value = sum scale + bias. Before a norm all constants are integers: the
  * value, in a unit of its layer, is sw_scaled(sum, scale) + bias, and sw_scaled_on(offset, gain, xhat) is sw_elu's
- * argument; xhat is an integer of the tape, SW_XHAT_QMAX at its bound, which is sqrt(n) in a layer of width n.
+ * argument. Here xhat is an integer of the tape; SW_XHAT_QMAX stands for its bound, sqrt(n) in a layer of width n.
  */
 enum { SW_SCALE, SW_BIAS, SW_GAIN, SW_OFFSET };
 
@@ -38,7 +38,7 @@ typedef int8_t sw_prior_number; /* type of the prior's matrices (sw_prior_memory
 
 /* The parameters are read in place: little-endian, no pointers, every member aligned to SW_ALIGNMENT. */
 typedef struct sw_weights {
-    /* Scaling: a column of the window enters as (value - mean) factor; the physical forces are mean + std scaled. */
+    /* Scaling: the encoder reads (value - mean) * factor of a window's column; a force is mean + std * output. */
     SW_ALIGNED float window_mean[SW_SENSORS + 1];
     SW_ALIGNED float window_factor[SW_SENSORS + 1];
     SW_ALIGNED float force_mean[2];
@@ -47,7 +47,7 @@ typedef struct sw_weights {
     SW_ALIGNED float action_factor; /* 1 / action_std, the action's factor in the state */
 
     /* Encoder. LSTM gates are in the order i, f, g, o. An inverse scale is the number of integers per unit of an
-     * activation: here of the LSTM's inputs and hidden state, elsewhere of a layer's inputs.
+     * activation: of the LSTM's inputs and hidden state here, of a layer's inputs elsewhere.
      */
     SW_ALIGNED int8_t lstm_input_rows[4 * SW_LSTM_P * SW_ROW_P + SW_AHEAD];
     SW_ALIGNED int8_t lstm_hidden_rows[4 * SW_LSTM_P * SW_LSTM_P + SW_AHEAD];
@@ -73,8 +73,8 @@ typedef struct sw_weights {
     SW_ALIGNED float dyn3_scale[SW_LATENT_P];
     SW_ALIGNED float state_inverse_scale;
 
-    /* Decoder. Its sum of residuals has its own unit: the value of an ELU's 1 in this unit, and the factors for
-     * sw_scaled that turn the sum into the input of each block and of the last layer.
+    /* Decoder. The sum of residuals has a separate unit, in which residual_of_elu is the integer 1 of an ELU's output;
+     * sw_scaled with residual_factor converts the sum to the inputs of the blocks and of the last layer.
      */
     SW_ALIGNED int8_t decoder_rows[SW_DECODER_P * SW_LATENT_P + SW_AHEAD];
     SW_ALIGNED int8_t decoder_adjoint_rows[SW_LATENT_P * SW_DECODER_P + SW_AHEAD];
@@ -94,9 +94,7 @@ typedef struct sw_weights {
     SW_ALIGNED int32_t residual_of_elu;
     SW_ALIGNED int32_t residual_factor[SW_BLOCKS + 1];
 
-    /* Cost and optimiser: lr / (1 - b1^i) and 1 / sqrt(1 - b2^i) of Adam's iteration i, and the default cost
-     * weights.
-     */
+    /* Cost and optimiser; adam_rate is lr / (1 - b1^i) and adam_unbias 1 / sqrt(1 - b2^i) in Adam's iteration i. */
     SW_ALIGNED float drag_reference;
     SW_ALIGNED float adam_rate[SW_ITERATIONS];
     SW_ALIGNED float adam_unbias[SW_ITERATIONS];
@@ -106,9 +104,7 @@ typedef struct sw_weights {
     SW_PRIOR_NUMBERS
 } sw_weights;
 
-/* Matrices that every step of every roll-out reads completely. The last column of the first layer belongs to the action
- * divided by its standard deviation.
- */
+/* Matrices that every roll-out step reads completely; the first layer's last column is for action / action_std. */
 typedef struct sw_hot {
     SW_ALIGNED int8_t dyn1_rows[SW_DYN1_P * SW_STATE_P + SW_AHEAD];
     SW_ALIGNED int8_t dyn1_adjoint_rows[SW_STATE_P * SW_DYN1_P + SW_AHEAD];

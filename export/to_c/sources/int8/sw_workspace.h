@@ -58,15 +58,13 @@ typedef struct {
     int16_t vector[SW_MAX(SW_LSTM_P, SW_HEAD_P)];
 } sw_encoder_scratch;
 
-/* The decoder takes two steps of the horizon at a time; this is the distance between the vectors of both steps, and
- * between their sums.
- */
+/* The distance between the vectors, and the sums, of the two steps that the decoder computes together. */
 #define SW_APART SW_MAX(SW_DECODER_P, SW_LATENT_P)
 
 typedef struct {
     int16_t vector[2][SW_APART];
     int32_t sums[2][SW_APART];
-    int32_t x[2][SW_DECODER_P]; /* the sum of residuals, or dJ/d(that sum) */
+    int32_t x[2][SW_DECODER_P]; /* the sum of residuals, or the derivative of J by it */
     int16_t hidden[SW_DECODER_P];
 } sw_decoder_scratch;
 

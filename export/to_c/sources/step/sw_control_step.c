@@ -51,9 +51,8 @@ static void adam_step(sw_workspace *work, const float free_actions[SW_HORIZON], 
     }
 }
 
-/* Computes the weights for the iterations, and returns whether any is not 0. For the goal with which the prior was
- * trained, the prior's plan is already the best (contract/controller/goal.py), so only the weights of other terms
- * remain.
+/* Computes the iterations' weights, and returns whether any is not 0. The prior's plan is already the best for the
+ * terms with which the prior was trained (contract/controller/goal.py), so their weights become 0.
  */
 static int asked_of_iterations(float asked[SW_TERMS], const float weights[SW_TERMS])
 {
@@ -67,7 +66,7 @@ static int asked_of_iterations(float asked[SW_TERMS], const float weights[SW_TER
 #endif
     for (int i = 0; i < SW_TERMS; i++) any |= asked[i] > 0.0f || asked[i] < 0.0f;
 #else
-    any = 1; /* without a prior: the initial plan may exceed the limit */
+    any = 1; /* without a prior, the initial plan may exceed the limit */
 #endif
     return any;
 }

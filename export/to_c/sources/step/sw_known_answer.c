@@ -5,9 +5,7 @@
 #include "sw_arithmetic.h"
 #include "sw_weights.h"
 
-/* Largest change of an answer that fused operations may cause, absolute plus relative; it equals the tolerance of
- * replay.c.
- */
+/* Largest change of an answer that fused operations may cause, absolute plus relative; as in replay.c. */
 #define FUSED 5e-3f
 
 /* Fills a window from the program's own scaling, so that no stored data are needed: a few steps of 3/8 of a standard

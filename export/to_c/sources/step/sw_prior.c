@@ -1,6 +1,4 @@
-/* The optimiser's initial plan: a feedback on the past pressure differences, applied over the horizon to predicted
- * differences.
- */
+/* The optimiser's initial plan: a feedback on past pressure differences, which are predicted over the horizon. */
 #include "sw_prior.h"
 
 #include "sw_math.h"
@@ -15,7 +13,7 @@ enum { ONE, SLOWER, FASTER, EFFORT, LIFT, LIMIT };
 #error "six weights of a unit on an input are added up here"
 #endif
 
-/* Returns the position of a cost weight within the range that the prior supports. */
+/* Returns the square root of a cost weight's share of the greatest weight that the prior supports; at most 1. */
 static float root_of(float weight, float dearest)
 {
     if (weight < dearest) return sw_sqrt(weight / dearest);
@@ -53,8 +51,8 @@ static void take_weights(sw_prior_scratch *prior, const sw_weights *w)
     }
 }
 
-/* Takes the rows before the present row, and the differences of the present row. The window lacks the oldest row, which
- * is taken to be equal to the row after it.
+/* Takes the rows before the present row, and the present row's pressure differences. The window does not contain the
+ * oldest row; a copy of the second-oldest row stands in for it.
  */
 static void take_past(sw_prior_scratch *prior, const float window[SW_WINDOW][SW_COLUMNS])
 {
@@ -68,9 +66,7 @@ static void take_past(sw_prior_scratch *prior, const float window[SW_WINDOW][SW_
     for (int c = 0; c < SW_PRIOR_ROW; c++) prior->rows[0][c] = prior->rows[1][c];
 }
 
-/* Returns the sum of the products of weights with values that are `apart` numbers apart. It adds two sums side by
- * side.
- */
+/* Returns the sum of weights times values that are `apart` numbers apart, as two independent sums. */
 static float product(const float *weights, const float *values, int apart, int count)
 {
     float sum = 0.0f, other = 0.0f;
@@ -168,9 +164,7 @@ static float wanted(sw_prior_scratch *prior)
     return sw_tanh(sum + other);
 }
 
-/* Predicts the differences that follow the past that begins at a row. Like `product`, the function adds two sums side
- * by side.
- */
+/* Predicts the differences that follow the past that begins at a row, as two independent sums. */
 static void predict(sw_prior_scratch *prior, const sw_weights *w, int begin)
 {
     const float *values = prior->rows[begin];

@@ -1,5 +1,5 @@
 'use strict';
-/** The bus: a row for each CAN identifier, its load, and its nodes' error states. */
+/** The bus: a row for each CAN identifier, the bus load, and the error states of the nodes. */
 var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
 
 (() => {
@@ -25,7 +25,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       element.replaceChildren(this.frame, this.load, this.nodes);
     }
 
-    /** {rows, load, error_frames, nodes}. */
+    /** Shows {rows, load, error_frames, nodes}. */
     show(bus) {
       const seen = new Set();
       for (const row of bus.rows) {

@@ -1,20 +1,20 @@
 'use strict';
-/** One curve over time, drawn with uPlot: series, level lines, shaded spans, a cursor. */
+/** A chart of curves over time, drawn with uPlot, with level lines, shaded spans and a cursor. */
 var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
 
 (() => {
   const {make, write, format} = stillwake;
   const SHADES = {control: '--wash', hold: '--amber-wash', fault: '--alarm-wash'};
   const FONT = '11px system-ui, sans-serif';
-  /** Pixels at the right of the plot: half of the last label of time, which has at most five characters. */
+  /** Pixels at the right of the plot: half the width of the last time label, which has at most five characters. */
   const EDGE = 18;
 
   stillwake.Chart = class {
     /**
      * @param {Element} element to fill.
      * @param {object} what title, series [{label, colour, dash, width, step, gaps}] (`gaps` 'join' draws across
-     *   nulls), lines [{label, value, colour}], least and greatest of the axis (else from the data, to multiples of
-     *   `snap`), height, sync (charts with the same one share their cursor), x (whether time is written below), onPick.
+     *   nulls), lines [{label, value, colour}], least and greatest of the axis (otherwise multiples of `snap` around
+     *   the data), height, sync (charts with equal sync share a cursor), x (whether times are labelled), onPick.
      */
     constructor(element, what) {
       this.what = {height: 150, snap: 0.1, x: true, digits: 2, ...what};
@@ -37,19 +37,19 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       }
     }
 
-    /** Aligned lists: times, then one a series; null where there is no value. */
+    /** Shows aligned lists: the times, then one list for each series; null marks a missing value. */
     data(lists) {
       this.given = lists;
       this.request();
     }
 
-    /** Times at the ends of the axis. */
+    /** Sets the times at the ends of the axis. */
     window(from, to) {
       this.range = [from, to];
       this.request();
     }
 
-    /** [{from, to, kind}], kind of control, hold, fault. */
+    /** Shades spans [{from, to, kind}], where `kind` is control, hold or fault. */
     shade(spans) {
       this.spans = spans;
       this.request();
@@ -60,7 +60,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       this.request();
     }
 
-    /** A line across at this time; null for none. */
+    /** Draws a vertical line at this time; null removes the line. */
     cursor(t) {
       this.at = t;
       this.request();
@@ -70,7 +70,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       this.box.setAttribute('aria-label', text);
     }
 
-    /** The latest values next to the title, in words. */
+    /** Shows the latest values, as text, next to the title. */
     report(text) {
       write(this.readout, text);
     }
@@ -162,7 +162,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
         this.stroke(ctx, [bbox.left, y], [bbox.left + bbox.width, y]);
         if (!label) continue;
         ctx.font = `${11 * fine}px system-ui, sans-serif`;
-        // At the newest end: a curve that began at the line has left it by then.
+        // The label is at the newest end, where a curve that began at the line has usually left it.
         ctx.textAlign = 'right';
         const end = bbox.left + bbox.width - 6 * fine;
         ctx.setLineDash([]);

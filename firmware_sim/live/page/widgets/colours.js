@@ -1,5 +1,5 @@
 'use strict';
-/** The page's colours for canvases, in light and dark, and the palettes of the flow and of the pressures. */
+/** The page's colours for canvases, in the light and the dark theme, and the palettes of vorticity and pressure. */
 var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
 
 (() => {
@@ -7,7 +7,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
   const listeners = new Set();
   let probe = null;
 
-  /** A custom property of theme.css, such as '--ink', as a colour that a canvas takes. */
+  /** Converts a custom property of theme.css, such as '--ink', to a colour that a canvas accepts. */
   stillwake.colour = (name) => {
     if (!resolved.has(name)) {
       if (!probe) {
@@ -25,7 +25,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
     return chosen ? chosen === 'dark' : matchMedia('(prefers-color-scheme: dark)').matches;
   };
 
-  /** Called after light became dark or the other way round. */
+  /** Registers a function that is called after a change between the light and the dark theme. */
   stillwake.onTheme = (listener) => listeners.add(listener);
 
   const changed = () => {
@@ -43,7 +43,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
     [0.0, 0x06275c], [0.14, 0x1f63b5], [0.3, 0x6fa9dc], [0.43, 0xcfe2f3], [0.5, 0xffffff],
     [0.57, 0xf9d8cb], [0.7, 0xe88b6c], [0.86, 0xbd2f2a], [1.0, 0x5f0a1c],
   ];
-  /** Viridis, by matplotlib. */
+  /** matplotlib's palette Viridis. */
   const PRESSURE = [
     [0.0, 0x440154], [0.2, 0x414487], [0.4, 0x2a788e], [0.6, 0x22a884], [0.8, 0x7ad151], [1.0, 0xfde725],
   ];
@@ -70,14 +70,14 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
   };
   const tables = {night: fieldOf(NIGHT), day: fieldOf(DAY)};
 
-  /** 256 pixels for levels -127..127 of the vorticity, by the level's low byte. */
+  /** Returns 256 pixels for the vorticity levels -127..127; the index is the level's low byte. */
   stillwake.fieldPalette = () => (stillwake.isDark() ? tables.night : tables.day);
 
-  /** The same as CSS colours, for a legend. */
+  /** Returns the palette of fieldPalette as CSS colours, for a legend. */
   stillwake.fieldGradient = () =>
     inCss(stillwake.isDark() ? NIGHT : DAY);
 
-  /** Ends of the colours of wall Cp: the range of the sensors on the uncontrolled truck. */
+  /** Ends of the colour scale of wall Cp: the range of the sensors on the truck without control. */
   stillwake.PRESSURE_RANGE = [-0.9, 0.1];
   stillwake.pressureColour = (cp) => {
     const [least, greatest] = stillwake.PRESSURE_RANGE;

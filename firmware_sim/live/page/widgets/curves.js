@@ -1,13 +1,13 @@
 'use strict';
-/** Drag, base pressure and action over time, with the uncontrolled drag, the plan ahead, and where control was on. */
+/** Drag, base pressure and action over time, with the uncontrolled drag, the plan, and shading of the modes. */
 var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
 
 (() => {
   const {make, format} = stillwake;
-  /** `can_bridge.wire.messages.Mode`, and how a span in it is shaded. */
+  /** Shading of a span by its number in `can_bridge.wire.messages.Mode`. */
   const SHADED = {2: 'control', 3: 'hold', 4: 'hold', 5: 'fault'};
 
-  /** The first index with times[i] >= t. */
+  /** Returns the first index with times[i] >= t. */
   const since = (times, t) => {
     let [low, high] = [0, times.length];
     while (low < high) {
@@ -51,20 +51,20 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       this.request = stillwake.painter(element, () => this.lay());
     }
 
-    /** Columns of the periods, lists of equal length; null where there is none. */
+    /** Shows columns of the periods, lists of equal length, with null for a missing value. */
     data(columns) {
       this.columns = columns;
       this.request();
     }
 
-    /** {uncontrolled_Cd}: mean without control, or null. */
+    /** Shows {uncontrolled_Cd}: the mean drag without control, or null. */
     truth({uncontrolled_Cd}) {
       const known = format.is(uncontrolled_Cd);
       const label = `mean without control ${format.number(uncontrolled_Cd, 3)}`;
       this.drag.lines(known ? [{value: uncontrolled_Cd, label}] : []);
     }
 
-    /** {plan, forecast ([Cd, Cl] each), from_t: when the first one is reached}; null for none. */
+    /** Shows {plan, forecast ([Cd, Cl] each), from_t: time of the first planned value}; null removes the plan. */
     ahead(plan) {
       this.plan = plan;
       this.request();

@@ -1,5 +1,5 @@
 'use strict';
-/** What happened, the latest first, in so many lines and no more. */
+/** A list of events, the latest first, with a limited number of lines. */
 var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
 
 (() => {
@@ -8,7 +8,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
   const KINDS = {set: 'set', state: 'ECU', vehicle: 'vehicle', bus: 'bus', loop: 'loop'};
 
   stillwake.EventLog = class {
-    /** @param {object} how kept lines; live where a screen reader is to read new ones; onPick, called with t. */
+    /** @param {object} how kept: most lines; live: whether a screen reader reads new lines; onPick: called with t. */
     constructor(element, {kept = 200, live = false, onPick = null} = {}) {
       this.kept = kept;
       this.onPick = onPick;
@@ -28,12 +28,12 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       this.none.hidden = false;
     }
 
-    /** [{n, time_s, t, kind, text}], in order; those that are there already are left out. */
+    /** Adds [{n, time_s, t, kind, text}] in rising order of n; events already listed are skipped. */
     add(items) {
       const later = items.filter((item) => item.n > this.latest).slice(-this.kept);
       if (!later.length) return;
       this.latest = later.at(-1).n;
-      // Read aloud what comes, not what was there before.
+      // A screen reader reads new events, but not the long list of earlier ones.
       if (this.live) this.frame.setAttribute('aria-live', later.length > AT_ONCE ? 'off' : 'polite');
       this.none.hidden = true;
       this.list.prepend(...later.map((item) => this.line(item)).reverse());

@@ -1,5 +1,5 @@
 'use strict';
-/** Numbers as people read them; what is none is a dash, and a minus is a minus. */
+/** Numbers in readable form: a missing value is a dash, and a negative number has a true minus sign. */
 var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
 
 stillwake.format = {
@@ -17,7 +17,7 @@ stillwake.format = {
     return this.is(value) && value >= 0 ? `+${this.number(value, digits)}` : this.number(value, digits);
   },
 
-  /** With about three digits, whatever its size. */
+  /** Returns a number with about three significant digits. */
   short(value) {
     if (!this.is(value)) return this.NONE;
     const size = Math.abs(value);
@@ -33,7 +33,7 @@ stillwake.format = {
   },
 };
 
-/** An element with attributes and children: what is text becomes text, never markup. */
+/** Creates an element with attributes and children; a string becomes text, never markup. */
 stillwake.make = (name, attributes = {}, ...children) => {
   const element = document.createElement(name);
   for (const [key, value] of Object.entries(attributes)) {
@@ -44,7 +44,7 @@ stillwake.make = (name, attributes = {}, ...children) => {
   return element;
 };
 
-/** Set a text only where it differs, so that nothing is laid out or read aloud again. */
+/** Sets a text only if it differs, so that an equal text causes no new layout and is not read aloud again. */
 stillwake.write = (element, text) => {
   if (element.textContent !== text) element.textContent = text;
 };

@@ -1,5 +1,5 @@
 'use strict';
-/** Drawing when the browser draws: once a frame at most, and once a second what is out of sight. */
+/** Schedules drawing: at most once per frame of the browser, and once per second for elements out of sight. */
 var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
 
 (() => {
@@ -11,7 +11,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
   const run = () => {
     asked = false;
     for (const item of [...waiting]) {
-      if (!item.visible && performance.now() - item.drawn < SELDOM_MS) continue; // else when it comes into sight
+      if (!item.visible && performance.now() - item.drawn < SELDOM_MS) continue; // drawn later, or when in sight
       waiting.delete(item);
       item.drawn = performance.now();
       item.draw();
@@ -33,7 +33,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
     {rootMargin: '100px'},
   );
 
-  /** A function that asks for `draw` in the next frame, or soon where the element is out of sight. */
+  /** Returns a function that requests `draw` in the next frame; out of sight, at most once per second. */
   stillwake.painter = (element, draw) => {
     const item = {draw, visible: true, drawn: -Infinity};
     items.set(element, item);
@@ -49,7 +49,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
     new ResizeObserver(([entry]) => fit(entry.contentRect.width, entry.contentRect.height)).observe(element);
   };
 
-  /** A canvas's context, scaled to CSS pixels, its bitmap as fine as the screen. */
+  /** Returns a canvas's context scaled to CSS pixels, with a bitmap of the screen's resolution. */
   stillwake.context = (canvas, width, height) => {
     const fine = Math.min(3, globalThis.devicePixelRatio || 1);
     const [wide, high] = [Math.max(1, Math.round(width * fine)), Math.max(1, Math.round(height * fine))];

@@ -1,5 +1,5 @@
 'use strict';
-/** The ECU's states with the present one lit: a drawing where there is room, a list where there is none. */
+/** The ECU's states with the present one lit: a drawing on wide pages, a list on narrow ones. */
 var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
 
 (() => {
@@ -8,7 +8,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
   const BOX = [112, 34];
   const AFTERGLOW_MS = 1500;
 
-  /** `ecu.fail_safe.OperatingMode`, and without supply: upper left corner, and what it is. */
+  /** Modes of `ecu.fail_safe.OperatingMode`, UNPOWERED and BOOT: upper left corner, and a description. */
   const STATES = {
     UNPOWERED: [8, 20, 'The ECU has no supply. The jets are shut.'],
     BOOT: [8, 82, 'The ECU starts. The jets are shut.'],
@@ -22,9 +22,9 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
     FAULT: [238, 268, 'The jets are shut, and stay so until valid frames have arrived and the request rises again.'],
     UPDATE: [444, 268, 'A new release is being written. The jets are shut.'],
   };
-  /** States that EcuStatus reports as OFF; the others have one word on the page, in runs and on the bus. */
+  /** States that EcuStatus reports as OFF; each other state has its own name on the bus, too. */
   const OFF = ['INIT', 'STANDBY', 'ARMED', 'UPDATE'];
-  /** The main ways between them; docs/reference/states.md has all. */
+  /** The main transitions; docs/reference/states.md has all of them. */
   const WAYS = [
     ['M64 54 V82'], ['M64 116 V144'], ['M64 178 V206'], ['M64 240 V268'],
     ['M120 280 H170 V37 H238', 'request rises', 164, 258, 'end'], ['M350 37 H444', 'window full', 396, 31, 'middle'],
@@ -76,7 +76,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       element.replaceChildren(make('div', {class: 'states'}, drawing, list, this.words));
     }
 
-    /** @param {string} state by its name. @param {string} because the reason in words, or empty. */
+    /** @param {string} state name. @param {string} because the reason in words, or empty. */
     show(state, because = '') {
       const words = STATES[state] ? STATES[state][2] : '';
       const onBus = OFF.includes(state) ? ' (on the bus: OFF)' : '';
@@ -88,7 +88,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       this.present = state;
     }
 
-    /** Mark a state that was passed through, for a moment. */
+    /** Lights a state briefly that has just been left. */
     glow(state) {
       for (const element of this.boxes.get(state) || []) {
         element.classList.remove('passed');

@@ -1,12 +1,12 @@
 'use strict';
-/** The wake from above: vorticity, the body, its jets as arrows, and its pressure sensors. */
+/** A view of the wake from above: vorticity, the body, its jets as arrows, and its pressure sensors. */
 var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
 
 (() => {
   const {make, write, format} = stillwake;
-  const ARROW = 1.6; // length in W of the arrow at the action's bound
-  const SHAFT = 0.05; // half its width in W: the slot's width
-  const NAMES_FROM = 56; // pixels a W from which names fit
+  const ARROW = 1.6; // length of the arrow at the action's bound, in W
+  const SHAFT = 0.05; // half the width of the arrow and of the slot, in W
+  const NAMES_FROM = 56; // pixels per W from which on names fit
 
   const gradient = (words, colours) => {
     const bar = make('span', {class: 'scale'});
@@ -17,8 +17,8 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
   stillwake.WakeView = class {
     /**
      * @param {Element} element to fill.
-     * @param {object} scene view [x0, x1, y0, y1] and body outline in W, jets (upper, lower), sensors, used names,
-     *   action_limit.
+     * @param {object} scene view [x0, x1, y0, y1] and outline of the body, in W; jets (upper, lower), sensors, names
+     *   of the used sensors, action_limit.
      */
     constructor(element, scene) {
       this.canvas = make('canvas', {role: 'img', 'aria-label': 'The flow behind the truck'});
@@ -39,7 +39,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       this.show(scene);
     }
 
-    /** Another plant: what was drawn of the last one goes. */
+    /** Begins the view of another plant; the drawing of the previous plant is cleared. */
     show(scene) {
       const end = Math.max(...scene.body.map(([x]) => x));
       this.scene = {...scene, view: scene.view.length ? scene.view : [end - 3, end + 9, -2.25, 2.25]};
@@ -56,7 +56,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       this.fit();
     }
 
-    /** Vorticity in levels -127..127, the first row at the top; null where there is no picture. */
+    /** Takes vorticity in levels -127..127, the first row at the top; null if there is no picture. */
     picture(levels, width, height) {
       if (!levels) {
         this.levels = null;
@@ -72,13 +72,13 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       this.request();
     }
 
-    /** What the vehicle and its sensors do: action, cp of all sensors, read by the used ones, marks by name, t. */
+    /** Takes new values: action, cp of all sensors, read (readings of the used sensors), marks by sensor name, t. */
     state(now) {
       Object.assign(this.now, now);
       this.request();
     }
 
-    /** The text alternative, which changes slowly. */
+    /** Sets the text alternative of the picture. */
     describe(text) {
       if (this.canvas.getAttribute('aria-label') !== text) this.canvas.setAttribute('aria-label', text);
     }
@@ -159,7 +159,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       context.stroke();
     }
 
-    /** An arrow away from the base for blowing, towards it for sucking, as long as the share of the bound. */
+    /** Draws an arrow, away from the base for blowing and towards it for suction; its length shows the action. */
     drawJet(context, [x, y], side) {
       const share = format.is(this.now.action) ? (side * this.now.action) / this.scene.action_limit : 0;
       const blows = share >= 0;
@@ -212,7 +212,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       context.stroke();
     }
 
-    /** Of a sensor that is not to be believed. */
+    /** Draws a cross over a sensor that reads wrongly or is excluded. */
     cross(context, {x, y}, size) {
       const [cx, cy] = [this.x(x), this.y(y)];
       for (const [width, colour] of [[5, '--body'], [2.5, '--alarm']]) {
@@ -227,7 +227,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       }
     }
 
-    /** Names inside the body, one below the other, each with a line to its sensor. */
+    /** Writes names inside the body, one below the other, each with a line to its sensor. */
     drawNames(context) {
       const named = this.scene.used
         .map((name) => this.scene.sensors[this.places.get(name)])
@@ -253,7 +253,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       context.textBaseline = 'alphabetic';
     }
 
-    /** What the transducer of a used sensor reads, where it is not what it should. */
+    /** Returns the reading of a used sensor's transducer if it differs from the wall pressure; otherwise ''. */
     misread(i, cp) {
       const read = this.now.read ? this.now.read[i] : null;
       return format.is(read) && format.is(cp) && Math.abs(read - cp) > 0.005 ? `reads ${format.number(read)}` : '';

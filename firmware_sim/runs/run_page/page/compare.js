@@ -1,5 +1,5 @@
 'use strict';
-/** The page of several runs: one time for all, counted from the request for control. */
+/** The page that compares several runs on one time axis, which begins at the request for control. */
 (() => {
   const {make, write, format} = stillwake;
   const runs = JSON.parse(document.getElementById('runs').textContent);
@@ -12,7 +12,7 @@
     ['Action / (U∞ W)', 'action', {snap: 0.02, digits: 3}],
   ];
 
-  /** A run on the common time: from when to when, and its period at a time, -1 before and count after. */
+  /** A run on the common time axis; `at` returns its period at a time: -1 before the run, `count` after its end. */
   const lined = runs.map((run) => {
     const {t} = run.columns;
     const zero = t[run.requested ?? 0];
@@ -27,7 +27,7 @@
   const times = Array.from({length: count}, (_, i) => first + i * period);
 
   const value = ({run, at}, column, time) => run.columns[column][at(time)] ?? null;
-  /** Where two of them part; at the request where they never do. */
+  /** The period of the request for control; `apart` is the first period in which two runs differ, or -1. */
   const asked = Math.round(-first / period);
   const apart = times.findIndex((time) =>
     CHARTS.some(([, column]) => lined.some((one) => value(one, column, time) !== value(lined[0], column, time))),
@@ -53,7 +53,7 @@
   });
   place('charts').append(make('p', {class: 'note axis'}, 'time since control was requested, t / (W / U∞)'));
 
-  /** Of one run at a time. */
+  /** Describes one run at a time. */
   const words = ({run, count: periods, at}, view, time) => {
     const k = at(time);
     if (k < 0) return 'not begun yet';

@@ -1,5 +1,5 @@
 'use strict';
-/** How long the control step takes, and its budget. */
+/** The duration of the control step, and its budget. */
 var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
 
 (() => {
@@ -27,7 +27,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       stillwake.onTheme(() => this.request());
     }
 
-    /** {edges, counts, budget_ms, p50, p99, max, over_budget, of, sample_to_jets_ms}, ms. */
+    /** Shows {edges, counts, budget_ms, p50, p99, max, over_budget, of, sample_to_jets_ms}, with times in ms. */
     show(latency) {
       this.latency = latency;
       const {p50, p99, max, over_budget: over, budget_ms: budget} = latency;
@@ -60,7 +60,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       context.fillRect(LEFT, floor, this.width - LEFT - RIGHT, 1);
       counts.forEach((count, i) => {
         if (!count) return;
-        // A single slow step must be seen among thousands.
+        // The least height makes a single slow step visible among thousands.
         const high = Math.max(2, (floor - TOP) * (count / most));
         context.fillStyle = stillwake.colour(edges[i + 1] > budget ? '--alarm' : '--second');
         context.fillRect(x(edges[i]), floor - high, Math.max(1, x(edges[i + 1]) - x(edges[i]) - 0.5), high);

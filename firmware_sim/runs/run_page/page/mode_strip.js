@@ -1,11 +1,11 @@
 'use strict';
-/** The ECU's modes over a run as one strip of colours, with the present time; a click goes there. */
+/** The ECU's modes over a run as a strip of colours, with the present time; a click selects a time. */
 var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
 
 (() => {
   const {make} = stillwake;
   const HEIGHT = 22;
-  /** Modes in the order of the key, and the property of report.css with their colour. */
+  /** Modes in the order of the legend, each with the property of report.css that has its colour. */
   const COLOURS = {
     OFF: '--mode-off', WARMUP: '--mode-warmup', CONTROL: '--mode-control', HOLD: '--mode-hold', DECAY: '--mode-decay',
     FAULT: '--mode-fault', SKIPPED: '--mode-skipped',
@@ -13,8 +13,8 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
 
   stillwake.ModeStrip = class {
     /**
-     * @param {object} run count of periods, spans [[mode, first period, period after the last]].
-     * @param {function} onPick called with the period that was clicked.
+     * @param {object} run number of periods, spans [[mode, first period, period after the last]].
+     * @param {function} onPick called with the clicked period.
      */
     constructor(element, {count, spans}, onPick = null) {
       [this.count, this.spans, this.at] = [count, spans, null];

@@ -1,16 +1,16 @@
 'use strict';
-/** Moves through a run: a slider over its periods, play and pause, and how fast. */
+/** A player of a run: a slider over its periods, play and pause, and the speed. */
 var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
 
 (() => {
   const {make, write, format} = stillwake;
-  const SPEEDS = [0.5, 1, 2, 5, 10, 20]; // t_c a second
+  const SPEEDS = [0.5, 1, 2, 5, 10, 20]; // t_c per second
   const USUAL = 2;
 
   stillwake.Player = class {
     /**
-     * @param {object} what count of periods, period in t_c, marks [[label, period]] to jump to, words (of a period, for
-     *   the readout), onChange (called with the period).
+     * @param {object} what number of periods, length of a period in t_c, marks [[label, period]] as buttons, words
+     *   (returns the readout's text for a period), onChange (called with the period).
      */
     constructor(element, {count, period, marks = [], words, onChange}) {
       Object.assign(this, {count, period, words, onChange, at: 0, playing: false});
@@ -33,7 +33,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       this.slider.addEventListener('input', () => this.go(Number(this.slider.value)));
     }
 
-    /** To this period; playing goes on from there. */
+    /** Goes to a period; if the player is playing, it continues from there. */
     go(period) {
       this.since = null;
       this.show(period);

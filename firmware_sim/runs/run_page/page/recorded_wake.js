@@ -1,13 +1,13 @@
 'use strict';
-/** The stills of a recorded wake, decoded as they are asked for: the latest one asked for is the next one shown. */
+/** The still pictures of a recorded wake, decoded on request; if requests overlap, only the latest is shown. */
 var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
 
 (() => {
-  const MIDDLE = 128; // grey of level 0
-  const KEPT = 32; // decoded stills
+  const MIDDLE = 128; // grey value of level 0
+  const KEPT = 32; // number of decoded stills in memory
 
   stillwake.RecordedWake = class {
-    /** @param {object} wake width, height, k (periods, rising), stills (WebP in base 64). */
+    /** @param {object} wake width, height, k (period of each still, rising), stills (WebP in base 64). */
     constructor(wake) {
       this.wake = wake;
       this.decoded = new Map();
@@ -18,7 +18,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       this.context = canvas.getContext('2d', {willReadFrequently: true});
     }
 
-    /** The last still at or before a period; the first one where there is none. */
+    /** Returns the index of the last still at or before a period; 0 if there is none. */
     index(period) {
       const {k} = this.wake;
       let [low, high] = [0, k.length];
@@ -30,7 +30,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       return Math.max(0, low - 1);
     }
 
-    /** Calls `draw(levels, width, height)` with the still of this period, unless another one is asked for meanwhile. */
+    /** Calls `draw(levels, width, height)` with the still of this period, unless a later call replaces the request. */
     show(period, draw) {
       this.wanted = this.index(period);
       this.draw = draw;

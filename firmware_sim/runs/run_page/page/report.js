@@ -7,7 +7,7 @@
   const count = t.length;
   const {requested} = run;
 
-  /** The period at a time. */
+  /** Returns the period at a time. */
   const at = (time) => Math.max(0, Math.min(count - 1, Math.floor((time - t[0]) / run.period + 0.5)));
 
   document.documentElement.classList.add('scripted');
@@ -21,7 +21,7 @@
     title: 'Lift Cl', x: false, height: 110, snap: 0.5, onPick: pick, series: [{label: '', colour: '--curve'}],
     lines: [{value: 0}],
   });
-  // At one speed there is nothing to be seen.
+  // The chart of the speed is omitted if the speed is constant.
   const speed = run.drive === null ? null : new stillwake.Chart(place('speed'), {
     title: `Speed of the vehicle / (m/s), drive ${run.drive}`, x: false, height: 110, snap: 5, onPick: pick,
     series: [{label: '', colour: '--second'}],

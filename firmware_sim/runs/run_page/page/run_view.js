@@ -1,13 +1,13 @@
 'use strict';
-/** The wake of one run at one of its periods, and what else is known of that period. */
+/** A view of the wake of one run in one of its periods, with the other data of that period. */
 var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
 
 (() => {
   const {format} = stillwake;
-  const QUIET_MS = 600; // for which the time must stand before a screen reader reads it
+  const QUIET_MS = 600; // time without a change after which the text alternative is set, for screen readers
 
   stillwake.RunView = class {
-    /** @param {Element|null} element for the wake. @param {object} run of `firmware_sim.runs.run_page.run_data`. */
+    /** @param {Element|null} element for the wake. @param {object} run from `firmware_sim.runs.run_page.run_data`. */
     constructor(element, run) {
       this.run = run;
       this.count = run.columns.t.length;
@@ -23,14 +23,14 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       return (this.run.spans.find(([, first, after]) => first <= k && k < after) || ['', 0, 0])[0];
     }
 
-    /** Of a period, in one line. */
+    /** Describes a period in one line. */
     words(k) {
       const {t, Cd, action} = this.run.columns;
       const parts = [`t = ${format.number(t[k], 1)} W/U∞`, this.mode(k), `Cd ${format.number(Cd[k], 3)}`];
       return [...parts, `action ${format.signed(action[k], 3)}`].join(', ');
     }
 
-    /** What disturbed which sensor in a period. */
+    /** Returns the disturbances of a period by sensor name. */
     marks(k) {
       const now = this.run.marks.filter(([, , first, after]) => first <= k && k < after);
       return Object.fromEntries(now.map(([name, kind]) => [name, kind]));
