@@ -20,14 +20,14 @@ ROOT: Final = Path(__file__).resolve().parents[1]
 PICTURE: Final = ROOT / "docs" / "rooms.svg"
 
 ROOMS: Final = {
-    "stillwake": (0, 3, "the command line: the only room that may import all others"),
+    "stillwake": (0, 3, "the command line: the only package that may import all others"),
     "firmware_sim": (0, 1, "vehicle, closed loop, emulated board, reports"),
     "ecu": (1, 2, "what a vehicle installs, Python and C"),
-    "wake": (0, 0, "the plant and its recorder"),
-    "can_bridge": (1, 1, "wire, protection, buses, diagnosis, gate"),
-    "train": (2, 2, "recording to latent model"),
-    "export": (3, 3, "model to ONNX, C and bundle"),
-    "contract": (0, 3, "facts and formats that pass between rooms: geometry, sensors, units, errors, the DBC"),
+    "wake": (0, 0, "the plant and its recordings"),
+    "can_bridge": (1, 1, "frames, protection, buses, diagnosis, gate"),
+    "train": (2, 2, "from the recording to the model"),
+    "export": (3, 3, "from the model to ONNX, C and bundle"),
+    "contract": (0, 3, "data and formats that packages share: geometry, sensors, units, errors, the DBC"),
 }
 """First and last of the four columns that a room's box covers, and a text about the room's content."""
 TOP: Final = "stillwake"
@@ -111,7 +111,7 @@ def draw(root: Path = ROOT) -> str:
         x = _free(boxes, upper, lower, taken)
         taken.append((x, boxes[upper].bottom, boxes[lower].top))
         parts.append(_arrow(x, boxes[upper].bottom, boxes[lower].top, uses[upper, lower]))
-    legend = f"An arrow is an import; its number counts the modules that it uses; {TOP} imports all rooms."
+    legend = f"An arrow is an import; its number counts the imported modules. {TOP} imports all other packages."
     return f"""<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} {height + 44:.0f}" \
 font-family="system-ui, 'Segoe UI', Helvetica, Arial, sans-serif" fill="{INK}">
 <defs><marker id="tip" viewBox="0 0 10 10" refX="9" refY="5" markerWidth="8" markerHeight="8" orient="auto">\

@@ -35,8 +35,8 @@ STATES: Final = {
 }
 """Upper left corners of the states' boxes."""
 GROUPS: Final = (
-    ("control is not wanted", (30, 40, 190, 360), "#eef4e8"),
-    ("control is wanted", (330, 40, 615, 360), "#e6edf6"),
+    ("no accepted request", (30, 40, 190, 360), "#eef4e8"),
+    ("accepted request", (330, 40, 615, 360), "#e6edf6"),
     ("jets may run", (700, 70, 225, 325), "#fdf2df"),
 )
 """Rectangles (x, y, width, height) behind the states; a line from an edge leads from all states inside."""
@@ -145,7 +145,7 @@ def draw() -> str:
         _path(((x, 345), (x, y + 34))),
         f'<path d="M{x - 34} {y} L{x} {y - 34} L{x + 34} {y} L{x} {y + 34} z" fill="white" stroke="{LINE}"/>',
         _text(x, 362, "each period while", 13),
-        _text(x, 378, "the request stands", 13),
+        _text(x, 378, "the request is high", 13),
         _text(268, 330, "rises", 13),
     ]
     parts += [_path(line.corners) for line in LINES]
