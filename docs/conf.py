@@ -24,7 +24,7 @@ extensions = [
     "docs.site.browser_ecu",
 ]
 source_suffix = {".rst": "restructuredtext", ".md": "markdown", ".markdown": "markdown"}
-# The first page contains the list of documents of docs/README.md.
+# The first page already contains the list of documents of docs/README.md.
 exclude_patterns = ["README.md"]
 # Otherwise Sphinx would change the two hyphens of options to a dash.
 smartquotes = False

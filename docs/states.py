@@ -42,7 +42,7 @@ GROUPS: Final = (
 """Rectangles (x, y, width, height) behind the states; a line from an edge leads from all states inside."""
 UNWANTED, WANTED = "INIT STANDBY ARMED", "WARMUP CONTROL HOLD DECAY"
 CHOICE: Final = (560, 245)
-"""Middle of the diamond, which is not a state: the lines from ARMED and from the requested states branch there."""
+"""Middle of the diamond, which is not a state: lines from ARMED and from an accepted request branch there."""
 _FEW: Final = 3
 """Largest number of missing states that are listed after "all but"."""
 
