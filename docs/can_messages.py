@@ -1,5 +1,4 @@
-"""The tables of `docs/reference/can-messages.md`, from `contract/stillwake.dbc`: one set of messages, and what differs
-in the others."""
+"""The tables of `docs/reference/can-messages.md`, from `contract/stillwake.dbc`."""
 
 import re
 from collections.abc import Callable, Iterable, Mapping
@@ -22,7 +21,7 @@ _TRAILER: Final = ("Freshness", "MAC")
 
 @cache
 def _messages() -> tuple[tuple[Message, ...], ...]:
-    """The messages of CAN FD, classic CAN and authenticated CAN FD, each with its twins of the other sets."""
+    """Return for each message its forms in CAN FD, classic CAN and authenticated CAN FD."""
     dbc = Database()
     dbc.add_dbc_string(DBC.read_text(encoding="utf-8"))
     sets = (dbc.get_message_by_name(spec.name) for one in (FD, CLASSIC, SECURED) for spec in one.specs)
@@ -32,7 +31,7 @@ def _messages() -> tuple[tuple[Message, ...], ...]:
 
 
 def sets() -> str:
-    """A row for each message: its name, identifier, length and E2E data ID in each set."""
+    """Return a table with the name, identifier, length and E2E data ID of each message in each set."""
     heads = ("CAN FD: id, bytes, data ID", "classic CAN", "authenticated CAN FD", "from")
     return table(heads, ((*map(_identity, twins), ", ".join(twins[0].senders)) for twins in _messages()))
 
@@ -43,7 +42,7 @@ def _identity(message: Message) -> str:
 
 
 def signals() -> str:
-    """A section for each message with its signals in CAN FD and classic CAN, and where the authenticated form ends."""
+    """Return a table of the E2E header, and a section for each message with its signals in CAN FD and classic CAN."""
     parts = [table(("signal", "CAN FD", "classic CAN", "meaning"), _rows(_messages()[0], _HEADER))]
     for twins in _messages():
         names = [signal.name for signal in twins[0].signals if signal.name not in _HEADER]
@@ -53,7 +52,7 @@ def signals() -> str:
 
 
 def trailers() -> str:
-    """Where freshness value and authentication code begin in each message that has them."""
+    """Return a table with the first bits of freshness value and authentication code in each message."""
     found = [[twins[2].get_signal_by_name(name) for name in _TRAILER] for twins in _messages()]
     means = (f"`{one.name}` ({_type(one)}): {one.comment}" for one in found[0])
     rows = ((twins[2].name, *(str(one.start) for one in pair)) for twins, pair in zip(_messages(), found, strict=True))
@@ -61,7 +60,7 @@ def trailers() -> str:
 
 
 def values() -> str:
-    """The numbers of modes and reasons, in words."""
+    """Return the names of the numbers of modes and reasons."""
     places = {"Mode": _messages()[2][0], "Reason": _messages()[3][0]}
     return "\n\n".join(f"`{name}`: {_choices(one.get_signal_by_name(name))}." for name, one in places.items())
 
@@ -71,7 +70,7 @@ def _choices(signal: Signal) -> str:
 
 
 def _rows(twins: tuple[Message, ...], names: Iterable[str]) -> Iterable[tuple[str, ...]]:
-    """Rows of signals; those whose names differ in their number alone have one."""
+    """Return a row for each signal; signals whose names differ only in a number share a row."""
     for _, group in groupby(names, key=lambda name: name.rstrip("0123456789")):
         same = list(group)
         fd, classic = ([one for one in message.signals if one.name in same] for message in twins[:2])
@@ -80,7 +79,7 @@ def _rows(twins: tuple[Message, ...], names: Iterable[str]) -> Iterable[tuple[st
 
 
 def _place(found: list[Signal]) -> str:
-    """First bits, type, and what one step is worth."""
+    """Return the first bits of signals of one kind, their type and their resolution."""
     one = found[0]
     step = f", {one.scale:g} {one.unit or ''}".rstrip() if one.unit or one.scale != 1 else ""
     return f"{'/'.join(str(signal.start) for signal in found)}, {_type(one)}{step}"
@@ -92,7 +91,7 @@ def _type(one: Signal) -> str:
 
 
 def _meaning(fd: list[Signal], classic: list[Signal]) -> str:
-    """The comment in the DBC, and what the classic one has besides."""
+    """Return the comment in the DBC, and the further parts of the classic signal's comment."""
     text, other = (_comment(found) for found in (fd, classic or fd))
     added = [part for part in re.split(r"(?<=[.;,]) ", other) if part.rstrip(".;,") not in text]
     return f"{text} Classic: {' '.join(added)}" if added else text

@@ -1,4 +1,4 @@
-"""The commands, and what `docs/reference/command-line.md` has of them, from their help."""
+"""The lists of commands and options in `docs/reference/command-line.md`, from the commands' help."""
 
 import re
 from collections import Counter
@@ -13,10 +13,10 @@ import typer
 from stillwake.__main__ import PANELS, app
 
 WORDS: Final = {Path: "PATH", str: "TEXT", float: "NUMBER", int: "INTEGER"}
-"""What an option takes that has no word of its own."""
+"""Words for the value of an option without a word of its own, by the value's type."""
 
 _STATED: Final = re.compile(r"\bstatus\b|\bEnds with\b")
-"""In a paragraph that the page has: exit statuses."""
+"""A pattern of paragraphs about exit statuses, which the page repeats."""
 _CODE: Final = re.compile(r"(`[^`]*`)")
 _PAGE: Final = re.compile(r"\bdocs/([\w-]+)/([\w-]+)\.md")
 _WORD: Final = re.compile(r"(?<!\S)((?:--set )?[^\s(`]*=[^\s,;)]*[^\s,;).:]|--[a-z][\w-]*)")
@@ -24,7 +24,7 @@ _WORD: Final = re.compile(r"(?<!\S)((?:--set )?[^\s(`]*=[^\s,;)]*[^\s,;).:]|--[a
 
 @cache
 def commands() -> dict[str, Any]:
-    """Every command by its words after `stillwake`; a group is not one."""
+    """Return every command by its words after `stillwake`, without groups."""
     return dict(_commands("", typer.main.get_command(app)))
 
 
@@ -38,7 +38,7 @@ def _commands(name: str, command: Any) -> Iterator[tuple[str, Any]]:
 
 
 class _Option(NamedTuple):
-    """An argument or an option, without its default, as a line of the page has it."""
+    """An argument or an option in a line of the page, without its default."""
 
     name: str
     bounds: str
@@ -50,12 +50,12 @@ class _Option(NamedTuple):
 
 
 def common_options() -> str:
-    """The options that several commands have with the same words, one a line."""
+    """Return a line for each option that several commands have with equal texts."""
     return "\n".join(sorted(one.line() for one in _common()))
 
 
 def sections() -> str:
-    """A section for every panel of the help, in it one for every command."""
+    """Return a section for every panel of the help, with a section for each of its commands."""
     root: Any = typer.main.get_command(app)
     parts = []
     for panel in PANELS:
@@ -89,7 +89,7 @@ def _sections(name: str, command: Any) -> Iterator[str]:
 
 
 def _explained(command: Any) -> str:
-    """The first paragraph of the help, and exit statuses; of the others the pages that they lead to."""
+    """Return the help's first paragraph, its paragraphs on exit statuses, and links of the other paragraphs."""
     first, *others = command.help.split("\n\n")
     stated = [text for text in others if _STATED.search(text)]
     pages = sorted({found[0] for text in others if text not in stated for found in _PAGE.finditer(text)})
@@ -97,7 +97,7 @@ def _explained(command: Any) -> str:
 
 
 def _options(command: Any) -> Iterator[tuple[_Option, str]]:
-    """Every argument and option, and its default."""
+    """Return every argument and option, with its default."""
     types = get_type_hints(command.callback)
     for one in command.params:
         takes = _takes(one, types[one.name])
@@ -107,7 +107,7 @@ def _options(command: Any) -> Iterator[tuple[_Option, str]]:
 
 
 def _help(parameter: Any) -> str:
-    """A parameter's help; the page has not what stands above it in a terminal."""
+    """Return a parameter's help; the page does not have the text to which "see above" refers in a terminal."""
     return (parameter.help or "").replace("see above", "see `--help`")
 
 
@@ -119,7 +119,7 @@ def _name(parameter: Any) -> str:
 
 
 def _takes(parameter: Any, kind: Any) -> str:
-    """What stands behind an option's name; nothing behind an argument or a flag."""
+    """Return the word for an option's value; "" for an argument or a flag."""
     if parameter.param_type_name == "argument" or getattr(parameter, "is_flag", False):
         return ""
     if get_origin(kind) in (Union, UnionType):
@@ -140,7 +140,7 @@ def _default(parameter: Any) -> str:
 
 
 def _marked(text: str) -> str:
-    """Options and NAME=VALUE as code, pages of these documents as links."""
+    """Return a text with options and NAME=VALUE in code style, and with links to pages of these documents."""
     return "".join(map(_marked_piece, _CODE.split(text)))
 
 

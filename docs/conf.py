@@ -1,4 +1,4 @@
-"""How Sphinx builds the site of these pages: `make docs`. It takes nothing from a network, nor does a reader."""
+"""The settings with which Sphinx builds the site (`make docs`). Neither the build nor the site uses a network."""
 
 import sys
 from importlib.metadata import version as installed
@@ -24,16 +24,16 @@ extensions = [
     "docs.site.browser_ecu",
 ]
 source_suffix = {".rst": "restructuredtext", ".md": "markdown", ".markdown": "markdown"}
-# The list of documents is the greater part of the first page.
+# The first page already contains the list of documents of docs/README.md.
 exclude_patterns = ["README.md"]
-# Two hyphens are an option of a command.
+# Otherwise Sphinx would change the two hyphens of options to a dash.
 smartquotes = False
 default_role = "literal"
 
 myst_enable_extensions = ["dollarmath"]
 myst_heading_anchors = 4
 
-# Every page carries the list of all pages; with every function in it the build takes three times as long.
+# Every page contains the list of all pages; with all functions in this list, the build takes three times as long.
 toc_object_entries = False
 add_module_names = False
 
@@ -53,7 +53,7 @@ if has_gallery():
     sphinx_gallery_conf = {
         "examples_dirs": "../examples/gallery",
         "gallery_dirs": "generated/gallery",
-        # Every script runs when it has changed, and one that fails fails the build.
+        # Every changed script runs; an error in a script ends the build.
         "filename_pattern": r"\.py$",
         "abort_on_example_error": True,
         "within_subsection_order": "docs.site.pages.place_in_gallery",

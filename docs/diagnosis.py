@@ -1,6 +1,6 @@
-"""The lists of `docs/reference/diagnosis.md`, from the numbers of UDS, their permissions and those of XCP.
+"""The lists of `docs/reference/diagnosis.md`, from the numbers and permissions of UDS and XCP.
 
-What a number means stands here once for each; one that has no text here is an error.
+This module has a text with the meaning of each number; a number without a text is an error.
 """
 
 import struct
@@ -53,24 +53,24 @@ SERVICE_NAMES: Final[Mapping[Service, str]] = {
     Service.TESTER_PRESENT: "TesterPresent",
     Service.FAULT_SETTING: "ControlDTCSetting",
 }
-"""As the standard has them."""
+"""Names of the services in ISO 14229-1."""
 SERVICE_TEXTS: Final[Mapping[Service, str]] = {
-    Service.SESSION: "change the session; `02` needs shut jets and no request for control",
-    Service.RESET: "`01`: boot again, under the conditions of session `02`; always after an image was announced, when "
-    "the session's end boots it, too",
-    Service.CLEAR_FAULTS: "code (3), or `FF FF FF` for all: clear [faults](#faults), while no jet can run",
-    Service.REPORT_FAULTS: "`01` number of codes with one of these status bits (1), `02` which; `04` a code's "
-    "snapshot, `06` its age: code (3), record `01` or `FF`; `0A` all codes",
+    Service.SESSION: "change the session; `02` needs shut jets, and no request for control",
+    Service.RESET: "`01`: boot again, under the conditions of session `02`; after an image was announced, a reset is "
+    "always allowed, and the session's end resets the ECU, too",
+    Service.CLEAR_FAULTS: "clear a code of [faults](#faults) (3 bytes), or `FF FF FF` for all, while no jet can run",
+    Service.REPORT_FAULTS: "`01`: number of the codes with one of these status bits (1 byte), `02`: these codes; `04`: "
+    "a code's snapshot, `06`: a code's age, each for a code (3 bytes) and record `01` or `FF`; `0A`: all codes",
     Service.READ: f"read up to {MAX_DIDS} identifiers; the answer leaves out unknown identifiers",
-    Service.SECURITY: "request a level's seed, and answer the seed",
-    Service.COMMUNICATION: "`01`, kind `01` or `03`: send no JetCommand and EcuStatus, under the conditions of a "
-    "reset, and only while no jet can run; `00` or the default session: send them again",
+    Service.SECURITY: "request a level's seed; send the answer to the seed",
+    Service.COMMUNICATION: "`01`, kind `01` or `03`: stop sending JetCommand and EcuStatus, under the conditions of a "
+    "reset and only while no jet can run; `00` or the default session: send them again",
     Service.WRITE: "write an identifier",
-    Service.ROUTINE: "`01`: start a routine; stop and result requests do not exist",
-    Service.DOWNLOAD: "`00 44`, offset (4), length (4): the missing bytes of the image",
-    Service.TRANSFER: f"a block of up to {services.MAX_BLOCK} bytes with these two; the last block may be repeated",
-    Service.EXIT: "all bytes have arrived",
-    Service.TESTER_PRESENT: "`00`, or `80` without an answer: keep the session",
+    Service.ROUTINE: "`01`: start a routine; there are no requests to stop it or for its results",
+    Service.DOWNLOAD: "`00 44`, then offset and length of the image's missing bytes, 4 bytes each",
+    Service.TRANSFER: f"a block of up to {services.MAX_BLOCK} bytes with the 2 header bytes; the last may be repeated",
+    Service.EXIT: "end the transfer after all bytes have arrived",
+    Service.TESTER_PRESENT: "keep the session; `00` asks for an answer, `80` for none",
     Service.FAULT_SETTING: "`02`: stop storing faults; `01` or the default session: store them again",
 }
 DID_TEXTS: Final[Mapping[Did, str]] = {
@@ -79,62 +79,62 @@ DID_TEXTS: Final[Mapping[Did, str]] = {
     Did.HARDWARE: "name of the hardware, UTF-8",
     Did.SOFTWARE_VERSION: "version of stillwake, UTF-8",
     Did.DBC_SHA256: "SHA-256 of `contract/stillwake.dbc`, 32 bytes",
-    Did.STORE: "slots, running release and reason, 116 bytes and both names (`can_bridge/flashing/report.py`)",
+    Did.STORE: "slots, running release, reason of the boot; 116 bytes and both names (`can_bridge/flashing/report.py`)",
     Did.KEY_LIST: "read: version of the key list, 4 bytes, 0 for none; write: a signed key list",
-    Did.CAPACITY: "size of the greatest image, 4 bytes",
+    Did.CAPACITY: "size of the largest image that can be stored, 4 bytes",
     Did.PERIOD_NS: "control period in ns, 8 bytes",
     Did.CALIBRATION: "read: the calibration in force; write: the calibration from the next control period on",
-    Did.CALIBRATION_LIMITS: f"least, greatest and the release's own calibration, {3 * PACKED_BYTES} bytes",
-    Did.CALIBRATION_STORED: "read: 1 if one is stored; write 1: store the present values; 0: the release's own",
+    Did.CALIBRATION_LIMITS: f"smallest, largest and the release's own values, {3 * PACKED_BYTES} bytes",
+    Did.CALIBRATION_STORED: "read: 1 if values are stored; write 1: store the present values, 0: use the release's",
 }
 ROUTINE_TEXTS: Final[Mapping[Routine, str]] = {
     Routine.PRECONDITIONS: "check whether the ECU may be programmed now",
     Routine.SELF_TEST: "run control steps of the running release",
     Routine.ACTIVATE: "boot the checked image from the next reset on, on trial",
-    Routine.CONFIRM: "confirm the release on trial: after its self-test since this boot, before another announcement",
+    Routine.CONFIRM: "confirm the release on trial after its self-test in this boot, before an announcement",
     Routine.REVERT: "boot the previous release from the next reset on",
-    Routine.ERASE: "announce an image: its length (4), its SHA-256 (32); the answer: the offset to send from (4)",
-    Routine.CHECK: "check the image; the answer: a [verdict](#verdicts) (1)",
+    Routine.ERASE: "announce an image by length (4 bytes) and SHA-256 (32); the answer: offset to send from (4 bytes)",
+    Routine.CHECK: "check the image; the answer: a [verdict](#verdicts) (1 byte)",
 }
 NRC_TEXTS: Final[Mapping[Nrc, str]] = {
     Nrc.SERVICE_NOT_SUPPORTED: "",
-    Nrc.SUB_FUNCTION_NOT_SUPPORTED: "no such session, reset, level, report, setting or kind of routine control",
-    Nrc.INCORRECT_LENGTH: "of the request",
+    Nrc.SUB_FUNCTION_NOT_SUPPORTED: "there is no such session, reset, level, report, setting or routine control",
+    Nrc.INCORRECT_LENGTH: "the request is too short or too long",
     Nrc.RESPONSE_TOO_LONG: f"more than {services.LONGEST_ANSWER} bytes of identifiers in one answer: ask for fewer",
-    Nrc.BUSY_REPEAT_REQUEST: "another request is in progress, or its long answer is not sent completely",
+    Nrc.BUSY_REPEAT_REQUEST: "another request is in progress, or answers are not sent completely",
     Nrc.CONDITIONS_NOT_CORRECT: "the jets are enabled or can run, the vehicle asks for control, no release runs, the "
     "previous release is invalid, or another download is in progress",
-    Nrc.SEQUENCE_ERROR: "no earlier seed, announcement, download or self-test, or bytes are missing",
+    Nrc.SEQUENCE_ERROR: "a seed, announcement, download or self-test must come before, or bytes are missing",
     Nrc.OUT_OF_RANGE: "unknown identifier, routine (in this session), code or record; or an invalid value",
     Nrc.SECURITY_ACCESS_DENIED: "the level is locked",
     Nrc.INVALID_KEY: "the answer to the seed is wrong",
     Nrc.EXCEEDED_ATTEMPTS: f"wrong answer number {MAX_ATTEMPTS} in a row, or a later one",
-    Nrc.DELAY_NOT_EXPIRED: f"no seed within {DELAY_NS / 1e9:g} s after that",
+    Nrc.DELAY_NOT_EXPIRED: f"a seed was requested within {DELAY_NS / 1e9:g} s after too many wrong answers",
     Nrc.UPLOAD_DOWNLOAD_NOT_ACCEPTED: "",
     Nrc.TRANSFER_SUSPENDED: "a block has more bytes than are missing",
     Nrc.PROGRAMMING_FAILURE: "the memory or the self-test failed",
     Nrc.WRONG_BLOCK_COUNTER: "a block is missing",
-    Nrc.RESPONSE_PENDING: "the request takes longer, for example an erasure; the answer follows",
+    Nrc.RESPONSE_PENDING: "the request, for example an erasure, takes longer; the answer follows",
     Nrc.SUB_FUNCTION_NOT_IN_SESSION: "the level exists, but not in this session",
     Nrc.SERVICE_NOT_IN_SESSION: "",
 }
 UNSENT: Final = frozenset({Nrc.UPLOAD_DOWNLOAD_NOT_ACCEPTED})
-"""Codes that no answer has; they are known to the tester alone."""
+"""Codes that only the tester's code has, because the ECU never sends them."""
 SNAPSHOT_TEXTS: Final[Mapping[Snapshot, str]] = {
     Snapshot.TIME_MS: "milliseconds since power-on",
-    Snapshot.MODE_BEFORE: "mode of EcuStatus in the control period before",
-    Snapshot.MISSED: "control periods without usable pressures since power-on",
-    Snapshot.OVERRUNS: "control periods left out since power-on",
-    Snapshot.PRESSURES_CP: "the newest pressure coefficients of that period, as float32; 0 without",
+    Snapshot.MODE_BEFORE: "mode of EcuStatus in the previous control period",
+    Snapshot.MISSED: "number of control periods without usable pressures since power-on",
+    Snapshot.OVERRUNS: "number of skipped control periods since power-on",
+    Snapshot.PRESSURES_CP: "the newest pressure coefficients of the fault's period, as float32; 0 if there are none",
 }
 STATUS_TEXTS: Final[Mapping[Status, str]] = {
-    Status.TEST_FAILED: "the fault is present; cleared when control runs",
-    Status.FAILED_THIS_CYCLE: "found since power-on",
-    Status.PENDING: "found in this operation cycle or in the latest one that tested it",
-    Status.CONFIRMED: "found, and not cleared or aged since",
-    Status.NOT_COMPLETED_SINCE_CLEAR: "neither the fault nor control since the last clearing",
-    Status.FAILED_SINCE_CLEAR: "found since the last clearing",
-    Status.NOT_COMPLETED_THIS_CYCLE: "neither the fault nor control since power-on",
+    Status.TEST_FAILED: "the fault is present; this bit is cleared when control runs",
+    Status.FAILED_THIS_CYCLE: "the fault occurred since power-on",
+    Status.PENDING: "the fault occurred in this operation cycle, or in the latest cycle with a test",
+    Status.CONFIRMED: "the fault occurred, and its code was not cleared or removed since",
+    Status.NOT_COMPLETED_SINCE_CLEAR: "neither the fault nor control occurred since the last clearing",
+    Status.FAILED_SINCE_CLEAR: "the fault occurred since the last clearing",
+    Status.NOT_COMPLETED_THIS_CYCLE: "neither the fault nor control occurred since power-on",
 }
 _IDS: Final = DiagnosisConfig()
 _ISOTP: Final = isotp_settings(BusConfig())
@@ -160,11 +160,11 @@ STATED: Final = (
     f"mask is `{AVAILABLE:02X}`",
     f"protocol {xcp.PROTOCOL_VERSION}.x",
     f"up to {xcp.MAX_CTO} bytes, one segment of {PACKED_BYTES} bytes at address 0x{ADDRESS:X}",
-    f"latest control period of {MEASURED_BYTES} bytes at address 0x{MEASURED_ADDRESS:X}",
+    f"latest control period, {MEASURED_BYTES} bytes at address 0x{MEASURED_ADDRESS:X}",
     f"before the answers to {XCP_PLACES} others have left",
     f"{IDLE_NS // 60_000_000_000} minutes without",
 )
-"""Numbers in the text of the page, as it has them: a test compares the two."""
+"""Phrases of the page with numbers from the code; a test compares them with the page."""
 
 
 def _services() -> str:
@@ -217,7 +217,7 @@ def _xcp_commands() -> str:
 
 
 def _who(permission: Permission | None) -> str:
-    """The sessions that are needed, and whether the level is."""
+    """Return the sessions in which a request is allowed, and whether the level must be unlocked."""
     if permission is None or permission.sessions == frozenset(Session):
         return ""
     names = ", ".join(_words(one.name) for one in sorted(permission.sessions))

@@ -1,7 +1,7 @@
-"""What is made from the sources on the pages of `docs/reference`: the site has it, the committed files have not.
+"""The generated parts of the pages in `docs/reference`, which only the site contains.
 
-A page is committed as its text, with a place for each part that is made, `<!-- made NAME -->`. A file on a
-source-hosting site is that text alone; it names the command that prints the rest.
+A committed page has a place for each generated part, `<!-- made NAME -->`, and states the command that prints this
+part.
 """
 
 import re
@@ -22,7 +22,7 @@ PLACE: Final = re.compile(r"<!-- made (\w+) -->")
 
 
 def whole(text: str) -> str:
-    """The text of a page with what is made in its places; an unknown name is a KeyError."""
+    """Return a page with the generated parts in their places. Raises KeyError for an unknown name."""
     return PLACE.sub(lambda found: _made(found[1]), text)
 
 

@@ -1,9 +1,9 @@
-"""Photograph the live page for the documents: `make pictures`, after `docs/release_pictures.py`.
+"""Take the documents' pictures of the live page: `make pictures`, after `docs/release_pictures.py`.
 
     python -m docs.page_pictures
 
-A server runs the shipped release on the live wake. When control has calmed it, one sensor dies; a while later the page
-is taken as a dark, a light and a narrow window show it. `docs/pictures/provenance.json` has their hashes.
+A server runs the shipped release on the live wake. When control has calmed the wake, one sensor dies; later the page is
+taken in a dark, a light and a narrow window. `docs/pictures/provenance.json` has the pictures' hashes.
 """
 
 import io
@@ -35,18 +35,18 @@ PICTURES: Final[dict[Path, tuple[tuple[int, int], Scheme]]] = {
     DOCS / "pictures" / "live_page_light.webp": (WIDE, "light"),
     DOCS / "pictures" / "live_page_phone.webp": (NARROW, "dark"),
 }
-"""Window, and what its viewer prefers."""
+"""Size of the window in pixels, and colour scheme, by the picture's file."""
 QUALITY: Final = 82
 MOST_BYTES: Final = 300_000
 DEAD: Final = "base_9"
 DIES, TAKEN = 42.0, 59.2
-"""t_c: the wake is calm; what the ECU does about the dead sensor has shown, and its jets are far open."""
+"""Times in t_c at which the sensor dies, and at which the pictures are taken: the ECU has set this sensor aside."""
 PATIENCE_S: Final = 1800.0
 _ARGUMENTS: Final = ("--headless", "--no-sandbox", "--disable-gpu", "--no-first-run", "--disable-background-networking")
 
 
 def main() -> None:
-    """Take all; raises StillwakeError without a browser, or where the server ends."""
+    """Take all pictures. Raises StillwakeError without a browser, or if the server ends."""
     with _server() as url, chromium() as browser:
         pages = {path: _opened(browser, url, *how) for path, how in PICTURES.items()}
         first, *_ = pages.values()
@@ -60,7 +60,7 @@ def main() -> None:
 
 @contextmanager
 def chromium() -> Iterator[Browser]:
-    """A browser without a window; raises StillwakeError where there is none."""
+    """Run a headless browser. Raises StillwakeError if none is installed."""
     found = shutil.which("chromium") or shutil.which("google-chrome")
     if found is None:
         raise StillwakeError("no browser: install chromium")
@@ -82,7 +82,7 @@ def _opened(browser: Browser, url: str, size: tuple[int, int], scheme: Scheme) -
 
 
 def _until(page: Page, t: float) -> None:
-    """Until the loop has come to this time, in t_c."""
+    """Wait until the loop has reached the time t in t_c."""
     end = time.monotonic() + PATIENCE_S
     while (page.evaluate("stillwake.page.stream.now?.t") or 0.0) < t:
         if time.monotonic() > end:
@@ -91,7 +91,7 @@ def _until(page: Page, t: float) -> None:
 
 
 def write(path: Path, png: bytes) -> None:
-    """A photograph as WebP; raises StillwakeError if it is too large for the documents."""
+    """Write a picture as WebP. Raises StillwakeError if it is too large for the documents."""
     with Image.open(io.BytesIO(png)) as image:
         image.convert("RGB").save(path, quality=QUALITY, method=6)
     if path.stat().st_size > MOST_BYTES:
@@ -100,7 +100,7 @@ def write(path: Path, png: bytes) -> None:
 
 @contextmanager
 def _server() -> Iterator[str]:
-    """The page's address while it runs."""
+    """Run the server, and return the page's address."""
     command = [sys.executable, "-m", "stillwake", "live", "--port", "0", "--fast"]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
     try:
@@ -116,7 +116,7 @@ def _server() -> Iterator[str]:
 
 
 def note(pictures: Iterable[Path]) -> None:
-    """Add pictures to the record of the release's other pictures."""
+    """Record the pictures' hashes. Raises StillwakeError if the record is of another bundle than the shipped one."""
     content = json.loads(PROVENANCE.read_text(encoding="utf-8"))
     shipped = bundle.load(BUNDLE).digest
     if content["bundle"] != shipped:

@@ -2,8 +2,7 @@
 
     python -m docs.release_pictures RUN_FOLDER
 
-`docs/pictures/provenance.json` names their bundle and their run; a test fails when another bundle is
-shipped.
+`docs/pictures/provenance.json` states the bundle and the run; a test fails if another bundle is shipped.
 """
 
 import hashlib
@@ -27,7 +26,7 @@ PROVENANCE: Final = DOCS / "pictures" / "provenance.json"
 
 
 def main(folder: RunFolder) -> None:
-    """Draw both from one run folder; raises StillwakeError if it is no run of the shipped bundle from its start."""
+    """Draw both pictures from a run folder. Raises StillwakeError if its run is not of the shipped bundle."""
     log = run_log.load(folder.series)
     shipped = bundle.load(BUNDLE).digest
     if log.metadata.digest != shipped:
@@ -40,7 +39,7 @@ def main(folder: RunFolder) -> None:
 
 
 def sha256(path: Path) -> str:
-    """SHA-256 of a file, in hex."""
+    """Return the SHA-256 of a file in hexadecimal digits."""
     return hashlib.sha256(path.read_bytes()).hexdigest()
 
 

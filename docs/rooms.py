@@ -1,9 +1,8 @@
 """Draw `docs/rooms.svg` from the imports in the source: `make generated`.
 
-A room is a top-level package, a chip one of its folders. An arrow from one room to another is an import, and its number
-counts the modules of the lower room that the upper one uses. A room is on the lowest floor that leaves every import
-pointing down, so an import upwards or in a circle is an error. Boxes are wide enough for every arrow to be a straight
-line down a gap.
+A room is a top-level package, and a chip is one of its folders. An arrow between two rooms is an import; its number
+counts the modules of the lower room that the upper room uses. Each room is on the lowest floor from which all its
+imports point down, so circular imports are an error. The boxes leave gaps in which every arrow is a straight line.
 """
 
 import ast
@@ -21,29 +20,29 @@ ROOT: Final = Path(__file__).resolve().parents[1]
 PICTURE: Final = ROOT / "docs" / "rooms.svg"
 
 ROOMS: Final = {
-    "stillwake": (0, 3, "the command line: the only room that may import all others"),
+    "stillwake": (0, 3, "the command line: the only package that may import all others"),
     "firmware_sim": (0, 1, "vehicle, closed loop, emulated board, reports"),
     "ecu": (1, 2, "what a vehicle installs, Python and C"),
-    "wake": (0, 0, "the plant and its recorder"),
-    "can_bridge": (1, 1, "wire, protection, buses, diagnosis, gate"),
-    "train": (2, 2, "recording to latent model"),
-    "export": (3, 3, "model to ONNX, C and bundle"),
-    "contract": (0, 3, "facts and formats that pass between rooms: geometry, sensors, units, errors, the DBC"),
+    "wake": (0, 0, "the plant and its recordings"),
+    "can_bridge": (1, 1, "frames, protection, buses, diagnosis, gate"),
+    "train": (2, 2, "from the recording to the model"),
+    "export": (3, 3, "from the model to ONNX, C and bundle"),
+    "contract": (0, 3, "data and formats that packages share: geometry, sensors, units, errors, the DBC"),
 }
-"""First and last of the four columns that a room's box covers, and a line on what it holds."""
+"""First and last of the four columns that a room's box covers, and a text about the room's content."""
 TOP: Final = "stillwake"
-"""The room whose arrows are not drawn, because it has one to every other."""
+"""The room whose arrows are not drawn, because it has an arrow to every other room."""
 
 Uses = Mapping[tuple[str, str], int]
-"""Number of modules that the first room uses of the second."""
+"""Number of the second room's modules that the first room uses, by the two rooms."""
 
 WIDTH, MARGIN, GAP, FLOOR = 960, 20, 44, 60
 CHANNEL, APART = 34, 26
-"""What a box leaves of its outer columns for arrows that pass it; least distance between two arrows."""
+"""Width at each side of a box that is left free for arrows past the box; smallest distance between two arrows."""
 FILL: Final = ("#e6edf6", "#eef4e8", "#fdf2df", "#f2ecf7", "#f7e9e9")
-"""Colours of the floors, lowest first."""
+"""Colours of the floors, from the lowest up."""
 LETTER = 8.2
-"""Width of a letter that no usual font exceeds on average, at 14 px."""
+"""Width of a letter at 14 px, in px; the average letter of usual fonts is not wider."""
 INK, LINE = "#17202b", "#5b6b7d"
 
 
@@ -57,7 +56,7 @@ class Box:
 
 @cache
 def imports(root: Path) -> dict[tuple[str, str], int]:
-    """Numbers of modules by importing and imported room."""
+    """Return the number of imported modules by the importing and the imported room."""
     used: defaultdict[tuple[str, str], set[str]] = defaultdict(set)
     for room in ROOMS:
         for path in sorted((root / room).rglob("*.py")):
@@ -80,7 +79,7 @@ def _imported(root: Path, tree: ast.Module) -> Iterator[str]:
 
 
 def floors(uses: Uses) -> dict[str, int]:
-    """Floor of every room, 0 for those that import none.
+    """Return the floor of every room; 0 for rooms that import no other room.
 
     Raises:
         ValueError: if rooms import each other in a circle.
@@ -96,12 +95,12 @@ def floors(uses: Uses) -> dict[str, int]:
 
 
 def folders(root: Path, room: str) -> list[str]:
-    """Sub-packages of a room."""
+    """Return the sub-packages of a room."""
     return sorted(path.parent.name for path in (root / room).glob("*/__init__.py"))
 
 
 def draw(root: Path = ROOT) -> str:
-    """The picture as SVG."""
+    """Return the picture as SVG."""
     uses = imports(root)
     floor = floors(uses)
     boxes, height = _boxes(root, floor)
@@ -112,7 +111,7 @@ def draw(root: Path = ROOT) -> str:
         x = _free(boxes, upper, lower, taken)
         taken.append((x, boxes[upper].bottom, boxes[lower].top))
         parts.append(_arrow(x, boxes[upper].bottom, boxes[lower].top, uses[upper, lower]))
-    legend = f"An arrow is an import; its number counts the modules that it uses; {TOP} imports all rooms."
+    legend = f"An arrow is an import; its number counts the imported modules. {TOP} imports all other packages."
     return f"""<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} {height + 44:.0f}" \
 font-family="system-ui, 'Segoe UI', Helvetica, Arial, sans-serif" fill="{INK}">
 <defs><marker id="tip" viewBox="0 0 10 10" refX="9" refY="5" markerWidth="8" markerHeight="8" orient="auto">\
@@ -125,7 +124,7 @@ font-family="system-ui, 'Segoe UI', Helvetica, Arial, sans-serif" fill="{INK}">
 
 
 def _boxes(root: Path, floor: Mapping[str, int]) -> tuple[dict[str, Box], float]:
-    """Boxes from the top floor down, and where the lowest one ends."""
+    """Return the boxes from the top floor down, and the lower edge of the lowest box."""
     column = (WIDTH - 2 * MARGIN - 3 * GAP) / 4
     boxes: dict[str, Box] = {}
     top = float(MARGIN)
@@ -148,7 +147,7 @@ def _boxes(root: Path, floor: Mapping[str, int]) -> tuple[dict[str, Box], float]
 
 
 def _chips(names: list[str], width: float) -> list[list[tuple[str, float]]]:
-    """Rows of names with the width of their chips."""
+    """Return rows of chips, each with its name and width."""
     rows: list[list[tuple[str, float]]] = []
     used = width
     for name in names:
@@ -162,7 +161,7 @@ def _chips(names: list[str], width: float) -> list[list[tuple[str, float]]]:
 
 
 def _lines(room: str, width: float) -> list[str]:
-    """The line on a room, wrapped to its box."""
+    """Return the text about a room, wrapped to its box."""
     return wrap(ROOMS[room][2], int((width - 20) / LETTER))
 
 
@@ -190,10 +189,10 @@ def _room(root: Path, room: str, box: Box, fill: str) -> str:
 
 
 def _free(boxes: Mapping[str, Box], upper: str, lower: str, taken: list[tuple[float, float, float]]) -> float:
-    """The middle of the widest gap that a straight arrow can use.
+    """Return the middle of the widest gap that a straight arrow can use.
 
     Raises:
-        ValueError: if there is none.
+        ValueError: if there is no such gap.
     """
     a, b = boxes[upper], boxes[lower]
     left, right = max(a.left, b.left), min(a.right, b.right)

@@ -1,9 +1,9 @@
-"""Photograph the pages of runs for the documents: `make pictures`, after `docs/page_pictures.py`.
+"""Take the documents' pictures of pages of runs: `make pictures`, after `docs/page_pictures.py`.
 
     python -m docs.run_page_pictures RUN_FOLDER OTHER_FOLDER
 
-The page of the first run, and both runs compared, at a time at which control has calmed the wake.
-`docs/pictures/provenance.json` has their hashes.
+The pictures show the first run's page and a comparison of both runs, at a time at which control has calmed the wake.
+`docs/pictures/provenance.json` has the pictures' hashes.
 """
 
 import sys
@@ -24,13 +24,13 @@ RUN: Final = DOCS / "pictures" / "run_page.webp"
 COMPARED: Final = DOCS / "pictures" / "compare_page.webp"
 WINDOW: Final = (1280, 1080)
 SHOWN: Final = 0.8
-"""Share of the run."""
+"""Time that the pages show, as a share of the run's duration."""
 _DRAWN_MS: Final = 2000
-"""For stills to be decoded and canvases to be drawn."""
+"""Time in ms in which the browser decodes the stills and draws the canvases."""
 
 
 def main(folders: list[RunFolder]) -> None:
-    """Write the pages elsewhere and take both; raises StillwakeError without a browser, or for what is no run."""
+    """Write both pages and take their pictures. Raises StillwakeError without a browser, or for no run's folder."""
     with tempfile.TemporaryDirectory() as place, chromium() as browser:
         _take(browser, write_report(folders[0], Path(place) / "run.html"), "dark", RUN)
         _take(browser, write_comparison(folders, Path(place) / "compare.html"), "light", COMPARED)

@@ -1,4 +1,4 @@
-"""The lists of `docs/reference/settings.md`, from the tree of settings, as `stillwake config` prints it."""
+"""The lists of `docs/reference/settings.md`, from the tree of settings that `stillwake config` prints."""
 
 import os
 import re
@@ -11,13 +11,13 @@ from contract.config.loading import load_config
 from contract.config.rules import Source
 
 _SIGNS: Final = {"at least ": "≥", "positive": "", "non-negative": "≥0", "in ": ""}
-"""How the beginning of a bound is written on the page; positive is what is not written."""
+"""Short forms of the beginnings of bounds; the page leaves out "positive"."""
 _LONGEST: Final = 6
-"""Words of a bound on the page; the meaning of the section states a longer one."""
+"""Largest number of words of a bound on the page; the section's text states a longer bound."""
 
 
 def lists() -> str:
-    """A heading and a list for every section of settings."""
+    """Return a heading and a list for every section of settings."""
     return "\n\n".join(map(_section, sections(load_config())))
 
 
@@ -29,7 +29,7 @@ def _section(section: Section) -> str:
 
 
 def _line(one: Setting, common: str) -> str:
-    """One setting; the source is in it unless the section or the meaning has it."""
+    """Return a setting's line; it states the source unless the section or the setting's text states it."""
     unit = f" {one.unit}" if one.unit else ""
     bounds = _bounds(one)
     allowed = f" ({bounds})" if bounds else ""
@@ -40,7 +40,7 @@ def _line(one: Setting, common: str) -> str:
 
 
 def _bounds(one: Setting) -> str:
-    """A bound without its reason, which the refusal of a value has; "" for positive numbers, and for text."""
+    """Return a bound without its reason, which the error message states; "" for positive numbers and for text."""
     bounds = one.bounds.partition(":")[0].partition(", for ")[0]
     if not bounds and isinstance(one.value, int) and not isinstance(one.value, bool):
         return "with others"
@@ -50,7 +50,7 @@ def _bounds(one: Setting) -> str:
 
 
 def _source(source: Source) -> str:
-    """Who gives a default; the page that explains it takes the place of the reason."""
+    """Return the source of a default: with a link to the page that explains it, or with the reason."""
     if source.page:
         return f"[{source.name}]({os.path.relpath(source.page, 'reference')})"
     return f"{source.name}, {source.note}" if source.kind == "ours" else source.name

@@ -1,7 +1,7 @@
 """The tables of `docs/reference/states.md` from the ECU's table of transitions, and its picture: `make generated`.
 
-Boxes and lines have their places here; the numbers on the lines are those of the table's rows. A transition without a
-line, or a line without a transition, is an error.
+This module has the places of boxes and lines; the numbers on the lines are the numbers of the table's rows. A
+transition without a line, or a line without a transition, is an error.
 """
 
 import ast
@@ -21,7 +21,7 @@ PICTURE: Final = Path(__file__).with_name("states.svg")
 WIDTH, HEIGHT = 1000, 600
 INK, LINE = "#17202b", "#5b6b7d"
 BOX: Final = (124, 46)
-"""Width and height of a state's box."""
+"""Width and height of a state's box in px."""
 STATES: Final = {
     "INIT": (60, 75),
     "STANDBY": (60, 195),
@@ -33,22 +33,22 @@ STATES: Final = {
     "FAULT": (440, 510),
     "UPDATE": (40, 510),
 }
-"""Upper left corners."""
+"""Upper left corners of the states' boxes."""
 GROUPS: Final = (
-    ("control is not wanted", (30, 40, 190, 360), "#eef4e8"),
-    ("control is wanted", (330, 40, 615, 360), "#e6edf6"),
+    ("no accepted request", (30, 40, 190, 360), "#eef4e8"),
+    ("accepted request", (330, 40, 615, 360), "#e6edf6"),
     ("jets may run", (700, 70, 225, 325), "#fdf2df"),
 )
 """Rectangles (x, y, width, height) behind the states; a line from an edge leads from all states inside."""
 UNWANTED, WANTED = "INIT STANDBY ARMED", "WARMUP CONTROL HOLD DECAY"
 CHOICE: Final = (560, 245)
-"""Middle of the diamond, which is no state: where ARMED and what stands under a request are led on."""
+"""Middle of the diamond, which is not a state: lines from ARMED and from an accepted request branch there."""
 _FEW: Final = 3
-"""States."""
+"""Largest number of missing states that are listed after "all but"."""
 
 
 class Line(NamedTuple):
-    """From states, named in one text, to one; corners, and the middle of its label."""
+    """A line from the states in one text to a state, with its corners and the middle of its label."""
 
     start: str
     to: str
@@ -77,7 +77,7 @@ LINES: Final = (
 
 
 def states() -> str:
-    """A line for each state."""
+    """Return a line of the page for each state."""
     return "\n".join(
         f"- {mode.name} ({mode.on_wire.name}, jets {'may run' if mode in DRIVES_JETS else 'shut'}): {text}"
         for mode, text in _meanings().items()
@@ -85,7 +85,7 @@ def states() -> str:
 
 
 def transitions() -> str:
-    """A numbered row for each transition of the table that runs."""
+    """Return a numbered row for each transition of the ECU's table."""
     rows = (
         (f"{number}: {_names(row.start)}", f"{row.when.text}{_within(row.within)}", f"{row.to.name}: {row.reason.text}")
         for number, row in enumerate(TRANSITIONS, start=1)
@@ -94,19 +94,19 @@ def transitions() -> str:
 
 
 def _names(start: frozenset[OperatingMode]) -> str:
-    """States in the order in which they are defined; where few are missing, those."""
+    """Return the states in the order of their definition, or "all but" the missing states if these are few."""
     names, others = ([mode.name for mode in OperatingMode if (mode in start) is inside] for inside in (True, False))
     return f"all but {', '.join(others)}" if len(others) <= _FEW < len(names) else ", ".join(names)
 
 
 def _within(periods: str) -> str:
-    """For how many periods, settings as code; nothing where the same period reacts."""
+    """Return the number of periods, with settings in code style; "" if the ECU reacts in the same period."""
     words = (f"`{word}`" if word.isidentifier() else word for word in periods.split())
     return "" if periods == "1" else f"; for {' '.join(words)} periods"
 
 
 def _meanings() -> dict[OperatingMode, str]:
-    """What stands below each state in the source."""
+    """Return the docstring of each state in the source."""
     tree = ast.parse(inspect.getsource(OperatingMode)).body[0]
     assert isinstance(tree, ast.ClassDef)
     found: dict[OperatingMode, str] = {}
@@ -118,7 +118,7 @@ def _meanings() -> dict[OperatingMode, str]:
 
 
 def rows_on(line: Line) -> list[int]:
-    """Numbers of the rows that a line stands for."""
+    """Return the numbers of the rows that a line represents."""
     start = {OperatingMode[name] for name in line.start.split()}
     return [
         number
@@ -128,7 +128,7 @@ def rows_on(line: Line) -> list[int]:
 
 
 def check_lines() -> None:
-    """Raises ValueError if a transition has no line, or a line leads where nothing leads."""
+    """Check the lines. Raises ValueError if a transition has no line, or a line has no transition."""
     there = {(mode.name, row.to.name) for row in TRANSITIONS for mode in row.start if mode is not row.to}
     drawn = {(name, line.to) for line in LINES for name in line.start.split()}
     if there != drawn:
@@ -136,7 +136,7 @@ def check_lines() -> None:
 
 
 def draw() -> str:
-    """The picture as SVG."""
+    """Return the picture as SVG."""
     check_lines()
     x, y = CHOICE
     parts = [_group(*group) for group in GROUPS]
@@ -145,7 +145,7 @@ def draw() -> str:
         _path(((x, 345), (x, y + 34))),
         f'<path d="M{x - 34} {y} L{x} {y - 34} L{x + 34} {y} L{x} {y + 34} z" fill="white" stroke="{LINE}"/>',
         _text(x, 362, "each period while", 13),
-        _text(x, 378, "the request stands", 13),
+        _text(x, 378, "the request is high", 13),
         _text(268, 330, "rises", 13),
     ]
     parts += [_path(line.corners) for line in LINES]
@@ -162,7 +162,7 @@ font-family="system-ui, 'Segoe UI', Helvetica, Arial, sans-serif" fill="{INK}">
 
 
 def _ranges(numbers: list[int]) -> str:
-    """1, 2, 3, 5 as "1-3, 5"."""
+    """Return numbers as ranges: 1, 2, 3, 5 as "1-3, 5"."""
     parts: list[list[int]] = []
     for number in numbers:
         if parts and parts[-1][-1] == number - 1:
@@ -206,7 +206,7 @@ STATED: Final = (
     f"**{_CONFIG.loss_limit - 1} of any {_CONFIG.loss_window} periods**",
     f"**{_CONFIG.hold_periods + _CONFIG.decay_periods} in a row**",
 )
-"""Numbers in the text of the page, as it has them: a test compares the two."""
+"""Phrases of the page with numbers from the code; a test compares them with the page."""
 PARTS: Final[Mapping[str, Callable[[], str]]] = {"states": states, "transitions": transitions}
 
 if __name__ == "__main__":

@@ -1,9 +1,9 @@
-"""A table in Markdown."""
+"""Write a table in Markdown."""
 
 from collections.abc import Iterable, Sequence
 
 
 def table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """Lines of a table; a bar in a cell is no border."""
+    """Return a table; a vertical bar in a cell is escaped."""
     lines = [f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in row)} |" for row in (heads, *rows)]
     return "\n".join([lines[0], f"|{'---|' * len(heads)}", *lines[1:]])

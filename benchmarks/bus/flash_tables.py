@@ -7,11 +7,11 @@ from benchmarks.common.markdown import read, table
 
 _LOST: Final = {
     "bricked": "power-ons after which no release ran",
-    "wrong_release": "power-ons after which another release ran than may",
+    "wrong_release": "power-ons after which a release ran that may not run",
     "confirmed_lost": "confirmed images that were lost or changed",
-    "counter_moved": "security versions that moved before a confirmation",
-    "checkpoint_lost": "acknowledged bytes that were wanted again",
-    "reflash_failed": "cases in which flashing again did not end confirmed",
+    "counter_moved": "security versions that rose before a confirmation",
+    "checkpoint_lost": "acknowledged bytes that were requested again",
+    "reflash_failed": "cases in which no new release could be flashed and confirmed",
 }
 
 _LONG_MS: Final = 3.0
@@ -35,18 +35,18 @@ def proof(found: dict[str, Any]) -> str:
     """Return the table of the interruptions of the supply, with a folder as the store, and of the resulting losses."""
     of, facts = found["figures"], found["facts"]
     texts = {
-        "operations": "changing calls of the whole sequence",
-        "cuts_depth_1": "first cuts",
+        "operations": "calls in the whole sequence that change the store",
+        "cuts_depth_1": "first cuts of the supply",
         "cuts_depth_2": "second cuts, in the recovery from a first one",
-        "boots": "power-ons that were judged",
+        "boots": "checked power-ons",
         **_LOST,
     }
     rows = [(text, of[name]) for name, text in texts.items()]
-    which = "each of them" if facts["every"] == 1 else f"one in {facts['every']} of them"
+    which = "each of the calls" if facts["every"] == 1 else f"one in {facts['every']} of the calls"
     return f"""{table(("", "figure"), rows)}
 
-Measured on {found["date"]} with {facts["versions"]["stillwake"]}; {which} is cut in {facts["seeds"]} ways. The
-second cuts are drawn by the seed."""
+Measured on {found["date"]} with {facts["versions"]["stillwake"]}; the supply is cut in {which} in {facts["seeds"]}
+ways. The second cuts are random."""
 
 
 def in_c(found: dict[str, Any]) -> str:
@@ -57,19 +57,19 @@ def in_c(found: dict[str, Any]) -> str:
         "cuts_depth_2": "second cuts, in the recovery from a first one",
         "bricked": "recoveries after which no release ran",
         "confirmed_lost": "confirmed images that were lost or changed",
-        "images": "altered images that were judged in both languages",
-        "calls": "calls of the store at random, in both",
-        "calls_compared": "control periods and looks at diagnosis, in both",
+        "images": "altered images checked in both languages",
+        "calls": "random calls of the store in both languages",
+        "calls_compared": "compared control periods and calls of diagnosis",
         "mismatches": "differences",
-        "fuzz_requests": "hostile requests under sanitisers, without a complaint",
+        "fuzz_requests": "hostile requests under sanitisers, without an error",
         "loader_flash_kib": "flash, KiB (-Os, Cortex-M7)",
-        "loader_ram_kib": "RAM without the ECU's and without stack, KiB",
-        "stack_b": "stack along the deepest chain of calls, bytes, without the drivers'",
+        "loader_ram_kib": "RAM of the loader without the stack, KiB",
+        "stack_b": "stack of the deepest chain of calls, without drivers, bytes",
     }
     rows = [(text, of[name]) for name, text in texts.items()]
     if "branches" in of:
         taken = f"{of['branches_taken']} of {of['branches']}; {of['branches_explained']} cannot be reached"
-        rows.append(("branches of the store that are taken", taken))
+        rows.append(("executed branches of the store", taken))
     cut = f"The supply was cut in {found['facts']['eighths']} of 8 operations of the flash memory."
     return f"{table(('', 'figure'), rows)}\n\n{cut}"
 
@@ -79,7 +79,7 @@ def in_states(found: dict[str, Any]) -> str:
     of = found["figures"]
     texts = {
         "requests": "requests to both ECUs",
-        "states": "states of diagnosis in which they came",
+        "states": "states of diagnosis in which requests arrived",
         "services_in_states": "pairs of a state and a service",
         "kinds_of_answers": "kinds of answers",
         "mismatches": "differences",
@@ -94,7 +94,7 @@ def pieces(found: dict[str, Any]) -> str:
     clocks = next(iter(of.values()))
     rows = [(what, *(f"{ms:.2f}" for ms in at.values())) for what, at in of.items() if max(at.values()) > _LONG_MS]
     release = f"{facts['bundle']} ({facts['digest'][:12]})"
-    return f"""{table(("longest, modelled ms", *clocks), rows)}
+    return f"""{table(("longest time, modelled, ms", *clocks), rows)}
 
 Measured on {found["date"]}: {release}, control periods of {facts["period_ms"]:g} ms."""
 
@@ -113,9 +113,9 @@ def times(found: dict[str, Any]) -> str:
         )
         for row in of["flash_times"]
     ]
-    heads = ("bus", "tester's frames lost each way", "seconds", "frames of diagnosis", "bus load", "requests repeated")
+    heads = ("bus", "lost frames in each direction", "seconds", "frames of diagnosis", "bus load", "repeated requests")
     return f"""{table(heads, rows)}
 
-{of["flash_times"][0]["bytes"]} bytes, from the first request to the confirmation, in virtual time, beside the control
-traffic of an ECU that is not in control; a restart of the ECU takes 0.3 s of it. Measured on {found["date"]} with
-commit {found["facts"]["commit"]}, which has the bench."""
+An image of {of["flash_times"][0]["bytes"]} bytes is sent. Times are virtual, from the first request to the
+confirmation, a restart of the ECU (0.3 s) included. The ECU sends its usual frames, but does not control. Measured on
+{found["date"]} with commit {found["facts"]["commit"]}, which has the bench."""

@@ -26,17 +26,17 @@ def latency(found: Any) -> str:
         for stage in Stage
     ]
     baselines = [run["baseline"] for run in runs]
-    rows.append(("idle loop of the same run", *(cell for row in baselines for cell in _cells(row, row["misses"]))))
+    rows.append(("idle loop in the same run", *(cell for row in baselines for cell in _cells(row, row["misses"]))))
     lines = [
-        f"{label}: {run['misses']} of {run['periods']} commands missed their boundary, and {run['periods_planned']} "
-        f"periods had a plan; the idle loop was late by the slack of {run['slack_ms']:.1f} ms in "
-        f"{run['baseline']['misses']} periods.\n"
+        f"{label}: {run['misses']} of {run['periods']} commands missed their boundary; {run['periods_planned']} "
+        f"periods had a plan. In {run['baseline']['misses']} periods the idle loop was late by the slack of "
+        f"{run['slack_ms']:.1f} ms or more.\n"
         for label, run in zip(CONTROLLERS.values(), runs, strict=True)
     ]
     release = runs[0]["about"].split()[0]
     about = (
-        f"Measured on {found['date']} with the release {release}, {found['facts']['machine']}; left ONNX Runtime, "
-        "right the C library; in ms."
+        f"Times in ms; the left columns are for ONNX Runtime, the right columns for the C library. Measured on "
+        f"{found['date']} with {release}, {found['facts']['machine']}."
     )
     return "\n".join((about, "", table(HEADS, rows), "", *lines)).rstrip("\n")
 

@@ -7,7 +7,7 @@ from benchmarks.common.markdown import read, table
 
 SETS: Final = ("fd", "classic")
 HEADS: Final = (
-    *("message", "bytes", "frame, ms", "response, ms", "with others", "deadline, ms", "in time with others"),
+    *("message", "bytes", "frame, ms", "response, ms", "with other traffic, ms", "deadline, ms", "in time"),
 )
 
 
@@ -32,8 +32,8 @@ def can_load(results: Path) -> str:
                 )
             )
         lines.append(
-            f"{'CAN FD' if name == 'fd' else 'Classic CAN'}: our messages load the bus by {_load(alone)}, "
-            f"with {len(loaded['figures']['messages']) - len(others)} others by {_load(loaded)}."
+            f"{'CAN FD' if name == 'fd' else 'Classic CAN'}: stillwake's messages load the bus by {_load(alone)}, "
+            f"together with {len(loaded['figures']['messages']) - len(others)} other messages by {_load(loaded)}."
         )
     return table(HEADS, rows) + "\n\n" + "\n".join(lines)
 

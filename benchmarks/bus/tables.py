@@ -6,14 +6,14 @@ from typing import Any, Final
 from benchmarks.common.markdown import read, table
 
 HEADLINES: Final = {
-    "codec_times_cantools": "codec: times as fast as cantools, at least",
-    "flips_accepted": "frames with one to three flipped bits accepted",
-    "random_accepted_per_million": "random frames accepted, per million, E2E profile 5",
-    "authenticated_forgeries_accepted": "forgeries accepted in the authenticated mode",
-    "fuzz_frames": "frames of the fuzz",
-    "response_time_violations": "simulated response times past the analysis",
+    "codec_times_cantools": "speed of the codec relative to cantools, at least",
+    "flips_accepted": "accepted frames with one to three flipped bits",
+    "random_accepted_per_million": "accepted random frames per million, E2E profile 5",
+    "authenticated_forgeries_accepted": "accepted forgeries in the authenticated mode",
+    "fuzz_frames": "frames in the fuzz test",
+    "response_time_violations": "simulated response times above their computed bound",
     "gate_mutants": "faults planted in the command gate",
-    "gate_mutants_survived": "of these, not found by a test",
+    "gate_mutants_survived": "planted faults that no test finds",
 }
 """Label of each headline figure; the figures are from `results/bus.json` and from the finished studies in
 `results/bus_studies.json`."""
@@ -27,7 +27,7 @@ RUNS: Final = {
 """Results files of closed loops by the label of their bus."""
 
 FAULTED: Final = {
-    "as they are": "demo",
+    "undisturbed": "demo",
     **{f"{late} ms late": f"bus_late_{late}" for late in (20, 40, 60)},
     **{f"{share} % lost": f"bus_loss_{share:02}" for share in (5, 10, 25, 50)},
 }
@@ -53,8 +53,8 @@ def bus(found: Any) -> str:
     played = found["figures"]["response_time"]
     return (
         f"{table(('measured', 'figure'), rows)}\n\n"
-        f"Measured on {found['date']}. Response times: {played['message_sets']} sets, {played['messages']} messages, "
-        f"{played['frames']}\nframes; at random they come up to {100 * played['largest_ratio']:.0f} % of the bound."
+        f"Measured on {found['date']}. Response times: {played['message_sets']} random message sets, "
+        f"{played['frames']} frames;\nwith random phases at most {100 * played['largest_ratio']:.0f} % of the bound."
     )
 
 
@@ -65,15 +65,15 @@ def authentication(found: Any) -> str:
         (name, row["e2e_protect_us"], row["secure_us"], row["e2e_check_us"], row["verify_us"])
         for name, row in cost["messages"].items()
     ]
-    heads = ("message", "E2E protect, us", "and secure", "E2E check", "and verify")
+    heads = ("message", "E2E protection, us", "plus authentication", "E2E check, us", "plus verification")
     loads = ", ".join(f"{name} {value:.1f} %" for name, value in cost["bus_load_percent"].items())
     forged = found["figures"]["forgeries"]["forgeries"]
     accepted = found["figures"]["authenticated_forgeries_accepted"]
     return f"""{table(heads, rows)}
 
-Load of the bus by the three messages, at worst: {loads}.
-Forged, replayed, reflected and mutated frames: {accepted} of {forged["tried"]:,} accepted. Genuine ones between them:
-{forged["genuine_refused"]} of {forged["genuine"]:,} refused."""
+Largest load of the bus by the three messages: {loads}.
+Of {forged["tried"]:,} forged, replayed, reflected and mutated frames {accepted} were accepted; of the
+{forged["genuine"]:,} genuine frames between them {forged["genuine_refused"]} were refused."""
 
 
 def attack_tools(results: Path) -> str:
@@ -86,13 +86,13 @@ def attack_tools(results: Path) -> str:
         "requests": "UDS requests",
         "services": "services that answer",
         "identifiers": "identifiers that can be read",
-        "seeds": "seeds that are given",
+        "seeds": "levels that give a seed",
         "unlocked": "levels unlocked",
     }
     rows = [
         (text, ", ".join(value) if isinstance(value := figures[name], list) else value) for name, text in texts.items()
     ]
-    return f"{table(('learned', ''), rows)}\n\nMeasured on {found['date']}, scapy {versions['scapy']}."
+    return f"{table(('found', ''), rows)}\n\nMeasured on {found['date']}, scapy {versions['scapy']}."
 
 
 def bus_runs(results: Path) -> str:
@@ -112,7 +112,7 @@ def bus_runs(results: Path) -> str:
                 f"{on_bus['error_frames']}",
             )
         )
-    heads = ("bus", "less drag, %", "mean abs Cl", "load, %", "longest wait of each message, ms, by priority", "errors")
+    heads = ("bus", "less drag, %", "mean abs Cl", "load, %", "longest waits by message priority, ms", "error frames")
     return table(heads, rows)
 
 

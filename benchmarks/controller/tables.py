@@ -35,14 +35,14 @@ def loop(found: Any) -> str:
         )
         for row in found["figures"]
     ]
-    heads = ("", "less drag", "points", "mean abs Cl", "mean Cl", "rms action", "ECU step, ms p50 / p99")
+    heads = ("", "less drag", "percentage points", "mean abs Cl", "mean Cl", "rms action", "ECU step, ms p50 / p99")
     return table(heads, rows)
 
 
 def runtimes(found: Any) -> str:
     """Return the table of the largest differences between other runtimes of ONNX and ONNX Runtime."""
     names = ("runtime", "version", "plan", "forces", "cost")
-    heads = ("", "version", "actions, U_inf W", "forces", "cost")
+    heads = ("runtime", "version", "actions, U_inf W", "forces", "cost")
     return table(heads, [tuple(row[name] for name in names) for row in found["figures"]])
 
 
@@ -66,22 +66,22 @@ def latency(found: Any) -> str:
             ("C int8, integer products", "c_int8_ms", None),
         )
     ]
-    floors = ("times the floor",) if "floors" in figures else ()
-    heads = ("", "median ms", "min ms", "times faster by the median", "by the minimum", *floors, "KiB")
+    floors = ("median over lower limit",) if "floors" in figures else ()
+    heads = ("", "median ms", "least ms", "speed relative to PyTorch, median", "least", *floors, "KiB")
     by_median, by_minimum = (of["onnx_ms"] / of["c_ms"] for of in (figures, figures["min"]))
     workspace = " and ".join(f"{figures[f'{name}_workspace_bytes'] / 1024:.0f}" for name in ("c", "c_int8")) + " KiB"
     return f"""{table(heads, rows)}
 
 The C library, compiled with `{facts["settings"]["c_flags"]}` by
-{facts["versions"]["c_compiler"]}, needs {workspace} (int8) of workspace. In float32 it is
-{by_median:.1f} times faster than ONNX float32 by the median, {by_minimum:.1f} times by the minimum."""
+{facts["versions"]["c_compiler"]}, needs a workspace of {workspace} (int8). In float32 it is faster
+than ONNX float32 by a factor of {by_median:.1f} in the median, and of {by_minimum:.1f} in the shortest times."""
 
 
 def mcu(found: Any) -> str:
     """Return the tables of work, memory and time of each size on the emulated cores."""
     figures = found["figures"]
     horizon = found["facts"]["horizon"]
-    return f"""Measured on {found["date"]}: the control step alone, random weights, {horizon} steps of horizon.
+    return f"""Measured on {found["date"]}: only the control step, random weights, a horizon of {horizon} steps.
 
 Cortex-M7:
 
@@ -96,7 +96,7 @@ def _sizes(rows: list[dict[str, Any]], clocks: tuple[str, ...]) -> str:
     heads = ("dynamics/decoder width, iterations, weights", "M MAC", "flash, KiB", "RAM, KiB", "stack, B", "M instr.")
     times = tuple(f"ms at {clock} MHz, modelled" for clock in clocks)
     return table(
-        (*heads, *times, "= host bit for bit"),
+        (*heads, *times, "equal to host bit for bit"),
         [
             (
                 f"{row['dynamics_width']}/{row['decoder_width']}, {row['iterations']}, {row['precision']}",
@@ -119,11 +119,11 @@ def mcu_release(found: Any) -> str:
     step, mean, worst = row["control_step"], row["mean_ms"], row["worst_ms"]
     alike = step["windows"] - step["unlike"]
     return table(
-        (f"{row['bundle']}, whole firmware of a board, {found['facts']['horizon']} steps of horizon", ""),
+        (f"{row['bundle']}, whole firmware of a board, horizon of {found['facts']['horizon']} steps", ""),
         [
             (
                 f"control period at {clock} MHz, modelled",
-                f"{mean[clock]:.2f} ms in the mean, {worst[clock]:.2f} ms the longest",
+                f"mean {mean[clock]:.2f} ms, longest {worst[clock]:.2f} ms",
             )
             for clock in mean
         ]
@@ -134,9 +134,9 @@ def mcu_release(found: Any) -> str:
                 "RAM: state, workspace, hot weights, received frames, stack",
                 f"{row['ram_bytes'] / 1024:.1f} KiB",
             ),
-            ("stack, deepest", f"{row['stack_b']} B"),
+            ("deepest stack", f"{row['stack_b']} B"),
             (
-                "instructions, longest less shortest period under control for the release's own goal",
+                "difference in instructions between the longest and the shortest period, own goal",
                 f"{row['instruction_spread']:,}",
             ),
             (
@@ -153,7 +153,7 @@ def mcu_worst(found: Any) -> str:
     row = found["figures"]["release"]
     secured = row["secured"]
     frames = f" ({row['frames']} frames, with a key {secured['frames']})"
-    keys = (("mean, the release's own goal", "mean_ms"), ("**bound: every block at its most**", "bound_ms"))
+    keys = (("mean, the release's own goal", "mean_ms"), ("**bound: longest time of every block**", "bound_ms"))
     mean, bound = ((label, *_ms(row[key]), *_ms(secured[key])) for label, key in keys)
     drives = [
         (name + (frames if name == "full bus" else ""), *_ms(drive), *_ms(secured["drives_ms"].get(name, {})))
@@ -176,19 +176,19 @@ def bounds(found: Any) -> str:
     return table(
         ("fullest firmware: loader, diagnosis, calibration, key of the bus", found["facts"]["compiler"]),
         [
-            ("functions; of these called through pointers, by type", f"{row['functions']}; {row['pointed_at']}"),
+            ("functions; functions called through pointers", f"{row['functions']}; {row['pointed_at']}"),
             ("recursions", 0),
             (
-                "loops: bound proved by GCC, bound with a reason, waits for hardware",
+                "loops: bounded by GCC's proof, bounded by a stated reason, waiting for hardware",
                 f"{loops}: {row['proved']}, {row['reasoned']}, {row['waits']}",
             ),
             ("deepest stack by analysis, an exception included", f"{row['stack_b']:,} B"),
             (
-                "without loader and key: by analysis, seen on the emulated board",
+                "stack without loader and key: by analysis, on the emulated board",
                 f"{alone['stack_b']:,} B, {alone['measured_stack_b']:,} B",
             ),
             (
-                "the same by GCC at 480 MHz: longest period, bound",
+                "this firmware built by GCC, at 480 MHz: longest period, bound",
                 f"{alone['worst_ms']['480']:.2f} ms, {alone['bound_ms']['480']:.2f} ms",
             ),
         ],

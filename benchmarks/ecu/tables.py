@@ -28,17 +28,17 @@ def twin(path: Path) -> str:
     found = read(path)
     of, facts = found["figures"], found["facts"]
     rows = [
-        ("random control periods through both", of["steps"]),
-        ("of them with a difference", of["mismatches"]),
-        ("planted faults that are found", f"{of['planted_found']} of {of['planted']}"),
-        ("branches that are taken", f"{of['branch_coverage_percent']} % of {of['branches']}"),
-        ("mutants that no period notices", f"{of['survivors']} of {of['mutants']}"),
-        ("of them without an explanation", len(of["survivors_unexplained"])),
-        ("deviations from MISRA C:2012, all listed", f"{of['misra_deviations']} of {of['misra_rules']} rules"),
+        ("random control periods of both ECUs", of["steps"]),
+        ("periods with a difference", of["mismatches"]),
+        ("planted faults that the comparison finds", f"{of['planted_found']} of {of['planted']}"),
+        ("executed branches", f"{of['branch_coverage_percent']} % of {of['branches']}"),
+        ("mutants that no period detects", f"{of['survivors']} of {of['mutants']}"),
+        ("undetected mutants without an explanation", len(of["survivors_unexplained"])),
+        ("listed deviations from MISRA C:2012", f"{of['misra_deviations']} from {of['misra_rules']} rules"),
     ]
     return f"""{table(("", "figure"), rows)}
 
-Measured on {found["date"]} in {len(facts["variants"])} kinds of vehicles, with
+Measured on {found["date"]} for {len(facts["variants"])} configurations of the vehicle, with
 {facts["compiler"]}."""
 
 
@@ -64,7 +64,7 @@ def proofs(found: Any) -> str:
     counts = ", ".join(f"{of[name]} {name}" for name in ("proved", "failed", "open"))
     return f"""{table(heads, rows)}
 
-{of["properties"]} items: {counts}. ESBMC {facts["esbmc"]}, {found["date"]}, seconds of one processor.
+{of["properties"]} items: {counts}. Measured on {found["date"]} with ESBMC {facts["esbmc"]}, in CPU seconds.
 
 {table(("not proved", "why"), [(", ".join(names), why) for why, names in undecided.items()])}"""
 
@@ -73,7 +73,7 @@ def sabotage(found: Any) -> str:
     """Return the table of the lines changed on purpose, and of whether the proof that must fail found the change."""
     verdicts = {"failed": "found", "proved": "not found", "open": "open"}
     rows = [(one["what"], one["file"], one["item"], verdicts[one["state"]]) for one in found["figures"]["sabotaged"]]
-    return table(("changed line", "source", "item", ""), rows)
+    return table(("change", "source", "item", "result"), rows)
 
 
 def models(found: Any) -> str:
@@ -84,14 +84,14 @@ def models(found: Any) -> str:
         ("states", fail_safe["states"], flashing["states"]),
         ("steps", fail_safe["steps"], flashing["transitions"]),
         ("cuts of the supply", None, flashing["cuts"]),
-        ("of them in a recovery", None, flashing["second_cuts"]),
+        ("cuts during a recovery", None, flashing["second_cuts"]),
         ("power-ons", None, flashing["boots"]),
-        ("states from which all goes on", fail_safe["started"], flashing["recoveries"]),
-        ("sabotages found", *(_found(of["sabotaged"], part) for part in ("fail_safe", "flashing"))),
+        ("states from which operation continues", fail_safe["started"], flashing["recoveries"]),
+        ("planted faults found", *(_found(of["sabotaged"], part) for part in ("fail_safe", "flashing"))),
     ]
     return f"""{table(("", "fail-safe", "flashing"), rows)}
 
-Explored to the end on {found["date"]}."""
+All states were explored, on {found["date"]}."""
 
 
 def _found(sabotaged: list[dict[str, str]], part: str) -> str:
@@ -104,7 +104,7 @@ def loops(found: Any) -> str:
     rows = [
         (
             row["kind"],
-            "none claimed" if row["reduction_percent"] is None else f"{row['reduction_percent']:.2f} %",
+            "none stated" if row["reduction_percent"] is None else f"{row['reduction_percent']:.2f} %",
             row["abs_Cl_controlled"],
             *(None if row["ecu"][name] is None else f"{row['ecu'][name]:.2f}" for name in _MODELLED),
             f"{row['largest_command_difference']:.2g}",
@@ -112,18 +112,18 @@ def loops(found: Any) -> str:
         for row in found["figures"]
     ]
     core = next(row for row in found["figures"] if row["kind"] == "mcu")
-    heads = ("ECU", "less drag", "mean abs Cl", "modelled ms", "most", "largest difference of a command from C's")
+    heads = ("ECU", "less drag", "mean abs Cl", "modelled ms, median", "largest", "largest difference to C's command")
     frames = f"{core['differing_frames']} of {core['frames_compared']} frames"
     states = f"{core['differing_states']} of {core['steps_compared']} states"
     return f"""{table(heads, rows)}
 
-Measured on {found["date"]}. The emulated core against this machine, with the same contraction:
-{frames} and {states} differ."""
+Measured on {found["date"]}. On the emulated core {frames} and {states} differ from those of this machine with
+equal contraction."""
 
 
 def alarms(rows: list[dict[str, Any]]) -> str:
     """Return the table of false alarms in the whole recording for each disturbance of the healthy sensors."""
-    words = {"none": "nothing", "noise 0.9": "noise of 90 %", "lost 0.3": "30 % of the frames lost"}
+    words = {"none": "nothing", "noise 0.9": "noise of 90 %", "lost 0.3": "loss of 30 % of the frames"}
     found = [
         (
             words[row["through"]],
@@ -134,7 +134,7 @@ def alarms(rows: list[dict[str, Any]]) -> str:
         for row in rows
         if row["role"] == "all"
     ]
-    return table(("disturbed by", "hours", "false alarms", "an hour"), found)
+    return table(("disturbance", "hours", "false alarms", "per hour"), found)
 
 
 def faults(rows: list[dict[str, Any]]) -> str:
@@ -149,5 +149,5 @@ def faults(rows: list[dict[str, Any]]) -> str:
         found.append(
             (fault, *(sum(row[name] for row in of) for name in counts), median, max(row["periods_max"] for row in of))
         )
-    heads = ("fault", "cases", "set aside", "shut", "healthy", "unseen", "periods, median", "at most")
+    heads = ("fault", "cases", "set aside", "shut", "healthy", "unseen", "median of periods", "most periods")
     return table(heads, found)

@@ -8,7 +8,7 @@ from typing import Any, Final
 from benchmarks.common.markdown import read, table
 
 FILE: Final = "campaign.json"
-MISSING: Final = "Not measured yet: the command above writes the file that this table is made of."
+MISSING: Final = "Not measured yet: the command above writes the file from which this table is made."
 
 
 def tables(results: Path) -> dict[str, str]:
@@ -41,10 +41,10 @@ def campaign(found: Mapping[str, Any], *, told: bool = False) -> str:
     safe = sum(row["safe"] for row in figures)
     return f"""{table(heads, rows)}
 
-Measured on {found["date"]} with {facts["bundle_name"]} from {facts["phases"]} starting phases: means, smallest and
-largest values of the starts. An empty last column means in control all of the time; the number in brackets counts
-starts in which a fault latched. {facts["controlled"]:g} t_c with control, averages over the last
-{facts["controlled"] - facts["settle"]:g}. {safe} of {len(figures)} scenarios are safe."""
+Measured on {found["date"]} with {facts["bundle_name"]}: means of {facts["phases"]} starting phases, with the smallest
+and largest value. If the last column is empty, the ECU was always in control; brackets contain the number of starts in
+which a fault latched. Control lasts {facts["controlled"]:g} t_c; averages are over the last
+{facts["controlled"] - facts["settle"]:g} t_c. {safe} of {len(figures)} scenarios are safe."""
 
 
 def _in_control(row: Mapping[str, Any]) -> str:

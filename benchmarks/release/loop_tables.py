@@ -37,17 +37,17 @@ def drive(results: Path) -> str:
     ]
     heads = (
         "drive",
-        "less drag, % (starts)",
-        "less net, %",
+        "less drag, % (range of starts)",
+        "less Cd_net, %",
         "mean abs Cl",
-        "without",
-        "in control, % (latched, starts)",
+        "without control",
+        "in control, % (latched fault, starts)",
     )
     return f"""{table(heads, rows)}
 
-Measured on {found["date"]}: {facts["bundle"]} ({facts["digest"][:12]}), mesh {facts["mesh"]:g}, medians of
-{facts["phases"]} starts in one shedding cycle, {facts["lead_in"]:g} t_c of the design speed without control, then the
-drive, of which the first {facts["settle"]:g} t_c do not count."""
+Measured on {found["date"]}: {facts["bundle"]} ({facts["digest"][:12]}), refinement {facts["mesh"]:g}, medians of
+{facts["phases"]} starts in one shedding cycle: {facts["lead_in"]:g} t_c at the design speed without control, then the
+drive. Averages leave out the drive's first {facts["settle"]:g} t_c."""
 
 
 def _latched(troubles: list[str]) -> str:
@@ -63,12 +63,12 @@ def release_loop(results: Path) -> str:
     spread = figures["over_phases"]
     rows = [
         (f"mean of {len(figures['phases'])} starts", *(spread[name]["mean"] for name in _NAMES)),
-        ("95 % confidence of the mean, +-", *(spread[name]["half_width_95"] for name in _NAMES)),
-        ("least..most", *(f"{spread[name]['least']:.4g}..{spread[name]['most']:.4g}" for name in _NAMES)),
+        ("95 % confidence interval of the mean, +-", *(spread[name]["half_width_95"] for name in _NAMES)),
+        ("smallest..largest", *(f"{spread[name]['least']:.4g}..{spread[name]['most']:.4g}" for name in _NAMES)),
     ]
     before, under = (spread[f"Cd_net_{name}"]["mean"] for name in ("uncontrolled", "controlled"))
-    return f"""Measured on {found["date"]}: {facts["bundle"]}, {facts["lead_in"]:g} t_c without and
-{facts["controlled"]:g} with control, of which the last {facts["controlled"] - facts["settle"]:g} count. Mean `Cd_net`
-is {before:.4f} without and {under:.4f} with control.
+    return f"""Measured on {found["date"]}: {facts["bundle"]}, {facts["lead_in"]:g} t_c without control, then
+{facts["controlled"]:g} t_c with control, averaged over the last {facts["controlled"] - facts["settle"]:g} t_c. Mean
+`Cd_net` is {before:.4f} without control and {under:.4f} with control.
 
 {table(_HEADS, rows)}"""

@@ -25,9 +25,9 @@ def iterations(found: Any) -> str:
     """Return the table of the iterations' effect on the cost in each case."""
     facts, rows = found["facts"], []
     for name, change in found["figures"]["change_percent"].items():
-        interval = f"{change['lower']:.2f} .. {change['upper']:.2f}" if facts["pairs"][name] else "no iteration acts"
+        interval = f"{change['lower']:.2f} .. {change['upper']:.2f}" if facts["pairs"][name] else "no iterations"
         rows.append((name, facts["pairs"][name], f"{change['mean']:.2f}", interval))
-    return f"""{table(("case", "pairs", "change of its cost by the iterations, %", "95 % interval"), rows)}
+    return f"""{table(("case", "pairs of runs", "change of the cost by the iterations, %", "95 % interval"), rows)}
 
 Measured on {found["date"]} with {facts["bundle"]}, default mesh, int8, through CAN."""
 
@@ -48,12 +48,12 @@ def release_forecasts(found: Any) -> str:
         for row in figures["forecast"]
         if row["h"] == 1 or row["h"] % 5 == 0
     ]
-    heads = ("h", "error of Cd, mean", "10 to 90 %", "error of Cl, mean", "10 to 90 %")
+    heads = ("h", "mean error of Cd", "10 to 90 %", "mean error of Cl", "10 to 90 %")
     return f"""{table(heads, rows)}
 
 Measured on {found["date"]} with {found["facts"]["bundle"]["name"]}, over the last
-{found["facts"]["controlled"] - found["facts"]["settle"]:g} t_c. Without control, Cd deviates from its mean by
-{sigma["drag"]:.3f}, Cl by {sigma["lift"]:.3f}."""
+{found["facts"]["controlled"] - found["facts"]["settle"]:g} t_c. Without control, the standard deviation of Cd is
+{sigma["drag"]:.3f}, that of Cl {sigma["lift"]:.3f}."""
 
 
 def release_distributions(found: Any) -> str:
@@ -63,8 +63,8 @@ def release_distributions(found: Any) -> str:
     cases = ("uncontrolled", "controlled")
     rows = [
         ("base Cp, mean", *(base[case]["mean"] for case in cases), -0.441, -0.283),
-        ("base Cp, deviation", *(base[case]["std"] for case in cases), None, None),
-        ("Uy at (10, 0), deviation", *(probe[case]["std"] for case in cases), 0.516, 0.396),
+        ("base Cp, standard deviation", *(base[case]["std"] for case in cases), None, None),
+        ("Uy at (10, 0), standard deviation", *(probe[case]["std"] for case in cases), 0.516, 0.396),
         ("recirculation bubble, W", *(one["recirculation_length"] for one in mean), None, None),
     ]
     return table(("", "uncontrolled", "controlled", "paper, uncontrolled", "paper, controlled"), rows)
@@ -78,13 +78,13 @@ def bundle_fuzz(results: Path) -> str:
         (kind, row["cases"], row["accepted"], sum(row["refused"].values()), f"{1e3 * row['slowest_s']:.0f}")
         for kind, row in figures["kinds"].items()
     ]
-    heads = ("damaged", "cases", "accepted", "refused by name", "slowest, ms")
+    heads = ("damaged", "cases", "accepted", "refused with a reason", "slowest, ms")
     return f"""{table(heads, rows)}
 
-Measured on {found["date"]}: {figures["cases"]} cases of seed {found["facts"]["seed"]}, at most
-{figures["max_rss_mb"]:.0f} MB of memory, {figures["max_rss_before_mb"]:.0f} MB of them before the first case. Accepted
-images, folders and bytes of a manifest have the sound bundle's content: the damage is where nothing is read. The others
-that are accepted are sound bundles of another content, which no one signed.
+Measured on {found["date"]}: {figures["cases"]} cases with seed {found["facts"]["seed"]}, at most
+{figures["max_rss_mb"]:.0f} MB of memory, {figures["max_rss_before_mb"]:.0f} MB before the first case. An accepted
+image, folder or manifest with damaged bytes has the original content, because the damaged bytes are not read. The other
+accepted cases are valid unsigned bundles with another content.
 """
 
 
@@ -100,14 +100,14 @@ def summary(results: Path) -> str:
     rows: list[tuple[object, ...]] = [
         ("uncontrolled", *(loop[f"{name}_uncontrolled"] for name in names), 0.0, 0.0, ""),
         (
-            f"best sine without feedback ({sine['frequency']:.2f})",
+            f"best sine without feedback (frequency {sine['frequency']:.2f})",
             *(sine[name] for name in (*names, "rms_action", "jet_power")),
             f"{100 * (1 - sine['Cd'] / start):.1f} %",
         ),
         ("closed loop over CAN, 4 sensors, int8", *_under(loop, names), f"**{loop['reduction_percent']:.1f} %**"),
         _from_phases(results),
         (
-            f"{of} on OpenFOAM's icoFoam, from {second['Cd_uncontrolled']:.3f}",
+            f"{of} on OpenFOAM's icoFoam (uncontrolled: {second['Cd_uncontrolled']:.3f})",
             *_under(second, names),
             f"{second['reduction_percent']:.1f} %",
         ),
@@ -120,18 +120,18 @@ def summary(results: Path) -> str:
         if row["speed_percent"] and not row["disturbed"]
     }
     served = ", ".join(
-        f"{round(found)} at {speed}" for speed, found in speeds.items() if speed % 20 == 0 or speed == 130
+        f"{round(found)} % at {speed} %" for speed, found in speeds.items() if speed % 20 == 0 or speed == 130
     )
     heads = ("", "wall Cd", "base Cp", "mean abs Cl", "Cd with slots and jets", "rms action", "jet power", "less drag")
     latency = f"{loop['mpc_ms_p50']:.1f} ms (p99 {loop['mpc_ms_p99']:.1f}, max {loop['mpc_ms_max']:.1f})"
     return f"""{table(heads, rows)}
 
 Mean Cl under control is {loop["mean_Cl_controlled"]:+.3f}. A control step takes {latency} of the
-{loop["mpc_budget_ms"]:g} ms budget; of {loop["frames_sent"]} frames {loop["frames_lost"]} were lost and
+{loop["mpc_budget_ms"]:g} ms budget. Of {loop["frames_sent"]} frames {loop["frames_lost"]} were lost and
 {loop["frames_rejected"]} rejected.
 
-[At other speeds](docs/explanation/other-speeds.md), in % of drag at % of the design speed, on a coarse mesh
-({drives["facts"]["bundle"]}): {served}.
+[At other speeds](docs/explanation/other-speeds.md) {drives["facts"]["bundle"]} reduces drag on a coarse mesh by
+{served} of the design speed.
 """
 
 
@@ -144,7 +144,7 @@ def _from_phases(results: Path) -> tuple[object, ...]:
     Cd, *others = (spread[name]["mean"] for name in names)
     drag = spread["reduction_percent"]
     return (
-        f"{found['facts']['bundle']} from {len(figures['phases'])} starts, mean and its 95 % confidence interval",
+        f"{found['facts']['bundle']}, mean of {len(figures['phases'])} starts with 95 % confidence interval",
         *(Cd, None, *others),
         f"{drag['mean']:.1f} +- {drag['half_width_95']:.1f} % ({drag['least']:.1f} .. {drag['most']:.1f})",
     )
@@ -155,7 +155,7 @@ def _linear(results: Path) -> tuple[object, ...]:
     phases."""
     row = next(row for row in read(results / "roads.json")["figures"] if row["road"] == "linear-under-release")
     return (
-        f"a linear controller instead (by version 1.0.0), from {len(row['outcomes'])} starts, mean",
+        f"linear controller (of version 1.0.0), mean of {len(row['outcomes'])} starts",
         *(row["Cd"], None, *(row[name] for name in ("abs_Cl", "Cd_net", "rms_action", "jet_power"))),
         f"{row['reduction_percent']:.1f} % ({row['least_reduction_percent']:.1f} .. "
         f"{row['most_reduction_percent']:.1f})",
@@ -172,13 +172,13 @@ def demo(results: Path) -> str:
     figures, facts = found["figures"], found["facts"]
     latency = "/".join(f"{figures[name]:.2f}" for name in ("mpc_ms_p50", "mpc_ms_p99", "mpc_ms_max"))
     return f"""Measured on {found["date"]}: {figures["controller"]}, sensors {", ".join(figures["sensors"])},
-{facts["config"]["ecu"]["compute_time_ms"]:g} ms charged for a control step. Wall drag reduced by
+{facts["config"]["ecu"]["compute_time_ms"]:g} ms of virtual time for a control step. Control reduces wall drag by
 **{figures["reduction_percent"]:.1f} %**.
 
 {_before_and_under(figures)}
 
-Control step, wall clock p50/p99/max: {latency} ms of {figures["mpc_budget_ms"]:g} ms. Frames sent
-{figures["frames_sent"]}, lost {figures["frames_lost"]}, rejected {figures["frames_rejected"]}."""
+A control step takes p50/p99/max {latency} ms of {figures["mpc_budget_ms"]:g} ms. Of
+{figures["frames_sent"]} frames {figures["frames_lost"]} were lost and {figures["frames_rejected"]} rejected."""
 
 
 def _before_and_under(figures: Mapping[str, Any]) -> str:
@@ -201,17 +201,17 @@ def limits(results: Path) -> str:
     facts = read(results / "demo.json")["facts"]
     late, period = facts["config"]["ecu"]["compute_time_ms"], facts["budget_ms"]
     for label, name in (
-        ("the release: a period ahead", "demo"),
-        (f"not ahead, {late:g} ms for computing", "limit_late_start"),
-        ("not ahead, no time for computing", "limit_latency"),
-        ("0.2.0: not ahead, 15 iterations", "limit_iterations"),
+        ("the release: plans a period ahead", "demo"),
+        (f"no planning ahead, {late:g} ms for computing", "limit_late_start"),
+        ("no planning ahead, no time for computing", "limit_latency"),
+        ("version 0.2.0: no planning ahead, 15 iterations", "limit_iterations"),
     ):
         figures = read(results / f"{name}.json")["figures"]
         rows.append((label, *(figures[key] for key in names)))
     return f"""{table(("", "mean Cd (wall)", "less drag, %", "mean abs Cl", "mean Cl", "rms action"), rows)}
 
-The first three differ in when the jets answer: a period of {period:g} ms after the sample, for which the controller
-plans; {late:g} ms after it, which the controller's model leaves out; or at the instant of the sample."""
+The first three rows differ in the time from the sample to the jets' response: a period of {period:g} ms, for which the
+controller plans; {late:g} ms, which the controller's model does not contain; or none."""
 
 
 def steady(results: Path) -> str:
@@ -224,8 +224,8 @@ def steady(results: Path) -> str:
         ("steady, symmetric", held["Cd"], held["Cd"] + held["Cd_slot"], held["base_Cp"]),
     ]
     bound = 100.0 * (1.0 - held["Cd"] / shedding["Cd_uncontrolled"])
-    return f"""Measured on {found["date"]}, from rest until nothing changes ({held["time"]:.0f} t_c, max |du/dt|
-{held["velocity_rate"]:.0e}). Flow runs upstream behind the base over {held["recirculation_length"]:.2f} W.
+    return f"""Measured on {found["date"]}, from rest until the flow is steady ({held["time"]:.0f} t_c, max |du/dt|
+{held["velocity_rate"]:.0e}). Its recirculation bubble is {held["recirculation_length"]:.2f} W long.
 
 {table(("", "Cd (wall)", "Cd with slots", "mean base Cp"), rows)}
 

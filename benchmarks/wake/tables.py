@@ -50,7 +50,7 @@ def _steps(results: Path) -> str:
             )
         )
     heads = (
-        "cells", "CPU s per t_c", "at full amplitude", "ns a cell and step", "floor: memory", "floor: transforms",
+        "cells", "CPU s per t_c", "at full amplitude", "ns per cell and step", "floor: memory", "floor: transforms",
         "Poisson, %",
     )  # fmt: skip
     return table(heads, rows)
@@ -62,8 +62,8 @@ def _adjoint(results: Path) -> str:
         "gradient_periods_per_s", "memory_mb",
     )  # fmt: skip
     heads = (
-        "precision", "cells", "error of the gradient", "forward, ms", "recorded, in forward periods", "back",
-        "gradient periods a second", "MB kept",
+        "precision", "cells", "error of the gradient", "forward, ms", "recorded / forward", "backward / forward",
+        "gradient periods per second", "MB stored",
     )  # fmt: skip
     return table(heads, [tuple(row[name] for name in names) for row in read(results / "adjoint.json")["figures"]])
 
@@ -88,19 +88,19 @@ def vector(found: Any) -> str:
         (name, figures["steps_per_s"][mode], figures["gradient_periods_per_s"].get(gradients.get(mode)))
         for mode, name in names.items()
     ]
-    return table((f"{count} wakes", "steps a second", "gradient periods a second"), rows)
+    return table((f"{count} wakes", "steps per second", "gradient periods per second"), rows)
 
 
 def _openfoam_loop(results: Path) -> str:
     columns = {
-        "Cd_uncontrolled": "Cd before",
-        "Cd_controlled": "Cd under control",
+        "Cd_uncontrolled": "Cd without control",
+        "Cd_controlled": "Cd with control",
         "reduction_percent": "less drag, %",
-        "Cd_net_uncontrolled": "with slots and jets before",
-        "Cd_net_controlled": "under control",
+        "Cd_net_uncontrolled": "Cd_net without control",
+        "Cd_net_controlled": "Cd_net with control",
         "base_Cp_controlled": "base Cp",
-        "abs_Cl_uncontrolled": "mean abs Cl before",
-        "abs_Cl_controlled": "under control",
+        "abs_Cl_uncontrolled": "mean abs Cl without control",
+        "abs_Cl_controlled": "mean abs Cl with control",
         "mean_Cl_controlled": "mean Cl",
         "rms_action": "rms action",
         "jet_power_controlled": "jet power",
@@ -112,8 +112,8 @@ def _openfoam_loop(results: Path) -> str:
         rows.append(figures | {"case": facts["plant"]})
         notes.append(
             f"- {facts['plant']}: {figures['controller']}, {found['date']};\n"
-            f"  {figures['cycles_controlled']} shedding cycles from {facts['settle']:g} t_c after the request on; of "
-            f"{figures['frames_sent']} frames {figures['frames_lost']} lost."
+            f"  means of {figures['cycles_controlled']} shedding cycles, {facts['settle']:g} t_c after the request; "
+            f"{figures['frames_lost']} of {figures['frames_sent']} frames lost."
         )
     heads = ("closed loop", *columns.values())
     cells = [(row["case"], *(row.get(name) for name in columns)) for row in rows]
