@@ -161,8 +161,9 @@ class RefineConfig(Settings, source=ours("the paper has no prior", page="explana
     updates: AtLeastOne[int] = 450
     """Number of updates of the prior's weights, each computed from `refine.batch` stretches."""
     shortest: Annotated[int, at_least(2), STEPS] = 75
-    """Length of a stretch in the first update; the length grows to `longest` over the first half of the updates. The
-    effect of the jets takes 65 control periods to reach the far end of the recirculation bubble."""
+    """Length of a stretch in the first update at the design speed; at other speeds a stretch has the same length in
+    convective times. The length grows to `longest` over the first half of the updates. The effect of the jets takes 65
+    control periods to reach the far end of the recirculation bubble."""
     longest: Annotated[int, at_least(2), STEPS] = 125
     """Length of a stretch in the second half of the updates."""
     streams: AtLeastOne[int] = 4
