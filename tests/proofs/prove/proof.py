@@ -49,6 +49,7 @@ MEMORY_BYTES: Final = 8 * 2**30
 _CONDITIONS: Final = re.compile(r"^Generated (\d+) VCC", re.MULTILINE)
 _VIOLATED: Final = re.compile(r"^Violated property:\n(.*\n.*\n.*)", re.MULTILINE)
 _INCLUDED: Final = re.compile(r'^ *# *include "([^"]+)"', re.MULTILINE)
+_COMMENT: Final = re.compile(rb"/\*.*?\*/", re.DOTALL)
 _PLACE: Final = re.compile(r"file \S*/")
 _VERSION: Final = re.compile(r"version (\S+)")
 
@@ -258,7 +259,8 @@ def _tell(name: str, outcome: Outcome) -> None:
 
 
 def _key(library: Path, esbmc: Path, of: Item | Sabotage) -> str:
-    """Return a hash of the files on which a result depends: the harness, the files that it includes, and others."""
+    """Return a hash of the files, without comments, on which a result depends: the harness, the files that it includes,
+    and others."""
     name, others = (of.name, of.sources) if isinstance(of, Item) else (of.item, (of.file,))
     run = (of.unwind, of.define) if isinstance(of, Item) else (of.file, of.old, of.new)
     everything = hashlib.sha256(repr((name, run, esbmc.stat().st_size)).encode())
@@ -271,7 +273,7 @@ def _key(library: Path, esbmc: Path, of: Item | Sabotage) -> str:
         file, at = included[at], at + 1
         path = next((folder / file for folder in folders if (folder / file).exists()), None)
         content = path.read_bytes() if path else b""  # an open item may have no harness
-        everything.update(file.encode() + content)
+        everything.update(file.encode() + b" ".join(_COMMENT.sub(b"", content).split()))
         included += [found for found in _INCLUDED.findall(content.decode()) if found not in included]
     return everything.hexdigest()[:16]
 
