@@ -16,6 +16,7 @@ import numpy as np
 
 from contract.arrays import Array
 from contract.config.controller import MpcConfig
+from contract.controller.goal import SPEED_PLACES
 from contract.controller.interface import FORCES, Sizes
 from contract.errors import ExportError
 from contract.model.model_folder import SLIM, ModelFolder
@@ -225,9 +226,18 @@ def program_sha256(program: ControllerProgram) -> str:
     settings: dict[str, Any] = {name: asdict(getattr(program, name)) for name in parts}
     settings |= {name: getattr(program, name) for name in ("encoder_rows", "action_limit", "sensors", "window")}
     if program.prior is not None:
-        settings["prior"] = asdict(program.prior)
+        settings["prior"] = asdict(program.prior) | _as_trained(program.prior)
     digest.update(json.dumps(settings, sort_keys=True, default=_fingerprint).encode())
     return digest.hexdigest()
+
+
+def _as_trained(prior: PriorWeights) -> dict[str, Array]:
+    """Return the scheduled weights of a prior, with one variable for the speed if its two have equal weights. So a
+    model until version 1.1 keeps its hash, and its bundles stay valid."""
+    first, gate, (below, above) = prior.first, prior.gate, SPEED_PLACES
+    if np.array_equal(first[below], first[above]) and np.array_equal(gate[:, below], gate[:, above]):
+        first, gate = np.delete(first, above, axis=0), np.delete(gate, above, axis=1)
+    return {"first": first, "gate": gate}
 
 
 def _fingerprint(value: object) -> str:

@@ -1,5 +1,6 @@
 """The gates a model passes to become a program: each refusal names the tensor or value at fault."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -9,7 +10,7 @@ from contract.config.controller import MpcConfig
 from contract.controller.goal import SPEED_SCALE, Goal, schedule
 from contract.errors import ExportError
 from contract.release.manifest import Scaling
-from export.program.controller_program import ControllerProgram
+from export.program.controller_program import ControllerProgram, program_sha256
 
 H, INPUTS, LATENT, WIDTH = 3, 3, 2, 4
 
@@ -88,6 +89,9 @@ def test_a_prior_with_one_variable_for_the_speed_acts_as_it_was_trained():
         now, before = schedule(speed, Goal(0.2, 0.3, 0.4)), (1.0, (speed - 1.0) / SPEED_SCALE, 0.2, 0.3, 0.4)
         np.testing.assert_allclose(np.tensordot(now, prior.first, 1), np.tensordot(before, first, 1), atol=1e-12)
         np.testing.assert_allclose(prior.gate @ now, gate @ before, atol=1e-12)
+    # Its identity is that of its own weights too, so bundles of such a model stay valid.
+    as_trained = replace(ControllerProgram.from_state(**old), prior=replace(prior, first=first, gate=gate))
+    assert program_sha256(ControllerProgram.from_state(**old)) == program_sha256(as_trained)
 
 
 def test_what_does_not_fit_is_refused_by_its_name():
