@@ -29,7 +29,8 @@ def frame_of(message: can.Message) -> Frame | Rejection:
     if message.is_remote_frame:
         return Rejection.REMOTE
     is_fd = bool(message.is_fd)
-    # A backend may have read a truncated line. Only the difference between the two lengths shows this.
+    # A backend may have read a truncated line. This shows only in a difference between the stated and the actual
+    # length.
     if message.dlc != len(message.data) or len(message.data) not in (FD_LENGTHS if is_fd else CLASSIC_LENGTHS):
         return Rejection.WRONG_LENGTH
     # A backend may deliver values of any type and range. A float would pass the check of the range.

@@ -63,8 +63,8 @@ class Rejection(Enum):
     OTHER_ID = "another identifier"
     OWN = "own frame received again"
     ADAPTER = "adapter refused a command"
-    """A serial adapter answered BEL, its sign of an error, to a frame that it did not send or to a command while it was
-    opened."""
+    """A serial adapter answered BEL, its sign of an error: it refused to send a frame, or it refused a command while
+    the adapter was being opened."""
 
 
 class UnusableReceptionError(Exception):

@@ -16,16 +16,17 @@ COMM_MODE: Final = 0x80
 """Communication mode in CONNECT's answer: little-endian, byte addresses, no block mode. The answer to
 GET_COMM_MODE_INFO has further properties."""
 CAL_PAG: Final = 0x01
-"""The resource of calibration and of its pages."""
+"""The bit of XCP's resource for calibration and its pages."""
 RESOURCES: Final = CAL_PAG | 0x04
-"""The resources: calibration, and measurement (DAQ), which needs no key, since its values are no secret."""
+"""The bits of this ECU's resources: calibration, and measurement (DAQ). Measurement needs no key, because its values
+are not secret."""
 
 RESPONSE: Final = 0xFF
 ERROR: Final = 0xFE
 EVENT: Final = 0xFD
 """The first byte of a packet to the tool: a response, an error or an event."""
 STORED_EVENT: Final = 0x03
-"""The event that storing the calibration has ended."""
+"""The number of the event that reports that the calibration was stored."""
 STORE_REQUEST: Final = 0x01
 """The bit for the calibration in SET_REQUEST's mode and in GET_STATUS's session status."""
 DAQ_RUNNING: Final = 0x40
@@ -153,7 +154,7 @@ class AnswersSeeds(Protocol):
     """An object that has the access secret: `can_bridge.uds.security.AccessKey`."""
 
     def answer(self, level: Level, seed: bytes) -> bytes:
-        """Return the valid key for a seed."""
+        """Return the key that is valid for a seed."""
 
 
 class WrongKey(Exception):  # noqa: N818  (an answer of the tool's, no error of ours)

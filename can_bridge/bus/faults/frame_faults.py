@@ -1,8 +1,8 @@
 """Faults of single frames: lost, duplicated, late, out of order, with changed data, or with wrong bits on the bus.
 
-CAN's own CRC does not detect data that change before the sender's CAN controller or after the receiver's CAN
-controller. The CRC detects wrong bits on the bus. The frame is then repeated, which takes time and raises the error
-counters, up to bus-off.
+CAN's own CRC does not detect data that were changed before they reached the sender's CAN controller, or after they left
+the receiver's CAN controller. The CRC detects wrong bits on the bus. The frame is then repeated, which takes time, and
+the error counters rise, up to bus-off.
 """
 
 import heapq
@@ -110,8 +110,8 @@ class Delay(FrameFault, section="delay"):
     frame waits after it was stamped, in a queue of the receiver, so that the stamp shows the delay."""
 
     def acting(self, port: Injector) -> tuple[Send, Receive]:
-        """See `BusFault.acting`. A frame is received when its delay has passed; frames are ordered by the time at which
-        this happens."""
+        """See `BusFault.acting`. A frame is received when its delay has passed; the frames whose delays pass first come
+        first."""
         waiting: list[tuple[int, int, Frame]] = []  # due time, serial number
         serial, last_due_ns = count(), 0
 
@@ -138,7 +138,8 @@ class Delay(FrameFault, section="delay"):
 
 @dataclass(frozen=True, kw_only=True)
 class Reorder(FrameFault, section="reorder"):
-    """Groups of `window` frames are delayed, then received in a random order. `acted` counts the frames out of place.
+    """Groups of `window` frames are delayed, then received in a random order. `acted` counts the frames that change
+    places.
 
     No frame moves by `window` places or more. When the span ends, the frames that still wait are received at the next
     reading.
@@ -242,7 +243,8 @@ def _spec_of(frame: Frame) -> MessageSpec | None:
 
 
 def payload_bits(spec: MessageSpec) -> range:
-    """Return the numbers of the message's bits after the header, from the least significant bit of each byte."""
+    """Return the positions of the message's bits after the header; position 8 i + j is bit j of byte i, from the least
+    significant."""
     return range(profile_of(spec).header_bits, 8 * spec.protected)
 
 

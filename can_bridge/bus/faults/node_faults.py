@@ -23,8 +23,8 @@ class Disconnect(BusFault, section="disconnect"):
     """
 
     kind: Literal["open_wire", "device_gone"] = "open_wire"
-    """Kind of the fault. "open_wire": the bus is silent, and the node sees no error when it sends. "device_gone", for
-    example an unplugged adapter: every call raises BusError."""
+    """Kind of the fault. "open_wire": the bus is silent, and the node sees no error when it sends. "device_gone": every
+    call raises BusError, as with an unplugged adapter."""
 
     def acting(self, port: Injector) -> tuple[Send, Receive]:
         """See `BusFault.acting`. Both functions raise BusError while the device is gone."""
@@ -40,7 +40,8 @@ class Disconnect(BusFault, section="disconnect"):
 
         def receive() -> list[Frame]:
             now_ns = port.clock()
-            # Other nodes still use the bus. Frames that arrive during the fault must not be received later.
+            # Other nodes still use the bus. Frames that arrive during the fault are read now, so that the node does not
+            # receive them later.
             for arrived_ns, frame in port.arrived(now_ns):
                 if self.is_active(arrived_ns):
                     port.acted += 1
@@ -100,11 +101,11 @@ class ClockDrift(BusFault, section="clock_drift"):
     """Drift in parts per million; positive if the clock is fast. A crystal has at most about 100; CAN's
     resynchronisation tolerates at most 15,800 (Bosch, CAN specification 2.0, oscillator tolerance)."""
     offset_s: Finite[float] = 0.0
-    """Time in s by which the clock is ahead at the start of the span."""
+    """Time in s by which the clock is ahead of the true time at the start of the span."""
 
     def acting(self, port: Injector) -> tuple[Send, Receive]:
-        """See `BusFault.acting`. A received frame gets a stamp of the drifting clock; its original stamp counts as the
-        true time."""
+        """See `BusFault.acting`. A received frame gets a stamp of the drifting clock; the frame's original stamp counts
+        as the true time."""
 
         def receive() -> list[Frame]:
             received = port.beneath.receive_all()

@@ -50,7 +50,7 @@ def parse_fault(text: str) -> BusFault:
 
 def parse_described(text: str, kinds: Mapping[str, type[S]], noun: str) -> S:
     """Return the value that a text describes. The value's class is one of `kinds`, by name. Raises ConfigError as
-    `parse_fault` does; `noun` is the word for the kinds in the error's message."""
+    `parse_fault` does; error messages use `noun` as the word for these classes."""
     described = f"{noun} {text!r}"
     head, at, span = text.partition("@")
     name, colon, parameters = head.partition(":")

@@ -197,7 +197,7 @@ def _disturbed(
         if is_arbitration_stuff_bit(frame, position):
             return _destroyed(senders, receivers, verdicts, AttemptVerdict.ARBITRATION_STUFF, used)
         if is_arbitration_bit(frame, position):
-            # The sender has interpreted the wrong bit as a lost arbitration, so it is a receiver when the error is
+            # The sender has interpreted the wrong bit as a lost arbitration, so it acts as a receiver when the error is
             # detected.
             return _destroyed(senders, receivers, verdicts, AttemptVerdict.RECEIVE_ERROR, used)
     return _destroyed(senders, receivers, verdicts, AttemptVerdict.TRANSMIT_ERROR, used)

@@ -67,7 +67,7 @@ class FaultConfinement:
         return replace(self, rx_errors=min(self.rx_errors + 1, _RECEIVE_LIMIT))
 
     def dominant_after_flag(self) -> "FaultConfinement":
-        """Apply rule 2: other nodes answered this receiver's error flag, so the fault may be this receiver's."""
+        """Apply rule 2: other nodes answered this receiver's error flag, so this receiver may have caused the error."""
         return replace(self, rx_errors=min(self.rx_errors + ERROR_STEP, _RECEIVE_LIMIT))
 
     def transmit_error(self) -> "FaultConfinement":
