@@ -19,7 +19,8 @@ from contract.config.vehicle import SpeedConfig
 _SHORTEST_S: Final = 0.1
 """Shortest time in s over which a change of speed is checked, so that rounding is not mistaken for an acceleration."""
 _STARTS: Final = 10
-"""Largest number of spans at the beginning of a log that may be rejected as wrong."""
+"""Largest number of short groups of speeds at the beginning of a log that may be rejected as wrong (see
+`vehicle_speeds`)."""
 _SLOWEST: Final = 1e-3
 """Smallest speed in m/s that is used for the distance travelled, also for a stationary vehicle, because the distance
 must increase."""
@@ -33,7 +34,7 @@ class VehicleSpeeds:
         time_s: times of measurement in s on the log's clock, increasing, (n,).
         speed: vehicle's speed in m/s, (n,).
         density: density of the air in kg/m3, (n,); NaN if the vehicle does not state it.
-        oldest_s: time in s for which a speed is used.
+        oldest_s: longest time in s before or after its measurement at which a speed is used.
         left_out: number of speeds in the frames that are implausible or repeated.
     """
 
@@ -80,11 +81,11 @@ class Travel:
         return cls(time_s=np.array([start_s, start_s + convective_time]), way=np.array([0.0, 1.0]))
 
     def at(self, time_s: Array) -> Array:
-        """Return the distances at given times."""
+        """Return the distances travelled up to the given times."""
         return _line(time_s, self.time_s, self.way)
 
     def time(self, way: Array) -> Array:
-        """Return the times of given distances."""
+        """Return the times at which the given distances have been travelled."""
         return _line(way, self.way, self.time_s)
 
 

@@ -128,7 +128,7 @@ def fits_as(image: bytes) -> Fits:
 
 
 def _signer_verdict(signature: bytes | None, manifest: bytes, keys: KeyList | None) -> Verdict:
-    """Return the verdict on the signer. If there is a signature, it has been verified before."""
+    """Return the verdict on the signer of the image. A signature that is present has been verified before this call."""
     if signature is None:
         return Verdict.UNSIGNED
     is_revoked = keys is not None and signing.signer(signature, manifest) in keys.revoked

@@ -35,7 +35,7 @@ _NONE: Final = 0xFF
 
 @dataclass(frozen=True, kw_only=True)
 class SlotReport:
-    """One slot; for the other fields see `state.SlotState`.
+    """The report on one slot; for the other fields see `state.SlotState`.
 
     Attributes:
         name, digest: name and digest of the release; empty if no image was checked.
@@ -64,7 +64,7 @@ class StoreReport:
         running: the booted slot; None without a release, or after another image was announced for this slot.
         active: the slot of the confirmed release.
         next_boot: the slot that the next boot tries first.
-        reason: reason for the result of the last boot; None before the first boot.
+        reason: reason why the last boot chose this image or none; None before the first boot.
         least_security_version: smallest security version that a release may have.
         key_list_version: version of the key list; None without a key list.
         failed_attempts: numbers of consecutive wrong keys, by level.

@@ -1,4 +1,5 @@
-"""The control information in a frame's first bytes: its part in a message (ISO 15765-2:2016, section 9.6)."""
+"""The control information in a frame's first bytes: it states which part of a message the frame has (ISO 15765-2:2016,
+section 9.6)."""
 
 from bisect import bisect_left
 from enum import IntEnum
@@ -52,7 +53,8 @@ class Consecutive(NamedTuple):
 
 
 class FlowControl(NamedTuple):
-    """The receiver's answer: number of frames until the next answer (0: all), and least time between frames in ns."""
+    """The receiver's answer: number of frames that may be sent before the next answer (0: all), and least time in ns
+    between them."""
 
     status: FlowStatus | None
     block_size: int

@@ -30,8 +30,8 @@ def write_mdf(path: Path, messages: Sequence[can.Message], groups: Sequence[Chan
     """Write a measurement, completely or not at all. Raises BusError if asammdf is missing; StillwakeError if the file
     cannot be written.
 
-    Times count from the start that the header states: the full second of the first message or value, and not before
-    1970, which is the start of a run in virtual time.
+    Times count from the start that the header states: the last full second before the first message or value. The start
+    is not before 1970, which is the start of a run in virtual time.
     """
     asammdf = asammdf_for(path)
     first_s = [*(one.timestamp for one in messages), *(float(one.times_s[0]) for one in groups if len(one.times_s))]
