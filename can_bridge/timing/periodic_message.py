@@ -11,7 +11,8 @@ from contract.config.vehicle import BusConfig
 NS_PER_MS: Final = 10**6
 
 OUR_IDS: Final = frozenset(spec.frame_id for spec in SPECS)
-"""Identifiers of the messages in all message sets, used or not. Messages of other nodes never have them."""
+"""Identifiers of the messages in all message sets, including sets that the bus does not use. Messages of other nodes
+never have them."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -33,8 +33,8 @@ def live_log(path: Path | None) -> Iterator[Callable[[Frame, bool], None]]:
     the function never waits. When the `with` block ends, also by an error, the measurement is written. Without a path
     nothing is stored.
 
-    Times are the computer's date and time at the start of the log, advanced by its steady clock. Raises StillwakeError
-    if the measurement cannot be written, unless the block has already raised an error.
+    Times are the computer's date and time at the start of the log, plus the time that its monotonic clock has measured
+    since. Raises StillwakeError if the measurement cannot be written, unless the block has already raised an error.
     """
     if path is None:
         yield lambda frame, received: None

@@ -43,7 +43,7 @@ class AccessKey:
         return made
 
     def answer(self, level: Level, seed: bytes) -> bytes:
-        """Return the answer that unlocks this level after this seed."""
+        """Return the tester's answer that unlocks this level after this seed."""
         return self._levels[level].cmac(seed)
 
     def _take(self, key: Key) -> None:
@@ -67,7 +67,8 @@ class SecurityAccess:
         self._closed_until_ns: dict[Level, int] = {}
 
     def power_on(self, now_ns: int) -> None:
-        """Restart the delay of a level with too many wrong attempts, because the time without power is unknown."""
+        """Restart the delay of each level that had too many wrong attempts, because nobody knows how long the power was
+        off."""
         for level in Level:
             if self._attempts.failed_attempts(level) >= MAX_ATTEMPTS:
                 self._closed_until_ns[level] = now_ns + DELAY_NS

@@ -6,7 +6,7 @@ from typing import Final
 from contract.config.diagnosis import MOST_EXTENDED, MOST_STANDARD, CanId
 
 MAX_FRAME_ID: Final = MOST_STANDARD
-"""Largest 11-bit identifier."""
+"""The largest 11-bit identifier."""
 MAX_EXTENDED_ID: Final = MOST_EXTENDED
 """Largest 29-bit identifier. No message of our DBC has such an identifier; diagnosis and other traffic may."""
 
