@@ -21,8 +21,8 @@ class BusHealth:
 
     Attributes:
         state: error-active, error-passive or bus-off.
-        tx_errors, rx_errors: error counters. The controller is error-passive if a counter is above 127, and bus-off
-            from 256 transmit errors.
+        tx_errors, rx_errors: error counters. The controller is error-passive if a counter is above 127, and bus-off if
+            `tx_errors` is 256 or more.
         bus_off: number of times that the controller went bus-off since power-on.
     """
 

@@ -19,7 +19,7 @@ MOST_IN_ODT: Final = MAX_CTO - 1
 """Largest number of bytes in a frame after the byte with the frame's number."""
 EVENT_NAME: Final = b"control period"
 DYNAMIC: Final = 0x01
-"""Properties of the processor: lists are allocated dynamically, there are neither prescalers nor time stamps, and a
+"""Properties of the DAQ processor: lists are allocated dynamically, there are neither prescalers nor time stamps, and a
 frame begins with its number."""
 OF_DAQ: Final = 0x44
 """Properties of the event: it is for measurement, and all frames of a list belong to one moment."""
@@ -38,7 +38,8 @@ def cycle_of(period_ns: int) -> tuple[int, int]:
 
 
 class _Stage(IntEnum):
-    """The stage that the allocation has reached; its commands have a fixed order (ASAM MCD-1 XCP, part 2)."""
+    """The stage that the allocation has reached; the commands for the allocation have a fixed order (ASAM MCD-1 XCP,
+    part 2)."""
 
     NOTHING = 0
     FREED = 1

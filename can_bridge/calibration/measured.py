@@ -1,4 +1,5 @@
-"""The ECU's latest control period as a memory area, which a measurement tool reads or receives in each period."""
+"""The values of the ECU's latest control period as a memory area, which a measurement tool reads or receives each
+period."""
 
 import struct
 from typing import Final

@@ -202,7 +202,7 @@ class XcpAccess:
         return bytes([left]) + piece
 
     def unlock(self, left: int, data: bytes) -> None:
-        """Take the next bytes of the key; `left` is the number of key bytes still to come, including these. Raises
+        """Process the next bytes of the key; `left` is the number of key bytes still to come, including these. Raises
         Denied if the seed was not read completely or a part of the key is missing, and WrongKey for a wrong key. Every
         attempt needs a new seed."""
         if not self._seed or self._unsent or left != XCP_KEY_LENGTH - len(self._key):

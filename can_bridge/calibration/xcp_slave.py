@@ -52,7 +52,8 @@ class XcpSlave:
         self._to_store: Calibration | None = None
 
     def to_store(self, now_ns: int) -> Calibration | None:
-        """Return the values that the tool asked to store, until `stored`, `not_stored` or the end of the connection."""
+        """Return the values that the tool asked to store, until `stored` or `not_stored` is called or the connection
+        ends."""
         self._end_if_idle(now_ns)
         return self._to_store
 

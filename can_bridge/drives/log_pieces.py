@@ -125,8 +125,8 @@ class Cutter:
     def _keep(self, table: Array, a: int, b: int, clock: SenderClock) -> None:
         """Fill the gaps in the rows from a up to, but not including, b, and append these rows as one piece."""
         # A gap of one column may end where another column is cut, and then has no neighbour from which to interpolate.
-        # The jets' action before the first row must be known. If it is not, the jets must be shut in the first row, and
-        # the action counts as 0.
+        # So a piece begins with a complete row. The jets' action before this row must be known, or else the jets must
+        # be shut in this row; the action before it then counts as 0.
         whole = np.flatnonzero(np.isfinite(table[a:b]).all(axis=1)) + a
         action = table[:, -1]
         begins = whole[np.isfinite(action[whole - 1]) | (action[whole] == 0.0)]

@@ -29,7 +29,7 @@ from contract.errors import DatasetError
 _OTHER_PERIOD: Final = 0.2
 """Largest relative difference between the control period and the median time from one frame to the next."""
 _DRIFT: Final = 1e-3
-"""Largest relative difference between the sender's period and the control period, as in a table with times
+"""Largest relative difference between the sender's period and the control period; a table with times has the same limit
 (`contract.recording.findings`). Quartz clocks differ by at most a tenth of this. Rows are resampled if their distance
 in convective time differs from the control period by more than this."""
 _OUTSIDE: Final = 0.05
@@ -131,7 +131,7 @@ def series_of(
         nominal_s, point = scales.period_s, scales.point
         _check_period(path, interval_s, scales)
     else:
-        # The sender's period is a multiple of 0.1 ms on its own clock; on the log's clock it differs a little.
+        # The sender's period is a multiple of 0.1 ms on the sender's clock; on the log's clock it differs a little.
         nominal_s = round(interval_s, 4) or interval_s
         nominal_s = nominal_s if abs(interval_s / nominal_s - 1.0) <= _DRIFT else interval_s
         point = _point_of(path, speeds, nominal_s, scales)

@@ -53,7 +53,7 @@ class SlotPhase(IntEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class SlotState:
-    """One slot.
+    """The state of one slot.
 
     Attributes:
         length: length of the announced image in bytes.

@@ -1,4 +1,4 @@
-"""Two slots for releases, of which one runs and the other can be written, with all rules of the ECU for releases.
+"""Two slots for releases, one with the running release and one for a new image, and the ECU's rules for releases.
 
 The store has no clock, no randomness and no thread. A loss of power may interrupt any call. The next boot finds a valid
 image from the state stored until then, if there was a valid image before.

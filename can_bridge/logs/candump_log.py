@@ -3,8 +3,8 @@
     (1436509052.249713) can0 123##1112233           with -L or -l
      (1436509052.249713)  can0  123  [03]  11 22 33  without
 
-A screen's times are absolute (-t a, -t A in words), count from the first frame (-t z), or from the previous line
-(-t d). A single line does not show which of these applies; only times of -t d can decrease.
+The times on a screen are absolute (-t a, -t A in words), or they count from the first frame (-t z) or the previous line
+(-t d). A single line does not show which of these options was used; only times of -t d can decrease.
 """
 
 import re

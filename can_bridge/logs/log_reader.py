@@ -31,7 +31,7 @@ _UNPACKED: Final = (".mf4", ".mcap", ".db")
 """Endings of files that are read by libraries. The libraries need the file itself, not its unpacked content."""
 
 GREATEST_TIME_S: Final = 2**63 / 1e9
-"""Largest time in s before or after the epoch, 292 years, which 64 bits of nanoseconds can hold."""
+"""Largest time in s before or after the epoch that 64 bits of nanoseconds can represent: 292 years."""
 
 
 def suffix_of(path: Path) -> str:

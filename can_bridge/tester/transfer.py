@@ -56,7 +56,7 @@ OnProgress = Callable[[int, int], None]
 """A function that is called with the number of bytes that the ECU has, and the length of the image."""
 
 STALLS: Final = 5
-"""Largest number of consecutive attempts without progress."""
+"""Largest number of consecutive attempts to transfer an image in which the ECU receives no further bytes."""
 TRIES: Final = 3
 """Largest number of attempts at a step. A step is repeated if its session ended because the ECU did not answer for a
 long time or lost its power supply."""
@@ -107,7 +107,8 @@ class Transfer:
         self._received = 0
 
     def run(self) -> Transferred:
-        """Transfer the image until the ECU's verdict is good. The ECU is then in the programming session and unlocked.
+        """Transfer the image, in several attempts if necessary. Afterwards the ECU's verdict is good, and the ECU is in
+        the programming session and unlocked.
 
         Raises:
             ImageRefusedError: the verdict is not good.

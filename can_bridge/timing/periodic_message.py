@@ -17,7 +17,7 @@ never have them."""
 
 @dataclass(frozen=True, kw_only=True)
 class PeriodicMessage:
-    """A periodic message of a node. Raises ValueError for a frame that no controller can send, or a meaningless time.
+    """A periodic message of a node. Raises ValueError for a frame that no controller can send, or an impossible time.
 
     Attributes:
         frame_id: identifier of 11 bits, or of 29 bits if it is extended.

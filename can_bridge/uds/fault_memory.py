@@ -55,8 +55,8 @@ class KeptFault:
 
     Attributes:
         status: status bits of the code.
-        age: for a confirmed fault, number of operation cycles since its last failure in which its test passed and did
-            not fail.
+        age: for a confirmed fault, the number of operation cycles, after its last failure, in which its test passed and
+            did not fail.
         snapshot: snapshot of the first failure in the latest cycle with a failure; empty without a snapshot.
     """
 

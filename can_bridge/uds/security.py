@@ -5,8 +5,8 @@ an answer for one level is wrong for the other levels. The answer to a seed is t
 level's key.
 
 A seed is valid for one answer. An attempt is counted in non-volatile memory before the answer is checked, so that
-switching off the supply gains no attempt. After `MAX_ATTEMPTS` consecutive wrong answers, and after each further wrong
-answer, no seed is sent for `DELAY_NS`; a power-on restarts the delay.
+nobody gets more attempts by switching off the supply. After `MAX_ATTEMPTS` consecutive wrong answers, and after each
+further wrong answer, no seed is sent for `DELAY_NS`; a power-on restarts the delay.
 """
 
 from collections.abc import Callable

@@ -142,7 +142,7 @@ class UdsServer:
         return self._go_on(now_ns)
 
     def tick(self, now_ns: int) -> list[bytes]:
-        """Execute the next part of the request in progress, or the reset that an earlier call answered.
+        """Execute the next part of the request in progress, or the reset whose request an earlier call answered.
 
         Call this method whenever there is time for a part, at least every 20 ms while `is_busy`.
         """

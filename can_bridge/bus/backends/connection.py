@@ -64,7 +64,7 @@ def _check_known(interface: str) -> None:
 
 
 def _settings(config: BusConfig, settle_s: float) -> tuple[str, dict[str, Any]]:
-    """Return the interface's name and the options to open it with."""
+    """Return the interface's name, and the options with which python-can opens it."""
     if config.interface == OWN_CONFIGURATION:
         options: dict[str, Any] = {**can.util.load_config(context=config.channel)}
         return options.pop("interface"), {name: value for name, value in options.items() if value is not None}

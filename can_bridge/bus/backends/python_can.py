@@ -63,7 +63,8 @@ def health_after(health: BusHealth, classes: int, data: bytes) -> BusHealth:
     if classes & _BUS_OFF:
         return replace(health, state=BusState.BUS_OFF, bus_off=health.bus_off + 1)
     if classes & _RESTARTED:
-        # A controller leaves bus-off error-active with both counters at zero (ISO 11898-1, fault confinement).
+        # When a controller leaves bus-off, it is error-active and both its counters are zero (ISO 11898-1, fault
+        # confinement).
         return replace(health, state=BusState.ERROR_ACTIVE, tx_errors=0, rx_errors=0)
     if health.state is BusState.BUS_OFF:
         return health

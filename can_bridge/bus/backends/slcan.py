@@ -20,7 +20,8 @@ from can_bridge.bus.interface import Rejection, UnusableReceptionError
 from can_bridge.wire.frame import FD_LENGTHS
 
 _LINE: Final = re.compile(rb"(?:([tdbr])[0-7][0-9A-Fa-f]{2}|([TDBRx])[01][0-9A-Fa-f]{7})([0-9A-Fa-f])([0-9A-Fa-f]*)")
-"""Groups of a received line: frame kind, identifier, length code, data digits. A CANDapter sends `x` for `T`."""
+"""Groups of a received line: frame kind, identifier, length code, data digits. A CANDapter sends `x` in place of
+`T`."""
 _ANSWER: Final = re.compile(rb"[zZ]?")
 _STAMP_DIGITS: Final = 4
 """Number of digits of the time stamp that an adapter can append to a line. The time stamp is ignored because it wraps
@@ -51,7 +52,8 @@ def why_refused(line: bytes) -> Rejection | None:
 
 
 class SlcanBus(slcanBus):
-    """A connection to one adapter. For an unusable line it raises `UnusableReceptionError` and then continues."""
+    """A connection to one adapter. An unusable line raises `UnusableReceptionError`; the next call continues after this
+    line."""
 
     _line_cut = False
 

@@ -82,7 +82,7 @@ class Duplicate(SidedFault, section="duplicate"):
     """Copies follow a frame directly, with the frame's time stamp. `acted` counts the frames that were copied.
 
     Duplicates also occur on CAN itself: if a sender sees an error in the last bit of the end of frame, it repeats the
-    frame, which the receivers have accepted one bit earlier (ISO 11898-1, message validation).
+    frame, although the receivers accepted the frame one bit earlier (ISO 11898-1, message validation).
     """
 
     probability: Probability[float] = 1.0
@@ -104,7 +104,7 @@ class Delay(FrameFault, section="delay"):
     delay_s: NonNegative[float]
     """Smallest delay in s."""
     jitter_s: NonNegative[float] = 0.0
-    """Largest additional delay in s; the additional delay is uniformly distributed from 0."""
+    """Largest additional delay in s; the additional delay is distributed uniformly between 0 and this value."""
     restamp: bool = True
     """Whether the frame waits before it is time-stamped, as in a gateway, so that its stamp is late, too. Otherwise the
     frame waits after it was stamped, in a queue of the receiver, so that the stamp shows the delay."""
@@ -213,9 +213,9 @@ class StuckAt(SidedFault, section="stuck_at"):
     """A node repeats the data of the first frame of each identifier in the span. `acted` counts the changed frames."""
 
     counter_runs: bool = False
-    """Whether counter and CRC continue, as if the application were stuck but the communication stack were not; frames
-    that are not stillwake's then stay unchanged. Otherwise the data stay equal bit for bit, as in a buffer that is not
-    refilled."""
+    """Whether counter and CRC are renewed in each frame, as if the application were stuck but the communication stack
+    were not; frames that are not stillwake's then stay unchanged. Otherwise the data stay equal bit for bit, as in a
+    buffer that is not refilled."""
 
     def change(self, random: Random) -> Change:
         """See `SidedFault.change`. With `counter_runs`, an authenticated frame raises BusError."""

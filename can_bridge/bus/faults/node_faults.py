@@ -92,9 +92,10 @@ class ClockDrift(BusFault, section="clock_drift"):
     """A clock that runs fast or slow, or has a constant offset. At the span's end the clock jumps back to the true
     time.
 
-    As a fault of a bus, the clock stamps the frames that the node receives. A node whose own clock drifts also reads
-    its time through `local_ns`. If only the stamps or only the node's time use the drifting clock, stamps and time
-    disagree, as with an adapter that has a separate clock. `acted` counts the frames with a changed stamp.
+    On a bus, the fault replaces the stamps of the frames that the node receives by this clock's time. A node whose own
+    clock drifts also reads its time through `local_ns`. If only the stamps or only the node's time use the drifting
+    clock, stamps and time disagree, as with an adapter that has a separate clock. `acted` counts the frames with a
+    changed stamp.
     """
 
     ppm: Annotated[float, Rule(wording="above -10^6", holds=lambda value: value > -1e6)] = 0.0
@@ -127,9 +128,9 @@ class ClockDrift(BusFault, section="clock_drift"):
 class Babble(BusFault, section="babble"):
     """The node sends additional frames with random content. `acted` counts the frames that the bus accepted.
 
-    At each call the node first sends the additional frames that are due at the given rate since its previous call,
-    until the bus refuses a frame. Frames that do not fit into the transmit queue are not sent later. A node that only
-    babbles needs a separate port, which has to be called often.
+    In each call of the port, the node first sends the additional frames that are due at the given rate since the
+    previous call, until the bus refuses a frame. Frames that do not fit into the transmit queue are not sent later. A
+    node that only babbles needs a separate port, which has to be called often.
     """
 
     frame_id: NonNegative[int] = 0

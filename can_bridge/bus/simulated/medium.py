@@ -12,9 +12,9 @@ node that first sends a recessive bit against a dominant bit has a bit error.
 Time passes only in `advance_to` and `advance_until`, and jumps from event to event. A frame that begins at the present
 time waits until time passes, because other nodes can still send at that instant and take part in the arbitration.
 
-Physical errors come from two functions of the caller, so that a seed can make them reproducible. Remote frames and
-overload frames are left out, because today's controllers do not need them. Phase differences between nodes are also
-left out: all nodes begin a frame in the same nanosecond. All other faults wrap a port, which is a
+Two functions that the caller passes state which bits are wrong, so that a seed can make physical errors reproducible.
+Remote frames and overload frames are left out, because today's controllers do not need them. Phase differences between
+nodes are also left out: all nodes begin a frame in the same nanosecond. All other faults wrap a port, which is a
 `can_bridge.bus.interface.Bus`.
 """
 
