@@ -57,7 +57,7 @@ class GateLimits:
         """
         scale = config.operating_point.flow_rate_scale
         limit = config.flow.action_limit * scale
-        # The small number keeps a rounding error from reducing a limit that is itself a multiple of the resolution.
+        # The addition prevents a rounding error from reducing a limit that is itself a multiple of the resolution.
         steps = math.floor(limit / FLOW_RESOLUTION_M2_PER_S + 1e-6)
         if steps > INT16_MAX:
             widest = INT16_MAX * FLOW_RESOLUTION_M2_PER_S

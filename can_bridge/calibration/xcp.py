@@ -37,7 +37,7 @@ CRC_32: Final = 0x09
 ECU_MODE: Final = 0x01
 XCP_MODE: Final = 0x02
 ALL_MODE: Final = 0x80
-"""Mode bits of SET_CAL_PAGE: the page that the control uses, the page that the tool accesses, all segments."""
+"""Mode bits of SET_CAL_PAGE: the page that the controller uses, the page that the tool accesses, all segments."""
 
 
 class Command(IntEnum):
@@ -110,8 +110,8 @@ SHORTEST_COMMAND: Final = {
 PROTECTED: Final = frozenset(
     {Command.SET_REQUEST, Command.DOWNLOAD, Command.SET_CAL_PAGE, Command.GET_CAL_PAGE, Command.COPY_CAL_PAGE}
 )
-"""Commands that need an unlocked resource. Commands that read do not need it, because UDS shows the same values to
-every tester."""
+"""Commands that are refused while the resource is locked. Commands that read values are always allowed, because UDS
+shows the same values to every tester."""
 
 
 class Error(IntEnum):

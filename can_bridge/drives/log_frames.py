@@ -132,8 +132,8 @@ class _Bus:
 
     def add(self, message: can.Message, specs: Mapping[int, MessageSpec], verify: Verify | None, back_s: float) -> None:
         """Add one data frame."""
-        # The sum differs from every 11-bit identifier, because a frame with a 29-bit identifier belongs to another
-        # node.
+        # A frame with a 29-bit identifier belongs to another node, so its number here must differ from every 11-bit
+        # identifier.
         frame_id = message.arbitration_id + (message.is_extended_id << 32)
         self.seen[frame_id] += 1
         spec = specs.get(frame_id)

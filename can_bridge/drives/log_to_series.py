@@ -39,8 +39,8 @@ _CONTRADICTS: Final = 0.01
 """Largest relative difference between a setting and the log. It is not zero, because the vehicle's own value has an
 error too."""
 _STANDS: Final = 0.2
-"""Distance travelled in a row, as a share of the control period in W, below which the vehicle counts as stationary. Its
-pressures are then as small as the resolution."""
+"""Distance travelled from one row to the next, as a share of the control period in W, below which the vehicle counts as
+stationary. The pressures are then as small as the resolution."""
 
 
 @dataclass(frozen=True, kw_only=True)

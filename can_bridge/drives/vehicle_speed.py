@@ -118,8 +118,9 @@ def vehicle_speeds(frames: Sequence[CountedFrame], messages: MessageSet, config:
 
 
 def _spans(said: list[tuple[float, float, float]], config: SpeedConfig) -> list[list[tuple[float, float, float]]]:
-    """Group triples of time, speed and density into spans. A triple jumps if no vehicle can change its speed so fast. A
-    triple that jumps begins a new span if the last speed is too old to be used; otherwise it is left out."""
+    """Group triples of time, speed and density into spans. A triple jumps if no vehicle can change its speed so fast
+    since the previous triple. A triple that jumps begins a new span if the last speed is too old to be used; otherwise
+    it is left out."""
     spans: list[list[tuple[float, float, float]]] = []
     for one in said:
         passed = one[0] - spans[-1][-1][0] if spans else np.inf

@@ -29,7 +29,7 @@ class Profile:
 
     @property
     def header_bits(self) -> int:
-        """The number of bits of the header, which begins the message; bits are counted from a byte's least significant
+        """The number of bits of the header at the message's beginning; bits are counted from a byte's least significant
         bit."""
         return 8 * self.crc_length + (self.counter_period - 1).bit_length()
 

@@ -73,7 +73,7 @@ class Reception:
 
     @property
     def live(self) -> Frame | None:
-        """The accepted frame if the stream is VALID. Only this frame may count as a sign of life."""
+        """The accepted frame if the stream is VALID. Only this frame may count as a sign that the sender is alive."""
         return self.accepted if self.stream is StreamState.VALID else None
 
 

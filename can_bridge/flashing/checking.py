@@ -50,8 +50,8 @@ class Rules:
 
 
 def check(image: bytes, rules: Rules) -> tuple[Verdict, Bundle | None]:
-    """Return GOOD and an image's bundle, or the verdict of the first check that fails and None. Nothing is parsed
-    before its signature is verified."""
+    """Return GOOD and an image's bundle or, if a check fails, the verdict of the first failed check and None. Nothing
+    is parsed before its signature is verified."""
     files = {}
     try:
         files = files_of(image)

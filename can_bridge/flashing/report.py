@@ -120,7 +120,7 @@ def encode(report: StoreReport) -> bytes:
 
 
 def tree(report: StoreReport) -> dict[str, Any]:
-    """Return the report as JSON values, with members of enumerations by their names."""
+    """Return the report as JSON values; members of enumerations are replaced by their names."""
     slots = [{name: _named(value) for name, value in vars(slot).items()} for slot in report.slots]
     attempts = {level.name: count for level, count in report.failed_attempts.items()}
     return {name: _named(value) for name, value in vars(report).items()} | {"slots": slots, "failed_attempts": attempts}
@@ -131,7 +131,7 @@ def _named(value: object) -> object:
 
 
 def decode(raw: bytes) -> StoreReport:
-    """Return the report in bytes from a bus; raises BusError if the bytes are not a report."""
+    """Decode the bytes of a report, which come from a bus; raises BusError if the bytes are not a report."""
     try:
         magic, *listed, reason, least, version, programming, calibration = _HEAD.unpack_from(raw)
         if magic != _MAGIC:

@@ -34,7 +34,7 @@ class Verdict(IntEnum):
     WRONG_VEHICLE = 11, "the bundle was made for another vehicle"
     """The bundle's operating point, action limit or number of sensors is not that of this vehicle."""
     TOO_OLD = 12, "the bundle's security version is older than this ECU allows"
-    """The bundle's security version is below the version of a release that was confirmed here."""
+    """The bundle's security version is below the version of a release that was confirmed on this ECU."""
     UNREADABLE = 13, "the image cannot be read back from the memory"
     EMPTY = 14, "the slot is empty"
     WRONG_BUILD = 15, "the image was made for another build of the firmware, or has numbers that no ECU accepts"

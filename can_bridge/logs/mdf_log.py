@@ -65,7 +65,8 @@ class Records:
         self._path = path
 
     def read(self, since_epoch: SinceEpoch) -> Iterator[Entry]:
-        """Yield the entries of the records in the order of time. Raises BusError without asammdf or CAN frames."""
+        """Yield the entries of the records in the order of time. Raises BusError if asammdf is missing or there are no
+        CAN frames."""
         with self._opened() as measurement:
             start = measurement.start_time
             start_s = since_epoch(start) if start.tzinfo is None else start.timestamp()

@@ -70,8 +70,8 @@ class FreshnessStore:
         return Authentication(key=key, trip=self._record.trip, heard=self._record.heard)
 
     def accepted(self, frame_id: int, freshness: int) -> None:
-        """Note the value that a receiver accepted last; the method may be called at any rate. Raises StillwakeError if
-        the file cannot be written."""
+        """Note the value that a receiver accepted last; the method may be called after every frame. Raises
+        StillwakeError if the file cannot be written."""
         if is_due(self._record.heard.get(frame_id, 0), freshness, self._every):
             heard = {**self._record.heard, frame_id: freshness}
             self._keep(FreshnessRecord(trip=self._record.trip, heard=heard))

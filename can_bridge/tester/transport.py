@@ -150,7 +150,8 @@ class BusConnection(BaseConnection):
             raise TimeoutException("the ECU accepted only a part of the request")  # type: ignore[no-untyped-call]
 
     def specific_wait_frame(self, timeout: float | None = None) -> bytes:
-        """Return the next payload that can answer the request; raises TimeoutException after `timeout` seconds."""
+        """Return the next payload that can be the answer to the request; raises TimeoutException after `timeout`
+        seconds."""
         until = self._clock() + (timeout or 0.0)
         while True:
             while self._layer.available():

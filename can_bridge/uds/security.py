@@ -91,8 +91,8 @@ class SecurityAccess:
         return seed
 
     def unlock(self, now_ns: int, level: Level, answer: bytes) -> None:
-        """Unlock the level for which the last seed was sent. Raises Refused for a wrong answer or a level without a
-        seed."""
+        """Unlock the level for which the last seed was sent. Raises Refused for a wrong answer, or if no seed was sent
+        for this level."""
         if self._asked is None or self._asked[0] is not level:
             raise Refused(Nrc.SEQUENCE_ERROR)
         (_, seed), self._asked = self._asked, None

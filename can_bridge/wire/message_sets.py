@@ -35,7 +35,7 @@ class Message(Generic[T]):
 
 @dataclass(frozen=True, kw_only=True)
 class MessageSet:
-    """The messages between the two nodes.
+    """The messages that the vehicle and the ECU exchange.
 
     Attributes:
         pressure_resolution_pa: resolution of a pressure in Pa.

@@ -76,7 +76,8 @@ def vehicle_speed(density: int, speed: int, age_ns: int) -> VehicleSpeed:
 
 
 def signed(name: str, value: float, resolution: float, low: int, high: int) -> int:
-    """Return the nearest raw value; raises ValueError if it is not within `low` to `high`, or not finite."""
+    """Return the nearest raw value; raises ValueError if it is not within `low` to `high`, or if `value` is not
+    finite."""
     if not math.isfinite(value):
         raise ValueError(f"{name} = {value}: must be finite")
     # The quotient of a very large value is infinite, and cannot be rounded to an integer.

@@ -37,7 +37,7 @@ def open_backend(config: BusConfig, *, settle_s: float = SETTLE_S) -> tuple[can.
     configuration may select. Raises BusError, which states interface and channel, if the bus cannot be opened.
     `settle_s` is the time in s that a serial adapter gets to start."""
     _check_known(config.interface)
-    # Vendors' drivers raise exceptions of any type, also if the driver's library is missing.
+    # Vendors' drivers raise exceptions of any type, for example if the driver's library is missing.
     try:
         interface, options = _settings(config, settle_s)
         return _constructed(interface, options), interface
@@ -120,7 +120,7 @@ _UNREADABLE: Final = (ValueError, IndexError, struct.error)
 
 
 class OpenBus(NeverCopied):
-    """Owner of an open python-can bus. Use it as a context manager, or call `close`."""
+    """A wrapper of an open python-can bus that closes the bus. Use it as a context manager, or call `close`."""
 
     INSTEAD: ClassVar = "it belongs to this process; open another connection"
 

@@ -1,4 +1,4 @@
-"""The common part of all faults: their time spans, the frames that they concern, and the bus that applies them to
+"""The common part of all faults: their time spans, the frames on which they act, and the bus that applies them to
 another bus."""
 
 from abc import ABC, abstractmethod

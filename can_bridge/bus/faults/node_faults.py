@@ -1,4 +1,5 @@
-"""Faults of whole nodes: a lost bus, a consumer that is too slow, a clock that drifts, frames sent without end."""
+"""Faults of whole nodes: a lost connection to the bus, a slow consumer, a clock that drifts, frames sent without
+end."""
 
 from collections import deque
 from dataclasses import dataclass, replace

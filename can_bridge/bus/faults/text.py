@@ -43,8 +43,8 @@ _SPAN: Final = ("start_s", "end_s")
 
 
 def parse_fault(text: str) -> BusFault:
-    """Return the fault that a text describes. Raises ConfigError with the text and the part that is unknown, missing,
-    of another type or out of its bounds."""
+    """Return the fault that a text describes. Raises ConfigError, which states the text and the part that is unknown,
+    missing, of another type or out of its bounds."""
     return parse_described(text, BUS_FAULTS, "fault")
 
 

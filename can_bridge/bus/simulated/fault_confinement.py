@@ -31,7 +31,7 @@ _RECEIVE_LIMIT: Final = 255
 """Largest value of the receive error counter, which has 8 bits; the standard does not state how far it counts above
 127."""
 _AFTER_PASSIVE: Final = 127
-"""Receive error count after a successful reception above 127; the standard allows 119 to 127."""
+"""Value of a receive error counter above 127 after a successful reception; the standard allows 119 to 127."""
 
 
 @dataclass(frozen=True, kw_only=True)
