@@ -11,7 +11,7 @@ from can_bridge.wire.message_sets import SETS, MessageSet
 from can_bridge.wire.message_specs import MessageSpec
 
 MOST_NAMED: Final = 4
-"""Largest number of identifiers that the line lists."""
+"""Largest number of identifiers that the reported line lists."""
 SILENCE_S: Final = 1.0
 """Time in s without a usable frame after which the line is reported."""
 

@@ -25,7 +25,7 @@ OF_DAQ: Final = 0x44
 """Properties of the event: it is for measurement, and all frames of a list have the values of one moment."""
 _NO_BITS: Final = 0xFF
 _SELECTED, _RUNNING = 0x01, 0x40
-"""Bits of a list's mode."""
+"""Bits of a list's mode: selected, running."""
 
 
 def cycle_of(period_ns: int) -> tuple[int, int]:

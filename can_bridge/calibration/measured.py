@@ -11,7 +11,7 @@ from contract.arrays import Array
 from contract.controller.calibration import PACKED_BYTES, Calibration
 
 MEASURED_ADDRESS: Final = 0x2000_0100
-"""The address at which a tool finds the area; it is after the calibration segment."""
+"""The address at which a tool finds the area; the area is after the calibration segment."""
 _STATES: Final = struct.Struct("<4B")
 MEASURED_BYTES: Final = 4 * SENSORS + 4 + _STATES.size + PACKED_BYTES
 """The size of the area in bytes: four for each floating-point value, one for each state number, and the calibration."""

@@ -158,7 +158,7 @@ class AnswersSeeds(Protocol):
 
 
 class WrongKey(Exception):  # noqa: N818  (an answer of the tool's, no error of ours)
-    """The key is wrong, and the connection ends."""
+    """The refusal of a wrong key, which ends the connection."""
 
 
 class XcpAccess:
@@ -171,7 +171,7 @@ class XcpAccess:
 
     @property
     def protected(self) -> int:
-        """The resources that are locked."""
+        """The bits of the resources that are locked."""
         return 0 if self.is_unlocked else CAL_PAG
 
     def lock(self) -> None:

@@ -133,7 +133,7 @@ def table_of(
     echoed = np.array([one.pressure_counter or 0 for one, _ in parsed], dtype=np.intp)
     newest = np.floor(at + 0.5).astype(np.intp)
     answered = newest - (stretch.frames[0].counter + newest - echoed) % modulus
-    # Row k has index k + 1 in the table.
+    # Row k has index k + 1 in the table, because the table begins one period before the first frame.
     place = answered + later + 1
     inside = np.flatnonzero(answers & (place >= 0) & (place < len(table)))
     first = inside[np.unique(place[inside], return_index=True)[1]]

@@ -106,7 +106,7 @@ def report_of(store: Store) -> StoreReport:
 
 
 def encode(report: StoreReport) -> bytes:
-    """Return the report as the identifier's value."""
+    """Return the report as bytes, the value of the identifier `Did.STORE`."""
     slots = (_NONE if slot is None else slot for slot in (report.running, report.active, report.next_boot))
     reason = 0 if report.reason is None else report.reason.value
     attempts = (report.failed_attempts[level] for level in Level)

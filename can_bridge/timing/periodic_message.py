@@ -52,7 +52,7 @@ class PeriodicMessage:
         return priority(self.frame(bytes(self.length)))
 
     def frame(self, data: bytes) -> Frame:
-        """Return a frame of the message, `length` bytes long."""
+        """Return a frame of the message; `data` must have `length` bytes."""
         return Frame(frame_id=self.frame_id, data=data, is_fd=self.is_fd, is_extended=self.is_extended)
 
     def worst_ns(self, bus: BusConfig) -> int:

@@ -194,8 +194,8 @@ class PythonCanBus(OpenBus):
     def health(self) -> BusHealth:
         """The known health of the CAN controller; healthy if nothing is known.
 
-        SocketCAN reports the health in error frames, which count only once they are received. For other interfaces, the
-        health comes from python-can's `state`, of which only the value ERROR (bus-off) means the same for all drivers:
+        SocketCAN reports the health in error frames, which this object has to receive. For other interfaces, the health
+        comes from python-can's `state`, of which only the value ERROR (bus-off) means the same for all drivers:
         for some, PASSIVE is a node that only listens. `bus_off` counts each bus-off that this object has noticed.
         """
         try:

@@ -2,8 +2,8 @@
 lines.
 
 python-can 4.6 stores a line that it cannot decode for ever, reads truncated and foreign lines as frames, treats the
-acknowledgement of a sent frame as if nothing had arrived, and reports sent frames as not sent. We use unchanged its
-code that opens an adapter and its code that parses a valid line.
+acknowledgement of a sent frame as if nothing had arrived, and reports sent frames as not sent. The code
+of python-can that opens an adapter and parses a valid line is used unchanged.
 """
 
 import os

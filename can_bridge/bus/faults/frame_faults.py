@@ -243,13 +243,13 @@ def _spec_of(frame: Frame) -> MessageSpec | None:
 
 
 def payload_bits(spec: MessageSpec) -> range:
-    """Return the positions of the message's bits after the header; position 8 i + j is bit j of byte i, from the least
-    significant."""
+    """Return the positions of the message's bits after the header. Position 8 i + j is bit j of byte i; bit 0 is the
+    least significant."""
     return range(profile_of(spec).header_bits, 8 * spec.protected)
 
 
 def _reprotected(frame: Frame, data: bytes, spec: MessageSpec) -> Frame:
-    """Return the frame with other data, the frame's old counter and a valid CRC."""
+    """Return the frame with `data`, with its old counter and with a valid CRC."""
     profile = profile_of(spec)
     protected = profile.protect(data, data_id=spec.data_id, counter=profile.counter_of(frame.data))
     return replace(frame, data=protected)

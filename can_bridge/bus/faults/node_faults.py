@@ -118,7 +118,7 @@ class ClockDrift(BusFault, section="clock_drift"):
         return port.beneath.send, receive
 
     def local_ns(self, true_ns: int) -> int:
-        """Return the clock's time at a true time; never negative."""
+        """Return the time that this clock shows at a true time, both in ns; never negative."""
         if not self.is_active(true_ns):
             return true_ns
         gained_ns = round(self.offset_s * NS + (true_ns - self.start_s * NS) * self.ppm / 1e6)

@@ -51,7 +51,7 @@ class FaultConfinement:
 
     @property
     def state(self) -> BusState:
-        """The controller's state by rules 9 to 11."""
+        """The controller's state according to rules 9 to 11."""
         if self.is_off:
             return BusState.BUS_OFF
         passive = max(self.tx_errors, self.rx_errors) >= PASSIVE_FROM
@@ -59,7 +59,7 @@ class FaultConfinement:
 
     @property
     def health(self) -> BusHealth:
-        """The health as the node's software reads it."""
+        """The controller's health, as the node's software reads it."""
         return BusHealth(state=self.state, tx_errors=self.tx_errors, rx_errors=self.rx_errors, bus_off=self.times_off)
 
     def receive_error(self) -> "FaultConfinement":
