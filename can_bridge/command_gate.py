@@ -1,8 +1,8 @@
-"""The last check before a jet command is sent on the bus. It trusts none of the controller's outputs.
+"""The last check before a jet command is sent on the bus. The check does not rely on any output of the controller.
 
 The gate shuts the jets immediately if there is no permission, the command is not finite, the clock did not advance, or
-there are no fresh pressures. Otherwise the command is limited to its range and then to one step from the previous
-command. Zero is the safe state, so no limit slows down the shutting of the jets.
+there are no fresh pressures. Otherwise the command is limited to its range, and then to one step from the previous
+command, again within the range. Zero is the safe state, so no limit slows down the shutting of the jets.
 
 Pressures that are too old for a new command may still be the basis of a command between the previous command and zero,
 because the fail-safe first repeats and then halves the last command.
@@ -57,7 +57,7 @@ class GateLimits:
         """
         scale = config.operating_point.flow_rate_scale
         limit = config.flow.action_limit * scale
-        # The small number keeps a rounding error from reducing a limit that is itself a multiple of the resolution.
+        # The addition prevents a rounding error from reducing a limit that is itself a multiple of the resolution.
         steps = math.floor(limit / FLOW_RESOLUTION_M2_PER_S + 1e-6)
         if steps > INT16_MAX:
             widest = INT16_MAX * FLOW_RESOLUTION_M2_PER_S
@@ -74,7 +74,8 @@ class GateLimits:
         )
 
     def narrowed(self, other: Self) -> Self:
-        """Return the smaller range and the smaller step of both limits, with the ages of this object."""
+        """Return limits with the smaller range and the smaller step of the two objects, and with the ages of this
+        object."""
         return replace(
             self,
             flow_m2_per_s=min(self.flow_m2_per_s, other.flow_m2_per_s),
@@ -84,7 +85,7 @@ class GateLimits:
 
 @dataclass(frozen=True, kw_only=True)
 class GatedCommand:
-    """The gate's result. Pass its `flow_m2_per_s` to the next call as `previous_m2_per_s`."""
+    """The gate's result. Pass its `flow_m2_per_s` to the next call of `gate` as `previous_m2_per_s`."""
 
     flow_m2_per_s: float
     enable: bool
@@ -109,8 +110,8 @@ def gate(
         previous_m2_per_s: this gate's previous result; 0 at the start.
         previous_ns: time of the previous result; None at the start.
         pressure_ns: sampling time of the pressures that the command uses; None without pressures.
-        now_ns: present time on the clock of the other times. Pressures sampled later count as stale, because a clock
-            is wrong.
+        now_ns: present time, on the same clock as all times here. Pressures with a later sampling time count as stale,
+            because one of the clocks is then wrong.
         limits: bounds on the command.
     """
     if not enable:

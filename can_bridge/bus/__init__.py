@@ -1,1 +1,1 @@
-"""Real, virtual and simulated buses with one interface, and the parts of a node that receive from a bus."""
+"""Real, virtual and simulated buses with one interface, and the parts with which a node receives frames."""

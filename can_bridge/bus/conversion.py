@@ -20,16 +20,18 @@ def to_message(frame: Frame) -> can.Message:
 
 
 def frame_of(message: can.Message) -> Frame | Rejection:
-    """Return the frame in a python-can message, with an 11- or 29-bit identifier, or the reason to reject the message.
+    """Return the frame that a python-can message contains, with an 11- or 29-bit identifier, or the reason to reject
+    the message.
 
-    It never raises. The frame does not state whether a CAN FD message had the bit-rate switch.
+    Never raises. The frame does not state whether a CAN FD message had the bit-rate switch.
     """
     if message.is_error_frame:
         return Rejection.ERROR_FRAME
     if message.is_remote_frame:
         return Rejection.REMOTE
     is_fd = bool(message.is_fd)
-    # A backend may have read a truncated line. Only the difference between the two lengths shows this.
+    # A backend may have read a truncated line. This shows only in a difference between the stated and the actual
+    # length.
     if message.dlc != len(message.data) or len(message.data) not in (FD_LENGTHS if is_fd else CLASSIC_LENGTHS):
         return Rejection.WRONG_LENGTH
     # A backend may deliver values of any type and range. A float would pass the check of the range.

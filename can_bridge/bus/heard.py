@@ -1,4 +1,4 @@
-"""A report in one line on the frames that are on the bus while a node receives no usable frame."""
+"""A report, in one line, on the frames that a node receives while none of them is usable for the node."""
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
@@ -11,7 +11,7 @@ from can_bridge.wire.message_sets import SETS, MessageSet
 from can_bridge.wire.message_specs import MessageSpec
 
 MOST_NAMED: Final = 4
-"""Largest number of identifiers that the line lists."""
+"""Largest number of identifiers that the reported line lists."""
 SILENCE_S: Final = 1.0
 """Time in s without a usable frame after which the line is reported."""
 
@@ -73,7 +73,7 @@ def line(
 
 class Silence:
     """A reporter that reports once when no usable frame has arrived for `SILENCE_S`, and once when usable frames arrive
-    again. `line` explains the arguments."""
+    again. The function `line` describes the arguments."""
 
     def __init__(self, wanted: MessageSpec, messages: MessageSet, sender: str, report: Callable[[str], None]) -> None:
         self._wanted, self._messages, self._sender, self._report = wanted, messages, sender, report
@@ -81,7 +81,7 @@ class Silence:
         self._is_told = False
 
     def look(self, usable: int, heard: Heard, rejected: Mapping[Rejection, int]) -> None:
-        """Evaluate the frames since the last call, and the total numbers of usable and rejected receptions."""
+        """Evaluate the frames received since the last call. `usable` and `rejected` are total numbers of receptions."""
         if usable > self._usable:
             if self._is_told:
                 self._report(f"usable {self._wanted.name} frames come")

@@ -21,8 +21,8 @@ class BusHealth:
 
     Attributes:
         state: error-active, error-passive or bus-off.
-        tx_errors, rx_errors: error counters. The controller is error-passive if a counter is above 127, and bus-off
-            from 256 transmit errors.
+        tx_errors, rx_errors: error counters. The controller is error-passive if a counter is above 127, and bus-off if
+            `tx_errors` is 256 or more.
         bus_off: number of times that the controller went bus-off since power-on.
     """
 
@@ -59,12 +59,12 @@ class Rejection(Enum):
     """The controller's report on the bus or on itself; see `PythonCanBus.health`."""
     EXTENDED = "29-bit identifier"
     WRONG_FORMAT = "CAN FD for classic, or the reverse"
-    """A CAN FD frame although `bus.frames` is classic, or one of our messages in the wrong format."""
+    """A CAN FD frame on a bus on which `bus.frames` is classic, or one of our messages in the wrong format."""
     OTHER_ID = "another identifier"
     OWN = "own frame received again"
     ADAPTER = "adapter refused a command"
-    """A serial adapter answered BEL, its sign of an error, to a frame that it did not send or to a command while it was
-    opened."""
+    """A serial adapter answered BEL, its sign of an error: it refused to send a frame, or it refused a command while
+    the adapter was being opened."""
 
 
 class UnusableReceptionError(Exception):

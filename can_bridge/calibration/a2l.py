@@ -1,9 +1,9 @@
 """The A2L file (ASAM MCD-2 MC 1.7.1): names, addresses, limits and units of the calibration, for a measurement tool.
 
-A file belongs to one release on one vehicle, whose limits the file states. The text that all files share is in
-`stillwake.a2l`, in the meta language that ASAM publishes with XCP (part 2, section "ASAM MCD-2 MC description file",
-and part 3), limited to the features of this ECU. The timeouts T1 to T7 are longer than a control period, in which every
-command is answered.
+A file belongs to one release on one vehicle; it states the limits that this vehicle sets. The text that all files share
+is in `stillwake.a2l`, in the meta language that ASAM publishes with XCP (part 2, section "ASAM MCD-2 MC description
+file", and part 3); it describes only the features of this ECU. The timeouts T1 to T7 are longer than a control period,
+because the ECU answers every command within a control period.
 """
 
 from collections.abc import Iterator
@@ -32,7 +32,7 @@ _EXTENDED: Final = 1 << 31
 
 
 _MOST_CP: Final = 100
-"""Largest pressure coefficient in a tool's display: a number far above any pressure coefficient."""
+"""Largest magnitude of a pressure coefficient in a tool's display, far above every pressure coefficient that occurs."""
 
 
 def a2l_text(segment: Segment, *, release: str, bus: BusConfig, period_ns: int) -> str:
@@ -58,7 +58,8 @@ def a2l_text(segment: Segment, *, release: str, bus: BusConfig, period_ns: int) 
 
 
 def _measured(limits: dict[str, str]) -> Iterator[tuple[str, str, str, str, str]]:
-    """Yield name, description, type, conversion and range of each value, in the order of `measured.measured_bytes`."""
+    """Yield name, description, type, conversion and range of each measured value, in the order of
+    `measured.measured_bytes`."""
     for sensor in range(1, SENSORS + 1):
         yield f"pressure_{sensor}", f"Cp of sensor {sensor}", "FLOAT32_IEEE", "weight", f"-{_MOST_CP} {_MOST_CP}"
     most = limits["action_limit"].split()[1]

@@ -2,7 +2,7 @@
 
 A tool allocates the list's frames (ODTs) and their entries, writes the address of each entry, and starts the list. If
 frames of an earlier period are still waiting when a control period ends, the values of the ended period are not sent.
-So all frames of a set belong to one period.
+So all frames that are sent for one event have the values of one period.
 """
 
 from enum import IntEnum
@@ -19,13 +19,13 @@ MOST_IN_ODT: Final = MAX_CTO - 1
 """Largest number of bytes in a frame after the byte with the frame's number."""
 EVENT_NAME: Final = b"control period"
 DYNAMIC: Final = 0x01
-"""Properties of the processor: lists are allocated dynamically, there are neither prescalers nor time stamps, and a
+"""Properties of the DAQ processor: lists are allocated dynamically, there are neither prescalers nor time stamps, and a
 frame begins with its number."""
 OF_DAQ: Final = 0x44
-"""Properties of the event: it is for measurement, and all frames of a list belong to one moment."""
+"""Properties of the event: it is for measurement, and all frames of a list have the values of one moment."""
 _NO_BITS: Final = 0xFF
 _SELECTED, _RUNNING = 0x01, 0x40
-"""Bits of a list's mode."""
+"""Bits of a list's mode: selected, running."""
 
 
 def cycle_of(period_ns: int) -> tuple[int, int]:
@@ -38,7 +38,8 @@ def cycle_of(period_ns: int) -> tuple[int, int]:
 
 
 class _Stage(IntEnum):
-    """The stage that the allocation has reached; its commands have a fixed order (ASAM MCD-1 XCP, part 2)."""
+    """The stage that the allocation has reached; the commands for the allocation have a fixed order (ASAM MCD-1 XCP,
+    part 2)."""
 
     NOTHING = 0
     FREED = 1
@@ -48,7 +49,8 @@ class _Stage(IntEnum):
 
 
 class DaqLists:
-    """The list, and the latest control period. `period_ns` is the length of a control period, in ns.
+    """The measurement list, and the values of the latest control period. `period_ns` is the length of a control period,
+    in ns.
 
     `sample` may be called in one thread, and the remaining methods in another thread. The method of a command takes a
     packet of at least the command's shortest length and returns the answer, or raises Denied.
@@ -78,7 +80,8 @@ class DaqLists:
             self._fresh = measured
 
     def look(self) -> None:
-        """Take the control period that `sample` stored, if there is one."""
+        """Take over the values that `sample` stored, if there are any, and queue their frames if the list is
+        running."""
         fresh, self._fresh = self._fresh, None
         if fresh is not None:
             self._measured = fresh
@@ -95,7 +98,7 @@ class DaqLists:
         return found
 
     def read(self, address: int, length: int) -> bytes | None:
-        """Return bytes of the latest period's memory area, or None for a range outside this area."""
+        """Return bytes of the memory area with the latest period's values; None for a range outside this area."""
         at = address - MEASURED_ADDRESS
         return self._measured[at : at + length] if 0 <= at <= at + length <= MEASURED_BYTES else None
 

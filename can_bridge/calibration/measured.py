@@ -1,4 +1,5 @@
-"""The ECU's latest control period as a memory area, which a measurement tool reads or receives in each period."""
+"""The values of the ECU's latest control period as a memory area, which a measurement tool reads or receives each
+period."""
 
 import struct
 from typing import Final
@@ -10,7 +11,7 @@ from contract.arrays import Array
 from contract.controller.calibration import PACKED_BYTES, Calibration
 
 MEASURED_ADDRESS: Final = 0x2000_0100
-"""The address of the area for a tool, after the calibration segment."""
+"""The address at which a tool finds the area; the area is after the calibration segment."""
 _STATES: Final = struct.Struct("<4B")
 MEASURED_BYTES: Final = 4 * SENSORS + 4 + _STATES.size + PACKED_BYTES
 """The size of the area in bytes: four for each floating-point value, one for each state number, and the calibration."""
@@ -19,13 +20,12 @@ MEASURED_BYTES: Final = 4 * SENSORS + 4 + _STATES.size + PACKED_BYTES
 def measured_bytes(
     pressures: Array, command: float, *, mode: Mode, reason: Reason, gated: int, calibration: Calibration
 ) -> bytes:
-    """Pack a control period, little-endian.
+    """Pack the values of a control period, little-endian.
 
     Args:
-        pressures: Cp of each sensor in the row that the controller planned with; an estimate replaces an excluded
-            sensor.
+        pressures: Cp of each sensor in the row from which the controller planned; for an excluded sensor, an estimate.
         command: jet flow rate that was sent, in U_inf W.
-        gated: interventions of the command gate, bits of `can_bridge.command_gate.Intervention`.
+        gated: interventions of the command gate, as bits of `can_bridge.command_gate.Intervention`.
         calibration: the values in force in this period.
     """
     floats = np.array([*pressures[:SENSORS], command], np.float64).astype("<f4")

@@ -1,7 +1,8 @@
-"""The calibration as a memory segment, which UDS and XCP read and write, and which the control reads between periods.
+"""The calibration as a memory segment. UDS and XCP read and write the segment, and the controller reads it between
+periods.
 
-The working page is writable; the reference page has the release's own values. A value takes effect with the next
-control period after all its bytes are written, if the value is within its limits.
+The working page is writable; the reference page has the release's own values. When all bytes of a value have been
+written and the value is within its limits, it takes effect with the next control period.
 """
 
 from enum import IntEnum
@@ -11,7 +12,7 @@ from contract.controller.calibration import PACKED_BYTES, Calibration, Calibrati
 from contract.errors import ConfigError
 
 ADDRESS: Final = 0x2000_0000
-"""The address of the segment for a tool: the beginning of a Cortex-M's RAM."""
+"""The address at which a tool finds the segment: the beginning of a Cortex-M's RAM."""
 VALUE_BYTES: Final = 4
 """Number of bytes of each value."""
 

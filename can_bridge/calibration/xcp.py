@@ -16,16 +16,17 @@ COMM_MODE: Final = 0x80
 """Communication mode in CONNECT's answer: little-endian, byte addresses, no block mode. The answer to
 GET_COMM_MODE_INFO has further properties."""
 CAL_PAG: Final = 0x01
-"""The resource of calibration and of its pages."""
+"""The bit of XCP's resource for calibration and its pages."""
 RESOURCES: Final = CAL_PAG | 0x04
-"""The resources: calibration, and measurement (DAQ), which needs no key, since its values are no secret."""
+"""The bits of this ECU's resources: calibration, and measurement (DAQ). Measurement needs no key, because its values
+are not secret."""
 
 RESPONSE: Final = 0xFF
 ERROR: Final = 0xFE
 EVENT: Final = 0xFD
 """The first byte of a packet to the tool: a response, an error or an event."""
 STORED_EVENT: Final = 0x03
-"""The event that storing the calibration has ended."""
+"""The number of the event that reports that the calibration was stored."""
 STORE_REQUEST: Final = 0x01
 """The bit for the calibration in SET_REQUEST's mode and in GET_STATUS's session status."""
 DAQ_RUNNING: Final = 0x40
@@ -36,7 +37,7 @@ CRC_32: Final = 0x09
 ECU_MODE: Final = 0x01
 XCP_MODE: Final = 0x02
 ALL_MODE: Final = 0x80
-"""Mode bits of SET_CAL_PAGE: the page that the control uses, the page that the tool accesses, all segments."""
+"""Mode bits of SET_CAL_PAGE: the page that the controller uses, the page that the tool accesses, all segments."""
 
 
 class Command(IntEnum):
@@ -109,8 +110,8 @@ SHORTEST_COMMAND: Final = {
 PROTECTED: Final = frozenset(
     {Command.SET_REQUEST, Command.DOWNLOAD, Command.SET_CAL_PAGE, Command.GET_CAL_PAGE, Command.COPY_CAL_PAGE}
 )
-"""Commands that need an unlocked resource. Commands that read do not need it, because UDS shows the same values to
-every tester."""
+"""Commands that are refused while the resource is locked. Commands that read values are always allowed, because UDS
+shows the same values to every tester."""
 
 
 class Error(IntEnum):
@@ -153,11 +154,11 @@ class AnswersSeeds(Protocol):
     """An object that has the access secret: `can_bridge.uds.security.AccessKey`."""
 
     def answer(self, level: Level, seed: bytes) -> bytes:
-        """Return the valid key for a seed."""
+        """Return the key that is valid for a seed."""
 
 
 class WrongKey(Exception):  # noqa: N818  (an answer of the tool's, no error of ours)
-    """The key is wrong, and the connection ends."""
+    """The refusal of a wrong key, which ends the connection."""
 
 
 class XcpAccess:
@@ -170,7 +171,7 @@ class XcpAccess:
 
     @property
     def protected(self) -> int:
-        """The resources that are locked."""
+        """The bits of the resources that are locked."""
         return 0 if self.is_unlocked else CAL_PAG
 
     def lock(self) -> None:
@@ -201,7 +202,7 @@ class XcpAccess:
         return bytes([left]) + piece
 
     def unlock(self, left: int, data: bytes) -> None:
-        """Take the next bytes of the key; `left` is the number of key bytes still to come, including these. Raises
+        """Process the next bytes of the key; `left` is the number of key bytes still to come, including these. Raises
         Denied if the seed was not read completely or a part of the key is missing, and WrongKey for a wrong key. Every
         attempt needs a new seed."""
         if not self._seed or self._unsent or left != XCP_KEY_LENGTH - len(self._key):

@@ -1,8 +1,8 @@
-"""The ECU's side of XCP: a state machine of time and packets.
+"""The ECU's side of XCP: a state machine whose inputs are the time and the packets from the tool.
 
 A tool reads and writes one segment with two pages (`can_bridge.calibration.segment`), and reads or measures the latest
-control period (`can_bridge.calibration.daq`). Block mode and flashing are not announced, and their commands are
-unknown.
+control period (`can_bridge.calibration.daq`). The ECU announces neither block mode nor flashing, and does not know
+their commands.
 """
 
 import struct
@@ -24,7 +24,7 @@ IDLE_NS: Final = 600_000_000_000
 not send commands: its connection stays open, but its resource is locked."""
 REFERENCE_PROPERTIES: Final = 0x0F
 WORKING_PROPERTIES: Final = REFERENCE_PROPERTIES | 0x30
-"""Properties of the working page: control and tool may read it independently, and the tool may write it."""
+"""Properties of the working page: the controller and the tool may read it independently, and the tool may write it."""
 
 
 class XcpSlave:
@@ -52,7 +52,8 @@ class XcpSlave:
         self._to_store: Calibration | None = None
 
     def to_store(self, now_ns: int) -> Calibration | None:
-        """Return the values that the tool asked to store, until `stored`, `not_stored` or the end of the connection."""
+        """Return the values that the tool asked to store, until `stored` or `not_stored` is called or the connection
+        ends."""
         self._end_if_idle(now_ns)
         return self._to_store
 
@@ -141,7 +142,7 @@ class XcpSlave:
         raise Denied(Error.CMD_SYNCH)
 
     def _comm_mode_info(self, data: bytes) -> bytes:
-        """Answer that there are neither blocks of commands nor a queue of commands."""
+        """Answer that the slave accepts neither blocks of commands nor a queue of commands."""
         return bytes([xcp.RESPONSE, 0, 0, 0, 0, 0, 0, xcp.DRIVER_VERSION])
 
     def _get_id(self, data: bytes) -> bytes:

@@ -1,1 +1,1 @@
-"""Conversion of the log of a drive to series with one row for each control period."""
+"""Conversion of a log of a drive to time series with one row for each control period."""

@@ -16,16 +16,16 @@ import numpy as np
 from contract.arrays import Array, Index
 
 SLACK: Final = 2.0
-"""Largest difference, in periods, between the time since the previous frame and the time that the two counters
+"""Largest difference, in periods, between the time from one frame to the next and the time that their counters
 imply."""
 _LONGEST: Final = 1000
 """Largest number of periods without a frame within a stretch, so that a change of the clock does not add many rows."""
 _JUMP: Final = 0.5
-"""Largest permanent shift of the times within a stretch, in periods. After a larger shift the counter is not
-reliable."""
+"""Largest permanent shift of the times within a stretch, in periods. After a larger shift the counter does not show how
+many frames were lost."""
 _AROUND: Final = 16
-"""Number of frames whose median time gives the clock: more than a burst has, and enough to average jitter of 0.4
-periods."""
+"""Number of frames before and after a shift of the times over whose lateness a median is taken. It is larger than the
+number of frames in a burst, and large enough to average jitter of 0.4 periods."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,8 +39,8 @@ class CountedFrame:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FrameStretch:
-    """Frames of one sender without a restart. `index` is the number of control periods from the first frame to each of
-    the n frames, (n,), rising."""
+    """Frames that a sender sent without a restart. `index` is the number of control periods from the first frame to
+    each of the n frames, (n,), rising."""
 
     index: Index
     frames: tuple[CountedFrame, ...]
@@ -107,21 +107,23 @@ def _parts(frames: Sequence[CountedFrame], period_s: float, modulus: int) -> lis
     for frame in frames:
         elapsed = 0.0 if before is None else (frame.time_s - before.time_s) / period_s
         step = 0 if before is None else (frame.counter - before.counter) % modulus
-        # The result is the number of periods that agrees with the counters and is nearest to the elapsed time.
+        # The step is the number of periods that agrees with the counters and is nearest to the elapsed time.
         step += modulus * round((elapsed - step) / modulus)
         if before is None or abs(step - elapsed) > SLACK or step > _LONGEST:
             parts.append([(0, frame)])
             newest, before = 0, frame
             continue
         parts[-1].append((newest + step, frame))
-        # A frame that another frame has overtaken does not show the sender's present counter.
+        # If this frame was overtaken by the previous frame, its counter is not the sender's latest, so the next frame
+        # is compared with the previous frame, too.
         if step > 0:
             newest, before = newest + step, frame
     return parts
 
 
 def _cut_at_jumps(stretch: FrameStretch, period_s: float) -> list[FrameStretch]:
-    """Cut the stretch where its times shift permanently, although each single step of time was within the slack."""
+    """Cut the stretch where its times shift permanently, although no single time step differs from that of the counters
+    by more than `SLACK`."""
     late = stretch.time_s - period_s * stretch.index
     cuts, after = [0], 0
     for i in (np.flatnonzero(np.abs(np.diff(late)) > _JUMP * period_s) + 1).tolist():

@@ -1,4 +1,4 @@
-"""The pressures, commands and speeds in a log: our frames with a valid CRC on one channel, and the numbers of all other
+"""The pressures, commands and speeds in a log, from our frames with a valid CRC on one channel, and counts of all other
 frames."""
 
 from collections import Counter
@@ -35,7 +35,7 @@ class LogFrames:
             fresh frames.
         damaged: number of frames of these three messages with a wrong CRC or length.
         forged: number of frames with a wrong authentication code or an old freshness value.
-        others: numbers of all other frames on all channels, by kind.
+        others: counts of all other frames on all channels, by kind.
     """
 
     messages: MessageSet
@@ -56,15 +56,15 @@ def frames_of(
     verify: Verify | None = None,
     back_s: float,
 ) -> LogFrames:
-    """Sort a log's messages by their kind. Raises DatasetError if no pressure or no command has a valid CRC, pressures
-    have two message sets, our frames are on two channels, or times decrease.
+    """Sort a log's messages by their kind. Raises DatasetError if no pressure or no command has a valid CRC, the
+    pressures belong to two message sets, our frames are on two channels, or times decrease.
 
     Args:
         path: file of the log, for error messages.
         messages: messages in the order of the log.
         only: the message set to read; by default, the set of the pressures in the log.
         verify: check of secured messages; without it, freshness and authentication codes are not checked.
-        back_s: largest time in s by which a message may be older than an earlier message.
+        back_s: largest time in s by which a message's time may be before the latest time so far in the log.
     """
     buses: dict[str, _Bus] = {}
     others = Counter[str]()
@@ -132,8 +132,8 @@ class _Bus:
 
     def add(self, message: can.Message, specs: Mapping[int, MessageSpec], verify: Verify | None, back_s: float) -> None:
         """Add one data frame."""
-        # The sum differs from every 11-bit identifier, because a frame with a 29-bit identifier belongs to another
-        # node.
+        # A frame with a 29-bit identifier belongs to another node, so its number here must differ from every 11-bit
+        # identifier.
         frame_id = message.arbitration_id + (message.is_extended_id << 32)
         self.seen[frame_id] += 1
         spec = specs.get(frame_id)

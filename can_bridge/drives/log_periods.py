@@ -32,8 +32,8 @@ class Scales:
     Attributes:
         period: control period in W / U_inf.
         point: operating point; its W is used, and its U_inf and rho where the log does not state them.
-        action_limit: bound on the action, in U_inf W. An action that exceeds it by up to half the resolution is set to
-            it.
+        action_limit: bound on the action, in U_inf W. An action that exceeds the bound by up to half the resolution is
+            replaced by the bound.
         given: names of the operating point's settings that the user gave; the log must not contradict them.
         believed: settings that decide which of the log's speeds are plausible.
     """
@@ -68,7 +68,7 @@ class SenderClock(NamedTuple):
     """The sender's periods on the log's clock.
 
     Attributes:
-        start_s: time of row 0 in s. It is a median: half of the frames came later than their row's time.
+        start_s: time of row 0 in s. Rows have median times: half of the frames came later than their row's time.
         period_s: the sender's period in s.
         jitter_s: largest difference in s between the time of a frame and its row's time.
     """
@@ -94,8 +94,8 @@ def clock_of(stretch: FrameStretch, sampled_s: Array, period_s: float | None = N
     line. `period_s` is the sender's period in s, if it is known better than from these frames."""
     index = stretch.index.astype(np.float64)
     if period_s is None:
-        # This is the Theil-Sen slope, restricted to pairs that are half of all frames apart, because their slopes have
-        # the largest weight.
+        # This is the Theil-Sen slope, but only from pairs of frames that are half of all frames apart: pairs closer
+        # together give slopes with larger errors.
         half = len(stretch) // 2
         period_s = float(np.median((sampled_s[half:] - sampled_s[:-half]) / (index[half:] - index[:-half])))
     late = sampled_s - period_s * index
@@ -133,7 +133,7 @@ def table_of(
     echoed = np.array([one.pressure_counter or 0 for one, _ in parsed], dtype=np.intp)
     newest = np.floor(at + 0.5).astype(np.intp)
     answered = newest - (stretch.frames[0].counter + newest - echoed) % modulus
-    # Row k has index k + 1 in the table.
+    # Row k has index k + 1 in the table, because the table begins one period before the first frame.
     place = answered + later + 1
     inside = np.flatnonzero(answers & (place >= 0) & (place < len(table)))
     first = inside[np.unique(place[inside], return_index=True)[1]]
@@ -153,7 +153,7 @@ def coefficients_of(table: Array, speed: Array | float, density: Array | float, 
     scale[:, :SENSORS] = np.reshape(0.5 * np.asarray(density) * np.square(speed), (-1, 1))
     scale[:, SENSORS] = np.multiply(speed, scales.point.width)
     made = table / scale
-    # An action may exceed the limit by half of the resolution, and by a little more for the rounding of sums.
+    # An action may exceed the limit by half of the resolution, and by a little more because of rounding.
     action, limit = made[:, SENSORS], scales.action_limit
     half = 0.5001 * FLOW_RESOLUTION_M2_PER_S / scale[:, SENSORS]
     made[:, SENSORS] = np.where(np.abs(action) <= limit + half, np.clip(action, -limit, limit), action)

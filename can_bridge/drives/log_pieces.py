@@ -17,7 +17,7 @@ from contract.errors import DatasetError
 SHORTEST_PIECE: Final = 16
 """Smallest number of rows of a piece. Fewer rows neither determine the sender's clock nor help to train a model."""
 _SAME: Final = 1e-6
-"""Distance in control periods by which rounding may put a row outside a piece."""
+"""Distance in control periods by which a row may lie outside a piece because of rounding."""
 _SHOWN: Final = 5
 """Largest number of filled gaps of one table that are listed one by one."""
 
@@ -49,7 +49,7 @@ class Cutter:
 
     Attributes:
         pieces: pieces in the order of time.
-        lines: lines of text; their times are in s after the log's first pressure.
+        lines: lines of text, which state times in s after the log's first pressure.
         filled: number of rows with filled pressures, and number of rows with a filled action.
         ever_valid: whether each pressure was valid in any row, (4,).
     """
@@ -65,7 +65,7 @@ class Cutter:
         self._begin_s, self._period_s = begin_s, period_s
 
     def restart(self, last_s: float, first_s: float) -> None:
-        """Cut between two times in s, because the sender restarted or was silent for a long time."""
+        """Begin a new piece between two times in s, because the sender restarted or was silent for a long time."""
         periods = round((first_s - last_s) / self._period_s) - 1
         at = f"at {last_s - self._begin_s:.3f} s"
         if periods > self._fill:
@@ -114,7 +114,7 @@ class Cutter:
             self._keep(table, a, b, clock)
 
     def _groups(self, present: Mask) -> list[tuple[str, list[int]]]:
-        """Return groups of columns that are missing together, each with a name."""
+        """Return groups of columns that are always missing in the same rows, each with a name."""
         sensors = list(range(SENSORS))
         together = present[:, sensors].any(axis=1) == present[:, sensors].all(axis=1)
         groups: list[tuple[str, list[int]]] = [("pressures", sensors)]
@@ -125,8 +125,8 @@ class Cutter:
     def _keep(self, table: Array, a: int, b: int, clock: SenderClock) -> None:
         """Fill the gaps in the rows from a up to, but not including, b, and append these rows as one piece."""
         # A gap of one column may end where another column is cut, and then has no neighbour from which to interpolate.
-        # The jets' action before the first row must be known. If it is not, the jets must be shut in the first row, and
-        # the action counts as 0.
+        # So a piece begins with a complete row. The jets' action before this row must be known, or else the jets must
+        # be shut in this row; the action before it then counts as 0.
         whole = np.flatnonzero(np.isfinite(table[a:b]).all(axis=1)) + a
         action = table[:, -1]
         begins = whole[np.isfinite(action[whole - 1]) | (action[whole] == 0.0)]

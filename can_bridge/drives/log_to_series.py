@@ -29,18 +29,18 @@ from contract.errors import DatasetError
 _OTHER_PERIOD: Final = 0.2
 """Largest relative difference between the control period and the median time from one frame to the next."""
 _DRIFT: Final = 1e-3
-"""Largest relative difference between the sender's period and the control period, as in a table with times
+"""Largest relative difference between the sender's period and the control period; a table with times has the same limit
 (`contract.recording.findings`). Quartz clocks differ by at most a tenth of this. Rows are resampled if their distance
 in convective time differs from the control period by more than this."""
 _OUTSIDE: Final = 0.05
-"""Largest share of the control period by which the control period may lie outside the range that the speeds in the log
-give."""
+"""Largest distance of the control period from the range that the log's speeds give, relative to the range's nearer
+end."""
 _CONTRADICTS: Final = 0.01
 """Largest relative difference between a setting and the log. It is not zero, because the vehicle's own value has an
 error too."""
 _STANDS: Final = 0.2
-"""Distance travelled in a row, as a share of the control period in W, below which the vehicle counts as stationary. Its
-pressures are then as small as the resolution."""
+"""Distance travelled from one row to the next, as a share of the control period in W, below which the vehicle counts as
+stationary. The pressures are then as small as the resolution."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,8 +50,8 @@ class LogReport:
     Attributes:
         messages: name of the message set.
         channel: channel of the messages; empty if the log has no channels.
-        speed: smallest speed of the vehicle in the log, median while it moves, and largest, in m/s; None if the log has
-            no speed.
+        speed: smallest, median and largest speed of the vehicle in the log in m/s, the median while the vehicle moves;
+            None if the log has no speed.
         without_speed: number of rows in which the speed was unknown or the vehicle did not move.
         dynamic_pressure: dynamic pressure in Pa at the median speed.
         is_resampled: whether rows were interpolated between the log's rows, because the speed varies.
@@ -60,7 +60,7 @@ class LogReport:
         lost: number of rows without a pressure frame and number of rows without a command, according to the counters.
         filled: number of rows with interpolated pressures and number of rows with an interpolated action.
         stale: number of frames whose pressures were older than a period when they were sent.
-        drift: relative difference of the sender's period, on the log's clock, from its nominal value.
+        drift: relative difference between the sender's period, measured on the log's clock, and its nominal value.
         jitter_s: largest difference in s between the time of a pressure frame and its row's time.
         gaps: one line of text for each gap that was filled, cut or left out.
         checked: whether authentication codes were checked; None for messages without such codes.
@@ -131,7 +131,7 @@ def series_of(
         nominal_s, point = scales.period_s, scales.point
         _check_period(path, interval_s, scales)
     else:
-        # The sender's period is a multiple of 0.1 ms on its own clock; on the log's clock it differs a little.
+        # The sender's period is a multiple of 0.1 ms on the sender's clock; on the log's clock it differs a little.
         nominal_s = round(interval_s, 4) or interval_s
         nominal_s = nominal_s if abs(interval_s / nominal_s - 1.0) <= _DRIFT else interval_s
         point = _point_of(path, speeds, nominal_s, scales)
@@ -209,8 +209,8 @@ def series_of(
 
 def _point_of(path: Path, speeds: VehicleSpeeds, period_s: float, scales: Scales) -> OperatingPoint:
     """Return the operating point with the log's median density and median speed while the vehicle moves. Raises
-    DatasetError if the vehicle never moves, a setting that the user gave differs, or the control period fits no speed
-    in the log."""
+    DatasetError if the vehicle never moves, a setting that the user gave contradicts the log, or the control period
+    fits no speed in the log."""
     moving = speeds.speed[_moves(speeds.speed, period_s, scales)]
     if not len(moving):  # or the control period is of another vehicle
         moving = speeds.speed[speeds.speed > 0.0]
@@ -268,7 +268,7 @@ def _check_period(path: Path, interval_s: float, scales: Scales) -> None:
 
 def _check_drift(path: Path, clock: SenderClock, rows: int, scales: Scales) -> None:
     drift = clock.period_s / scales.period_s - 1.0
-    # Jitter at the two ends of a log looks like drift; the longer the log, the smaller this effect.
+    # Jitter at the two ends of a log looks like drift, so a shorter log is allowed a larger drift.
     if abs(drift) > _DRIFT + clock.jitter_s / (scales.period_s * rows / 2):
         raise DatasetError(
             f"{path}: its pressures come every {clock.period_s * 1e3:.6g} ms, the control period is "

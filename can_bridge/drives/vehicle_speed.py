@@ -1,5 +1,5 @@
-"""The vehicle's speed during a drive, from the vehicle's own frames. It converts pressures to Cp and seconds to
-convective times.
+"""The vehicle's speed during a drive, from the vehicle's own frames. The speed is needed to convert pressures to Cp,
+and seconds to convective times.
 
 The speed is checked as in the ECU (`ecu.speed_reception`): a speed that no vehicle can reach so fast is left out, and
 the last valid speed is then used for a limited time. Between two valid speeds the speed is interpolated linearly.
@@ -19,7 +19,8 @@ from contract.config.vehicle import SpeedConfig
 _SHORTEST_S: Final = 0.1
 """Shortest time in s over which a change of speed is checked, so that rounding is not mistaken for an acceleration."""
 _STARTS: Final = 10
-"""Largest number of spans at the beginning of a log that may be rejected as wrong."""
+"""Largest number of short groups of speeds at the beginning of a log that may be rejected as wrong (see
+`vehicle_speeds`)."""
 _SLOWEST: Final = 1e-3
 """Smallest speed in m/s that is used for the distance travelled, also for a stationary vehicle, because the distance
 must increase."""
@@ -33,7 +34,7 @@ class VehicleSpeeds:
         time_s: times of measurement in s on the log's clock, increasing, (n,).
         speed: vehicle's speed in m/s, (n,).
         density: density of the air in kg/m3, (n,); NaN if the vehicle does not state it.
-        oldest_s: time in s for which a speed is used.
+        oldest_s: longest time in s before or after its measurement at which a speed is used.
         left_out: number of speeds in the frames that are implausible or repeated.
     """
 
@@ -80,11 +81,11 @@ class Travel:
         return cls(time_s=np.array([start_s, start_s + convective_time]), way=np.array([0.0, 1.0]))
 
     def at(self, time_s: Array) -> Array:
-        """Return the distances at given times."""
+        """Return the distances travelled up to the given times."""
         return _line(time_s, self.time_s, self.way)
 
     def time(self, way: Array) -> Array:
-        """Return the times of given distances."""
+        """Return the times at which the given distances have been travelled."""
         return _line(way, self.way, self.time_s)
 
 
@@ -117,8 +118,9 @@ def vehicle_speeds(frames: Sequence[CountedFrame], messages: MessageSet, config:
 
 
 def _spans(said: list[tuple[float, float, float]], config: SpeedConfig) -> list[list[tuple[float, float, float]]]:
-    """Group triples of time, speed and density into spans. A triple jumps if no vehicle can change its speed so fast. A
-    triple that jumps begins a new span if the last speed is too old to be used; otherwise it is left out."""
+    """Group triples of time, speed and density into spans. A triple jumps if no vehicle can change its speed so fast
+    since the previous triple. A triple that jumps begins a new span if the last speed is too old to be used; otherwise
+    it is left out."""
     spans: list[list[tuple[float, float, float]]] = []
     for one in said:
         passed = one[0] - spans[-1][-1][0] if spans else np.inf

@@ -1,8 +1,8 @@
 """AUTOSAR end-to-end protection: the profiles in use, by their number in AUTOSAR and in the DBC (PRS_E2EProtocol).
 
-The header is a little-endian CRC and a counter. In profile 2 the counter is the low half of its byte. The CRC covers
-all bytes after the CRC and a data ID, which is not sent. So a message that is received under another message's
-identifier fails the check.
+The header is a little-endian CRC and a counter. In profile 2 the counter is the low half of a byte. The CRC covers all
+bytes after the CRC, and a data ID, which differs between messages and is not sent. So a message that is received under
+another message's identifier fails the check.
 """
 
 import binascii
@@ -29,7 +29,7 @@ class Profile:
 
     @property
     def header_bits(self) -> int:
-        """The number of bits of the header, which begins the message; bits are counted from a byte's least significant
+        """The number of bits of the header at the message's beginning; bits are counted from a byte's least significant
         bit."""
         return 8 * self.crc_length + (self.counter_period - 1).bit_length()
 
@@ -84,8 +84,8 @@ def _crc_8(covered: bytes, data_id: int) -> int:
 
 
 def _crc_16(covered: bytes, data_id: int) -> int:
-    """Return the CRC with polynomial 0x1021, start 0xFFFF, nothing reflected, as in the standard library. The data ID's
-    low byte comes first. An exhaustive test on 12 bytes found that this CRC detects all 1- and 2-bit errors."""
+    """Return the CRC with polynomial 0x1021, start 0xFFFF, nothing reflected, from Python's standard library. The data
+    ID's low byte comes first. An exhaustive test on 12 bytes found that this CRC detects all 1- and 2-bit errors."""
     return binascii.crc_hqx(covered + data_id.to_bytes(2, "little"), 0xFFFF)
 
 

@@ -73,7 +73,7 @@ class Reception:
 
     @property
     def live(self) -> Frame | None:
-        """The accepted frame if the stream is VALID. Only this frame may count as a sign of life."""
+        """The accepted frame if the stream is VALID. Only this frame may count as a sign that the sender is alive."""
         return self.accepted if self.stream is StreamState.VALID else None
 
 
@@ -110,7 +110,7 @@ def receive(
     Args:
         frames: all frames received in the period, oldest first; other messages' frames are ignored. Of a secured
             message only the protected part is checked; `can_bridge.secoc` checks the rest.
-        config: conditions for trusting the stream.
+        config: the conditions under which the stream is trusted.
     """
     checks: list[FrameCheck] = []
     accepted: Frame | None = None
@@ -168,7 +168,7 @@ def _checked(
     if len(data) != spec.length or not profile.check(data[: spec.protected], data_id=spec.data_id):
         return FrameCheck.ERROR, last_counter
     counter = profile.counter_of(data)
-    # The first frame has no counter before it, so its counter counts as the expected counter.
+    # The first frame has no counter before it, so the check treats the frame's counter as the expected counter.
     delta = 1 if last_counter is None else (counter - last_counter) % profile.counter_period
     if delta == 0:
         return FrameCheck.REPEATED, counter

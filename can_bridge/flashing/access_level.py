@@ -1,4 +1,5 @@
-"""Security levels of diagnosis: the store counts failed attempts by level, and the UDS server asks for keys."""
+"""The security levels of diagnosis. The store counts failed attempts for each level, and the UDS server asks for each
+level's key."""
 
 from enum import IntEnum
 

@@ -40,7 +40,7 @@ MAX_RECORD: Final = 8192
 
 
 class Slot(IntEnum):
-    """The places for images in the store."""
+    """The two slots of the store, each for one image."""
 
     A = 0
     B = 1
@@ -77,14 +77,14 @@ class Backing(Protocol):
         ...
 
     def clear(self, slot: Slot, behind: int = 0) -> Long[None]:
-        """Erase a slot in parts, from byte `behind` on: 0, or a result of `begin_again`. Raises MediumError if erasing
-        fails."""
+        """Erase a slot in parts, from byte `behind` to the end; `behind` is 0 or a result of `begin_again`. Raises
+        MediumError if erasing fails."""
         ...
 
     def begin_again(self, slot: Slot, length: int) -> int:
-        """Prepare a slot after power-on so that data can be appended after its first `length` bytes; data after them
-        are no longer valid. Returns `length`, or a smaller number of bytes; the memory after these bytes must then be
-        erased. Raises MediumError if the whole slot must be erased."""
+        """Prepare a slot after power-on so that data can be appended after its first `length` bytes. The data after
+        these bytes are no longer valid. Returns the number of bytes that stay, `length` or fewer; if fewer, the memory
+        after them must be erased next. Raises MediumError if the whole slot must be erased."""
         ...
 
     def append(self, slot: Slot, data: bytes) -> None:

@@ -66,7 +66,7 @@ def _boot_trial(remembered: Remembered, slot: Slot, verdicts: dict[Slot, Verdict
     standing = remembered.state.slots[slot]
     try:
         if standing.boots_left > 0:
-            # The boot is counted before the image runs, so that a crash in the image does not prevent the count.
+            # The boot is counted before the image runs, so that it is also counted if the image crashes.
             left = standing.boots_left - 1
             remembered.keep_slot(slot, replace(standing, boots_left=left))
             verdicts[slot], bundle = at_once(remembered.judged(slot))

@@ -50,8 +50,8 @@ class Rules:
 
 
 def check(image: bytes, rules: Rules) -> tuple[Verdict, Bundle | None]:
-    """Return GOOD and an image's bundle, or the verdict of the first check that fails and None. Nothing is parsed
-    before its signature is verified."""
+    """Return GOOD and an image's bundle or, if a check fails, the verdict of the first failed check and None. Nothing
+    is parsed before its signature is verified."""
     files = {}
     try:
         files = files_of(image)
@@ -128,7 +128,7 @@ def fits_as(image: bytes) -> Fits:
 
 
 def _signer_verdict(signature: bytes | None, manifest: bytes, keys: KeyList | None) -> Verdict:
-    """Return the verdict on the signer. If there is a signature, it has been verified before."""
+    """Return the verdict on the signer of the image. A signature that is present has been verified before this call."""
     if signature is None:
         return Verdict.UNSIGNED
     is_revoked = keys is not None and signing.signer(signature, manifest) in keys.revoked

@@ -130,7 +130,7 @@ class FolderBacking:
         self._files = FolderFiles(folder) if files is None else files
         self._capacity = capacity
         self._unsynced: set[Slot] = set()
-        # The length of the data in a slot is unknown after power-on, until `clear` or `begin_again`.
+        # The length of the data in a slot is unknown after power-on, until `clear` or `begin_again` is called.
         self._written: dict[Slot, int] = {}
 
     @property
@@ -159,8 +159,8 @@ class FolderBacking:
         self._files.sync_folder()
 
     def clear(self, slot: Slot, behind: int = 0) -> Long[None]:
-        """Empty a slot's file. `behind` must be 0, because `begin_again` of this class never asks for a part of a slot
-        to be erased."""
+        """Empty a slot's file. `behind` must be 0, because `begin_again` of this class never returns fewer bytes than
+        it was asked for."""
         assert behind == 0
         self._written.pop(slot, None)
         self._files.replace(_slot_file(slot), b"")

@@ -22,7 +22,8 @@ PIECE: Final = 4096
 
 
 class Remembered:
-    """The records of a backing; a missing or damaged record counts as never stored. See `Store` for the arguments."""
+    """The records of a backing; a missing or damaged record counts as never stored. The arguments are those of
+    `Store`."""
 
     def __init__(self, backing: Backing, *, root: PublicKey, hardware: str, fits: Fits, check: ImageCheck) -> None:
         self.backing = backing

@@ -35,7 +35,7 @@ _NONE: Final = 0xFF
 
 @dataclass(frozen=True, kw_only=True)
 class SlotReport:
-    """One slot; for the other fields see `state.SlotState`.
+    """The report on one slot; for the other fields see `state.SlotState`.
 
     Attributes:
         name, digest: name and digest of the release; empty if no image was checked.
@@ -64,7 +64,7 @@ class StoreReport:
         running: the booted slot; None without a release, or after another image was announced for this slot.
         active: the slot of the confirmed release.
         next_boot: the slot that the next boot tries first.
-        reason: reason for the result of the last boot; None before the first boot.
+        reason: reason why the last boot chose this image or none; None before the first boot.
         least_security_version: smallest security version that a release may have.
         key_list_version: version of the key list; None without a key list.
         failed_attempts: numbers of consecutive wrong keys, by level.
@@ -106,7 +106,7 @@ def report_of(store: Store) -> StoreReport:
 
 
 def encode(report: StoreReport) -> bytes:
-    """Return the report as the identifier's value."""
+    """Return the report as bytes, the value of the identifier `Did.STORE`."""
     slots = (_NONE if slot is None else slot for slot in (report.running, report.active, report.next_boot))
     reason = 0 if report.reason is None else report.reason.value
     attempts = (report.failed_attempts[level] for level in Level)
@@ -120,7 +120,7 @@ def encode(report: StoreReport) -> bytes:
 
 
 def tree(report: StoreReport) -> dict[str, Any]:
-    """Return the report as JSON values, with members of enumerations by their names."""
+    """Return the report as JSON values; members of enumerations are replaced by their names."""
     slots = [{name: _named(value) for name, value in vars(slot).items()} for slot in report.slots]
     attempts = {level.name: count for level, count in report.failed_attempts.items()}
     return {name: _named(value) for name, value in vars(report).items()} | {"slots": slots, "failed_attempts": attempts}
@@ -131,7 +131,7 @@ def _named(value: object) -> object:
 
 
 def decode(raw: bytes) -> StoreReport:
-    """Return the report in bytes from a bus; raises BusError if the bytes are not a report."""
+    """Decode the bytes of a report, which come from a bus; raises BusError if the bytes are not a report."""
     try:
         magic, *listed, reason, least, version, programming, calibration = _HEAD.unpack_from(raw)
         if magic != _MAGIC:

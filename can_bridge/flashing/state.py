@@ -23,7 +23,8 @@ from contract.printable import is_name
 from contract.release.manifest import FIRST_SECURITY_VERSION
 
 TRIAL_BOOTS: Final = 3
-"""Number of boots of an activated image without confirmation before the store returns to the confirmed image."""
+"""Number of times that an activated image boots without confirmation before the store returns to the confirmed
+image."""
 MOST_ATTEMPTS: Final = 255
 """Largest count of failed attempts."""
 
@@ -52,7 +53,7 @@ class SlotPhase(IntEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class SlotState:
-    """One slot.
+    """The state of one slot.
 
     Attributes:
         length: length of the announced image in bytes.

@@ -1,4 +1,4 @@
-"""Two slots for releases, of which one runs and the other can be written, with all rules of the ECU for releases.
+"""Two slots for releases, one with the running release and one for a new image, and the ECU's rules for releases.
 
 The store has no clock, no randomness and no thread. A loss of power may interrupt any call. The next boot finds a valid
 image from the state stored until then, if there was a valid image before.
@@ -33,7 +33,7 @@ class OutOfOrderError(BusError):
 
 
 class Store:
-    """The store in its memory, from one power-on to the next.
+    """The store of releases, from one power-on to the next power-on.
 
     Args:
         backing: memory of the store.
@@ -50,7 +50,7 @@ class Store:
         self._last_boot: Boot | None = None
         self._running: Slot | None = None
         self._announced: Slot | None = None
-        """The slot of the transfer in progress; the next bytes are written directly after the received bytes."""
+        """The slot of the transfer in progress; the next bytes are appended to the bytes that the slot has."""
 
     @classmethod
     def provision(
@@ -210,7 +210,7 @@ class Store:
 
     def activate(self) -> None:
         """Activate the checked image: it boots on trial from the next reset on. Does nothing if the image is already
-        activated. Raises OutOfOrderError if no image is checked; MediumError if the choice cannot be stored."""
+        activated. Raises OutOfOrderError if no image is checked; MediumError if the activation cannot be stored."""
         state, slot, trial = self.state, self.state.checked, self.state.on_trial
         if slot is None:
             if trial is not None and trial != self._running:
@@ -251,14 +251,15 @@ class Store:
 
     def revert(self) -> Long[Verdict]:
         """Return to another release at the next reset: during a trial to the confirmed release, otherwise to the
-        release that was confirmed earlier. Returns GOOD, or the reason why that release may no longer run; then nothing
-        changes. Raises OutOfOrderError if there is no earlier release; MediumError if the choice cannot be stored."""
+        confirmed release in the slot that does not run. Returns GOOD, or the reason why that release may no longer run;
+        then nothing changes. Raises OutOfOrderError if there is no such release; MediumError if the choice cannot be
+        stored."""
         trial, active = self.state.on_trial, self.state.active
         if trial is not None:
             self._remembered.keep_slot(trial, _given_up(self.state.slots[trial]))
             return Verdict.GOOD
-        # The running release decides, not the active one: if the answer is lost, the repeated request must not undo the
-        # first request.
+        # The release to return to is in the slot that does not run, whichever slot is active: if the answer to a first
+        # request is lost, the repeated request must not undo the first request.
         now = self._running if self._running is not None else active
         if now is None or self.state.slots[now.other].phase != SlotPhase.CONFIRMED:
             raise OutOfOrderError("no release to revert to: none is on trial, and no earlier one was confirmed")

@@ -1,4 +1,5 @@
-"""The control information in a frame's first bytes: its part in a message (ISO 15765-2:2016, section 9.6)."""
+"""The control information in a frame's first bytes: it states which part of a message the frame has (ISO 15765-2:2016,
+section 9.6)."""
 
 from bisect import bisect_left
 from enum import IntEnum
@@ -10,9 +11,9 @@ MAX_MESSAGE: Final = 4095
 """Largest message length in bytes that the 12-bit field of a first frame can state."""
 CLASSIC_LENGTH: Final = 8
 FRAME_LENGTHS: Final = tuple(length for length in FD_LENGTHS if length >= CLASSIC_LENGTH)
-"""Data lengths in bytes that a transmitter may be set to."""
+"""Data lengths in bytes that a transmitter may use for its frames."""
 PADDING: Final = 0xCC
-"""Padding byte with the fewest stuff bits (ISO 15765-2, section 10.4.2.2)."""
+"""Padding byte that needs the fewest stuff bits (ISO 15765-2, section 10.4.2.2)."""
 SEQUENCE_NUMBERS: Final = 16
 """Number of sequence numbers, which have four bits."""
 
@@ -52,7 +53,8 @@ class Consecutive(NamedTuple):
 
 
 class FlowControl(NamedTuple):
-    """The receiver's answer: number of frames until the next answer (0: all), and least time between frames in ns."""
+    """The receiver's answer: number of frames that may be sent before the next answer (0: all), and least time in ns
+    between them."""
 
     status: FlowStatus | None
     block_size: int
@@ -60,7 +62,7 @@ class FlowControl(NamedTuple):
 
 
 def parse(data: bytes) -> Single | First | Consecutive | FlowControl | None:
-    """Return a frame's part in a message, or None for a frame that a receiver must ignore by the standard. Never
+    """Return a frame's part in a message; None for a frame that a receiver must ignore according to the standard. Never
     raises."""
     if not data:
         return None

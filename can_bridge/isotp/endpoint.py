@@ -1,7 +1,7 @@
-"""One end of an ISO-TP connection (ISO 15765-2:2016), as a state machine of time and frames.
+"""One end of an ISO-TP connection (ISO 15765-2:2016), as a state machine whose inputs are the time and received frames.
 
-It has no clock: the caller passes the time and received frames, and takes frames to be sent. Any received data lead to
-a message, to an answer or to nothing, never to an exception.
+It has no clock and no bus: the caller passes the time and the received frames, and sends the frames that `poll`
+returns. Any received data lead to a message, to an answer or to nothing, never to an exception.
 """
 
 from collections import deque
@@ -48,7 +48,7 @@ class _Reception:
             self.abort()
 
     def first(self, now_ns: int, part: First) -> FlowStatus:
-        """Begin a message, which replaces an incomplete message; return the flow status to answer."""
+        """Begin a message, which replaces an incomplete message; return the flow status with which to answer."""
         self.abort()
         if part.length > self._settings.max_message:
             return FlowStatus.OVERFLOW
@@ -61,8 +61,8 @@ class _Reception:
         return FlowStatus.CONTINUE
 
     def consecutive(self, now_ns: int, part: Consecutive) -> tuple[bytes | None, FlowStatus | None]:
-        """Add the next part of the message; return the message if it is complete, and the flow status to answer if one
-        is due."""
+        """Add the next part of the message. Return the message if it is complete, and the flow status of an answer if
+        one is due."""
         if not self._wanted:
             return None, None
         if part.number != self._next_number:
@@ -140,7 +140,7 @@ class _Transmission:
             self._abort()
 
     def flow(self, now_ns: int, part: FlowControl) -> None:
-        """Take the receiver's flow control; it is ignored if the transmission does not wait for it."""
+        """Process the receiver's flow control; it is ignored if the transmission does not wait for it."""
         if self._state is not _State.WAITING:
             return
         if part.status is FlowStatus.CONTINUE:
@@ -200,8 +200,8 @@ class _Transmission:
 
 
 KEPT_PLACES: Final = 2
-"""Number of places in the transmit queue reserved for the request being processed: for a response-pending and the
-answer."""
+"""Number of places in the transmit queue that are reserved for the response-pending message and the answer of the
+request being processed."""
 
 
 class Endpoint:
@@ -254,7 +254,7 @@ class Endpoint:
         return len(self._to_send) + KEPT_PLACES >= self._settings.queue
 
     def receive(self, now_ns: int, frame: Frame) -> None:
-        """Take a frame from the bus; frames with other identifiers are ignored."""
+        """Process a frame from the bus; frames with other identifiers are ignored."""
         if (frame.frame_id, frame.is_extended) != (self._settings.receive_id, self._settings.is_extended):
             return
         self._tick(now_ns)

@@ -49,7 +49,7 @@ _DIRECTIONS: Final = ("rx", "tx", "txrq")
 _NUMERIC: Final = "0123456789+-("
 """Characters with which no header line begins."""
 _TRAILING: Final = 6
-"""Smallest number of numbers after the bytes of a CAN FD line; version 8 writes two more numbers."""
+"""Smallest count of numbers after the bytes of a CAN FD line; version 8 writes two more numbers."""
 _FLAGS: Final = 2
 """Index of the flags among the numbers after the bytes."""
 _FD_FLAG, _REMOTE_FLAG = 0x1000, 0x10
@@ -145,9 +145,9 @@ class _Clock:
         return self._sum_s if is_relative else time_s
 
     def place(self, time_s: float, *, is_relative: bool) -> None:
-        """Place a frame after the frames of earlier blocks. If the first time in a block is too early for that, the
-        block's times count from the block's own date. Raises ValueError if the date does not give a later time either.
-        """
+        """Set the clock so that a block's first frame is not earlier than the frames of earlier blocks. If the frame's
+        time is too early for that, the block's times count from the block's own date. Raises ValueError if the date
+        does not give a later time either."""
         if self._is_new and not is_relative and time_s + self.offset_s < self._latest:
             since = _between(self._first_date or "", self._date)
             if since is None or time_s + since < self._latest:

@@ -3,8 +3,8 @@
     (1436509052.249713) can0 123##1112233           with -L or -l
      (1436509052.249713)  can0  123  [03]  11 22 33  without
 
-A screen's times are absolute (-t a, -t A in words), count from the first frame (-t z), or from the previous line
-(-t d). A single line does not show which of these applies; only times of -t d can decrease.
+The times on a screen are absolute (-t a, -t A in words), or they count from the first frame (-t z) or the previous line
+(-t d). A single line does not show which of these options was used; only times of -t d can decrease.
 """
 
 import re
@@ -61,7 +61,7 @@ def read_candump(lines: Lines, since_epoch: SinceEpoch) -> Iterator[Entry]:
             if text.startswith(("#", "//", ";")):
                 yield LogEvent(COMMENT)
             elif after_error and line.startswith(("\t", " ")) and not _SCREEN.fullmatch(text):
-                # `candump -e` explains an error frame in the lines after it.
+                # `candump -e` writes the description of an error frame in the lines after the frame.
                 yield LogEvent("description of an error frame")
             else:
                 entry = _entry(text, clock, is_whole=line.endswith("\n"))
@@ -99,7 +99,8 @@ class _Clock:
         return time_s
 
     def check(self) -> None:
-        """Raise ValueError if too many frames are not later than the frame before: their times are differences."""
+        """Raise ValueError if too many frames are not later than the frame before them, because such times are
+        differences."""
         if self._not_later > _LATE * self._count:
             raise self._differences(f"{self._not_later} of {self._count} frames are not later than the one before")
 

@@ -25,7 +25,7 @@ class NamedChannel(NamedTuple):
 
     @property
     def identifier(self) -> str:
-        """The name with its unit, for formats that have no place for units: Pressure0_Pa, Speed_m_per_s."""
+        """The name with its unit, for formats that have no field for units: Pressure0_Pa, Speed_m_per_s."""
         return re.sub(r"\W+", "_", f"{self.name} {self.unit.replace('/', '_per_')}".strip())
 
 

@@ -17,7 +17,7 @@ COMMENT: Final = "comment"
 REQUEST: Final = "transmit request"
 """Event name of a node's request to send a frame. The frame itself is another entry, or was never sent."""
 NOT_OURS: Final = "frame with a name that is not stillwake's"
-"""Event name of a frame whose name, in place of an identifier, is not one of our messages."""
+"""Event name of a frame that has a name in place of an identifier, if the name is not that of one of our messages."""
 XL: Final = "CAN XL frame"
 
 IDS: Final = {spec.name: spec.frame_id for spec in SPECS}
@@ -125,8 +125,8 @@ def bytes_of(words: list[str], length: int, base: int = 16) -> bytes:
 class Lines:
     """The lines of a text log with their line ends, numbered from 1.
 
-    Bytes that are invalid in the encoding become escapes. Escapes have no effect in headers and comments; if a frame's
-    line has an escape, its reader rejects the line.
+    Escape characters replace bytes that are invalid in the encoding. They have no effect in headers and comments; a
+    reader rejects a frame's line that has an escape character.
 
     Attributes:
         count: number of lines read so far that are not empty.
@@ -147,7 +147,7 @@ class Lines:
 
 
 def _encoding(head: bytes) -> str:
-    """Return the encoding. It is found by the byte order mark, or for UTF-16 by the zeros between the characters."""
+    """Return the encoding: the byte order mark shows it, or the zeros between the characters show UTF-16."""
     if head[:3] == b"\xef\xbb\xbf":
         return "utf-8-sig"
     if head[:2] in (b"\xff\xfe", b"\xfe\xff"):

@@ -31,11 +31,11 @@ _UNPACKED: Final = (".mf4", ".mcap", ".db")
 """Endings of files that are read by libraries. The libraries need the file itself, not its unpacked content."""
 
 GREATEST_TIME_S: Final = 2**63 / 1e9
-"""Largest time in s before or after the epoch, 292 years, which 64 bits of nanoseconds can hold."""
+"""Largest time in s before or after the epoch that 64 bits of nanoseconds can represent: 292 years."""
 
 
 def suffix_of(path: Path) -> str:
-    """Return the ending of the file's name that shows a log's format, without .gz, in lower case."""
+    """Return the last part of the file's name that shows a log's format (".asc"), without .gz, in lower case."""
     name = path.name.lower()
     return Path(name.removesuffix(PACKED)).suffix
 
@@ -46,8 +46,8 @@ def stem_of(path: Path) -> str:
 
 
 def is_log(path: Path) -> bool:
-    """Return whether the file is a log. The name shows this, or for a CSV the first line that python-can's logger
-    writes."""
+    """Return whether the file is a log: its name shows this, or, for a CSV file, the first line that python-can's
+    logger writes."""
     suffix = suffix_of(path)
     if suffix != ".csv" or path.suffix.lower() == PACKED:
         return suffix in LOG_SUFFIXES
@@ -75,7 +75,7 @@ class CanLog:
 
     Attributes:
         events: numbers of entries read so far that are not messages, by name.
-        messages: number of messages read so far. With the events it is the number of lines that are not empty.
+        messages: number of messages read so far. Messages and events together are all lines that are not empty.
         channels: numbers of messages by channel; an empty name if the format has no channels.
         is_local: whether the times since the epoch are computed from a local start time, which counts as UTC if no zone
             is given.
@@ -100,8 +100,8 @@ class CanLog:
         self._zone, self._only = zone, frozenset(channels)
 
     def __iter__(self) -> Iterator[can.Message]:
-        """Yield the messages in the order of the file. If the file is damaged, or a line is neither message nor event,
-        raises BusError with the file's name after the messages before that place."""
+        """Yield the messages in the order of the file. If the file is damaged, or a line is neither a message nor an
+        event, the messages before that place are yielded; then BusError, which states the file's name, is raised."""
         with ExitStack() as stack:
             try:
                 source, entries = self._opened(stack)
@@ -132,7 +132,7 @@ class CanLog:
             raise BusError(f"{self.path}: --channel {', '.join(sorted(self._only))}: it has {names}")
 
     def _opened(self, stack: ExitStack) -> tuple[Lines | Objects | TableRows | Records | McapMessages, Iterator[Entry]]:
-        """Return the object that counts the lines, and an iterator over the entries of the lines."""
+        """Return the object that counts the lines, and an iterator over the entries that the lines give."""
         suffix = suffix_of(self.path)
         if suffix == ".mf4":
             records = Records(self.path)

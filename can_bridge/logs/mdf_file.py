@@ -20,18 +20,18 @@ _FIELDS: Final[Mapping[str, Mapping[str, str]]] = {
     "CAN_RemoteFrame": {"ID": "<u4", "IDE": "u1", "Dir": "u1", "DLC": "u1"},
     "CAN_ErrorFrame": {"ErrorType": "u1"},
 }
-"""Type of each field of a record in addition to BusChannel, by the group's name."""
+"""Type of each field of a record, without the field BusChannel, by the name of the field's group."""
 _CODES: Final = {length: code for code, length in enumerate((*range(9), 12, 16, 20, 24, 32, 48, 64))}
 _SMALLEST: Final = 2
-"""Number of the compression in asammdf by transposition and deflate, which the standard allows from version 4.1 on."""
+"""asammdf's number for compression by transposition and deflate, which the standard allows from version 4.1 on."""
 
 
 def write_mdf(path: Path, messages: Sequence[can.Message], groups: Sequence[ChannelGroup]) -> None:
     """Write a measurement, completely or not at all. Raises BusError if asammdf is missing; StillwakeError if the file
     cannot be written.
 
-    Times count from the start that the header states: the full second of the first message or value, and not before
-    1970, which is the start of a run in virtual time.
+    Times count from the start that the header states: the last full second before the first message or value. The start
+    is not before 1970, which is the start of a run in virtual time.
     """
     asammdf = asammdf_for(path)
     first_s = [*(one.timestamp for one in messages), *(float(one.times_s[0]) for one in groups if len(one.times_s))]

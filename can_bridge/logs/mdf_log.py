@@ -37,7 +37,7 @@ ERROR_TYPES: Final = {**dict.fromkeys((1, 2, 3, 4), PROTOCOL), 5: NO_ACK}
 
 
 def asammdf_for(path: Path) -> Any:
-    """Return the package asammdf. Raises BusError with the file's name if it is not installed."""
+    """Return the package asammdf. Raises BusError, which states the file's name, if the package is not installed."""
     try:
         package = import_module("asammdf")
     except ImportError as error:
@@ -65,7 +65,8 @@ class Records:
         self._path = path
 
     def read(self, since_epoch: SinceEpoch) -> Iterator[Entry]:
-        """Yield the entries of the records in the order of time. Raises BusError without asammdf or CAN frames."""
+        """Yield the entries of the records in the order of time. Raises BusError if asammdf is missing or there are no
+        CAN frames."""
         with self._opened() as measurement:
             start = measurement.start_time
             start_s = since_epoch(start) if start.tzinfo is None else start.timestamp()
@@ -81,8 +82,8 @@ class Records:
                     try:
                         columns = _columns(measurement, index, fields, rows)
                     except (ValueError, self._failure):
-                        # If a logger loses power, the bytes of its last frame, which are not in the record, may be
-                        # missing.
+                        # A frame's bytes are stored outside its record. If a logger loses power, the bytes of its last
+                        # frame may be missing.
                         columns = _columns(measurement, index, fields, rows - 1)
                         others.append(LogEvent("frame without its bytes"))
                     groups.append(_frames(kind, columns, start_s))

@@ -32,7 +32,7 @@ _COLUMNS: Final = {"1.0": "NOIL", "1.1": "NOTIL", "1.2": "NOBTIL", "1.3": "NOBTI
 length code."""
 _DAY_ZERO: Final = datetime(1899, 12, 30)
 _WARNING: Final = "FFFFFFFF"
-"""Value in place of the identifier that marks a warning."""
+"""Value that marks a warning, in the column of the identifier."""
 _STATUS: Final = "hardware status"
 _EVENTS: Final = {
     "ST": _STATUS,

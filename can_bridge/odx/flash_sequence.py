@@ -25,7 +25,7 @@ routine_self_test
 routine_confirm
 session_default
 """
-"""Services of `stillwake.odx-d` in their order, with arguments; words in capitals are `ARGUMENTS`."""
+"""Services of `stillwake.odx-d` in their order, with arguments; `ARGUMENTS` explains the words in capitals."""
 ARGUMENTS: Final = {
     "KEY": "answer to the seed of the step before (seed_and_key.json)",
     "LENGTH": "size of the image in bytes",

@@ -217,8 +217,8 @@ def pdx(bus: BusConfig, because: Mapping[Reason, str]) -> bytes:
     listed = {file.name: file.read_text(encoding="utf-8") for file in files(__package__).joinpath("files").iterdir()}
     with zipfile.ZipFile(packed, "w") as archive:
         for name, text in sorted(listed.items()):
-            # Equal descriptions give equal bytes, because every file in the archive has the earliest time that the
-            # format can state.
+            # Every file in the archive has the earliest time that the format can state, so that equal descriptions give
+            # equal bytes.
             filled = Template(text).substitute(_filling(bus, because)) if name.startswith("stillwake.") else text
             archive.writestr(zipfile.ZipInfo(name), filled, zipfile.ZIP_DEFLATED)
     return packed.getvalue()

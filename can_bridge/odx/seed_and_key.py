@@ -1,4 +1,4 @@
-"""The rule from seed to key as JSON, for authors of a tester or of a seed-and-key library."""
+"""The rule by which a key is computed from a seed, as JSON, for authors of a tester or of a seed-and-key library."""
 
 import json
 from typing import Any, Final
@@ -9,7 +9,7 @@ from can_bridge.uds.services import LEVELS
 
 SEED_AND_KEY: Final = "seed_and_key.json"
 EXAMPLE: Final = bytes(range(16))
-"""Access key of the known answers, and also their seed. It is public, and no ECU uses it."""
+"""Access key of the known answers, and also the seed that they answer. It is public, and no ECU uses it."""
 _LIBRARY: Final = {
     "function": "GenerateKeyEx",
     "prototype": "int GenerateKeyEx(const unsigned char *seed, unsigned int seed_length, unsigned int level, "

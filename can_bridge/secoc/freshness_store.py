@@ -3,8 +3,8 @@
 Each node has a JSON file of its own. `begin` counts the power cycle before the first frame is sent, so that no
 freshness value is used twice. `accepted` stores the newest value from the other node: immediately when that node has
 begun another power cycle, and otherwise after every `every` frames, since flash memory wears. A restarted node refuses
-every frame up to the stored value. One gap remains: frames accepted after that value, up to `every` of them, can be
-replayed to a node that has just restarted, until the first genuine frame arrives.
+every frame whose value is not above the stored value. One gap remains: frames accepted after that value, up to `every`
+of them, can be replayed to a node that has just restarted, until the first genuine frame arrives.
 """
 
 import json
@@ -60,8 +60,8 @@ class FreshnessStore:
         """Count a power cycle, and return the node's authentication data for this cycle.
 
         If the file is missing, power cycles count from 1 again. This is safe and is noticed, because the other node
-        then refuses every frame. Raises BusError if the file is damaged, or if no number of a power cycle is left;
-        StillwakeError if the file cannot be written.
+        then refuses every frame. Raises BusError if the file is damaged, or if power cycles have reached their largest
+        number; StillwakeError if the file cannot be written.
         """
         before = self._read()
         if before.trip >= LARGEST_HALF:
@@ -70,8 +70,8 @@ class FreshnessStore:
         return Authentication(key=key, trip=self._record.trip, heard=self._record.heard)
 
     def accepted(self, frame_id: int, freshness: int) -> None:
-        """Note the value that a receiver accepted last; the method may be called at any rate. Raises StillwakeError if
-        the file cannot be written."""
+        """Note the value that a receiver accepted last; the method may be called after every frame. Raises
+        StillwakeError if the file cannot be written."""
         if is_due(self._record.heard.get(frame_id, 0), freshness, self._every):
             heard = {**self._record.heard, frame_id: freshness}
             self._keep(FreshnessRecord(trip=self._record.trip, heard=heard))

@@ -15,7 +15,7 @@ from contract.errors import ConfigError
 
 @dataclass(frozen=True, kw_only=True)
 class Authentication:
-    """The data that one node needs in one power cycle.
+    """The data with which one node secures and verifies frames in one power cycle.
 
     Attributes:
         trip: number of the node's power cycles, including this one. In virtual time there is only one power cycle.
@@ -32,7 +32,7 @@ class Authentication:
         return Freshness(trip=self.trip)
 
     def verifier(self, spec: MessageSpec) -> VerifierState:
-        """Return the state of a message's receiver at power-on."""
+        """Return the state at power-on of the receiver of a secured message."""
         return VerifierState(freshness=self.heard.get(spec.frame_id, 0))
 
 
@@ -43,8 +43,8 @@ def authentication_in_virtual_time(config: BusConfig) -> Authentication | None:
 
 
 def key_of(authentication: Authentication | None, config: BusConfig) -> Key | None:
-    """Return the key to use. Raises ConfigError if the settings ask for a key and the node has none, or if the node has
-    a key and the settings ask for none."""
+    """Return the key to use. Raises ConfigError if the settings name a key and the node has none, or if the node has a
+    key and the settings name none."""
     if message_set(config).pressure.spec.is_secured != (authentication is not None):
         given = "without a key" if authentication is None else "with a key"
         raise ConfigError(f"bus.key = {config.key!r}: the node was made {given}")

@@ -107,7 +107,7 @@ class Verification(NamedTuple):
     """The result of one period.
 
     Attributes:
-        frames: received frames without the refused ones.
+        frames: received frames that were not refused.
         none_authentic: whether frames of the message were received and every one was refused.
     """
 

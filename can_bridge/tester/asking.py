@@ -1,4 +1,4 @@
-"""Requests to an ECU through udsoncan's client; a request without an answer is repeated."""
+"""Requests to an ECU through udsoncan's client. A request that gets no answer is repeated."""
 
 from __future__ import annotations
 
@@ -20,24 +20,25 @@ KeyOf = Callable[[Level, bytes], bytes]
 """A function that returns the key for a seed of a security level."""
 
 P2_S: Final = 1.0
-"""Longest wait for a first answer in s: the ECU's 50 ms, and the delay of adapters and a busy bus."""
+"""Longest wait in s for the first answer to a request: the ECU's 50 ms, and the delay of adapters and a busy bus."""
 P2_EXTENDED_S: Final = 6.0
-"""Longest wait in s after a response-pending."""
+"""Longest wait in s for the next answer after a response-pending."""
 LONGEST_PENDING_S: Final = 60.0
-"""Longest time in s of consecutive response-pending or busy answers, after which the ECU counts as gone."""
+"""Longest time in s for which an ECU may send only response-pending or busy answers before it counts as gone."""
 TIMES: Final = 5
-"""Largest number of attempts at a request that is not answered."""
+"""Largest number of attempts at a request that gets no answer."""
 READ_TIMES: Final = 25
 """Largest number of attempts to read an identifier. The store's report has 150 classic frames, and an attempt fails if
-one of them is lost. A request to an ECU that has never answered has `TIMES` attempts only, because the ECU is probably
-absent."""
+one of them is lost. If the ECU has never answered a request, there are `TIMES` attempts only, because the ECU is
+probably absent."""
 BUSY: Final = 0x21
 """Negative response code busyRepeatRequest (ISO 14229-1, table A.1)."""
 BUSY_WAIT_S: Final = 0.1
 PRESENT_S: Final = 2.0
-"""Time in s between two messages that keep a session: of two messages within `S3_MS`, one may be lost."""
+"""Time in s between two messages that keep a session open. It is so short that within `S3_MS` one of two messages may
+be lost."""
 DELAY_S: Final = 15.0
-"""Longest wait in s while the ECU accepts no key after wrong keys: more than the ECU's delay of 10 s."""
+"""Longest wait in s while the ECU accepts no key because it received wrong keys: more than the ECU's delay of 10 s."""
 
 
 class Asking:
@@ -71,7 +72,7 @@ class Asking:
         self._in_good_state(step, lambda: self._client.change_session(session))
 
     def read(self, did: Did, *, times: int = READ_TIMES) -> bytes:
-        """Return the value of an identifier."""
+        """Return the value of an identifier; `times` is the largest number of attempts."""
         found = self._ask(
             f"read {did.name.lower()}", lambda: self._client.read_data_by_identifier(int(did)), times=times
         )
@@ -88,8 +89,8 @@ class Asking:
         return bytes(found.service_data.routine_status_record)
 
     def unlock(self, level: Level) -> None:
-        """Unlock a security level; waits up to `DELAY_S` while the ECU accepts no key. Raises AccessError if the key is
-        wrong, or if wrong keys were sent too often."""
+        """Unlock a security level, and wait up to `DELAY_S` while the ECU accepts no key. Raises AccessError if the key
+        is wrong, or if wrong keys were sent too often."""
         step = f"unlock {level.name.lower()}"
         until = self._clock() + DELAY_S
         refused_keys = 0
@@ -102,8 +103,8 @@ class Asking:
                 return
             except RefusedError as refused:
                 if refused.code == Nrc.INVALID_KEY and self.unanswered > unanswered and not refused_keys:
-                    # The key may have been computed from the seed of an earlier request, whose answer was late, so the
-                    # level is tried again.
+                    # The key may have been computed from the seed of an earlier request, whose answer came late. So the
+                    # level is requested again.
                     refused_keys += 1
                     continue
                 if refused.code == Nrc.INVALID_KEY:
@@ -125,7 +126,8 @@ class Asking:
             self.wait(1.0)
 
     def download(self, offset: int, length: int) -> int:
-        """Request to send `length` bytes of the announced image; return the ECU's largest transfer request in bytes."""
+        """Announce that `length` bytes of the image follow, from byte `offset` on. Return the length in bytes of the
+        largest transfer request that the ECU accepts."""
         from udsoncan import MemoryLocation
 
         location = MemoryLocation(offset, length, address_format=32, memorysize_format=32)
@@ -150,7 +152,8 @@ class Asking:
         self._ask("clear its faults", self._client.clear_dtc)
 
     def quieten(self) -> None:
-        """Stop the detection of faults and the control's frames before programming, as far as the ECU supports this."""
+        """Before programming, stop the detection of faults and the messages of the control loop, as far as the ECU
+        supports this."""
         for call in (lambda: self._client.control_dtc_setting(2), lambda: self._client.communication_control(1, 1)):
             with suppress(RefusedError, NoAnswerError):
                 self._ask("stop sending", call, times=2)
@@ -160,7 +163,7 @@ class Asking:
         self._in_good_state("reset", lambda: self._client.ecu_reset(1), times=times)
 
     def wait(self, seconds: float, *, keep_session: bool = True) -> None:
-        """Wait for `seconds`, and keep the session alive meanwhile if `keep_session`."""
+        """Wait for `seconds`. With `keep_session`, send messages meanwhile that keep the session open."""
         left = seconds
         while left > 0:
             if keep_session:

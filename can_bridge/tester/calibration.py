@@ -1,5 +1,5 @@
-"""Calibration of an ECU through UDS, with a client that is already connected. The functions are the steps: read,
-change, read back and store."""
+"""Calibration of an ECU through UDS, with a client that is already connected. Each function is one step: read, change,
+read back or store."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -17,7 +17,7 @@ _REVERT: Final = b"\x00"
 
 @dataclass(frozen=True, kw_only=True)
 class Calibrated:
-    """An ECU's report of its calibration; all values as float32.
+    """The calibration that an ECU reports; all values as float32.
 
     Attributes:
         in_force: values in force from the ECU's next control period on.

@@ -1,4 +1,4 @@
-"""An ECU's report of itself over UDS, its fault memory, and the check that a bundle fits the ECU."""
+"""The properties that an ECU reports over UDS, its fault memory, and the check that a bundle fits the ECU."""
 
 from __future__ import annotations
 
@@ -38,7 +38,8 @@ class EcuFacts:
 
 
 def read_facts(asking: Asking) -> EcuFacts:
-    """Read all facts; raises RefusedError for a fact that the ECU does not report, BusError for a damaged report."""
+    """Read all properties. Raises RefusedError for a property that the ECU does not report, BusError for a damaged
+    report."""
     return EcuFacts(
         hardware=_text(asking, Did.HARDWARE),
         serial_number=_text(asking, Did.SERIAL_NUMBER),
@@ -63,7 +64,7 @@ def check_fits(release: Bundle, length: int, facts: EcuFacts) -> None:
     """Raise WrongReleaseError for the first property of the release that does not fit the ECU.
 
     Args:
-        release: bundle that was loaded, and so was made with the DBC of this version.
+        release: a bundle that has been loaded, which only works for a bundle with the DBC of this version.
         length: length of the release's image, in bytes.
     """
     for line in _misfits(release, length, facts):
@@ -101,7 +102,8 @@ class StoredFault:
     Attributes:
         code: number of the trouble code, of three bytes.
         age: number of operation cycles without the fault since it was last found.
-        time_ms, mode_before, missed, overruns, pressures_cp: values when the fault was found; None without a snapshot.
+        time_ms, mode_before, missed, overruns, pressures_cp: values at the time when the fault was found; None if no
+            snapshot is stored.
     """
 
     code: int

@@ -1,9 +1,9 @@
-"""Flashing of an ECU, step by step, through an open udsoncan client. A real bus, a bench in virtual time and a test use
-the same code.
+"""Flashing of an ECU, step by step, through an open udsoncan client. Real buses, the bench in virtual time and tests
+use the same code.
 
-Nothing in this module prints, sleeps or reads a clock. After any interruption the ECU still has its old release. A
-further run continues from the state of the ECU: with an image that is partly transferred or not yet activated, or with
-a release on trial.
+Nothing in this module prints, sleeps or reads a clock. After any interruption the ECU still has its old release. If
+`flash` is called again, it continues from the state of the ECU: with an image that is partly transferred or not yet
+activated, or with a release on trial.
 """
 
 from __future__ import annotations
@@ -42,11 +42,11 @@ if TYPE_CHECKING:
 RESTART_S: Final = 30.0
 """Longest wait in s for an ECU after a reset."""
 THERE_S: Final = 3.0
-"""Longest wait in s for the first answer."""
+"""Longest wait in s for the first answer of an ECU that should be running."""
 RESET_S: Final = 0.5
 """Time in s from the answer to a reset until the ECU has stopped."""
 RESETS: Final = 3
-"""Number of resets after which the ECU counts as unable to start the new release."""
+"""Number of resets after which the tester gives up if the ECU does not start the new release."""
 
 
 class Step(Enum):
@@ -88,7 +88,7 @@ class FlashOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class Flashed:
-    """The report of a run of flashing.
+    """The report on one run of `flash`.
 
     Attributes:
         transferred: report of the transfer; None if no image had to be transferred.
@@ -123,9 +123,9 @@ def flash(
         client: client with an open connection; this function changes its settings.
         image: image of the release, as built by `contract.release.image`.
         key: returns the key for a seed of the programming level; a dry run needs none.
-        judge: raises FlashError if an ECU with these facts must not be flashed with this image.
-        progress: called with every block.
-        on_step: called with every step.
+        judge: raises FlashError if an ECU with these properties must not be flashed with this image.
+        progress: called after each block that the ECU has received.
+        on_step: called at the beginning of each step.
         clock: returns the time in s.
         sleep: waits a number of seconds.
     """

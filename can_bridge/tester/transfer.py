@@ -1,7 +1,7 @@
 """Transfer of an image to an ECU: announce the image, send it from the requested byte on, and check it.
 
 After any interruption, such as lost frames, a session that ended or a loss of power, the next attempt begins with a new
-session and a new announcement. The answer to the announcement has the byte from which the image is to be sent.
+session and a new announcement. The answer to the announcement states the byte from which the image is to be sent.
 """
 
 import hashlib
@@ -18,21 +18,21 @@ from can_bridge.uds.services import MAX_BLOCK, Did, Nrc, Routine, Session
 from contract.errors import FlashError
 
 BLOCK_STEP: Final = 32
-"""Number of bytes, a word of flash memory, of which the offset of every block is a multiple."""
+"""Size in bytes of a word of flash memory. The offset of every block after the first is a multiple of this size."""
 _HEADER: Final = 2
 _IN_A_ROW: Final = 16
 """Number of consecutive blocks that must arrive at the first attempt before a longer block is sent."""
 
 
 class BlockLength:
-    """The length of one image's blocks, over all attempts to transfer it."""
+    """The length of the blocks in which one image is sent. All attempts to transfer the image use one object."""
 
     def __init__(self) -> None:
         self._longest = self._limit = (MAX_BLOCK - _HEADER) // BLOCK_STEP * BLOCK_STEP
         self._good = 0
 
     def allow(self, longest_request: int) -> None:
-        """Set the ECU's largest request, in bytes."""
+        """Set the length in bytes of the largest transfer request that the ECU accepts."""
         self._limit = max(BLOCK_STEP, (min(longest_request, MAX_BLOCK) - _HEADER) // BLOCK_STEP * BLOCK_STEP)
 
     def next_from(self, offset: int) -> int:
@@ -56,7 +56,7 @@ OnProgress = Callable[[int, int], None]
 """A function that is called with the number of bytes that the ECU has, and the length of the image."""
 
 STALLS: Final = 5
-"""Largest number of consecutive attempts without progress."""
+"""Largest number of consecutive attempts to transfer an image in which the ECU receives no further bytes."""
 TRIES: Final = 3
 """Largest number of attempts at a step. A step is repeated if its session ended because the ECU did not answer for a
 long time or lost its power supply."""
@@ -73,7 +73,7 @@ _AGAIN: Final = SESSION_ENDED | frozenset(
         Nrc.TRANSFER_SUSPENDED,
         Nrc.PROGRAMMING_FAILURE,
         Nrc.WRONG_BLOCK_COUNTER,
-        # This is the ECU's answer to a routine or download whose session has ended.
+        # The ECU gives this answer to a routine or a download whose session has ended.
         Nrc.OUT_OF_RANGE,
         Nrc.CONDITIONS_NOT_CORRECT,
     }
@@ -107,7 +107,8 @@ class Transfer:
         self._received = 0
 
     def run(self) -> Transferred:
-        """Transfer the image until the ECU's verdict is good. The ECU is then in the programming session and unlocked.
+        """Transfer the image, in several attempts if necessary. Afterwards the ECU's verdict is good, and the ECU is in
+        the programming session and unlocked.
 
         Raises:
             ImageRefusedError: the verdict is not good.
@@ -209,9 +210,9 @@ def in_programming(asking: Asking, routine: Routine) -> None:
 
 
 def bring(asking: Asking, raw: bytes) -> tuple[int, int]:
-    """Replace the key list; return the versions of the old list (0 if there was none) and the new list. Raises
-    WrongKeysError if the ECU rejects the new list; FlashError if the list may not be written now or the ECU does not
-    answer."""
+    """Replace the key list; return the version of the old list, 0 if there was none, and the version of the new list.
+    Raises WrongKeysError if the ECU rejects the new list; FlashError if the list may not be written now or the ECU does
+    not answer."""
     before = _version(asking)
     enter_programming(asking)
     try:

@@ -1,7 +1,7 @@
 """A CAN connection for udsoncan: ISO-TP by can-isotp over the buses of `can_bridge.bus`. Needs the extra `flash`.
 
 There is no thread: the bus is read only while a request is sent and its answer is awaited, because an ECU sends nothing
-unrequested. Responses to another request, which are late or repeated, are dropped.
+unrequested. Late or repeated responses to an earlier request are dropped.
 """
 
 import logging
@@ -57,7 +57,7 @@ def answers(request: bytes, response: bytes) -> bool:
 SEND_S: Final = 10.0
 """Longest time in s to send a request: 4 kB take 0.3 s on classic CAN at 500 kbit/s, and more with other traffic."""
 FRAME_S: Final = 1.0
-"""Longest time in s to send a frame: a CAN controller's queue may be full as long as other nodes send."""
+"""Longest time in s to send one frame: while other nodes send, a CAN controller's queue may stay full."""
 _TURN_S: Final = 0.02
 FLOW_CONTROL_MS: Final = 1000
 """Timeouts in ms for a flow control frame (N_Bs) and for the next consecutive frame (N_Cr) (ISO 15765-2)."""
@@ -70,7 +70,8 @@ _ENDS_SENDING: Final = (
 
 
 def silence() -> None:
-    """Keep the libraries' log off stderr, where Python prints the warnings of a logger without a handler."""
+    """Prevent the libraries' log messages from reaching stderr, where Python prints the warnings of a logger without a
+    handler."""
     for name in ("UdsClient", "Connection", "isotp"):
         logging.getLogger(name).addHandler(logging.NullHandler())
 
@@ -149,7 +150,8 @@ class BusConnection(BaseConnection):
             raise TimeoutException("the ECU accepted only a part of the request")  # type: ignore[no-untyped-call]
 
     def specific_wait_frame(self, timeout: float | None = None) -> bytes:
-        """Return the next payload that can answer the request; raises TimeoutException after `timeout` seconds."""
+        """Return the next payload that can be the answer to the request; raises TimeoutException after `timeout`
+        seconds."""
         until = self._clock() + (timeout or 0.0)
         while True:
             while self._layer.available():

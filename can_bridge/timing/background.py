@@ -32,7 +32,7 @@ class BackgroundTraffic:
 
     Attributes:
         messages: messages to be sent, highest priority first.
-        left_out: messages of the file that are not sent, each as "name (why)".
+        left_out: messages of the traffic's file that are not sent, each as "name (why)".
     """
 
     messages: tuple[PeriodicMessage, ...]
@@ -40,7 +40,7 @@ class BackgroundTraffic:
 
 
 def read_traffic(path: Path, bus: BusConfig, taken: Collection[int], *, seed: int) -> BackgroundTraffic:
-    """Return a file's messages at their cycle times (`GenMsgCycleTime` in a DBC), with phases drawn by the seed.
+    """Return a file's messages at their cycle times (`GenMsgCycleTime` in a DBC), with random phases.
 
     Messages are left out if they have no cycle time, if no CAN frame of this bus can carry them, or if they are
     stillwake's own, which the description of a whole vehicle contains too. Raises BusError if cantools or the file is
@@ -122,7 +122,8 @@ def _check(path: Path, message: "Message", bus: BusConfig, taken: Collection[int
 PERIODS_MS: Final = (5, 10, 20, 50, 100, 200, 500, 1000)
 """Periods in ms of generated messages, which are usual in vehicles."""
 _PERIOD_WEIGHTS: Final = (1, 6, 6, 3, 8, 3, 2, 3)
-"""Relative frequency of each period: mostly 10, 20 and 100 ms, as in published benchmarks of body and powertrain."""
+"""Relative frequency of each period. Most messages have 10, 20 or 100 ms, as in published benchmarks of buses for body
+and powertrain."""
 _CLASSIC_LENGTHS: Final = (8, 8, 8, 8, 6, 4, 2)
 _FD_LENGTHS: Final = (8, 8, 16, 24, 32, 48, 64, 64)
 _IDS: Final = range(0x010, 0x700)
@@ -148,10 +149,10 @@ def made_up(load: float, bus: BusConfig, taken: Collection[int], *, seed: int) -
     """Return messages that fill the share `load` of the bus with their longest frames, except for a rest that is too
     small for the next message drawn.
 
-    Messages with shorter periods have higher priorities, as designers assign them. If there are two or more messages,
-    the first has a higher priority than all taken identifiers and the last a lower priority, as far as identifiers are
-    free there. Raises ConfigError if the share is smaller than one message needs, or larger than all identifiers can
-    fill.
+    Messages with shorter periods have higher priorities, as designers assign them. If identifiers are free there and
+    two or more messages are needed, the first has a higher priority than all taken identifiers, and the last has a
+    lower priority than they have. Raises ConfigError if the share is smaller than one message needs, or larger than all
+    identifiers can fill.
     """
     random = Random(seed)
     drawn = sorted(_draw(load, bus, random))

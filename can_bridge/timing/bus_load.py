@@ -16,8 +16,8 @@ from contract.config.vehicle import BusConfig
 from contract.errors import ConfigError
 
 _CONTENTS: Final = 16
-"""Number of random contents over which a message's length is averaged; the standard error of the mean is below half a
-per cent."""
+"""Number of frames with random contents over which a message's length is averaged; the standard error of the mean is
+below half a per cent."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,10 +27,11 @@ class MessageLoad:
     Attributes:
         message: the message.
         ours: whether the message belongs to the control loop, not to the background.
-        worst_ns: time of the message's longest frame, including the intermission.
-        mean_ns: mean time of the message's frames with random contents.
-        response: worst-case response time. For the ECU's messages it counts from the sampling of the pressures plus the
-            ECU's compute time. So for the command it is the time that the bus adds to the age of the pressures.
+        worst_ns: time in ns of the message's longest frame, including the intermission.
+        mean_ns: mean time in ns of the message's frames with random contents.
+        response: worst-case response time. For the ECU's messages it begins when the ECU's compute time has passed
+            since the sampling of the pressures. So for the command it is the time that the bus adds to the age of the
+            pressures.
     """
 
     message: PeriodicMessage
@@ -46,7 +47,7 @@ class BusLoad:
 
     Attributes:
         messages: messages, highest priority first.
-        mean, worst: occupied share of the bus's time, with random contents and with the longest frames.
+        mean, worst: shares of time for which the bus is occupied, with random contents and with the longest frames.
         left_out: messages of the background's file that are not sent, each as "name (why)".
     """
 
@@ -104,7 +105,8 @@ def loop_messages(config: Config, others: Sequence[PeriodicMessage] = ()) -> tup
     pressure, speed, command, status = (_periodic(spec, period_ns) for spec in message_set(config.bus).specs)
     everyone = _by_priority((pressure, speed, command, status, *others))
     arrival = message_response_times(everyone, config.bus)[everyone.index(pressure)]
-    # If the pressures have no longest response time, the answers have none either, because their priority is lower.
+    # If there is no bound on the response time of the pressures, there is none for the answers, because their priority
+    # is lower.
     jitter_ns = period_ns if arrival.response_ns is None else arrival.response_ns
     return (
         pressure,

@@ -11,12 +11,13 @@ from contract.config.vehicle import BusConfig
 NS_PER_MS: Final = 10**6
 
 OUR_IDS: Final = frozenset(spec.frame_id for spec in SPECS)
-"""Identifiers of the messages in all message sets, used or not. Messages of other nodes never have them."""
+"""Identifiers of the messages in all message sets, including sets that the bus does not use. Messages of other nodes
+never have them."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class PeriodicMessage:
-    """A periodic message of a node. Raises ValueError for a frame that no controller can send, or a meaningless time.
+    """A periodic message of a node. Raises ValueError for a frame that no controller can send, or an impossible time.
 
     Attributes:
         frame_id: identifier of 11 bits, or of 29 bits if it is extended.
@@ -51,7 +52,7 @@ class PeriodicMessage:
         return priority(self.frame(bytes(self.length)))
 
     def frame(self, data: bytes) -> Frame:
-        """Return a frame of the message, `length` bytes long."""
+        """Return a frame of the message; `data` must have `length` bytes."""
         return Frame(frame_id=self.frame_id, data=data, is_fd=self.is_fd, is_extended=self.is_extended)
 
     def worst_ns(self, bus: BusConfig) -> int:

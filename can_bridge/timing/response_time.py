@@ -105,7 +105,7 @@ def message_response_times(messages: Sequence[PeriodicMessage], bus: BusConfig) 
 
 _Rhythms = dict[tuple[int, int], int]
 """Sum of the frame times in ns of all messages that share a period and a jitter, by period and jitter in ns. The
-analysis needs only these sums, and thousands of messages have about a dozen different pairs."""
+analysis needs only these sums: thousands of messages have only about a dozen different pairs of period and jitter."""
 
 
 def _with(rhythms: _Rhythms, one: MessageTiming) -> _Rhythms:
@@ -118,8 +118,8 @@ def _response(own: MessageTiming, higher: _Rhythms, blocking: int, bit_ns: int) 
     if busy is None:
         return Response(blocking_ns=blocking, response_ns=None, instance=0, deadline_ns=own.deadline_ns)
     worst, worst_instance = 0, 0
-    # The search for each frame begins at the time at which the previous frame has been sent, because no frame is sent
-    # earlier than its predecessor.
+    # The search for each frame begins at the time at which the search for the previous frame ended, because no frame is
+    # sent before the frame that was queued before it.
     queued = blocking
     for instance in range(_ceil(busy + own.jitter_ns, own.period_ns)):
         while True:
@@ -151,7 +151,7 @@ def _busy_ns(rhythms: _Rhythms, blocking: int) -> int | None:
 
 
 def _demand(rhythms: _Rhythms, within_ns: int, bit_ns: int) -> int:
-    """Return the largest total time in ns on the bus of all frames that can be queued within a time."""
+    """Return the largest total time in ns that the frames which can be queued within a time need on the bus."""
     return sum(_ceil(within_ns + jitter + bit_ns, period) * busy for (period, jitter), busy in rhythms.items())
 
 

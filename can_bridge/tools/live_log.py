@@ -23,8 +23,8 @@ from contract.atomic import leads_to
 from contract.errors import StillwakeError
 
 _PAUSE_S: Final = 0.05
-"""Pause in s between two writes. The few frames that arrive in a pause are written in a short time, for which the
-control step may have to wait."""
+"""Pause in s between two writes. Writing the few frames that arrive in a pause takes a short time; a control step may
+have to wait for it."""
 
 
 @contextmanager
@@ -33,8 +33,8 @@ def live_log(path: Path | None) -> Iterator[Callable[[Frame, bool], None]]:
     the function never waits. When the `with` block ends, also by an error, the measurement is written. Without a path
     nothing is stored.
 
-    Times are the computer's date and time at the start of the log, advanced by its steady clock. Raises StillwakeError
-    if the measurement cannot be written, unless the block has already raised an error.
+    Times are the computer's date and time at the start of the log, plus the time that its monotonic clock has measured
+    since. Raises StillwakeError if the measurement cannot be written, unless the block has already raised an error.
     """
     if path is None:
         yield lambda frame, received: None

@@ -31,12 +31,13 @@ WORDS: Final[Mapping[str, Mapping[int, str]]] = {
 }
 """Names of the values of signals that are enumerations."""
 _IN_THE_FRAME: Final = ("Freshness", "MAC")
-"""Signals of 64 bits, which get no channel because a channel's numbers cannot hold so many bits."""
+"""Signals of 64 bits. They get no channel, because the numbers of a channel are too short for 64 bits."""
 
 
 def check_measurement(path: Path) -> None:
-    """Check whether a measurement can be written, before the work. Raises BusError for an unknown ending, or if asammdf
-    is missing; ModuleNotFoundError if another package is missing; StillwakeError if the file cannot be written."""
+    """Check, before the frames are read, whether a measurement can be written. Raises BusError for an unknown ending,
+    or if asammdf is missing; ModuleNotFoundError if another package is missing; StillwakeError if the file cannot be
+    written."""
     if path.suffix.lower() not in MEASUREMENTS:
         raise BusError(f"{path}: a measurement must end in {' or '.join(MEASUREMENTS)}")
     if path.suffix.lower() == ".mf4":
@@ -81,8 +82,7 @@ def write_measurement(
 
 def groups_of(messages: Iterable[can.Message]) -> tuple[list[ChannelGroup], Counter[str]]:
     """Return a group of channels for each of our messages, and the numbers of our frames that cannot be read, by name.
-    If our messages are on several channels of the bus, the group's name includes the bus channel, except for the first.
-    """
+    If our messages are on several buses of a log, the names of the groups after the first bus include the bus."""
     rows: dict[tuple[str, str], tuple[list[float], list[tuple[SignalValue, ...]]]] = {}
     skipped = Counter[str]()
     for message in messages:

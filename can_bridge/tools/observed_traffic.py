@@ -1,7 +1,7 @@
-"""Statistics of one message on a bus from its frames so far: count, rate, losses, end-to-end checks.
+"""Statistics of one message on a bus from its frames so far: count, rate, losses, results of the end-to-end checks.
 
-The authentication of a secured message is checked first, as in a node; frames that this check rejects get no end-to-end
-check. Without a key only the end-to-end check is made.
+The authentication of a secured message is checked first, as in a node; a frame that this check rejects gets no
+end-to-end check. Without a key only the end-to-end check is made.
 """
 
 from collections import deque
@@ -20,7 +20,7 @@ from contract.config.vehicle import E2eConfig
 RATE_OVER: Final = 20
 """Number of intervals between successive frames over which the rate is averaged."""
 SILENT_AFTER: Final = 5.0
-"""Time since the newest frame, in mean intervals, after which the rate counts as zero."""
+"""Time since the newest frame after which the rate counts as zero, as a multiple of the mean interval."""
 
 CHECK_TEXT: Final = {
     FrameCheck.OK: "OK",
@@ -69,7 +69,7 @@ class Traffic:
         """Start the statistics without any frame.
 
         Args:
-            e2e: settings that distinguish a loss from a wrong sequence.
+            e2e: settings that decide whether a jump of the counter is a loss or a wrong sequence.
             key: key for secured messages; without it their authentication is not checked.
             channel: the log's channel; empty on a bus.
             carries: description of the content, for a message with this identifier that is not ours.

@@ -26,7 +26,8 @@ class RawBus(OpenBus):
         return None if isinstance(message, Rejection) else message
 
     def send_message(self, message: can.Message, *, timeout_s: float = 0.1) -> None:
-        """Send one message of any kind within `timeout_s`. Raises BusError if the bus failed or the time is over."""
+        """Send one message of any kind. Raises BusError if the bus failed or does not accept the message within
+        `timeout_s`."""
         self._send(message, id_text(message), timeout_s)
 
 

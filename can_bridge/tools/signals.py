@@ -31,14 +31,14 @@ if TYPE_CHECKING:
     from cantools.database.can.signal import Signal
 
 PROTECTION: Final = frozenset({"E2E_CRC", "E2E_Counter", "Freshness", "MAC"})
-"""Signals whose only purpose is to protect all other signals of the message."""
+"""Signals that only protect the message's other signals."""
 
 STALE_MS: Final = 70
-"""Largest age in the frames of the classic set, in ms. It means this age or more."""
+"""Largest value in ms that the age has in frames of the classic set. It means this age or any greater age."""
 INVALID_PA: Final = -INT12_MAX - 1
-"""Pressure in Pa in the frames of the classic set that means that the sensor's own diagnosis failed."""
+"""Pressure in Pa in frames of the classic set that means that the sensor's own diagnosis found a fault."""
 NO_SPEED: Final = SPEED_UNKNOWN * SPEED_RESOLUTION_M_PER_S
-"""Speed in m/s in the speed's field that means that the vehicle does not know its speed."""
+"""Speed in m/s that means, in a frame, that the vehicle does not know its speed."""
 
 
 class SignalValue(NamedTuple):
@@ -131,8 +131,8 @@ def _of_speed(value: VehicleSpeed) -> Iterator[SignalValue]:
 
 
 def _or_word(name: str, value: float | None, unit: str, without: float, word: str) -> SignalValue:
-    """Return a value that may be missing. A missing value has a special number in its field, and a name for this number
-    in the table."""
+    """Return a value that may be missing. For a missing value, the frame has a special number, and the table a word for
+    it."""
     return SignalValue(name, without, unit, word) if value is None else SignalValue(name, value, unit)
 
 
@@ -203,7 +203,7 @@ def encode(name: str, assignments: Sequence[str]) -> tuple[MessageSpec, bytes]:
 
 
 def _value(text: str, signal: "Signal", value: str) -> float | str:
-    """Return a value's text as a number, or unchanged if it is a name in the signal's table."""
+    """Return a value's text as a number, or unchanged if it is a name in the signal's table of values."""
     names = [str(one) for one in (signal.choices or {}).values()]
     if value in names:
         return value

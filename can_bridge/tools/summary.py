@@ -15,8 +15,8 @@ from can_bridge.wire.frame_bits import frame_ns
 from contract.config.vehicle import BusConfig
 
 MOST_MESSAGES: Final = 1000
-"""Largest number of messages that are listed: more than a vehicle's bus has. The limit bounds the list if frames have
-random 29-bit identifiers."""
+"""Largest number of messages that are listed: more than the bus of a vehicle has. The limit bounds the length of the
+list if frames have random 29-bit identifiers."""
 
 SignalCell = tuple[str, str, str]
 """The name of a signal, its value and its unit."""

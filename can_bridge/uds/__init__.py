@@ -1,1 +1,2 @@
-"""Unified Diagnostic Services (ISO 14229-1) on the ECU's side, as state machines of time and requests."""
+"""Unified Diagnostic Services (ISO 14229-1) on the ECU's side, as state machines whose inputs are the time and
+requests."""

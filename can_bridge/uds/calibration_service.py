@@ -25,9 +25,11 @@ class CalibrationService:
 
     Args:
         kept: returns the values stored for the running release, or None.
-        keep: stores values or (None) deletes them; may raise MediumError, or OutOfOrderError while the slot is written.
-        refusal: returns why nothing may be stored now, for example because the jets are enabled: writing a flash memory
-            can take longer than a control period. Changing the values in force is always possible.
+        keep: stores values, or deletes the stored values (None); may raise MediumError, or OutOfOrderError while the
+            slot is written.
+        refusal: returns why nothing may be stored now; None if it may. Storing is refused, for example, while jets are
+            enabled, because writing a flash memory can take longer than a control period. Changing the values in force
+            is always possible.
     """
 
     def __init__(
@@ -64,7 +66,7 @@ class CalibrationService:
         self._segment.revert()
 
     def read(self, did: Did) -> bytes:
-        """Return the value of one of `DIDS`; raises Refused for other identifiers."""
+        """Return the value of one of the identifiers `DIDS`; raises Refused for other identifiers."""
         segment = self._segment
         if did is Did.CALIBRATION:
             return segment.in_force.pack()
@@ -76,7 +78,8 @@ class CalibrationService:
         raise Refused(Nrc.OUT_OF_RANGE)
 
     def write(self, did: Did, value: bytes) -> Long[None]:
-        """Write one of `DIDS`; raises Refused for other identifiers, and for values that are not allowed."""
+        """Write the value of one of the identifiers `DIDS`; raises Refused for other identifiers, and for values that
+        are not allowed."""
         yield from ()
         if did is Did.CALIBRATION:
             try:

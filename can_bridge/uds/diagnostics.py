@@ -34,7 +34,7 @@ class Diagnostics(Protocol):
         """Expect `length` bytes of the announced image, beginning at byte `offset`."""
 
     def transfer(self, data: bytes) -> Long[None]:
-        """Take the next bytes of the image."""
+        """Write the next bytes of the image."""
         ...
 
     def exit(self) -> Long[None]:
@@ -42,11 +42,11 @@ class Diagnostics(Protocol):
         ...
 
     def failed_attempts(self, level: Level) -> int:
-        """Return the number of consecutive wrong keys, which survives resets."""
+        """Return the number of consecutive wrong keys; the number survives resets."""
         ...
 
     def keep_failed_attempts(self, level: Level, count: int) -> None:
-        """Store the number of wrong keys before the answer is sent."""
+        """Store the number of consecutive wrong keys; the server calls this before it answers."""
 
     def before_reset(self) -> None:
         """Prepare for a reset, or for switching off the control's messages. Raises CONDITIONS_NOT_CORRECT if this would

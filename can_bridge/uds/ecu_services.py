@@ -1,8 +1,8 @@
-"""The ECU's diagnostic services over its store of releases: `Diagnostics` for the UDS server.
+"""The ECU's diagnostic services that act on its store of releases: `Diagnostics` for the UDS server.
 
 The answer to the routine ERASE has the offset of the first byte to send (4 bytes), the answer to CHECK a `Verdict` (1
-byte); answers to the other routines are empty. If a request is repeated after it was carried out, it gets its first
-answer again, because the tester may have missed that answer.
+byte); answers to the other routines are empty. If a request is repeated after it was carried out, the first answer is
+sent again, because the tester may not have received it.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -31,7 +31,7 @@ _DONE: Final = {
     Routine.CONFIRM: ("confirmed", "the running release is confirmed"),
     Routine.REVERT: ("given_up", "the previous release boots at the next reset"),
 }
-"""Events of the log with their text, by routine."""
+"""Events of the ECU's log and their texts, by routine."""
 
 
 class EcuServices:
@@ -143,13 +143,13 @@ class EcuServices:
     def transfer(self, data: bytes) -> Long[None]:
         with _as_refusals():
             self._store.append(data)
-        # This store has already written all data. A flash memory needs milliseconds for each part of the data, so the
-        # operation has the same number of parts here.
+        # This store has already written all data. A flash memory needs milliseconds for each part of the data, so this
+        # operation has as many parts as it would have with a flash memory.
         yield from repeat(None, (len(data) - 1) // WRITTEN)
 
     def exit(self) -> Long[None]:
-        # Nothing is left to do: the server has checked that all bytes came, and CHECK finds out whether they are the
-        # announced bytes.
+        # Nothing is left to do: the server has checked that all bytes came, and CHECK compares them with the announced
+        # hash.
         yield from ()
 
     def failed_attempts(self, level: Level) -> int:
@@ -202,7 +202,8 @@ class EcuServices:
             self._store.confirm()
             self._has_confirmed = True
         elif not self._has_confirmed:
-            # A tester that confirms a release that is not on trial mistakes this release for the one that it sent.
+            # A tester that confirms now takes the running release for the one that it sent, but the running release is
+            # not on trial.
             raise Refused(Nrc.SEQUENCE_ERROR, "no release runs on trial")
 
     def _revert(self) -> Long[None]:

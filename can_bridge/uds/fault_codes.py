@@ -33,7 +33,7 @@ CODES: Final[Mapping[Reason, int]] = {
         (Reason.NO_SPEED, _U, 0x87),
     )
 }
-"""Trouble codes of three bytes. A reason without a code is a state of an ECU without a fault."""
+"""Trouble codes of three bytes. A reason that has no code is not a fault."""
 REASON_BY_CODE: Final[Mapping[int, Reason]] = {code: reason for reason, code in CODES.items()}
 CODE_BYTES: Final = 3
 J2012_FORMAT: Final = 0x00
@@ -42,7 +42,7 @@ _LETTERS: Final = "PCBU"
 
 
 class Snapshot(IntEnum):
-    """Identifiers of a snapshot's values from the moment when a fault was found; service 22 cannot read them."""
+    """Identifiers of the values in a snapshot, which is taken when a fault is found; service 22 cannot read them."""
 
     TIME_MS = 0xFD20
     """Time in ms since power-on, 4 bytes."""
@@ -53,7 +53,7 @@ class Snapshot(IntEnum):
     OVERRUNS = 0xFD23
     """Number of control periods left out since power-on, at most 65535, 2 bytes."""
     PRESSURES_CP = 0xFD24
-    """Newest pressure coefficients of the previous period, as float32, 4 bytes each."""
+    """Pressure coefficients in the newest row of the previous period, as float32, 4 bytes each."""
 
 
 SNAPSHOT_FORMATS: Final[Mapping[Snapshot, str]] = {

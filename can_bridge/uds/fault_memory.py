@@ -55,8 +55,8 @@ class KeptFault:
 
     Attributes:
         status: status bits of the code.
-        age: for a confirmed fault, number of operation cycles since its last failure in which its test passed and did
-            not fail.
+        age: for a confirmed fault, the number of operation cycles, after its last failure, in which its test passed and
+            did not fail.
         snapshot: snapshot of the first failure in the latest cycle with a failure; empty without a snapshot.
     """
 
@@ -85,7 +85,7 @@ class KeptFault:
         return KeptFault(status, age, snapshot)
 
     def packed(self) -> bytes:
-        """Return the bytes for the record, without the bits that each power-on changes."""
+        """Return the fault as bytes of the record, without the status bits that each power-on changes."""
         status = self.status & ~_S.TEST_FAILED
         if not status & (_S.PENDING | _S.CONFIRMED):
             status |= _S.NOT_COMPLETED_THIS_CYCLE
@@ -177,7 +177,7 @@ def decode(record: bytes) -> dict[Reason, KeptFault]:
 
 ALL_GROUPS: Final = 0xFFFFFF
 RECORD: Final = 0x01
-"""Number of a code's only snapshot, and of its only extended record, which holds the age."""
+"""Number of a code's only snapshot, and of its only extended data record, which has the age."""
 _ALL_RECORDS: Final = 0xFF
 
 
@@ -217,7 +217,7 @@ def report(memory: FaultMemory, kind: FaultReport, option: bytes) -> bytes:
 
 
 def cleared(group: int) -> Collection[Reason]:
-    """Return the faults in a group of codes: all faults, or one fault; raises Refused for other groups."""
+    """Return the faults in a group of codes, which is all faults or a single fault; raises Refused for other groups."""
     if group == ALL_GROUPS:
         return CODES.keys()
     if group not in REASON_BY_CODE:

@@ -5,8 +5,8 @@ an answer for one level is wrong for the other levels. The answer to a seed is t
 level's key.
 
 A seed is valid for one answer. An attempt is counted in non-volatile memory before the answer is checked, so that
-switching off the supply gains no attempt. After `MAX_ATTEMPTS` consecutive wrong answers, and after each further wrong
-answer, no seed is sent for `DELAY_NS`; a power-on restarts the delay.
+nobody gets more attempts by switching off the supply. After `MAX_ATTEMPTS` consecutive wrong answers, and after each
+further wrong answer, no seed is sent for `DELAY_NS`; a power-on restarts the delay.
 """
 
 from collections.abc import Callable
@@ -43,7 +43,7 @@ class AccessKey:
         return made
 
     def answer(self, level: Level, seed: bytes) -> bytes:
-        """Return the answer that unlocks this level after this seed."""
+        """Return the tester's answer that unlocks this level after this seed."""
         return self._levels[level].cmac(seed)
 
     def _take(self, key: Key) -> None:
@@ -67,7 +67,8 @@ class SecurityAccess:
         self._closed_until_ns: dict[Level, int] = {}
 
     def power_on(self, now_ns: int) -> None:
-        """Restart the delay of a level with too many wrong attempts, because the time without power is unknown."""
+        """Restart the delay of each level that had too many wrong attempts, because nobody knows how long the power was
+        off."""
         for level in Level:
             if self._attempts.failed_attempts(level) >= MAX_ATTEMPTS:
                 self._closed_until_ns[level] = now_ns + DELAY_NS
@@ -90,8 +91,8 @@ class SecurityAccess:
         return seed
 
     def unlock(self, now_ns: int, level: Level, answer: bytes) -> None:
-        """Unlock the level for which the last seed was sent. Raises Refused for a wrong answer or a level without a
-        seed."""
+        """Unlock the level for which the last seed was sent. Raises Refused for a wrong answer, or if no seed was sent
+        for this level."""
         if self._asked is None or self._asked[0] is not level:
             raise Refused(Nrc.SEQUENCE_ERROR)
         (_, seed), self._asked = self._asked, None

@@ -1,8 +1,8 @@
 """The ECU's side of UDS (ISO 14229-1): it takes requests and returns answers; the time is an argument.
 
 Every request is checked in the order of the standard's figures: service known, allowed in this session, valid length,
-sub-function known and allowed in this session, level unlocked, valid sequence. Then the ECU may refuse it for reasons
-of its own. One request is processed at a time, in parts, one part in each call of `tick`.
+sub-function known and allowed in this session, level unlocked, valid sequence. Then the ECU may refuse the request for
+reasons of its own. One request is processed at a time, in parts, one part in each call of `tick`.
 """
 
 from collections.abc import Callable, Mapping
@@ -71,7 +71,7 @@ class UdsServer:
     Args:
         diagnostics: the ECU's services.
         random_bytes: returns a number of unpredictable bytes, for seeds.
-        faults: the ECU's fault memory; None for a fault memory that is lost at a reset.
+        faults: the ECU's fault memory; None for a memory that keeps no faults over a reset.
 
     Attributes:
         is_silent: whether a tester has switched off JetCommand and EcuStatus; only possible while no jet can run.
@@ -142,7 +142,7 @@ class UdsServer:
         return self._go_on(now_ns)
 
     def tick(self, now_ns: int) -> list[bytes]:
-        """Execute the next part of the request in progress, or the reset that an earlier call answered.
+        """Execute the next part of the request in progress, or the reset whose request an earlier call answered.
 
         Call this method whenever there is time for a part, at least every 20 ms while `is_busy`.
         """
@@ -154,7 +154,7 @@ class UdsServer:
         return self._go_on(now_ns)
 
     def _at(self, now_ns: int) -> int:
-        """Return the time, which does not change if the clock goes back."""
+        """Return the time, or the latest time so far if the clock went back."""
         if self._now_ns is None:
             self._security.power_on(now_ns)
         self._now_ns = now_ns if self._now_ns is None else max(now_ns, self._now_ns)
@@ -371,5 +371,5 @@ _HANDLERS: Final[Mapping[int, Callable[[UdsServer, bytes], bytes | Long[bytes]]]
     Service.TESTER_PRESENT: lambda server, body: server._hear_tester(body),
     Service.FAULT_SETTING: lambda server, body: server._set_faults(body),
 }
-"""Handlers of the services. They are not bound methods, because a server that holds its own bound methods would never
-be freed without the garbage collector."""
+"""Handlers of the services. They are functions, not methods bound to a server, because only the garbage collector could
+free a server that holds its own bound methods."""

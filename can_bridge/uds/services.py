@@ -192,7 +192,7 @@ LEVELS: Final[Mapping[int, Permission]] = {
     Level.PROGRAMMING: Permission(_PROGRAMMING),
     Level.CALIBRATION: Permission(_EXTENDED),
 }
-"""Sessions in which a level can be unlocked."""
+"""The sessions in which each level can be unlocked."""
 WRITABLE: Final[Mapping[int, Permission]] = {
     Did.KEY_LIST: Permission(_PROGRAMMING, Level.PROGRAMMING),
     Did.CALIBRATION: Permission(_EXTENDED, Level.CALIBRATION, length=PACKED_BYTES),

@@ -1,1 +1,2 @@
-"""The contents of the bus: frames, the DBC's messages as values and as bytes, and the time of frames on the bus."""
+"""The frames of a bus: the DBC's messages as values and as bytes, and the number and time of a frame's bits on the
+bus."""

@@ -1,12 +1,12 @@
 """The messages of the classic set: eight bytes each, for a bus or a controller without CAN FD.
 
-The codec is as `can_bridge.wire.codec`, with the limits of eight bytes:
+The codec works as `can_bridge.wire.codec` does, within the limits of eight bytes:
 
 - pressures of 12 bits in whole Pa; -2048 if the sensor's own diagnosis failed (there are no validity bits);
 - an age in units of 10 ms, rounded up, so that no frame looks fresher than it is; the largest value, 70 ms or more, is
-  read as `STALE_NS`, which is too old for any use; a speed's age stays at 2.55 s;
-- a status whose counts stay at 63 and whose bundle hash has two bytes; it has no count of frames that are not authentic
-  (this set has no authentication), no error counters and no pressures set aside.
+  read as `STALE_NS`, which is too old for any use; the age of a speed is sent as 2.55 s if it is greater;
+- a status with counts up to 63 (bus-off: 15) and two bytes of the bundle hash; it has no count of frames that are not
+  authentic (this set has no authentication), no error counters and no pressures set aside.
 """
 
 import struct
@@ -56,7 +56,8 @@ _VEHICLE_SPEED: Final = struct.Struct("<3x B H B x")  # density, speed, age
 _JET_COMMAND: Final = struct.Struct("<x B h B 3x")  # mode and enable, flow, echo and next period
 _ECU_STATUS: Final = struct.Struct("<x B B H B H")  # state and a bit of the reason, the rest and bus-off, counts, hash
 
-# Two tables, from a pressure to the field's bits and from the bits to the pressure, are faster than arithmetic.
+# Two look-up tables, one from a pressure to the field's bits and one from the bits to the pressure, are faster than
+# arithmetic.
 _FIELDS: Final = {raw: raw & 0xFFF for raw in range(-INT12_MAX, INT12_MAX + 1)}
 _PASCALS: Final = tuple(
     (raw - 0x1000 if raw & 0x800 else raw) * CLASSIC_PRESSURE_RESOLUTION_PA if raw != _INVALID_FIELD else 0.0

@@ -206,7 +206,7 @@ def parse_ecu_status(data: bytes) -> EcuStatus | None:
 
 
 def _age_steps(age_ns: int) -> int:
-    # The division rounds half up. It is made with integers because ages are exact numbers of ns.
+    # The division rounds half up. It uses integers because ages are exact numbers of ns.
     return (age_ns + AGE_RESOLUTION_NS // 2) // AGE_RESOLUTION_NS
 
 

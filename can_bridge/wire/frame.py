@@ -6,7 +6,7 @@ from typing import Final
 from contract.config.diagnosis import MOST_EXTENDED, MOST_STANDARD, CanId
 
 MAX_FRAME_ID: Final = MOST_STANDARD
-"""Largest 11-bit identifier."""
+"""The largest 11-bit identifier."""
 MAX_EXTENDED_ID: Final = MOST_EXTENDED
 """Largest 29-bit identifier. No message of our DBC has such an identifier; diagnosis and other traffic may."""
 
@@ -22,7 +22,7 @@ class Frame:
 
     Attributes:
         frame_id: 0 to 0x7FF, or 0 to 0x1FFFFFFF if the identifier is extended; the smaller identifier wins arbitration.
-        data: 0 to 8 bytes, or a number of bytes that CAN FD allows.
+        data: 0 to 8 bytes, or, in a CAN FD frame, one of `FD_LENGTHS`.
         timestamp_ns: time of sending or reception in ns, on the clock of the sender or receiver.
         is_extended: whether the identifier has 29 bits rather than 11.
     """

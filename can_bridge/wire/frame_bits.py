@@ -72,7 +72,7 @@ def sent_bits(frame: Frame, *, error_passive: bool = False) -> SentBits:
 def frame_bits(frame: Frame) -> tuple[int, int]:
     """Return the number of bits at the nominal and at the data rate, from start of frame to end of intermission.
 
-    A CAN FD frame changes its rate at the sample points of BRS and of the CRC delimiter; both bits are counted
+    A CAN FD frame changes its rate at the sample points of BRS and of the CRC delimiter; here both bits are counted
     completely at the nominal rate, as in `worst_case_bits`.
     """
     return sent_bits(frame).total
@@ -156,12 +156,13 @@ def _identifier_bits(frame: Frame) -> str:
 
 
 def _classic_head(frame: Frame) -> str:
-    """Return the bits from the start of frame to DLC, with RTR, IDE and r0 before DLC, or RTR, r1 and r0."""
+    """Return the bits from the start of frame to DLC. Before DLC come RTR, IDE and r0 or, for a 29-bit identifier, RTR,
+    r1 and r0."""
     return _identifier_bits(frame) + "000" + _to_bits(len(frame.data), 4)
 
 
 def _fd_arbitration(frame: Frame) -> str:
-    """Return the bits up to BRS: identifier, RRS, IDE (within the identifier if it is extended), FDF, res, BRS."""
+    """Return the bits up to BRS: identifier, RRS, IDE (which a 29-bit identifier already includes), FDF, res, BRS."""
     return _identifier_bits(frame) + ("0101" if frame.is_extended else "00101")
 
 

@@ -35,7 +35,7 @@ class Message(Generic[T]):
 
 @dataclass(frozen=True, kw_only=True)
 class MessageSet:
-    """The messages between the two nodes.
+    """The messages that the vehicle and the ECU exchange.
 
     Attributes:
         pressure_resolution_pa: resolution of a pressure in Pa.
@@ -57,7 +57,7 @@ class MessageSet:
 
 
 def _set(name: str, by: ModuleType, named: Sequence[MessageSpec], resolution_pa: float, most_steps: int) -> MessageSet:
-    """Return the set whose messages the codec `by` converts, from the specifications in the order of
+    """Return the set whose messages are converted by the codec `by`. The specifications are in the order of
     `MessageSet.specs`."""
     pressure, speed, command, status = named
     return MessageSet(

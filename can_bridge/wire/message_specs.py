@@ -34,7 +34,8 @@ class MessageSpec:
     is_secured: bool = False
 
     def names(self, frame: Frame) -> bool:
-        """Return whether a frame has this message's 11-bit identifier; the same number in 29 bits is another node's."""
+        """Return whether a frame has this message's 11-bit identifier. A 29-bit identifier with the same number belongs
+        to another node."""
         return frame.frame_id == self.frame_id and not frame.is_extended
 
 

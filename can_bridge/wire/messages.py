@@ -11,13 +11,14 @@ SENSORS: Final = 4
 """Number of pressures in a Pressure message."""
 
 COUNT_LIMIT: Final = 0xFFFF
-"""Largest value of the 16-bit event counts of EcuStatus. A count that has reached this value no longer changes."""
+"""Largest value of the 16-bit event counts of EcuStatus. A count that has reached this value does not rise further."""
 
 BUS_OFF_LIMIT: Final = 0xFF
-"""Largest value of the bus-off count of EcuStatus. A count that has reached this value no longer changes."""
+"""Largest value of the bus-off count of EcuStatus. A count that has reached this value does not rise further."""
 
 ERROR_LIMIT: Final = 0xFF
-"""Largest value that is sent for the CAN controller's error counters. It is also sent for 256, which is bus-off."""
+"""Largest value that is sent for the CAN controller's error counters. It is also sent for 256, the count at which the
+controller goes bus-off."""
 
 
 SET_ASIDE_LIMIT: Final = 0b1111

@@ -14,15 +14,15 @@ if TYPE_CHECKING:
     from cantools.database.can.database import Database
 
 LONGEST_MESSAGE: Final = 65_536
-"""Largest accepted length of a message, in bytes or in some formats in bits. It is needed because cantools allocates
-every bit; the longest real message, of CAN XL, has 2048 bytes."""
+"""Largest accepted length of a message, in bytes or, in some formats, in bits. The limit is needed because cantools
+allocates memory for every bit; the longest real message, of CAN XL, has 2048 bytes."""
 _LENGTH: Final = re.compile(rb'(?:^ *BO_ +\d+ +\w+ *: *|\blength="|^ *Len=|LENGTH>)(\d+)', re.MULTILINE)
 NEEDS_CANTOOLS = f"reading it needs cantools: {install('bus')}"
 
 
 def load_network(path: Path) -> "Database":
-    """Return the description of a bus from a file, whose ending states its format. Raises BusError with one line if
-    cantools or the file is missing, or the file is invalid in its format."""
+    """Return the description of a bus from a file, whose ending states its format. Raises BusError with a message of
+    one line if cantools or the file is missing, or the file is invalid in its format."""
     try:
         from cantools.database import load_file
         from cantools.database.can.database import Database

@@ -16,14 +16,16 @@ QUEUE_SIZE: Final = 1024
 """Largest number of frames that a virtual bus stores for a reader, and that one call of `receive_all` returns."""
 
 SETTLE_S: Final = 2.0
-"""Time in s for which a serial adapter is left to start after its port was opened, because many adapters reset then."""
+"""Time in s that a serial adapter gets to start after its port is opened, because opening the port resets many
+adapters."""
 
 OWN_CONFIGURATION: Final = "python-can"
 """The value of `bus.interface` with which python-can's own configuration (can.conf, environment) selects the
 interface."""
 
 _SAMPLE_POINT: Final = 80.0
-"""Sample point of both bit rates, in percent of a bit, for the adapter whose bit timing is set in this module."""
+"""Position of the sample point in a bit, in percent, at both bit rates of the adapter whose bit timing is set in this
+module."""
 _CLOCK_HZ: Final = 80_000_000
 
 _OF_EXTRA_BUS: Final = ("udp_multicast", "slcan")
@@ -31,11 +33,11 @@ _OF_EXTRA_BUS: Final = ("udp_multicast", "slcan")
 
 
 def open_backend(config: BusConfig, *, settle_s: float = SETTLE_S) -> tuple[can.BusABC, str]:
-    """Open the configured bus. Returns the bus, and python-can's name of the bus's interface, which python-can may have
-    chosen. Raises BusError with interface and channel if the bus cannot be opened. `settle_s` is the time in s for
-    which a serial adapter is left to start."""
+    """Open the configured bus. Returns the bus and the name of its interface in python-can, which python-can's own
+    configuration may select. Raises BusError, which states interface and channel, if the bus cannot be opened.
+    `settle_s` is the time in s that a serial adapter gets to start."""
     _check_known(config.interface)
-    # Vendors' drivers raise exceptions of any type, also if the driver's library is missing.
+    # Vendors' drivers raise exceptions of any type, for example if the driver's library is missing.
     try:
         interface, options = _settings(config, settle_s)
         return _constructed(interface, options), interface
@@ -62,7 +64,7 @@ def _check_known(interface: str) -> None:
 
 
 def _settings(config: BusConfig, settle_s: float) -> tuple[str, dict[str, Any]]:
-    """Return the interface's name and the options to open it with."""
+    """Return the interface's name, and the options with which python-can opens it."""
     if config.interface == OWN_CONFIGURATION:
         options: dict[str, Any] = {**can.util.load_config(context=config.channel)}
         return options.pop("interface"), {name: value for name, value in options.items() if value is not None}
@@ -95,8 +97,8 @@ def _options(config: BusConfig, settle_s: float) -> Mapping[str, Any]:
 
 
 def _constructed(interface: str, options: dict[str, Any]) -> can.BusABC:
-    """Open our own backend if python-can's backend of this interface fails on some received data; otherwise open
-    python-can's backend."""
+    """Open our own backend for an interface whose python-can backend fails on some received data, or else python-can's
+    backend."""
     if interface == "udp_multicast":
         from can_bridge.bus.backends.udp_multicast import UdpMulticastBus
 
@@ -109,17 +111,16 @@ def _constructed(interface: str, options: dict[str, Any]) -> can.BusABC:
 
 
 GARBAGE_LIMIT: Final = 1000
-"""Number of consecutive errors of a backend's parser after which the bus counts as failed, if no idle moment and no
-valid frame come between the errors. Without this limit, a dead backend that raises an error on every call would look
-like endless noise. Our own backends raise `UnusableReceptionError` for data that they reject; the number of these
-errors is not limited."""
+"""Number of consecutive errors of a backend's parser after which the bus counts as failed. An idle moment or a valid
+frame restarts the count. Without this limit, a dead backend that raises an error on every call would look like endless
+noise. Our own backends raise `UnusableReceptionError` for data that they reject; these errors are not limited."""
 
 _UNREADABLE: Final = (ValueError, IndexError, struct.error)
 """Exceptions that the backends' parsers raise for invalid data."""
 
 
 class OpenBus(NeverCopied):
-    """Owner of an open python-can bus. Use it as a context manager, or call `close`."""
+    """A wrapper of an open python-can bus that closes the bus. Use it as a context manager, or call `close`."""
 
     INSTEAD: ClassVar = "it belongs to this process; open another connection"
 
@@ -130,7 +131,7 @@ class OpenBus(NeverCopied):
 
     def close(self) -> None:
         """Disconnect. A second call does nothing. An adapter that was removed causes no error."""
-        # The error of closing an unplugged adapter would hide the error that ended the work.
+        # If closing an unplugged adapter raised an error, this error would hide the error that ended the work.
         with suppress(can.CanError, OSError):
             self._bus.shutdown()
 
@@ -141,7 +142,8 @@ class OpenBus(NeverCopied):
         self.close()
 
     def _send(self, message: can.Message, name: str, timeout_s: float) -> None:
-        """Send a message once. Raises BusError with the frame's name if the bus fails or `timeout_s` is over."""
+        """Send a message once. Raises BusError, which states the frame's name, if the bus fails or does not accept the
+        message within `timeout_s`."""
         try:
             self._bus.send(message, timeout=timeout_s)
         except (can.CanError, OSError, ValueError) as error:
@@ -155,8 +157,7 @@ class OpenBus(NeverCopied):
         except UnusableReceptionError as refused:
             return refused.reason
         except (can.CanError, OSError, *_UNREADABLE) as error:
-            # Backends wrap the original error. A CanError that received garbage caused has one of these exceptions as
-            # its cause.
+            # Backends wrap the original error. If invalid data caused a CanError, its cause is one of these exceptions.
             if not isinstance(error.__cause__ or error, _UNREADABLE):
                 raise BusError(f"CAN bus failed: {one_line(error)}") from error
             self._unreadable_in_a_row += 1

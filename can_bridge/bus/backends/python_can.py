@@ -1,8 +1,8 @@
 """A python-can bus with this package's frames and errors.
 
 python-can has defects that a node must avoid: `virtual` blocks for ever in `send` without a timeout when a peer stops
-reading, one garbage datagram ends python-can's Notifier, and garbage on a serial line raises a bare ValueError. In this
-adapter, sending always ends, and each reception is either returned or counted under the reason for its rejection.
+reading, one garbage datagram ends python-can's Notifier, and garbage on a serial line raises a bare ValueError. Here,
+every call of `send` ends, and each reception is either returned or counted under the reason for its rejection.
 """
 
 import os
@@ -63,7 +63,8 @@ def health_after(health: BusHealth, classes: int, data: bytes) -> BusHealth:
     if classes & _BUS_OFF:
         return replace(health, state=BusState.BUS_OFF, bus_off=health.bus_off + 1)
     if classes & _RESTARTED:
-        # A controller leaves bus-off error-active with both counters at zero (ISO 11898-1, fault confinement).
+        # When a controller leaves bus-off, it is error-active and both its counters are zero (ISO 11898-1, fault
+        # confinement).
         return replace(health, state=BusState.ERROR_ACTIVE, tx_errors=0, rx_errors=0)
     if health.state is BusState.BUS_OFF:
         return health
@@ -123,11 +124,11 @@ class PythonCanBus(OpenBus):
         Args:
             bus: python-can bus, which is closed together with this object.
             accept: identifiers to receive, in which a plain number is an 11-bit identifier; None for all 11-bit
-                identifiers. python-can's own filter is not used, because with it a reception stops waiting at the first
-                frame that is dropped.
+                identifiers. python-can's own filter is not used: with it, a call that waits for a frame ends at the
+                first frame that is dropped.
             is_classic: whether CAN FD frames are neither sent nor received.
             linux_error_frames: whether error frames are as in `linux/can/error.h` and report on this node's controller.
-            keep: called with every frame that was sent or accepted, and with whether the frame was received.
+            keep: called with every frame that was sent or accepted, and with True for a received frame.
         """
         super().__init__(bus)
         self._accept = None if accept is None else {CanId(one) if isinstance(one, int) else one for one in accept}
@@ -153,13 +154,14 @@ class PythonCanBus(OpenBus):
     ) -> Self:
         """Open the configured bus.
 
-        A `virtual` bus keeps the senders' timestamps. The other buses stamp frames on reception, in ns since the epoch,
-        with the resolution of a float. `socketcan` uses the bit rates of its network device. `udp_multicast` stays on
-        this machine. Raises BusError with interface and channel if the bus cannot be opened.
+        A `virtual` bus passes on the senders' timestamps. The other buses stamp frames on reception, in ns since the
+        epoch, with the resolution of a float in s. `socketcan` uses the bit rates of its network device. Frames on
+        `udp_multicast` do not leave this machine. Raises BusError, which states interface and channel, if the bus
+        cannot be opened.
 
         Args:
             accept, keep: see the constructor.
-            settle_s: time in s for which a serial adapter is left to start after its port was opened.
+            settle_s: time in s that a serial adapter gets to start after its port is opened.
         """
         bus, interface = open_backend(config, settle_s=settle_s)
         return cls(
@@ -192,9 +194,9 @@ class PythonCanBus(OpenBus):
     def health(self) -> BusHealth:
         """The known health of the CAN controller; healthy if nothing is known.
 
-        SocketCAN reports the health by error frames, which have to be received. For other interfaces, only the value
-        ERROR (bus-off) of python-can's `state` has one meaning for all drivers: for some drivers, PASSIVE is a node
-        that only listens. `bus_off` counts each bus-off that this object has noticed.
+        SocketCAN reports the health in error frames, which this object has to receive. For other interfaces, the health
+        comes from python-can's `state`, of which only the value ERROR (bus-off) means the same for all drivers:
+        for some, PASSIVE is a node that only listens. `bus_off` counts each bus-off that this object has noticed.
         """
         try:
             is_off = self._bus.state is can.BusState.ERROR
@@ -213,8 +215,8 @@ class PythonCanBus(OpenBus):
         """Send one frame, waiting at most `timeout_s`.
 
         If sending fails on a virtual bus because one peer does not read, all other peers have received the frame.
-        Raises BusError if the bus failed, does not accept the frame in time, or is classic CAN and the frame is CAN FD;
-        ValueError for a negative timeout.
+        Raises BusError if the bus failed, if it does not accept the frame in time, or for a CAN FD frame on a classic
+        bus; ValueError for a negative timeout.
         """
         if timeout_s < 0:
             raise ValueError(f"timeout_s = {timeout_s}: must not be negative")
@@ -224,8 +226,8 @@ class PythonCanBus(OpenBus):
         self._keep(frame, False)
 
     def receive(self, timeout_s: float) -> Frame | None:
-        """Return the next frame; None if none arrives within `timeout_s`. Raises BusError if the bus failed or has only
-        garbage."""
+        """Return the next frame; None if none arrives within `timeout_s`. Raises BusError if the bus failed or delivers
+        only garbage."""
         deadline = time.monotonic() + timeout_s
         while True:
             left = max(0.0, deadline - time.monotonic())

@@ -1,4 +1,4 @@
-"""A thread that reads a bus and delivers its frames. An error that ends it early is stored in `fault`."""
+"""A thread that reads a bus and delivers its frames. If an error ends the thread early, `fault` is this error."""
 
 from collections.abc import Callable
 from threading import Event, Thread
@@ -9,7 +9,7 @@ from can_bridge.wire.frame import Frame
 from contract.errors import BusError
 
 POLL_S: Final = 0.05
-"""Longest time in s that one reception waits, which is also the longest time until the thread stops."""
+"""Longest time in s that the thread waits for one frame, and so the longest time that it takes to stop."""
 
 
 class ReceiveThread:

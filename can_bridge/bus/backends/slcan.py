@@ -2,8 +2,8 @@
 lines.
 
 python-can 4.6 stores a line that it cannot decode for ever, reads truncated and foreign lines as frames, treats the
-acknowledgement of a sent frame as if nothing had arrived, and reports sent frames as not sent. Its code to open an
-adapter and to parse a valid line is used unchanged.
+acknowledgement of a sent frame as if nothing had arrived, and reports sent frames as not sent. The code
+of python-can that opens an adapter and parses a valid line is used unchanged.
 """
 
 import os
@@ -20,7 +20,8 @@ from can_bridge.bus.interface import Rejection, UnusableReceptionError
 from can_bridge.wire.frame import FD_LENGTHS
 
 _LINE: Final = re.compile(rb"(?:([tdbr])[0-7][0-9A-Fa-f]{2}|([TDBRx])[01][0-9A-Fa-f]{7})([0-9A-Fa-f])([0-9A-Fa-f]*)")
-"""Groups of a received line: frame kind, identifier, length code, data digits. A CANDapter sends `x` for `T`."""
+"""Groups of a received line: frame kind, identifier, length code, data digits. A CANDapter sends `x` in place of
+`T`."""
 _ANSWER: Final = re.compile(rb"[zZ]?")
 _STAMP_DIGITS: Final = 4
 """Number of digits of the time stamp that an adapter can append to a line. The time stamp is ignored because it wraps
@@ -35,11 +36,11 @@ LINE_LIMIT: Final = 256
 _CHUNK: Final = 4096
 
 OPENING_TIMEOUT_S: Final = 2.0
-"""Longest time in s that an adapter may take for a command while it is opened; python-can sets no limit."""
+"""Longest time in s for one command while an adapter is being opened; python-can sets no limit."""
 
 
 def why_refused(line: bytes) -> Rejection | None:
-    """Return why a line without its line end is not a frame; None if it is a frame. Never raises."""
+    """Return why a line, given without its line end, is not a frame; None if the line is a frame. Never raises."""
     match = _LINE.fullmatch(line)
     if match is None:
         return Rejection.GARBAGE
@@ -51,7 +52,8 @@ def why_refused(line: bytes) -> Rejection | None:
 
 
 class SlcanBus(slcanBus):
-    """A connection to one adapter. For an unusable line it raises `UnusableReceptionError` and then continues."""
+    """A connection to one adapter. An unusable line raises `UnusableReceptionError`; the next call continues after this
+    line."""
 
     _line_cut = False
 
@@ -72,7 +74,8 @@ class SlcanBus(slcanBus):
             self._fill(wait=not over)
 
     def _fill(self, *, wait: bool) -> None:
-        """Read the bytes that have arrived. With `wait`, wait for the first byte, at most for the port's time limit."""
+        """Read the bytes that have arrived. With `wait`, wait for the first byte, but not longer than the port's time
+        limit."""
         port = self.serialPortOrig
         if not port.is_open:
             raise can.CanOperationError("the serial port is closed")
@@ -97,9 +100,9 @@ class SlcanBus(slcanBus):
     def _write(self, string: str) -> None:
         """Write one line within the port's time limit.
 
-        A line is either written completely or truncated at the time limit. The end of a truncated line is sent before
-        the next line, so that the adapter rejects only the truncated line. Raises can.CanTimeoutError if the port did
-        not accept the whole line in time; can.CanOperationError if the port failed.
+        A line is either written completely or truncated at the time limit. After a truncated line, a line end is sent
+        before the next line, so that the adapter rejects only the truncated line. Raises can.CanTimeoutError if the
+        port did not accept the whole line in time; can.CanOperationError if the port failed.
         """
         port = self.serialPortOrig
         if not port.is_open:
@@ -130,7 +133,7 @@ class SlcanBus(slcanBus):
             raise can.CanOperationError(f"the serial port failed: {error}") from error
 
     def shutdown(self) -> None:
-        """Close the channel, and the port even if it no longer accepts the command that closes the channel."""
+        """Close the channel. The port is closed even if it no longer accepts the command that closes the channel."""
         if self._is_shutdown:
             return
         try:

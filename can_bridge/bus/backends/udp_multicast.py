@@ -41,8 +41,8 @@ holds."""
 _SO_RCVBUFFORCE: Final = 33
 _IP_MULTICAST_ALL: Final = 49
 _IPV6_MULTICAST_ALL: Final = 29
-"""Linux: option that decides whether a socket receives the groups that other processes on the machine have joined
-(ip(7)). By default a socket receives them."""
+"""Linux: option that decides whether a socket also receives the datagrams of groups that only other sockets on the
+machine have joined (ip(7)). By default a socket receives them."""
 
 _FLAGS: Final = (
     "is_extended_id",
@@ -140,7 +140,7 @@ class UdpMulticastBus(PythonCanUdpMulticastBus):
         message = parse_datagram(datagram, timestamp=timestamp)
         if isinstance(message, Rejection):
             raise UnusableReceptionError(message)
-        # The port does not identify a node, because all nodes on this machine use one port.
+        # The sender's port does not show which node sent the datagram, because all nodes on this machine use one port.
         if self._is_echo(datagram):
             raise UnusableReceptionError(Rejection.OWN)
         return message, False

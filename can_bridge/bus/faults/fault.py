@@ -1,4 +1,4 @@
-"""The common part of all faults: their time spans, the frames that they concern, and the bus that applies them to
+"""The common part of all faults: their time spans, the frames on which they act, and the bus that applies them to
 another bus."""
 
 from abc import ABC, abstractmethod
@@ -68,7 +68,8 @@ class FrameArrivals:
 
 @dataclass(frozen=True, kw_only=True)
 class Span(Settings, section="span"):
-    """A time span from `start_s` to `end_s`, without `end_s`. Raises ConfigError for a parameter out of its bounds."""
+    """A time span from `start_s` up to, but not including, `end_s`. Raises ConfigError for a parameter out of its
+    bounds."""
 
     start_s: NonNegative[float] = 0.0
     end_s: float = inf
@@ -93,8 +94,8 @@ class BusFault(Span, ABC, section="fault"):
 
     @abstractmethod
     def acting(self, port: "Injector") -> tuple[Send, Receive]:
-        """Return the functions with which the port sends and receives while it has this fault. Both functions count the
-        fault's effects in `port.acted`."""
+        """Return the functions with which the port sends and receives while it has this fault. Both functions count in
+        `port.acted` how often the fault had an effect."""
 
 
 class Injector(WrappedBus):
@@ -106,7 +107,7 @@ class Injector(WrappedBus):
         Args:
             bus: bus to which the fault is applied.
             fault: the fault.
-            clock: returns the time in ns on which the fault's span is based.
+            clock: returns the present time in ns; the fault's span refers to this time.
             random: source of all random numbers of the fault; nothing else may use it.
         """
         super().__init__(bus)
@@ -145,8 +146,8 @@ class SidedFault(FrameFault, section="sided_fault"):
     """A fault that acts on single frames in one direction."""
 
     at: Literal["send", "receive"] = "send"
-    """Direction of the fault: "send" for the frames that this node sends, so that all receivers are concerned,
-    "receive" for the frames that this node receives."""
+    """Direction of the fault. "send": it acts on the frames that this node sends, so all receivers get the changed
+    frames. "receive": it acts only on this node's copies of the received frames."""
 
     @abstractmethod
     def change(self, random: Random) -> Change:
@@ -189,7 +190,7 @@ def wrap(bus: Bus, faults: Sequence[BusFault], clock: NowNs, *, seed: int = 0, f
         bus: port to which the faults are applied.
         faults: faults in their order from the bus to the node: the first fault acts first on a received frame, and last
             on a sent frame.
-        clock: returns the time in ns on which the spans of the faults are based.
+        clock: returns the present time in ns; the spans of the faults refer to this time.
         seed: random seed; equal faults, frames, times and seeds give equal results. Each fault has a random generator
             of its own, so that its random numbers do not depend on the other faults.
         first: index of the first fault, if earlier calls applied other faults.

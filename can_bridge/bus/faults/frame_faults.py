@@ -1,8 +1,8 @@
 """Faults of single frames: lost, duplicated, late, out of order, with changed data, or with wrong bits on the bus.
 
-CAN's own CRC does not detect data that change before the sender's CAN controller or after the receiver's CAN
-controller. The CRC detects wrong bits on the bus. The frame is then repeated, which takes time and raises the error
-counters, up to bus-off.
+CAN's own CRC does not detect data that were changed before they reached the sender's CAN controller, or after they left
+the receiver's CAN controller. The CRC detects wrong bits on the bus. The frame is then repeated, which takes time, and
+the error counters rise, up to bus-off.
 """
 
 import heapq
@@ -82,7 +82,7 @@ class Duplicate(SidedFault, section="duplicate"):
     """Copies follow a frame directly, with the frame's time stamp. `acted` counts the frames that were copied.
 
     Duplicates also occur on CAN itself: if a sender sees an error in the last bit of the end of frame, it repeats the
-    frame, which the receivers have accepted one bit earlier (ISO 11898-1, message validation).
+    frame, although the receivers accepted the frame one bit earlier (ISO 11898-1, message validation).
     """
 
     probability: Probability[float] = 1.0
@@ -104,14 +104,14 @@ class Delay(FrameFault, section="delay"):
     delay_s: NonNegative[float]
     """Smallest delay in s."""
     jitter_s: NonNegative[float] = 0.0
-    """Largest additional delay in s; the additional delay is uniformly distributed from 0."""
+    """Largest additional delay in s; the additional delay is distributed uniformly between 0 and this value."""
     restamp: bool = True
     """Whether the frame waits before it is time-stamped, as in a gateway, so that its stamp is late, too. Otherwise the
     frame waits after it was stamped, in a queue of the receiver, so that the stamp shows the delay."""
 
     def acting(self, port: Injector) -> tuple[Send, Receive]:
-        """See `BusFault.acting`. A frame is received when its delay has passed; frames are ordered by the time at which
-        this happens."""
+        """See `BusFault.acting`. A frame is received when its delay has passed; the frames whose delays pass first come
+        first."""
         waiting: list[tuple[int, int, Frame]] = []  # due time, serial number
         serial, last_due_ns = count(), 0
 
@@ -138,7 +138,8 @@ class Delay(FrameFault, section="delay"):
 
 @dataclass(frozen=True, kw_only=True)
 class Reorder(FrameFault, section="reorder"):
-    """Groups of `window` frames are delayed, then received in a random order. `acted` counts the frames out of place.
+    """Groups of `window` frames are delayed, then received in a random order. `acted` counts the frames that change
+    places.
 
     No frame moves by `window` places or more. When the span ends, the frames that still wait are received at the next
     reading.
@@ -212,9 +213,9 @@ class StuckAt(SidedFault, section="stuck_at"):
     """A node repeats the data of the first frame of each identifier in the span. `acted` counts the changed frames."""
 
     counter_runs: bool = False
-    """Whether counter and CRC continue, as if the application were stuck but the communication stack were not; frames
-    that are not stillwake's then stay unchanged. Otherwise the data stay equal bit for bit, as in a buffer that is not
-    refilled."""
+    """Whether counter and CRC are renewed in each frame, as if the application were stuck but the communication stack
+    were not; frames that are not stillwake's then stay unchanged. Otherwise the data stay equal bit for bit, as in a
+    buffer that is not refilled."""
 
     def change(self, random: Random) -> Change:
         """See `SidedFault.change`. With `counter_runs`, an authenticated frame raises BusError."""
@@ -242,12 +243,13 @@ def _spec_of(frame: Frame) -> MessageSpec | None:
 
 
 def payload_bits(spec: MessageSpec) -> range:
-    """Return the numbers of the message's bits after the header, from the least significant bit of each byte."""
+    """Return the positions of the message's bits after the header. Position 8 i + j is bit j of byte i; bit 0 is the
+    least significant."""
     return range(profile_of(spec).header_bits, 8 * spec.protected)
 
 
 def _reprotected(frame: Frame, data: bytes, spec: MessageSpec) -> Frame:
-    """Return the frame with other data, the frame's old counter and a valid CRC."""
+    """Return the frame with `data`, with its old counter and with a valid CRC."""
     profile = profile_of(spec)
     protected = profile.protect(data, data_id=spec.data_id, counter=profile.counter_of(frame.data))
     return replace(frame, data=protected)

@@ -1,4 +1,5 @@
-"""Faults of whole nodes: a lost bus, a consumer that is too slow, a clock that drifts, frames sent without end."""
+"""Faults of whole nodes: a lost connection to the bus, a slow consumer, a clock that drifts, frames sent without
+end."""
 
 from collections import deque
 from dataclasses import dataclass, replace
@@ -23,8 +24,8 @@ class Disconnect(BusFault, section="disconnect"):
     """
 
     kind: Literal["open_wire", "device_gone"] = "open_wire"
-    """Kind of the fault. "open_wire": the bus is silent, and the node sees no error when it sends. "device_gone", for
-    example an unplugged adapter: every call raises BusError."""
+    """Kind of the fault. "open_wire": the bus is silent, and the node sees no error when it sends. "device_gone": every
+    call raises BusError, as with an unplugged adapter."""
 
     def acting(self, port: Injector) -> tuple[Send, Receive]:
         """See `BusFault.acting`. Both functions raise BusError while the device is gone."""
@@ -40,7 +41,8 @@ class Disconnect(BusFault, section="disconnect"):
 
         def receive() -> list[Frame]:
             now_ns = port.clock()
-            # Other nodes still use the bus. Frames that arrive during the fault must not be received later.
+            # Other nodes still use the bus. Frames that arrive during the fault are read now, so that the node does not
+            # receive them later.
             for arrived_ns, frame in port.arrived(now_ns):
                 if self.is_active(arrived_ns):
                     port.acted += 1
@@ -91,20 +93,21 @@ class ClockDrift(BusFault, section="clock_drift"):
     """A clock that runs fast or slow, or has a constant offset. At the span's end the clock jumps back to the true
     time.
 
-    As a fault of a bus, the clock stamps the frames that the node receives. A node whose own clock drifts also reads
-    its time through `local_ns`. If only the stamps or only the node's time use the drifting clock, stamps and time
-    disagree, as with an adapter that has a separate clock. `acted` counts the frames with a changed stamp.
+    On a bus, the fault replaces the stamps of the frames that the node receives by this clock's time. A node whose own
+    clock drifts also reads its time through `local_ns`. If only the stamps or only the node's time use the drifting
+    clock, stamps and time disagree, as with an adapter that has a separate clock. `acted` counts the frames with a
+    changed stamp.
     """
 
     ppm: Annotated[float, Rule(wording="above -10^6", holds=lambda value: value > -1e6)] = 0.0
     """Drift in parts per million; positive if the clock is fast. A crystal has at most about 100; CAN's
     resynchronisation tolerates at most 15,800 (Bosch, CAN specification 2.0, oscillator tolerance)."""
     offset_s: Finite[float] = 0.0
-    """Time in s by which the clock is ahead at the start of the span."""
+    """Time in s by which the clock is ahead of the true time at the start of the span."""
 
     def acting(self, port: Injector) -> tuple[Send, Receive]:
-        """See `BusFault.acting`. A received frame gets a stamp of the drifting clock; its original stamp counts as the
-        true time."""
+        """See `BusFault.acting`. A received frame gets a stamp of the drifting clock; the frame's original stamp counts
+        as the true time."""
 
         def receive() -> list[Frame]:
             received = port.beneath.receive_all()
@@ -115,7 +118,7 @@ class ClockDrift(BusFault, section="clock_drift"):
         return port.beneath.send, receive
 
     def local_ns(self, true_ns: int) -> int:
-        """Return the clock's time at a true time; never negative."""
+        """Return the time that this clock shows at a true time, both in ns; never negative."""
         if not self.is_active(true_ns):
             return true_ns
         gained_ns = round(self.offset_s * NS + (true_ns - self.start_s * NS) * self.ppm / 1e6)
@@ -126,9 +129,9 @@ class ClockDrift(BusFault, section="clock_drift"):
 class Babble(BusFault, section="babble"):
     """The node sends additional frames with random content. `acted` counts the frames that the bus accepted.
 
-    At each call the node first sends the additional frames that are due at the given rate since its previous call,
-    until the bus refuses a frame. Frames that do not fit into the transmit queue are not sent later. A node that only
-    babbles needs a separate port, which has to be called often.
+    In each call of the port, the node first sends the additional frames that are due at the given rate since the
+    previous call, until the bus refuses a frame. Frames that do not fit into the transmit queue are not sent later. A
+    node that only babbles needs a separate port, which has to be called often.
     """
 
     frame_id: NonNegative[int] = 0

@@ -5,8 +5,8 @@
     drop:probability=1,frame_ids=0x120+0x130
     disconnect
 
-A fault's name is its section; its parameters' names are its fields. A parameter with its fault's name may be given
-without the fault: reynolds=700.
+The name of a fault is its section, and the names of its parameters are its fields. If a parameter has the same name as
+its fault, the fault may be left out: reynolds=700.
 """
 
 from collections.abc import Mapping
@@ -43,14 +43,14 @@ _SPAN: Final = ("start_s", "end_s")
 
 
 def parse_fault(text: str) -> BusFault:
-    """Return the fault that a text describes. Raises ConfigError with the text and the part that is unknown, missing,
-    of another type or out of its bounds."""
+    """Return the fault that a text describes. Raises ConfigError, which states the text and the part that is unknown,
+    missing, of another type or out of its bounds."""
     return parse_described(text, BUS_FAULTS, "fault")
 
 
 def parse_described(text: str, kinds: Mapping[str, type[S]], noun: str) -> S:
     """Return the value that a text describes. The value's class is one of `kinds`, by name. Raises ConfigError as
-    `parse_fault` does; `noun` is the word for the kinds in the error's message."""
+    `parse_fault` does; error messages use `noun` as the word for these classes."""
     described = f"{noun} {text!r}"
     head, at, span = text.partition("@")
     name, colon, parameters = head.partition(":")

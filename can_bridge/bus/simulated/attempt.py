@@ -36,13 +36,13 @@ class AttemptVerdict(Enum):
     TRANSMIT_ERROR = auto()
     UNACKNOWLEDGED = auto()
     ARBITRATION_STUFF = auto()
-    """The sender's own stuff bit was overwritten: an error that no node counts."""
+    """A stuff bit of the sender was overwritten during arbitration, which is an error that no node counts."""
     RECEIVE_ERROR = auto()
     SIGNALLED_FIRST = auto()
     """A receive error that no other node saw before this node's error flag."""
 
     def applied(self, faults: FaultConfinement) -> FaultConfinement:
-        """Return the counters after the attempt."""
+        """Return the node's error counters after the attempt."""
         match self:
             case AttemptVerdict.SENT:
                 return faults.transmitted()
@@ -197,7 +197,7 @@ def _disturbed(
         if is_arbitration_stuff_bit(frame, position):
             return _destroyed(senders, receivers, verdicts, AttemptVerdict.ARBITRATION_STUFF, used)
         if is_arbitration_bit(frame, position):
-            # The sender has interpreted the wrong bit as a lost arbitration, so it is a receiver when the error is
+            # The sender has interpreted the wrong bit as a lost arbitration, so it acts as a receiver when the error is
             # detected.
             return _destroyed(senders, receivers, verdicts, AttemptVerdict.RECEIVE_ERROR, used)
     return _destroyed(senders, receivers, verdicts, AttemptVerdict.TRANSMIT_ERROR, used)
@@ -210,7 +210,7 @@ def _destroyed(
     verdict: Literal[AttemptVerdict.TRANSMIT_ERROR, AttemptVerdict.ARBITRATION_STUFF, AttemptVerdict.RECEIVE_ERROR],
     used: tuple[int, int],
 ) -> AttemptOutcome[T]:
-    """Return the outcome of an error that every node detects in the end."""
+    """Return the outcome of an attempt with an error that every node detects sooner or later."""
     by_node = (
         dict.fromkeys(receivers, AttemptVerdict.RECEIVE_ERROR) | {sender.node: verdict for sender in senders} | verdicts
     )

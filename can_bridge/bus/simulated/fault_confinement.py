@@ -31,7 +31,7 @@ _RECEIVE_LIMIT: Final = 255
 """Largest value of the receive error counter, which has 8 bits; the standard does not state how far it counts above
 127."""
 _AFTER_PASSIVE: Final = 127
-"""Receive error count after a successful reception above 127; the standard allows 119 to 127."""
+"""Value of a receive error counter above 127 after a successful reception; the standard allows 119 to 127."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,7 +51,7 @@ class FaultConfinement:
 
     @property
     def state(self) -> BusState:
-        """The controller's state by rules 9 to 11."""
+        """The controller's state according to rules 9 to 11."""
         if self.is_off:
             return BusState.BUS_OFF
         passive = max(self.tx_errors, self.rx_errors) >= PASSIVE_FROM
@@ -59,7 +59,7 @@ class FaultConfinement:
 
     @property
     def health(self) -> BusHealth:
-        """The health as the node's software reads it."""
+        """The controller's health, as the node's software reads it."""
         return BusHealth(state=self.state, tx_errors=self.tx_errors, rx_errors=self.rx_errors, bus_off=self.times_off)
 
     def receive_error(self) -> "FaultConfinement":
@@ -67,7 +67,7 @@ class FaultConfinement:
         return replace(self, rx_errors=min(self.rx_errors + 1, _RECEIVE_LIMIT))
 
     def dominant_after_flag(self) -> "FaultConfinement":
-        """Apply rule 2: other nodes answered this receiver's error flag, so the fault may be this receiver's."""
+        """Apply rule 2: other nodes answered this receiver's error flag, so this receiver may have caused the error."""
         return replace(self, rx_errors=min(self.rx_errors + ERROR_STEP, _RECEIVE_LIMIT))
 
     def transmit_error(self) -> "FaultConfinement":

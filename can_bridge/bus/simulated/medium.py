@@ -12,9 +12,9 @@ node that first sends a recessive bit against a dominant bit has a bit error.
 Time passes only in `advance_to` and `advance_until`, and jumps from event to event. A frame that begins at the present
 time waits until time passes, because other nodes can still send at that instant and take part in the arbitration.
 
-Physical errors come from two functions of the caller, so that a seed can make them reproducible. Remote frames and
-overload frames are left out, because today's controllers do not need them. Phase differences between nodes are also
-left out: all nodes begin a frame in the same nanosecond. All other faults wrap a port, which is a
+Two functions that the caller passes state which bits are wrong, so that a seed can make physical errors reproducible.
+Remote frames and overload frames are left out, because today's controllers do not need them. Phase differences between
+nodes are also left out: all nodes begin a frame in the same nanosecond. All other faults wrap a port, which is a
 `can_bridge.bus.interface.Bus`.
 """
 
@@ -34,8 +34,8 @@ from can_bridge.wire.frame_bits import bits_ns, frame_ns, sent_bits
 from contract.config.vehicle import BusConfig
 
 Corrupts = Callable[[Frame, str, int], int | None]
-"""A function of the frame, the name of its sender or receiver, and its start in ns. It returns the index of the
-inverted bit, or None."""
+"""A function that takes a frame, the name of its sender or receiver, and the time in ns at which the frame starts. It
+returns the index of the inverted bit; None if no bit is inverted."""
 
 SUSPEND: Final = 8
 """Number of bits for which an error-passive node waits after its own frame before its next frame. If another node
@@ -49,7 +49,7 @@ class Transmission:
 
     Attributes:
         frame: the frame, stamped with `end_ns`.
-        begin_ns, end_ns: begin and end of the successful attempt, without the intermission.
+        begin_ns, end_ns: times in ns at which the successful attempt began and ended; the intermission is not included.
     """
 
     frame: Frame
@@ -174,8 +174,8 @@ class SimulatedBus:
         )
 
     def call_at(self, at_ns: int, action: Callable[[], None]) -> None:
-        """Run `action` when the bus's time reaches `at_ns`, after the frames that arrive at `at_ns` and before the
-        arbitration. Raises ValueError for a time in the past."""
+        """Run `action` when the bus's time reaches `at_ns`: after the frames that arrive at `at_ns`, and before the
+        arbitration at `at_ns`. Raises ValueError for a time in the past."""
         if at_ns < self.now_ns:
             raise ValueError(f"cannot call at {at_ns} ns: the bus is at {self.now_ns} ns already")
         self._serial += 1
@@ -281,7 +281,8 @@ class SimulatedBus:
         for port in self._ports:
             port.settle(attempt.end_ns)
             if port.recovery is not None:
-                # Every frame and error frame ends with one sequence of recessive bits.
+                # Every frame and every error frame ends with one of the sequences of recessive bits that a recovering
+                # node counts.
                 port.recovery = Recovery(port.recovery.left - 1, attempt.free_ns)
 
     def _conclude(self, attempt: _Attempt, outcome: AttemptOutcome[SimulatedPort]) -> None:

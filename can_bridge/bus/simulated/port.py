@@ -94,7 +94,7 @@ class SimulatedPort:
         self._restarts = restarts
         self._receive_capacity = receive_capacity
         self._received: deque[Frame] = deque()
-        # The attributes below are used by the bus only.
+        # Only the bus uses the attributes below.
         self.queue = TransmitQueue(transmit_capacity)
         self.faults = FaultConfinement()
         self.ready_ns = 0
