@@ -73,7 +73,7 @@ def write_poly_mesh(mesh: Mesh, folder: Path) -> None:
     points = [f"({x:.17g} {y:.17g} {z})" for z in (0, 1) for x, y in mesh.points]
     sizes = [len(mesh.patches[name]) for name in PATCHES]
     upright = np.vstack([mesh.edges, *(mesh.patches[name] for name in PATCHES)])
-    # An edge with its cell on the left is extruded to a face whose normal points away from this cell.
+    # An edge with its cell on the left becomes a face whose normal points away from this cell.
     faces = np.vstack(
         [np.column_stack([upright, upright[:, ::-1] + n]), mesh.cells[:, ::-1], mesh.cells + n],
     )

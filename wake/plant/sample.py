@@ -1,4 +1,4 @@
-"""The measurements of a plant at one instant. They are apart from the plant, whose compiled kernels take seconds to
+"""The measurements of a plant at one instant. This module does not import the plant, whose kernels take seconds to
 load."""
 
 from dataclasses import dataclass
