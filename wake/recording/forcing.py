@@ -18,14 +18,14 @@ ForcingName = Literal["training", "chirp", "extended_chirp", "none"]
 
 
 def training(steps: int, forcing: ForcingConfig, flow: FlowConfig, rng: np.random.Generator) -> Array:
-    """Compute the training waveform, (steps,), in U_inf W. Its carrier is near the shedding frequency and wanders with
+    """Compute the training waveform, (steps,), in U_inf W. The carrier's frequency is the shedding frequency plus
     low-pass filtered noise; its amplitude follows a slow sinusoid; the result is clipped.
 
     The noise is filtered by a second-order Butterworth low-pass and normalised by its largest magnitude. The envelope
     reaches 1 + depth, so that the strongest part of the signal is clipped and explores the full amplitude.
     """
     dt = flow.control_period
-    # The filter starts at zero; its transient of a few cut-off periods is discarded.
+    # The filter starts from zero, so the first few cut-off periods of its output are discarded.
     settle = int(4.0 / (forcing.modulation_cutoff * dt))
     lowpass = butter(2, forcing.modulation_cutoff, fs=1.0 / dt, output="sos")
     eta = sosfilt(lowpass, rng.standard_normal(settle + steps))[settle:]
