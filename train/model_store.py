@@ -1,4 +1,5 @@
-"""A trained model as networks, stored in a model folder (`contract.model.model_folder`) and rebuilt from it."""
+"""The networks of a trained model: how they are stored in a model folder (`contract.model.model_folder`) and read from
+it."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -61,8 +61,8 @@ def distil(
     target = encode_all(teacher, rows)
     slim_rows = rows.with_sensors(chosen)
     noise = slim_rows.noise(settings.sensor_noise)
-    # Windows are drawn one by one, because without an unroll and with few inputs, sharing computations between windows
-    # would save nothing.
+    # Windows are drawn one by one. Without an unroll and with few inputs, windows that share computations would save
+    # nothing.
     sampler = SegmentSampler(
         slim_rows, window=config.model.window, ahead=0, segment=1, batch_size=settings.batch_size, seed=settings.seed
     )

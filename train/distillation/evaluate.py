@@ -33,8 +33,8 @@ class ForceError:
 class RolloutError:
     """Values of L1/sigma after `horizon` steps of the dynamics with the recorded actions.
 
-    `latent` compares with the encoder's own latents at that time, averaged over dimensions with the sigma of each.
-    `drag` and `lift` compare the decoded forces with the recorded forces.
+    `latent` is the error relative to the encoder's own latents at that time, averaged over dimensions with the sigma of
+    each. `drag` and `lift` are the errors of the decoded forces relative to the recorded forces.
     """
 
     horizon: int

@@ -53,7 +53,7 @@ class Spent:
 
 @dataclass(kw_only=True)
 class Stopwatch:
-    """A Progress that adds up the time of every phase. Time between two calls counts for the later call's phase.
+    """A Progress that adds up the time of every phase. Time between two calls is added to the phase of the later call.
 
     Attributes:
         cpu, wall: functions that return the process's CPU time and the wall-clock time, in s.

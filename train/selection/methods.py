@@ -1,5 +1,5 @@
-"""The selection methods behind one interface: teacher, recording and number of sensors are given, names of sensors are
-returned."""
+"""The selection methods with one interface: they take an encoder, rows and a number of sensors, and return sensors'
+names."""
 
 from itertools import zip_longest
 from typing import Final, get_args
@@ -28,9 +28,10 @@ def select_by_hand(count: int, layout: SensorLayout = TRUCK) -> tuple[int, ...]:
     """Return the indices of `count` sensors, outward from the two rear corners, where the shear layers leave the body.
 
     The order alternates between the next pair along the sides, from the rear forward, and the next pair across the
-    base, from its edges inward. When one of the two has no more pairs, the other's pairs follow. On the truck, the
-    first four are upper_39, lower_39, base_0 and base_9. Sensors on the symmetry line come last, from the rear forward.
-    An odd count may end with only the upper sensor of a pair. Raises ConfigError without mirror images or base sensors.
+    base, from its edges inward. When the sides or the base have no more pairs, the remaining pairs follow. On the
+    truck, the first four are upper_39, lower_39, base_0 and base_9. Sensors on the symmetry line come last, from the
+    rear forward. An odd count may end with only the upper sensor of a pair. Raises ConfigError without mirror images or
+    base sensors.
     """
     mirror = layout.mirror
     if mirror is None or not layout.base.size:
