@@ -53,8 +53,7 @@ def identified() -> Array:
 def regulator(model: Array) -> Array:
     """Return the gains from the history to a_k, from the discrete Riccati equation; they stabilise the model."""
     size = model.shape[1]
-    # The next history, without its action, consists of the newer rows of the present history and the predicted
-    # differences.
+    # The next history, without its action, consists of the present history's newer rows and the predicted differences.
     moved = np.vstack([np.eye(size - 3, size, 3), model[:2]])
     A, B, outputs, by_action = moved[:, :-1], moved[:, -1:], model[:, :-1], model[:, -1:]
     Q = np.diag(WEIGHTS)

@@ -26,8 +26,7 @@ TERMINAL = "CanChannel"
 
 
 class Body(Protocol):
-    """A flow that returns the Cp of all its n sensors, (n,), and advances by a control period in which its jets ramp to
-    an action."""
+    """A flow that returns the Cp of all its n sensors, (n,), and ramps its jets to an action over a control period."""
 
     def pressures(self) -> Array: ...
     def advance(self, action: float) -> None: ...
@@ -184,7 +183,7 @@ class PlantFmu:
 
 
 def main(sensors: Sequence[str], ecu: Path, plant: Path, *, lead_in: int, periods: int) -> list[float]:
-    """Run vehicle, ECU and plant, and return the drag coefficient of each period. Control is requested after `lead_in`
+    """Run vehicle, ECU and plant; return the drag coefficient of each period. Control is requested after `lead_in`
     periods."""
     config, drag = Config(), list[float]()
     body = PlantFmu(plant, config)

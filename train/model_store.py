@@ -1,5 +1,4 @@
-"""The networks of a trained model: how they are stored in a model folder (`contract.model.model_folder`) and read from
-it."""
+"""A trained model's networks: how a model folder (`contract.model.model_folder`) is written and read."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

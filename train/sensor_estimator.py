@@ -21,7 +21,7 @@ from contract.recording.dataset import Dataset
 from train.fitting.threads import torch_threads
 
 _WIDTHS: Final = (64, 64)
-"""Widths of the hidden layers. A width of 192 gives slightly smaller residuals, but does not fit into a
+"""Widths of the hidden layers. A width of 192 gives slightly smaller residuals, but is too large for a
 microcontroller."""
 EPOCHS: Final = 60.0
 BATCH: Final = 1024
@@ -92,8 +92,7 @@ def _fit(
     starts = torch.tensor(
         np.concatenate([b + np.arange(len(item) - window + 1) for b, item in zip(begins, learned, strict=True)])
     )
-    # A view of exchanged sensors needs no training, because its windows are ordinary windows once the exchange is
-    # undone.
+    # A view of exchanged sensors needs no training: once the exchange is undone, its windows are ordinary.
     hidden = torch.zeros(sensors + sensors * (sensors - 1) // 2, sensors)
     for flags, view in zip(hidden, views(sensors), strict=False):
         flags[list(view.left_out)] = 1.0

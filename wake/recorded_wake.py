@@ -13,8 +13,7 @@ from contract.sensor_layout import SensorLayout
 from wake.plant.sample import Sample
 
 _SAME_PERIOD: Final = 1e-6
-"""Largest difference in t_c at which two control periods are treated as equal; it is larger than the rounding of
-recorded times."""
+"""Largest difference in t_c at which two control periods are treated as equal, because recorded times are rounded."""
 
 
 class RecordedWake:

@@ -102,8 +102,7 @@ class TruckWakeVectorEnv(CopiedWhole, SyncVectorEnv):
         return self.__dict__ | {"_pool": None}
 
     def _begun(self, work: Callable[..., T], arguments: Iterable[tuple[Any, ...]]) -> list[Future[T]]:
-        """Start the calls and return them after all have ended, so that no flow still advances when an error is
-        raised."""
+        """Start the calls and return them after all have ended, so that no flow advances when an error is raised."""
         if self._pool is None:
             self._pool = ThreadPoolExecutor(self._threads, thread_name_prefix="wake")
         begun = [self._pool.submit(work, *each) for each in arguments]
@@ -112,8 +111,7 @@ class TruckWakeVectorEnv(CopiedWhole, SyncVectorEnv):
 
 
 class _Ahead(gymnasium.Wrapper[Any, Any, Any, Any]):
-    """An environment whose `step` may have been computed in advance, on another thread; `step` then returns that
-    result."""
+    """An environment whose `step` returns the result that another thread has computed, if there is one."""
 
     def __init__(self, env: TruckWakeEnv) -> None:
         super().__init__(env)

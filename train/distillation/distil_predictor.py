@@ -21,8 +21,7 @@ from train.networks.loss import prediction_loss
 from train.networks.model import Predictor
 
 _FEWER = 4
-"""Ratio of the windows' batch size to the roll-outs' batch size; it is above 1 because each roll-out has H
-predictions."""
+"""Ratio of the windows' batch size to the roll-outs' batch size. It is above 1: each roll-out has H predictions."""
 
 
 def distil_predictor(

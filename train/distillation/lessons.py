@@ -91,8 +91,7 @@ _TOGETHER = 256
 _STEPS_DOWN = 16
 """Number of lessons that are taken from one plan while gradient steps lower its cost."""
 _LONGEST_STEP = 4e-3
-"""Largest change of an action in a gradient step, in U_inf W. The mean change is half as large, so 16 steps cover
-0.032."""
+"""Largest change of an action in a gradient step, in U_inf W. The mean is half as large, so 16 steps cover 0.032."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

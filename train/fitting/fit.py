@@ -160,8 +160,8 @@ def fit_joint(
         model = WakeModel(rows.inputs.shape[1] - 1, config.model).to(device)
         _fit(model, rows, config.model.window, settings, Phase.FIT, progress, checkpoints)
         if settings.finish.epochs:
-            # Each field of `finish` replaces the setting with that name. This last part of the training reads windows,
-            # as the vehicle does.
+            # Each field of `finish` replaces the setting with that name. This last part of training reads windows, as
+            # on the vehicle.
             last = replace(settings, streamed=False, **asdict(settings.finish))
             _fit(model, rows, config.model.window, last, Phase.FINISH, progress, checkpoints)
     return model

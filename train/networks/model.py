@@ -38,8 +38,7 @@ class Encoder(nn.Module):
         """Encode S segments of R consecutive rows (S, R, F) as latents (S, R - L + 1, N_z) at rows L-1 .. R-1 of each
         segment."""
         if segments.is_cuda:
-            # On a GPU, cuDNN runs all steps of a window in one kernel, which is faster than sharing computations
-            # between windows.
+            # On a GPU, cuDNN runs all steps of a window in one kernel, which is faster than sharing computations.
             unfolded = segments.unfold(1, self.window, 1).transpose(2, 3)
             states, _ = self.lstm(unfolded.flatten(0, 1))
             last = states[:, -1].unflatten(0, unfolded.shape[:2])

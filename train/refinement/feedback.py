@@ -44,8 +44,8 @@ def scales_of(deviations: Sequence[float], limit: float) -> tuple[float, ...]:
 
 
 def filters(memory: int) -> Tensor:
-    """Return the filter weights, (M rows, number of filters), oldest row first. In a short memory, every row has its
-    own filter."""
+    """Return the filter weights, (M rows, number of filters), oldest row first. In a short memory, every row has a
+    filter."""
     age = np.arange(memory)[::-1]
     is_long = memory > NEWEST + BUMPS
     columns = [(age == row).astype(np.float64) for row in range(NEWEST if is_long else memory)]

@@ -138,8 +138,7 @@ def resting_by_speed(flow: DifferentiableFlow, start: FlowState, settings: Confi
 def _begun(
     settings: Config, scales: tuple[float, ...], middles: tuple[float, ...], prior: Mapping[str, Array] | None
 ) -> Feedback:
-    """Return the initial feedback: the model's prior if its sizes fit the settings, otherwise a feedback without
-    control."""
+    """Return the initial feedback: the model's prior if its sizes fit, otherwise a feedback without control."""
     size = settings.refine
     made = Feedback(size.memory, size.units, scales, middles, settings.flow.action_limit, settings.train.seed)
     if prior is None or "filters" not in prior:

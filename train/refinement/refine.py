@@ -31,8 +31,7 @@ from train.refinement.stretches import Done, SideBySide, Task, done
 from train.refinement.windows import Price, Stream, StretchReadings
 
 LARGEST_GRADIENT: Final = 0.5
-"""Norm to which a stretch's gradient is clipped, because single stretches have gradients ten times as large as
-usual."""
+"""Norm to which a stretch's gradient is clipped, because some stretches have a gradient ten times the usual one."""
 MEAN_OVER: Final = 30
 """Number of updates over which the exponential mean of the weights decays to 1 / e."""
 KEEP_EVERY: Final = 5
@@ -44,8 +43,8 @@ AT_DESIGN: Final = 3
 GOAL_OVER: Final = 3
 """Number of stretches after which a stream draws a new goal; the wake takes about one stretch to respond."""
 SOUND: Final = 0.5
-"""Probability that a stretch has the true speed, that it has no lost frames, and that a part of the goal has its
-configured value."""
+"""Probability that a stretch has the true speed, that it loses no frames, and that a part of its goal is as
+configured."""
 LAST_ROWS: Final = 20_000
 """Number of the newest control periods to which the predictor of differences is fitted."""
 NEAR_DESIGN: Final = 0.1
@@ -196,8 +195,8 @@ def _tasks(
         effort, lift = stream.goal.prices()
         is_fixed = settings.slowest == settings.fastest or number % AT_DESIGN == 0
         speed = 1.0 if is_fixed else _next_speed(stream, settings, rng)
-        # The effect of the jets takes equally many convective times at every speed, so a stretch at a higher speed has
-        # fewer periods.
+        # The effect of the jets takes equally many convective times at every speed, so a faster stretch has fewer
+        # periods.
         periods = round(2.0 * at_design / (stream.speed + speed))
         speeds = np.linspace(stream.speed, speed, periods + 1)
         tasks.append(
@@ -215,8 +214,7 @@ def _tasks(
 
 
 def _next_goal(settings: RefineConfig, rng: np.random.Generator) -> Goal:
-    """Return the configured goal, or, if goals are trained, a goal of which some parts are drawn from the whole
-    range."""
+    """Return the configured goal or, if goals are trained, a goal with some parts drawn from the whole range."""
     own = Goal.of(CostWeights(lift=settings.lift_price, effort=settings.effort_price))
     drawn, others = rng.random(len(own)), rng.random(len(own)) > SOUND
     return Goal(*np.where(others, drawn, own).tolist()) if settings.goals else own

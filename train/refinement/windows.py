@@ -121,8 +121,7 @@ def differentiate(
     The timing is the vehicle's: the command computed from the sample of t_k is in force at the end of period k + 1.
 
     Args:
-        speeds: (n + 1,) flow speeds at the samples of n periods, in units of the design speed; None for the design
-            speed.
+        speeds: (n + 1,) flow speeds at the samples of n periods, as ratios to the design speed; None for ratios of 1.
         action_limit: limit of the jets at every speed, in units of the design speed.
 
     Raises:

@@ -1,5 +1,4 @@
-"""The selection methods with one interface: they take an encoder, rows and a number of sensors, and return sensors'
-names."""
+"""The selection methods with one interface: from an encoder, rows and a number of sensors to the sensors' names."""
 
 from itertools import zip_longest
 from typing import Final, get_args
@@ -73,8 +72,7 @@ def select_qr(rows: Rows, count: int, *, modes: int | None = None) -> tuple[int,
     Args:
         modes: size of the basis, at least `count`, because a basis of r modes distinguishes at most r sensors.
     """
-    # PyPI's python-sensors 0.4 computes these pivots too, but needs scikit-learn, matplotlib and pandas for one call of
-    # SciPy.
+    # PyPI's python-sensors 0.4 computes these pivots too, but needs scikit-learn, matplotlib and pandas.
     basis = pod_modes(rows, max(count, modes or 0))
     _, order = scipy.linalg.qr(basis.T, mode="r", pivoting=True)
     return tuple(order[:count].tolist())

@@ -39,13 +39,11 @@ STRIDE: Final = 4
 """Distance between two lags, in rows: 0.8 t_c. A shedding cycle has about six lags, a window of 32 rows has 8."""
 
 RIDGE: Final = 1e-4
-"""Ridge parameter lambda. Inputs have unit variance, so lambda acts like noise of 1 % of each sensor's standard
-deviation."""
+"""Ridge parameter lambda. Inputs have unit variance, so lambda acts like noise of 1 % of a standard deviation."""
 
 FITTED: Final = 4000
 JUDGED: Final = 2000
-"""Numbers of windows for the fit (`FITTED`) and for the test (`JUDGED`); a recording with fewer windows is split in the
-same proportion."""
+"""Numbers of windows for the fit (`FITTED`) and the test (`JUDGED`); fewer windows are split in this proportion."""
 
 _CHUNK = 1024
 
@@ -103,8 +101,7 @@ class RidgeStudent:
         return len(self.noise_power) - 1
 
     def error(self, chosen: Sequence[int]) -> float:
-        """Return the fraction of the test latents' mean square that the chosen sensors and the action do not
-        explain."""
+        """Return the fraction of the test latents' mean square that chosen sensors and action leave unexplained."""
         columns = np.append(np.asarray(chosen, dtype=np.intp), self.sensors)
         places = (columns[:, None] * self.lags + np.arange(self.lags)).ravel()
         block = np.ix_(places, places)

@@ -23,7 +23,7 @@ from train.selection.ridge_student import first_rows, windows_at
 
 
 class Ranker(Protocol):
-    """A function that returns the N sensors' scores (N,), larger if more important; different seeds give independent
+    """A function that returns the N sensors' scores (N,), larger if more important; each seed gives independent
     draws."""
 
     def __call__(self, encoder: Encoder, rows: Rows, seed: int) -> Array: ...

@@ -78,8 +78,7 @@ _SCHEMES: Final[dict[str, Any]] = {
     "interpolationSchemes": {"default": "linear"},
     "snGradSchemes": {"default": "corrected"},
 }
-# With multigrid as a preconditioner, the solution takes two thirds of the time of multigrid alone, and a smaller share
-# on finer meshes.
+# As a preconditioner, multigrid takes two thirds of the time that it takes alone, and less on finer meshes.
 _MULTIGRID: Final = {"preconditioner": "GAMG", "smoother": "DICGaussSeidel", "tolerance": 1e-6, "relTol": 0}
 _PRESSURE: Final = {"solver": "PCG", "preconditioner": _MULTIGRID, "tolerance": 1e-6, "relTol": 0.05}
 _SOLVERS: Final[dict[str, Any]] = {

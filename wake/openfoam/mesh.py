@@ -19,8 +19,7 @@ from contract.geometry import DOMAIN_X, DOMAIN_Y, HALF_WIDTH, JET_WIDTH, LEADING
 from wake.solver.grid import graded_faces
 
 PATCHES: Final = ("inlet", "outlet", "sides", "truck", "jetUpper", "jetLower")
-"""Names of the patches of the plane mesh. The case also has the two `empty` planes that OpenFOAM needs for a plane
-flow."""
+"""Names of the patches of the plane mesh. The case also has OpenFOAM's two `empty` planes."""
 
 # Each table lists pairs (position, target spacing); the spacing is linear between the positions. The positions are y
 # along the front, x along the sides, x in the wake, the distance from the wall, and y across the wake.
@@ -117,8 +116,7 @@ def truck_mesh(refinement: float = 1.0) -> Mesh:
 
 
 def _around(refinement: float, wake_x: Array) -> tuple[Array, slice]:
-    """Return the points of the block around the body, (along, away, 2), and the block's columns at the front and the
-    sides."""
+    """Return the points of the block around the body, (along, away, 2), and its columns at the front and the sides."""
     flat, r = HALF_WIDTH - LEADING_EDGE_RADIUS, LEADING_EDGE_RADIUS
     front = graded_faces(_FRONT, 0.0, flat, refinement)
     # The number of cells is even, so that the middle line ends in the domain's corner.

@@ -27,8 +27,7 @@ class FoamState:
 
     Attributes:
         files: contents of the case's field files by name.
-        dt: size of the last time step before the state, in t_c; the time scheme's weights for the older level depend on
-            it.
+        dt: size of the last time step before the state, in t_c; the weights of the time scheme depend on it.
         readings: measurements at the state's time.
         action: jet flow rate in force, in U_inf W.
         substep: number of time steps since t = 0.

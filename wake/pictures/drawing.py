@@ -56,8 +56,7 @@ class WakePicture:
 
     Args:
         kind: the field: the vorticity, or Cp in the flow.
-        sensor_names: the sensors that are coloured by their Cp; all other sensors are small dots. None colours all
-            sensors.
+        sensor_names: the sensors that are coloured by their Cp; all other sensors are small dots. None colours all.
         width: width of the picture in pixels.
     """
 
@@ -123,8 +122,7 @@ class WakePicture:
         """Return the picture's colours for a GIF, (n, 3) from 0 to 1; n is at most 256."""
         scales = [(FIELD_COLOURS, 170), (SENSOR_COLOURS, 40), ("gray", 24)]
         colours = [mpl.colormaps[name](np.linspace(0.0, 1.0, count))[:, :3] for name, count in scales]
-        # At the edges of arrows and slots, smoothing blends their colours with black and white, so the palette holds
-        # these blends.
+        # Smoothing blends the edges of arrows and slots with black and white, so the palette holds these blends.
         blends = [
             np.linspace(end, mpl.colors.to_rgb(c), 6)[1:] for c in (BLOWING, SUCKING) for end in ((0, 0, 0), (1, 1, 1))
         ]
@@ -144,8 +142,7 @@ class WakePicture:
 
 
 def vorticity_figure(wake: Drawable, highlight: tuple[str, ...] = (), title: str = "") -> Figure:
-    """Draw the present vorticity around the body. The sensors `highlight`, or all sensors if it is empty, are coloured
-    by Cp."""
+    """Draw the present vorticity around the body. The sensors `highlight` (all if empty) are coloured by Cp."""
     return WakePicture(wake, "vorticity", highlight or None).update(title)
 
 
@@ -191,8 +188,7 @@ def check_suffix(path: Path) -> None:
 
 
 def save_figure(path: Path, figure: Figure) -> None:
-    """Write the figure in the format of the name's ending, completely or not at all. Raises ConfigError as
-    `check_suffix` does."""
+    """Write the figure in the format of the name's ending, completely or not at all. Raises as `check_suffix` does."""
     check_suffix(path)
     with replacing(path) as temporary:
         figure.savefig(temporary, format=path.suffix[1:].lower())

@@ -1,5 +1,4 @@
-"""The measurements of a plant at one instant. This module does not import the plant, whose kernels take seconds to
-load."""
+"""The measurements of a plant at one instant. This module imports no plant, because plants load slowly."""
 
 from dataclasses import dataclass
 

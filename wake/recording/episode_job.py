@@ -64,8 +64,7 @@ class EpisodeJob:
     """All data for recording one episode, in this process or in another process that shares the folder.
 
     Attributes:
-        owner: token of the call of `record` that created the job; the work stops when another call has taken over the
-            folder.
+        owner: token of the call of `record` that created the job; the work stops when another call has taken over.
         block_steps: number of control steps between two writes to disk.
         setting: all settings that the samples depend on; see `setting_of`.
         policy: builds the controller; without a controller, only the plan's signal drives the jets.
@@ -140,8 +139,7 @@ def setting_of(config: Config, packages: tuple[str, ...] = (), start: Path | Non
     `packages`. Raises PlantError if the start's file cannot be read."""
     return {
         "body": asdict(config.body),
-        # Older recordings hold no refinement, so it is left out. The entry "grid" determines the resolution in any
-        # case.
+        # Older recordings hold no refinement, so it is left out. The entry "grid" determines the resolution.
         "flow": {name: value for name, value in asdict(config.flow).items() if name != "refinement"},
         "forcing": asdict(config.forcing),
         "grid": list(box_grid(config.body.length, config.flow.refinement).shape),

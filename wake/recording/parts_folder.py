@@ -86,8 +86,8 @@ class PartsFolder:
         return task
 
     def clear(self) -> None:
-        """Remove the folder. If the process is killed meanwhile, either the whole folder remains or nothing remains
-        under its name."""
+        """Remove the folder. If the process is killed meanwhile, either the whole folder remains under its name or none
+        of it."""
         shutil.rmtree(self._done, ignore_errors=True)
         self.path.replace(self._done)
         shutil.rmtree(self._done)

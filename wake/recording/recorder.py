@@ -105,7 +105,7 @@ def record(
     Args:
         plans: episodes, in their order in the file.
         workers: number of processes on this machine; with 1, episodes are recorded one after another in this process.
-        scheduler: address of a dask scheduler whose workers record instead; they must see `output`'s folder at the same
+        scheduler: address of a dask scheduler whose workers record instead; they need `output`'s folder at the same
             path.
         progress: called for every episode at first, and then after each of its blocks.
         notice: called with a line when a worker was lost or joined.
@@ -144,8 +144,7 @@ def jobs_for(
     policy: PolicyFactory = NoFeedback,
     start: Path | None = None,
 ) -> tuple[EpisodeJob, ...]:
-    """Return the jobs of one call; nothing is written yet. Raises PlantError if a plant cannot start in the state
-    `start`."""
+    """Return the jobs of one call; nothing is written yet. Raises PlantError if a plant cannot start in `start`."""
     start = None if start is None else start.absolute()
     check_start(config, start)
     parts, owner, setting = (
@@ -275,8 +274,7 @@ def _added(jobs: Sequence[EpisodeJob], there: Sequence[Episode]) -> bool:
     if jobs[0].parts.task() != task_of(jobs) or any(job.blocks.finished < job.plan.steps for job in jobs):
         return False
     by_name = {episode.name: episode for episode in there}
-    # Actions are stored in full precision, and no two recordings have equal actions, so equal actions identify an
-    # episode.
+    # Actions are stored in full precision, and no two recordings have equal actions, so they identify an episode.
     return all(
         job.plan.name in by_name
         and np.array_equal(by_name[job.plan.name].series["action"], job.blocks.series()["action"])

@@ -172,8 +172,7 @@ def _back_step(q: Array, bar: Array, step: float, a: float, runs: Index, pad_i: 
 def _back_stage(
     bar: Fields, slot_bar: Array, rates: Rates, u: Array, v: Array, a_next: float, step: float, domain: Domain
 ) -> None:
-    """Apply the transpose of a stage that began with the velocity u, v. The next stage multiplies this stage's rates by
-    `a_next`."""
+    """Apply the transpose of a stage that began with velocity u, v. The next stage multiplies the rates by `a_next`."""
     runs, slot_rows, column = domain.runs, domain.slot_rows, domain.slot_column
     back_walls(bar.u, bar.v, domain.walls)
     back_edges(bar.u, bar.v)

@@ -58,8 +58,7 @@ class Boundary:
 
 
 def build(grid: Grid, distance: SignedDistance) -> Boundary:
-    """Classify the grid. `distance` returns the distance to the wall: positive in the fluid, and exact near the
-    wall."""
+    """Classify the grid. `distance` is the distance to the wall: positive in the fluid, and exact near the wall."""
     nx, ny = grid.shape
     fluid = distance(*np.meshgrid(grid.xc, grid.yc, indexing="ij")) > 0
     open_u = np.zeros((nx + 1, ny), dtype=bool)

@@ -111,8 +111,7 @@ class PoissonSolver:
 
 
 def build(grid: Grid, fluid: npt.NDArray[np.bool_], precision: Precision = np.float64) -> PoissonSolver:
-    """Build the solver for a grid and a fluid mask (nx, ny), both symmetric in y. The factors are computed in double
-    precision."""
+    """Build the solver, in double precision, for a grid and a fluid mask (nx, ny), both symmetric in y."""
     if not np.array_equal(fluid, fluid[:, ::-1]) or fluid.shape[1] % 2:
         raise ValueError("the Poisson solver needs an even number of rows and a body symmetric in y")
     even, odd = (_build_half(grid, fluid, precision, even=even) for even in (True, False))

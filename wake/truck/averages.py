@@ -45,8 +45,8 @@ class Average:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CycleAverage(Average):
-    """An average over whole cycles. `frequency` is the number of cycles per t_c; for the lift without forcing, it is
-    the Strouhal number."""
+    """An average over whole cycles. `frequency`, in cycles per t_c, is the Strouhal number if nothing forces the
+    wake."""
 
     cycles: int
     frequency: float

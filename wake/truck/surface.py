@@ -32,7 +32,7 @@ from wake.solver.grid import Component, Grid, bilinear
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SlotLoad:
-    """The force on both slots in units of rho U_inf^2 W / 2, and the mean Cp over each slot, weighted with the jet
+    """The force on both slots in units of rho U_inf^2 W / 2, and the mean Cp over each slot, weighted by the jet
     profile."""
 
     Cd_pressure: float
@@ -233,8 +233,7 @@ class Surface:
         return drag, lift
 
     def _wall_elements(self) -> list[tuple[float, float, float, float, float]]:
-        """Return midpoint, normal and length (x, y, nx, ny, length) of each element of the outline without the
-        slots."""
+        """Return midpoint, normal and length (x, y, nx, ny, length) of each outline element outside the slots."""
         grid, r, length = self._grid, self._body.leading_edge_radius, self._body.length
         flat = HALF_WIDTH - r
         elements = []

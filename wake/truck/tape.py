@@ -24,8 +24,7 @@ _MEGABYTE = 1e6
 
 @dataclass(kw_only=True, eq=False)
 class _Period:
-    """The flow at a period's start and, if memory allows, at the start of each step; also the period's actions and
-    time."""
+    """The flow at a period's start and, if memory allows, at each step's start; also the period's actions and time."""
 
     start: Array
     steps: Array | None
@@ -47,8 +46,7 @@ class Tape(CopiedWhole):
         memory_mb: limit of the stored data, in 10^6 bytes.
 
     Attributes:
-        bar: the scalar's sensitivities to the flow at the instant that `back` has reached; finally, at the tape's
-            start.
+        bar: the scalar's sensitivities to the flow at the instant that `back` has reached, finally the tape's start.
         bar_action: the scalar's sensitivity to the action in force at that instant.
         memory_mb: size of the data stored since the tape's start, in 10^6 bytes.
     """
