@@ -1,4 +1,4 @@
-"""Training from a recording to a stored model: joint fit, choice of sensors, distillation, test figures."""
+"""Training from a recording to a stored model: joint fit, choice of sensors, distillation, test errors."""
 
 import hashlib
 import platform
@@ -165,7 +165,7 @@ def _checkpoints(output: Path, identity: Identity, resume: bool) -> Checkpoints:
 def _choice(
     encoder: Encoder, rows: Rows, config: Config, checkpoints: Checkpoints, progress: Progress
 ) -> tuple[tuple[str, ...], SensorChoice]:
-    """Return the chosen sensors, and the method of their choice."""
+    """Return the chosen sensors, and how they were chosen."""
     settings, path = config.train, checkpoints.path(Phase.SELECT)
     if settings.selection == "shap":
         ranking = _ranking(encoder, rows, config, checkpoints, progress)

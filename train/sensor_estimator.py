@@ -30,7 +30,7 @@ NOISE: Final = 0.5
 """Largest standard deviation of the noise, in global deviations of pressure. It is multiplied by the square of a
 uniform draw, so low noise is frequent."""
 HELD: Final = 0.4
-"""Largest fraction of rows that repeat the row before."""
+"""Largest fraction of rows that repeat the row before them."""
 GUST: Final = 0.15
 """Largest relative difference, in half of the windows, between the air speed and the speed that scales the pressures.
 Without this difference in training, a gust of 10 % leaves mean residuals of 0.07 in Cp, four standard deviations of

@@ -1,4 +1,4 @@
-"""The selection methods with one interface: from an encoder, rows and a number of sensors to the sensors' names."""
+"""The selection methods: each takes an encoder, rows and a number of sensors, and returns the sensors' names."""
 
 from itertools import zip_longest
 from typing import Final, get_args

@@ -51,8 +51,9 @@ def extended_chirp(steps: int, forcing: ForcingConfig, flow: FlowConfig, rng: np
 
 
 def sine(steps: int, flow: FlowConfig, *, amplitude: float, frequency: float) -> Array:
-    """Compute a sine of one frequency in 1/t_c, from zero upwards; shape (steps,), in U_inf W. Raises ConfigError for
-    an amplitude above the bound, or a frequency that is not positive or above the control steps' Nyquist frequency."""
+    """Compute a sine that starts at zero and rises, (steps,), in U_inf W; the frequency is in 1/t_c. Raises ConfigError
+    for an amplitude above the bound, or a frequency that is not positive or above the control steps' Nyquist frequency.
+    """
     if not 0.0 <= amplitude <= flow.action_limit:
         raise ConfigError(f"amplitude = {amplitude}: must be between 0 and {flow.action_limit}")
     highest = 0.5 / flow.control_period

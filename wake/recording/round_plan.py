@@ -82,8 +82,8 @@ class RoundPlan:
 
 @dataclass(frozen=True, kw_only=True)
 class ControlledRound:
-    """A round of `episodes` episodes of `steps` steps under a controller; the other fields are as in `RoundPlan`.
-    Raises ConfigError for a number out of its range or an invalid role."""
+    """A round of `episodes` episodes of `steps` steps under a controller. `exploration` is the `level` of `RoundPlan`;
+    the other fields are as there. Raises ConfigError for a number out of its range or an invalid role."""
 
     episodes: int = 2
     steps: int = 1100

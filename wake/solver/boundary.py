@@ -37,7 +37,7 @@ class GhostMap(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Boundary:
-    """The classification of a grid around a body.
+    """The classification of a grid's cells and faces around a body.
 
     Attributes:
         fluid: cells whose centre lies in the fluid, (nx, ny).

@@ -201,7 +201,7 @@ def _inverse(matrix: Array) -> Array:
 
 @njit(cache=True, nogil=True, fastmath={"contract"})
 def _tridiagonal(b: Array, pivot: Array, coupling: Array) -> None:
-    """Solve in place for all eigenvectors together; b is (nx, h) in spectral space."""
+    """Solve the tridiagonal systems of all eigenvectors in place; b is (nx, h) in spectral space."""
     nx, h = b.shape
     for k in range(h):
         b[0, k] *= pivot[0, k]

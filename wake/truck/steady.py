@@ -53,7 +53,7 @@ class SteadyWake:
     time: float
 
     def figures(self) -> dict[str, float]:
-        """Return the figures for a results file."""
+        """Return the numbers for a results file."""
         sample = self.sample
         return {
             "Cd": sample.Cd,

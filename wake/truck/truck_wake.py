@@ -42,8 +42,8 @@ class TruckWake(CopiedWhole):
 
     Attributes:
         layout: the sensors, in the order of a sample's Cp.
-        wind: a function of time that returns by how much the wind exceeds U_inf; None for a steady wind. No state
-            contains the wind.
+        wind: a function of time that returns by how much the wind exceeds U_inf; None for a steady wind. States do
+            not hold the wind.
     """
 
     def __init__(
