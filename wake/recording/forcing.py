@@ -18,8 +18,8 @@ ForcingName = Literal["training", "chirp", "extended_chirp", "none"]
 
 
 def training(steps: int, forcing: ForcingConfig, flow: FlowConfig, rng: np.random.Generator) -> Array:
-    """Compute the training waveform, (steps,), in U_inf W. The carrier's frequency is the shedding frequency plus
-    low-pass filtered noise; its amplitude follows a slow sinusoid; the result is clipped.
+    """Compute the training waveform, (steps,), in U_inf W. The carrier's frequency is near the shedding frequency and
+    varies with low-pass filtered noise; its amplitude follows a slow sinusoid; the result is clipped.
 
     The noise is filtered by a second-order Butterworth low-pass and normalised by its largest magnitude. The envelope
     reaches 1 + depth, so that the strongest part of the signal is clipped and explores the full amplitude.

@@ -1,4 +1,4 @@
-"""Recording a data set: episodes one after another or in parallel, then one HDF5 file.
+"""The recording of a data set: episodes one after another or in parallel, then one HDF5 file.
 
 A round adds episodes to a data set: episodes under a controller, or episodes that begin near the steady wake. If the
 output file already holds the complete recording, it is left unchanged; if it holds another recording, the call fails.

@@ -166,15 +166,15 @@ class Surface:
         self._slots.weigh(bar, flow, weights.slots)
 
     def _sample(self, px: float, py: float, component: Component) -> Terms:
-        """Return the weights of the flow's values whose sum is a component's value at a point in the flow."""
+        """Return the weights with which the flow's values sum to a component's value at a point in the flow."""
         terms: Terms = defaultdict(float)
         for (i, j), w in bilinear(*self._grid.axes(component), px, py):
             terms[self._layout.index(component, i, j)] += w
         return terms
 
     def _flow_points(self, x: float, y: float, nx: float, ny: float, component: Component) -> list[tuple[float, Terms]]:
-        """Return two points along the normal at (x, y), the nearest that lie between usable values: (distance, weights
-        of the flow's values whose sum is the component's value there)."""
+        """Return the two nearest points along the normal at (x, y) that lie between usable values: the distance, and the
+        weights with which the flow's values sum to the component's value there."""
         usable = {"u": self._boundary.open_u, "v": self._boundary.open_v, "p": self._boundary.fluid}[component]
         xs, ys = self._grid.axes(component)
         spacing = max(abs(nx) * _cell_size(self._grid.xf, x), abs(ny) * _cell_size(self._grid.yf, y))
@@ -193,7 +193,7 @@ class Surface:
         return found
 
     def _wall_pressure(self, x: float, y: float, nx: float, ny: float) -> Terms:
-        """Return the weights of the flow's values whose sum is Cp on the wall."""
+        """Return the weights with which the flow's values sum to Cp on the wall."""
         (d1, first), (d2, second) = self._flow_points(x, y, nx, ny, "p")
         scale = 2.0 / (d2 * d2 - d1 * d1)
         slope = self._wall_pressure_slope(x, y, nx, ny)
