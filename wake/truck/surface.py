@@ -173,7 +173,7 @@ class Surface:
         return terms
 
     def _flow_points(self, x: float, y: float, nx: float, ny: float, component: Component) -> list[tuple[float, Terms]]:
-        """Return the two nearest points along the normal at (x, y) that lie between usable values: the distance, and the
+        """Return the two nearest points along the normal at (x, y) that lie between usable values: the distance and the
         weights with which the flow's values sum to the component's value there."""
         usable = {"u": self._boundary.open_u, "v": self._boundary.open_v, "p": self._boundary.fluid}[component]
         xs, ys = self._grid.axes(component)
