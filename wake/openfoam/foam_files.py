@@ -102,7 +102,7 @@ _TIME: Final = re.compile(r"\d+(\.\d+)?(e[+-]\d+)?")
 
 def parse_cells(content: bytes, name: str) -> Array:
     """Read a field's values in the m cells, (m,) or (m, 3), from a file written in binary with 64-bit numbers. Raises
-    PlantError if the file is of another kind or truncated; the message contains `name`."""
+    PlantError if the file has another format or is truncated; the message contains `name`."""
     listing = _LIST.search(content)
     if listing is None or b"scalar=64" not in content[: listing.start()]:
         raise PlantError(f"{name}: must hold a binary list of 64-bit numbers, one a cell")

@@ -45,7 +45,7 @@ class Mesh:
         cells: vertex indices of each cell counter-clockwise, (m, 4).
         edges: internal edges as vertex pairs (k, 2), sorted by `owner` and then `neighbour`.
         owner, neighbour: cells to the left and right of each internal edge, (k,); owner < neighbour.
-        patches: edges of each patch, (k, 2), with the flow on the left, in the order of the edges' cells.
+        patches: edges of each patch, (k, 2), in the order of their cells; each edge has the flow on its left.
         patch_cells: the cell of each edge of a patch, (k,).
     """
 
@@ -119,7 +119,7 @@ def _around(refinement: float, wake_x: Array) -> tuple[Array, slice]:
     """Return the points of the block around the body, (along, away, 2), and its columns at the front and the sides."""
     flat, r = HALF_WIDTH - LEADING_EDGE_RADIUS, LEADING_EDGE_RADIUS
     front = graded_faces(_FRONT, 0.0, flat, refinement)
-    # The number of cells is even, so that the middle line ends in the domain's corner.
+    # The arc has an even number of cells, so that its middle line ends in the domain's corner.
     arc = np.linspace(np.pi, 0.5 * np.pi, 2 * max(2, round(0.25 * np.pi * r * refinement / _ARC)) + 1)
     side = graded_faces(_SIDE, r, LENGTH, refinement)
     away = graded_faces(_NORMAL, 0.0, DOMAIN_Y[1] - HALF_WIDTH, refinement)

@@ -17,7 +17,7 @@ from wake.openfoam.measurements import Readings, read_all
 
 STATE_SCHEMA: Final = "stillwake-openfoam/1"
 
-# The files are velocity and pressure, the flux through every face, and U and phi at the time scheme's older level.
+# The files are velocity and pressure, the flux through every face, and U and phi at the older level of the time scheme.
 _FIELDS: Final = ("U", "p", "phi", "U_0", "phi_0")
 
 
