@@ -55,7 +55,7 @@ class TruckWakeEnv(CopiedWhole, gymnasium.Env[Observation, npt.NDArray[np.float3
         sensor_names: the observed sensors; all by default, the truck's 90.
         episode_steps: number of control steps until truncation.
         max_phase_steps: largest random phase; 25 control periods are about one shedding cycle. Each phase takes 1.8 MB.
-        start: state at phase 0, needed for other flow settings or another body; None for the shipped developed state.
+        start: flow state at phase 0, for other flow settings or another body; None for the shipped developed state.
         render_mode: None, or "rgb_array" for pictures of the vorticity, the jets and the observed sensors.
         body: the truck by default; another body needs `start`.
 

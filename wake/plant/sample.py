@@ -12,7 +12,7 @@ class Sample(DragLedger[float]):
 
     Attributes:
         t: time in t_c.
-        Cp: pressure coefficients at the n sensors, (n,), relative to the outlet.
+        Cp: pressure coefficients at the n sensors, (n,), relative to the pressure at the outlet.
         Uy_probe: transverse velocity at the wake probe (`contract.config.body.BodyConfig.wake_probe`).
         action: jet flow rate in force at this instant.
     """

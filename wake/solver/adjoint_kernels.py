@@ -1,6 +1,6 @@
 """Compiled inner loops of the adjoint: the transposes of `wake.solver.kernels`, linearised about a flow.
 
-The names `bar` and `..._bar` denote sensitivities: derivatives of a scalar, which depends on later flows, with respect
+The word `bar` in a name denotes sensitivities: derivatives of a scalar, which depends on later flows, with respect
 to a value. Each kernel reads the sensitivities to the outputs of its forward kernel, and adds the resulting terms to
 the sensitivities to the forward kernel's inputs. Arrays have the same padding as the forward kernel's arrays, and loops
 run over the same runs of faces. All kernels but convection are linear. Convection is quadratic, so the transpose of a
