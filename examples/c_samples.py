@@ -1,9 +1,10 @@
-"""Write samples of the C library, of small random programs of every kind, to open, compile and debug.
+"""Write small samples of the C library, one of each kind, with random weights, to be opened, compiled and debugged.
 
     python -m examples.c_samples build/c
 
-makes `build/c/float32` and `build/c/int8`, which are folders as `stillwake export --c` writes them,
-and `compile_flags.txt` in each for editors that use clangd. With them in `build/c` the sources open in place, too.
+This command writes the folders `build/c/float32` and `build/c/int8`, which have the form that `stillwake export --c`
+writes, and in each a `compile_flags.txt` for editors that use clangd. While the samples are in `build/c`, such an
+editor also finds all headers of the sources in `export/to_c/sources`.
 """
 
 from pathlib import Path
@@ -43,7 +44,7 @@ def main(folder: Annotated[Path, typer.Argument(help="Where to write the samples
     int8 = c_library(rounded, activation_ranges(rounded.program, windows))
     libraries = {"float32": c_library(program), "int8": int8}
     for kind, library in libraries.items():
-        # Window, sensors and horizon are the same for all.
+        # Window, sensors and horizon are equal for both kinds, so `program.sizes` is right for both.
         controller = CController(library, program.sizes)
         answers = replay(controller, sliding, program.mpc.horizon)
         contents = with_answer(library, controller.known_answer()) | others | {EXPECTED: rows_text(answers).encode()}

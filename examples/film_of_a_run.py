@@ -1,9 +1,9 @@
-"""A film of a run: vorticity as light on dark, the jets, the sensors, and drag and action as they come.
+"""A film of a run: vorticity on a dark background, the jets, the sensors, and drag and action up to the present.
 
     python -m examples.film_of_a_run runs/demo film.webp
 
-One figure of fixed size, drawn again and again. Scales, places and texts' widths stay, so that nothing moves but the
-flow. It is made for a README: a few words name when control begins and what that is worth.
+The film redraws one figure of fixed size. Scales, positions and sizes of texts do not change, so that only the flow
+moves. The film is meant for a README: a few words show when control begins and how much it reduces the drag.
 """
 
 import sys
@@ -35,12 +35,12 @@ from wake.truck.state import developed_state
 from wake.truck.truck_wake import TruckWake
 
 NIGHT: Final = "#0a0d14"
-"""Background."""
+"""Colour of the background."""
 PALE: Final = "#e8edf5"
 DIM: Final = "#8a94a6"
 FAINT: Final = "#232a38"
 CALM: Final = "#4fe3a1"
-"""Colour of everything that control does to the wake."""
+"""Colour of the border, the drag and the texts while control is on."""
 BLOWING: Final = "#ffd23f"
 SUCKING: Final = "#c792ff"
 GLOW: Final = LinearSegmentedColormap.from_list(
@@ -50,39 +50,39 @@ GLOW: Final = LinearSegmentedColormap.from_list(
         (0.51, NIGHT), (0.59, "#541a18"), (0.72, "#cf3f20"), (0.88, "#ffa040"), (1.00, "#fff6cf"),
     ],
 )  # fmt: skip
-"""Diverging about the background: still flow is dark."""
+"""Colour map of the vorticity, from blue through the background colour to red: fluid without vorticity is dark."""
 
 VIEW: Final[View] = (4.6, 19.6, -2.15, 2.15)
 _LEVEL: Final = 5.0
-"""Vorticity at the ends of the colours, U_inf / W."""
+"""|vorticity| at the ends of the colour map, in U_inf / W."""
 _ROOT: Final = 0.75
-"""Exponent of |vorticity| before it is coloured: far vortices are weak, and are what calms down."""
+"""Exponent of |vorticity| / `_LEVEL` before it is coloured. Below 1 it makes weak vortices far downstream visible."""
 _ARROW: Final = 1.8
-"""Length in W of the arrow at the action's bound."""
+"""Length in W of the arrow of a jet at the action's bound."""
 _DPI: Final = 100.0
 _HEIGHT: Final = 0.5
-"""Height of the picture by its width."""
+"""Height of the picture divided by its width."""
 BEFORE: Final = 11.0
-"""t_c of a film before control begins: two cycles."""
+"""Time in t_c that a film shows before control begins: about two shedding cycles."""
 AFTER: Final = 50.0
-"""t_c of a film under control."""
+"""Longest time in t_c that a film shows under control."""
 HOLD: Final = 2.5
-"""s for which a film's last frame stays."""
+"""Additional time in s for which a film shows its last frame."""
 _MINUS: Final = "\N{MINUS SIGN}"
 _CYCLE: Final = 5.0
-"""t_c, of the uncontrolled wake."""
+"""Shedding period of the uncontrolled wake, in t_c."""
 _FLASH: Final = 2.5
-"""t_c for which the frame of the flow lights up when control begins."""
+"""Time in t_c during which the flow's coloured border fades out after control begins."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Story:
-    """What a film shows besides the flow.
+    """The times that a film shows, and the drag without control.
 
     Attributes:
-        begin, end: time shown, t_c.
-        control: when control begins, t_c.
-        drag_before: mean wall Cd without control, from which a reduction is counted.
+        begin, end: first and last time that the film shows, in t_c.
+        control: time at which control begins, in t_c.
+        drag_before: mean wall Cd without control; the film shows the drag's change relative to it.
     """
 
     begin: float
@@ -92,16 +92,16 @@ class Story:
 
 
 class Film:
-    """One dark figure that shows a plant as it is now, with drag and action so far.
+    """A dark figure that shows the present state of a plant, and drag and action up to the present.
 
     Args:
-        wake: the plant. Every instant must be given to `record`, those between frames too.
-        story: times and the drag to compare with.
-        sensor_names: the controller's, lit; the others are small dots.
-        width: width of the picture in pixels; even, as the height is.
+        wake: the plant. Call `record` at every control period, also between frames.
+        story: the times that the film shows, and the drag without control.
+        sensor_names: the controller's sensors, which are drawn as bright dots; all other sensors are small dots.
+        width: width of the picture in pixels; an even number, as the height is.
 
     Attributes:
-        figure: figure to be drawn.
+        figure: the figure in which the film is drawn.
     """
 
     def __init__(self, wake: Drawable, story: Story, sensor_names: Sequence[str], width: int = 960) -> None:
@@ -112,7 +112,7 @@ class Film:
         height = 2 * round(0.5 * _HEIGHT * width)
         self.figure = Figure(figsize=(width / _DPI, height / _DPI), dpi=_DPI, facecolor=NIGHT)
         FigureCanvasAgg(self.figure)
-        # Type is sized by the picture's width.
+        # The sizes of texts and lines are proportional to the picture's width.
         self._pt = 72.0 / _DPI * width / 960.0
         share = (VIEW[3] - VIEW[2]) / (VIEW[1] - VIEW[0]) / _HEIGHT
         flow = self.figure.add_axes((0.0, 1.0 - share, 1.0, share), xlim=VIEW[:2], ylim=VIEW[2:])
@@ -132,14 +132,14 @@ class Film:
         self._traces = self._draw_traces(1.0 - share)
 
     def record(self) -> None:
-        """Keep drag and action of the plant's present state."""
+        """Store drag and action of the plant's present state."""
         sample = self._wake.sample()
         self._times.append(sample.t)
         self._drag.append(sample.Cd)
         self._action.append(sample.action / self._wake.config.action_limit)
 
     def update(self) -> Figure:
-        """Show the plant's present state."""
+        """Draw the plant's present state in the figure."""
         sample = self._wake.sample()
         field = self._raster(np.asarray(self._wake.vorticity())) / _LEVEL
         self._image.set_data(np.sign(field) * np.minimum(np.abs(field), 1.0) ** _ROOT)
@@ -155,7 +155,7 @@ class Film:
         return self.figure
 
     def pixels(self) -> npt.NDArray[np.uint8]:
-        """The present state as (height, width, 3)."""
+        """Draw the present state as RGB pixels, (height, width, 3)."""
         self.update()
         canvas: Any = self.figure.canvas
         canvas.draw()
@@ -163,7 +163,7 @@ class Film:
 
     @staticmethod
     def palette() -> Array:
-        """Colours, at most 256, (n, 3) from 0 to 1, for a GIF."""
+        """Return the film's n <= 256 colours for a GIF, (n, 3), from 0 to 1."""
         scales = [GLOW(np.linspace(0.0, 1.0, 176))[:, :3]]
         for colour, count in ((PALE, 20), (CALM, 20), (BLOWING, 10), (SUCKING, 10), (DIM, 10), (FAINT, 5)):
             share = np.linspace(0.0, 1.0, count + 1)[1:, None]
@@ -254,7 +254,7 @@ class Film:
         traces["action"].set_data(times, self._action)
         traces["head"].set_data([now], [drag])
         traces["head"].set_color(CALM if under else PALE)
-        # Over a shedding cycle, as drag swings twice in it.
+        # The mean covers a whole shedding cycle, because the drag oscillates twice in each cycle.
         lately = drags[(times > now - _CYCLE) & (times >= story.control)]
         if len(lately) and now - story.control >= _CYCLE:
             change = 100.0 * (lately.mean() / story.drag_before - 1.0)
@@ -266,10 +266,10 @@ class Film:
 
 
 def story_of(log: RunLog, begin: float | None = None, end: float | None = None) -> Story:
-    """From some cycles before control began to when it has calmed the wake, or between the times given, in t_c.
+    """Return the story from `BEFORE` to `AFTER` around the beginning of control, or from `begin` to `end`, in t_c.
 
     Raises:
-        ConfigError: if the run has no time without control before time with it, or the film would not show the change.
+        ConfigError: if the run has no time before control, or the film would not show the beginning of control.
     """
     t, first = log.series["t"], log.enabled_at
     if not 0 < first < len(t):
@@ -289,16 +289,16 @@ def story_of(log: RunLog, begin: float | None = None, end: float | None = None) 
 
 
 def write_film(path: Path, log: RunLog, story: Story, width: int = 960) -> int:
-    """Replay a run that began at the shipped start and write its film; the number of frames.
+    """Simulate a run from the shipped start again, write its film, and return the number of frames.
 
     Raises:
-        ConfigError: if no film of that name can be written.
+        ConfigError: if the ending of the film's name is unknown.
     """
     config = load_config()
     wake = TruckWake(config.flow)
     wake.reset(developed_state())
     period = config.flow.control_period
-    # Row k holds the action reached at t_k.
+    # Row k of the run's series holds the action that the jets have reached at t_k.
     actions = log.series["action"][1 : round(story.end / period) + 1]
     film = Film(wake, story, log.metadata.sensors, width)
     return animate(path, film, wake, actions, skip=round(story.begin / period), every=2, fps=20, hold=HOLD)

@@ -1,11 +1,11 @@
-"""A linear controller of the wake from the shipped recording, in the environment. What does drag do?
+"""A linear controller of the wake in the environment, fitted to the shipped recording. The program prints the drag.
 
     python examples/linear_feedback.py [control steps]
 
-An autoregressive model predicts the differences of mirrored sensors, Cl and the velocity in the far wake (Ljung, System
-Identification, section 4.2). Differences and action turn their sign with the mirror image of a flow, so the model has
-no constant term. Its state is the history itself: the linear-quadratic regulator (Anderson and Moore, Optimal Control,
-section 3.4) needs no observer.
+An autoregressive model predicts the pressure differences between mirrored sensors, Cl and the velocity in the far wake
+(Ljung, System Identification, section 4.2). In the mirror image of a flow, these quantities and the action have the
+opposite sign, so the model has no constant term. The model's state is the history of differences and actions, which is
+measured: so the linear-quadratic regulator (Anderson and Moore, Optimal Control, section 3.4) needs no observer.
 """
 
 import sys
@@ -21,17 +21,18 @@ from contract.recording import dataset
 from contract.shipped import recording
 
 SENSORS = ("upper_39", "lower_39", "base_0", "base_9")
-"""A sensor, its mirror image, and so on."""
+"""Names of the sensors in pairs: each sensor is followed by its mirror image."""
 MEMORY, TRANSIENT = 64, 500
-"""Control steps that the model reads, and that are left out at the start of each episode."""
+"""Number of control steps that the model reads, and number that is left out at the start of each episode."""
 RIDGE = 1e-3
-"""The penalty of the regression, on regressors with a mean square of 1."""
+"""Weight of the ridge penalty of the regression, for regressors that are scaled to a mean square of 1."""
 WEIGHTS, ACTION_WEIGHT = (10.0, 10.0, 1.0, 1.0), 100.0
-"""Weights on the squares of the predictions, and of the action."""
+"""Weights in the regulator's cost on the squares of the predicted quantities, and on the square of the action."""
 
 
 def identified() -> Array:
-    """(4, 3 MEMORY): differences y, Cl and velocity one step ahead, from rows (y_k, a_k), oldest first."""
+    """Fit the model to the recording; return its coefficients, (4, 3 MEMORY). They give the two pressure differences y,
+    Cl and the velocity one step ahead, from the last MEMORY rows (y_k, a_k), the oldest first."""
     histories, following = [], []
     recorded = dataset.read(recording())
     for episode in recorded.episodes:
@@ -50,9 +51,9 @@ def identified() -> Array:
 
 
 def regulator(model: Array) -> Array:
-    """The gain of a_k on the history without a_k, from the discrete Riccati equation; it is stable on the model."""
+    """Return the gains from the history to a_k, from the discrete Riccati equation; they stabilise the model."""
     size = model.shape[1]
-    # The next history without its action: the newer rows move up, and the predicted differences follow.
+    # The next history, without its action, consists of the present history's newer rows and the predicted differences.
     moved = np.vstack([np.eye(size - 3, size, 3), model[:2]])
     A, B, outputs, by_action = moved[:, :-1], moved[:, -1:], model[:, :-1], model[:, -1:]
     Q = np.diag(WEIGHTS)

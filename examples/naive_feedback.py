@@ -1,8 +1,8 @@
-"""Naive feedback on the wake: the jets follow the pressure difference across the rear edges. What does drag do?
+"""Simple feedback: the jets follow the pressure difference between the rear edges. The program prints the drag.
 
     python examples/naive_feedback.py [control steps]
 
-A positive gain blows where the wall pressure is higher; a negative gain where it is lower.
+With a positive gain the slot on the side of the higher wall pressure blows; with a negative gain the other slot blows.
 """
 
 import sys

@@ -1,4 +1,4 @@
-"""The ECU's FMU with a bus terminal on the simulated bus, and the plant's FMU beside it (docs/how-to/use-the-fmu.md).
+"""The ECU's FMU with a bus terminal on the simulated bus, together with the plant's FMU (docs/how-to/use-the-fmu.md).
 
 stillwake export --fmu bus:ecu.fmu && stillwake plant-fmu plant.fmu && python examples/network_of_fmus.py
 """
@@ -26,14 +26,14 @@ TERMINAL = "CanChannel"
 
 
 class Body(Protocol):
-    """A flow that gives Cp (n,) of all its sensors, and ramps its jets to an action in a control period."""
+    """A flow that returns the Cp of all its n sensors, (n,), and ramps its jets to an action over a control period."""
 
     def pressures(self) -> Array: ...
     def advance(self, action: float) -> None: ...
 
 
 def opened(path: Path, *, events: bool = False) -> tuple[Any, dict[str, int]]:
-    """An instance of an FMU that is instantiated, and its value references."""
+    """Return an instantiated FMU, and the value references of its variables by their names."""
     about = read_model_description(str(path))
     fmu: Any = FMU3Slave(
         guid=about.instantiationToken,
@@ -46,14 +46,14 @@ def opened(path: Path, *, events: bool = False) -> tuple[Any, dict[str, int]]:
 
 
 def operation(frame: Frame) -> bytes:
-    """The operation that transmits a frame."""
+    """Return the bytes of the operation by which a bus terminal transmits a frame."""
     size, fd = len(frame.data), frame.is_fd
     head = struct.pack("<IIIB", 0x10 + fd, 16 + fd + size, frame.frame_id, frame.is_extended)
     return head + (b"\1\0" if fd else b"\0") + struct.pack("<H", size) + frame.data
 
 
 def operations(data: bytes) -> Iterator[tuple[int, bytes]]:
-    """(code, arguments) of all operations in a terminal's data."""
+    """Yield the code and the arguments of each operation in a terminal's data."""
     while data:
         code, length = struct.unpack_from("<II", data)
         yield code, data[8:length]
@@ -61,7 +61,7 @@ def operations(data: bytes) -> Iterator[tuple[int, bytes]]:
 
 
 def frames(data: bytes, now_ns: int) -> list[Frame]:
-    """The frames among the operations in a terminal's data."""
+    """Return the frames that the operations in a terminal's data transmit."""
     found = []
     for code, content in operations(data):
         if code in (CAN_TRANSMIT, FD_TRANSMIT):
@@ -74,10 +74,10 @@ def frames(data: bytes, now_ns: int) -> list[Frame]:
 
 
 class TerminalNode:
-    """An FMU with a bus terminal, from its initialisation on; its importer stops at each of its events.
+    """An initialised FMU with a bus terminal. Each step ends at an event: received frames, or a tick of Tx_Clock.
 
     Attributes:
-        due_ns: time at which its Tx_Clock is to tick.
+        due_ns: time in ns at which Tx_Clock ticks next.
     """
 
     def __init__(self, path: Path, **parameters: float | bool) -> None:
@@ -86,7 +86,7 @@ class TerminalNode:
         self.begin(**parameters)
 
     def begin(self, **parameters: float | bool) -> None:
-        """Initialise it, the first time or after a reset."""
+        """Initialise the FMU, for the first time or after a reset."""
         self._now_ns = 0
         for name, value in parameters.items():
             give = self.fmu.setBoolean if isinstance(value, bool) else self.fmu.setFloat64
@@ -99,7 +99,8 @@ class TerminalNode:
         return [self.references[f"{TERMINAL}.{member}"]]
 
     def event(self, now_ns: int, received: bytes = b"") -> bytes:
-        """Step to a time, give the terminal data, and return its data if Tx_Clock is to tick by then."""
+        """Step to the time `now_ns`, give the received data to the terminal, and return the terminal's data if Tx_Clock
+        is due; otherwise return no bytes."""
         now, size = self._now_ns / 1e9, (now_ns - self._now_ns) / 1e9
         self.fmu.doStep(currentCommunicationPoint=now, communicationStepSize=size)
         self.fmu.enterEventMode()
@@ -131,7 +132,8 @@ def run(
     asks: Callable[[int], bool],
     capture: Callable[[Frame], None],
 ) -> None:
-    """Play control periods of vehicle and ECU on one simulated bus; `capture` gets every frame on it."""
+    """Run control periods of vehicle and ECU on one simulated bus. `asks` returns whether the vehicle requests control
+    in period k; `capture` is called with every frame on the bus."""
     bus, command = SimulatedBus(config.bus, capture), message_set(config.bus).command.spec
     at_vehicle, at_ecu = bus.port("vehicle"), bus.port("ECU")
     inbox: list[Frame] = []
@@ -157,7 +159,7 @@ def run(
 
 
 class PlantFmu:
-    """The plant's FMU as a body."""
+    """The plant's FMU with the interface of `Body`."""
 
     def __init__(self, path: Path, config: Config) -> None:
         self._fmu, self._references = opened(path)
@@ -181,7 +183,8 @@ class PlantFmu:
 
 
 def main(sensors: Sequence[str], ecu: Path, plant: Path, *, lead_in: int, periods: int) -> list[float]:
-    """Drag coefficients of a run that asks for control after `lead_in` control periods."""
+    """Run vehicle, ECU and plant; return the drag coefficient of each period. Control is requested after `lead_in`
+    periods."""
     config, drag = Config(), list[float]()
     body = PlantFmu(plant, config)
 

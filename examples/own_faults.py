@@ -1,10 +1,10 @@
-"""A fault of the bus and one of a sensor that stillwake does not have (docs/reference/disturbances.md).
+"""A bus fault and a sensor fault that stillwake does not have (docs/reference/disturbances.md).
 
-Around any port, simulated or real:
+The bus fault can be put around any port, simulated or real:
 
     port = wrap(bus.port("vehicle"), [EveryNth(n=3)], clock=lambda: bus.now_ns, seed=1)
 
-and in a run, which takes a wake with other sensors as any plant:
+Both faults can be used in a run, because a run accepts a wake with faulty sensors like any other plant:
 
     Simulation(bundle, config, spans=spans, disturbances=third_lost(3.0)).run(WithSensors(wake, clipped(0.25)))
 """
@@ -29,12 +29,13 @@ from wake.plant.sample import Sample
 
 @dataclass(frozen=True, kw_only=True)
 class EveryNth(SidedFault, section="every_nth"):
-    """Each n-th frame is lost, as in a gateway with too small a buffer. `acted` counts the lost."""
+    """A fault that loses every n-th frame, as a gateway with a small buffer does. `acted` counts the lost frames."""
 
     n: Annotated[int, at_least(2)]
 
     def change(self, random: Random) -> Change:
-        """See `SidedFault.change`. What is drawn comes from `random` alone, so that a run can be repeated."""
+        """Return the function that changes frames; see `SidedFault.change`. A fault draws random numbers only from
+        `random`, so that a run can be repeated."""
         passed = 0
 
         def change(frame: Frame) -> list[Frame]:
@@ -46,37 +47,38 @@ class EveryNth(SidedFault, section="every_nth"):
 
 
 def third_lost(start_s: float) -> Disturbances:
-    """Each third frame of the vehicle is lost from a time of the run on; `text` is what the run's page calls it."""
+    """Return the fault that loses every third frame of the vehicle, from the time `start_s` of the run on. `text` is
+    the fault's name on the run's page."""
     fault = NodeFault(text="vehicle:every_nth:n=3", node="vehicle", fault=EveryNth(n=3, start_s=start_s))
     return Disturbances(items=(fault,))
 
 
 def clipped(limit: float) -> Callable[[Array], Array]:
-    """Readings in Cp that an amplifier clips at the ends of its range."""
+    """Return a function that limits readings in Cp to +-`limit`, as an amplifier does at the ends of its range."""
     return lambda readings: np.clip(readings, -limit, limit).astype(readings.dtype)
 
 
 class WithSensors:
-    """A plant whose sensors are faulty: the series of a run hold what they read. All else is the plant's."""
+    """A given plant with faulty sensors: the series of a run hold the faulty readings."""
 
     def __init__(self, plant: LoopPlant, fault: Callable[[Array], Array]) -> None:
         self._plant, self._fault = plant, fault
 
     def sample(self) -> Sample:
-        """Measure now, with the fault."""
+        """Return the plant's present measurements, with the sensor fault applied."""
         sample = self._plant.sample()
         return replace(sample, Cp=self._fault(sample.Cp))
 
     def advance_to(self, substep: int, action: float | None = None) -> None:
-        """See `Plant.advance_to`."""
+        """Advance the plant; see `Plant.advance_to`."""
         self._plant.advance_to(substep, action)
 
     @property
     def layout(self) -> SensorLayout:
-        """The plant's."""
+        """Layout of the plant's sensors."""
         return self._plant.layout
 
     @property
     def description(self) -> str:
-        """The plant's."""
+        """Description of the plant."""
         return self._plant.description

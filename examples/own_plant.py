@@ -1,4 +1,4 @@
-"""A plant of one's own in the closed loop: an oscillator with a limit cycle (docs/how-to/add-a-plant.md)."""
+"""A user's own plant for the closed loop: an oscillator with a limit cycle (docs/how-to/add-a-plant.md)."""
 
 import numpy as np
 
@@ -10,7 +10,8 @@ GROWTH, FREQUENCY, PUSH = 0.1, 0.2, 4.0  # 1/t_c, 1/t_c, per action
 
 
 class OscillatorPlant:
-    """dz/dt = (s + i w) z - s abs(z)^2 z + k a; drag grows with abs(z)^2, side force and pressures follow z."""
+    """A plant whose state z follows dz/dt = (s + i w) z - s abs(z)^2 z + k a; a is the action. The drag grows with
+    abs(z)^2; the side force and the pressures' deviations from their means are linear in z."""
 
     layout = TRUCK
     description = "Stuart-Landau oscillator"

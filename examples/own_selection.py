@@ -10,7 +10,8 @@ from train.samples.rows import Rows, fit_scaling, prepare
 
 
 def select_by_forces(rows: Rows, count: int) -> tuple[int, ...]:
-    """Return the columns of `count` sensors, the one that explains most first."""
+    """Return the columns of `count` sensors in the order of choice. Each sensor is the one that correlates best with
+    the part of the forces that the sensors before it do not explain."""
     pressure = rows.inputs[:, : rows.sensors].cpu().numpy().astype(np.float64)  # (n, N)
     forces = rows.forces.cpu().numpy().astype(np.float64)  # (n, 2): Cd, Cl
     left = forces

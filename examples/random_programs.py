@@ -1,6 +1,6 @@
-"""Programs with random weights of a trained model's size, where no model is at hand.
+"""Programs with random weights and the size of a trained model, for use without a trained model.
 
-The time and memory of a control step depend on the shapes only, so that budgets can be measured with them.
+Time and memory of a control step depend only on the weights' shapes, so both can be measured with these programs.
 """
 
 import numpy as np
@@ -24,13 +24,15 @@ def random_program(
     sensors: tuple[str, ...] = SENSORS,
     prior_memory: int = 0,
 ) -> ControllerProgram:
-    """A program with weights drawn as PyTorch initialises them, norms perturbed so that none is the identity.
+    """Return a program whose weights are drawn as PyTorch initialises them. The layer norms are changed at random, so
+    that none is the identity.
 
     Args:
         seed: random seed of the weights.
-        model: widths and window; the paper's if None.
-        mpc: optimiser settings; the paper's if None.
-        prior_memory: rows of a prior with five units that read speed, goal and sums; 0 for no prior.
+        model: widths of the networks and length of the window; those of the paper if None.
+        mpc: settings of the optimiser; those of the paper if None.
+        prior_memory: number of rows that the prior reads; 0 for no prior. The prior has five units, which read the
+            speed, the goal, and the sums of the sensor pairs.
     """
     rng = np.random.default_rng(seed)
     model = ModelConfig() if model is None else model
@@ -69,10 +71,10 @@ def random_program(
 
 
 def _prior(rng: np.random.Generator, pairs: int, memory: int) -> dict[str, Array]:
-    """Units of some size, and differences that die out slowly."""
+    """Return weights of a prior: its units are not negligible, and its predicted differences decay slowly."""
     predictor = rng.normal(0.0, 0.3 / np.sqrt(memory), (pairs, memory, pairs + 1))
     predictor[np.arange(pairs), -1, np.arange(pairs)] += 0.7
-    # Filters of a few rows each, and one of all.
+    # The first filter covers all rows; each of the others covers a few rows.
     count = min(memory, 7)
     filters = np.triu(np.tril(rng.uniform(0.0, 1.0, (memory, count)), 2), -1)
     filters[:, 0] = rng.uniform(0.0, 1.0, memory)
@@ -108,7 +110,7 @@ def _scaling(rng: np.random.Generator, sensors: tuple[str, ...], action_limit: f
         pressure_mean=tuple(rng.normal(-0.5, 0.2, count).tolist()),
         pressure_std=tuple(rng.uniform(0.05, 0.3, count).tolist()),
         action_std=0.6 * action_limit,
-        # The uncontrolled wake's means and spreads, roughly.
+        # These are approximately the means and standard deviations of the uncontrolled wake's forces.
         force_mean=(1.0, 0.0),
         force_std=(0.1, 0.8),
     )

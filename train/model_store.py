@@ -1,4 +1,4 @@
-"""A trained model as networks, stored in a model folder (`contract.model.model_folder`) and rebuilt from it."""
+"""A trained model's networks: how a model folder (`contract.model.model_folder`) is written and read."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Training from a recording to a stored model: joint fit, choice of sensors, distillation, test figures."""
+"""Training from a recording to a stored model: joint fit, choice of sensors, distillation, test errors."""
 
 import hashlib
 import platform
@@ -79,7 +79,7 @@ def train_all(
         model_folder.check_free(output)
         recording = dataset.read(dataset_path)
         layout = recording.layout
-        # Settings that later phases would refuse are checked here, before the first phase takes minutes.
+        # Settings that later phases would reject are checked here, before the first phase takes minutes.
         _check_selection(config, layout, chosen)
         refuse_unfit(findings(recording, config, choosing=chosen is None), str(dataset_path))
         for line in left_out(recording, config):
@@ -132,8 +132,8 @@ def deployed(
     progress: Progress = silent,
     checkpoints: Checkpoints | None = None,
 ) -> tuple[Encoder, Predictor | None]:
-    """Return the networks for the vehicle, on the CPU: an encoder of the named sensors, and dynamics and decoder if
-    they are slimmed. `rows` are training rows with all sensors' columns."""
+    """Return the networks for the vehicle, on the CPU: an encoder of the named sensors, and slim dynamics and decoder
+    if the settings ask for them. `rows` are training rows with all sensors' columns."""
     indices = rows.layout.indices(names)
     slim = distil(teacher.encoder, rows, indices, config, progress=progress, checkpoints=checkpoints)
     if not config.model.is_slimmed:
@@ -165,7 +165,7 @@ def _checkpoints(output: Path, identity: Identity, resume: bool) -> Checkpoints:
 def _choice(
     encoder: Encoder, rows: Rows, config: Config, checkpoints: Checkpoints, progress: Progress
 ) -> tuple[tuple[str, ...], SensorChoice]:
-    """Return the chosen sensors, and the method of their choice."""
+    """Return the chosen sensors, and how they were chosen."""
     settings, path = config.train, checkpoints.path(Phase.SELECT)
     if settings.selection == "shap":
         ranking = _ranking(encoder, rows, config, checkpoints, progress)

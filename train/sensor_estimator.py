@@ -2,8 +2,8 @@
 sensor check.
 
 The network learns from the recording's "train" episodes and their mirror images. During training, noise is added to the
-readings, and some rows repeat the row before, as on an ECU that loses frames, so that the estimator tolerates noise and
-lost frames.
+readings, and some rows repeat the row before them, as on an ECU that loses frames. This makes the estimator tolerant of
+noise and lost frames.
 """
 
 from collections.abc import Callable, Sequence
@@ -21,15 +21,16 @@ from contract.recording.dataset import Dataset
 from train.fitting.threads import torch_threads
 
 _WIDTHS: Final = (64, 64)
-"""Widths of the hidden layers. A width of 192 gives slightly smaller residuals, but does not fit into a
+"""Widths of the hidden layers. A width of 192 gives slightly smaller residuals, but is too large for a
 microcontroller."""
 EPOCHS: Final = 60.0
 BATCH: Final = 1024
 LEARNING_RATE: Final = 3e-3
 NOISE: Final = 0.5
-"""Largest noise, in global deviations of pressure. Levels are squared uniform draws, so low noise is frequent."""
+"""Largest standard deviation of the noise, in global deviations of pressure. It is multiplied by the square of a
+uniform draw, so low noise is frequent."""
 HELD: Final = 0.4
-"""Largest fraction of rows that repeat the row before."""
+"""Largest fraction of rows that repeat the row before them."""
 GUST: Final = 0.15
 """Largest relative difference, in half of the windows, between the air speed and the speed that scales the pressures.
 Without this difference in training, a gust of 10 % leaves mean residuals of 0.07 in Cp, four standard deviations of
@@ -91,8 +92,7 @@ def _fit(
     starts = torch.tensor(
         np.concatenate([b + np.arange(len(item) - window + 1) for b, item in zip(begins, learned, strict=True)])
     )
-    # Views in which sensors are exchanged need no training, because after the exchange their windows are ordinary
-    # windows.
+    # A view of exchanged sensors needs no training: once the exchange is undone, its windows are ordinary.
     hidden = torch.zeros(sensors + sensors * (sensors - 1) // 2, sensors)
     for flags, view in zip(hidden, views(sensors), strict=False):
         flags[list(view.left_out)] = 1.0
@@ -131,8 +131,8 @@ def _inputs(seen: Tensor, hidden: Tensor) -> Tensor:
 
 
 def _blown(seen: Tensor, middle: Tensor, generator: torch.Generator) -> Tensor:
-    """Rescale B windows of S sensors, (B, L, S+1), as if the air's dynamic pressure differed; `middle` (S,) is the
-    sensors' mean."""
+    """Rescale B windows of S sensors, (B, L, S+1), as if the air's dynamic pressure differed from that of the speed;
+    `middle` (S,) is the sensors' mean."""
     share, is_blown = torch.rand(2, len(seen), 1, 1, generator=generator)
     factor = torch.square(1.0 + GUST * (2.0 * share - 1.0) * (is_blown < 0.5))
     return torch.cat([factor * (seen[:, :, :-1] + middle) - middle, seen[:, :, -1:]], dim=2)

@@ -1,1 +1,1 @@
-"""The plant: two-dimensional DNS of the truck's wake with jets on the base, its environment and its recorder."""
+"""The plant: a two-dimensional direct numerical simulation of the truck's wake; its environment and its recorder."""

@@ -23,26 +23,27 @@ from wake.truck.truck_wake import TruckWake
 Observation = npt.NDArray[np.float32]
 
 LEDGER: Final = ("t", *LEDGER_FIELDS, "Uy_probe", "action", "Cd_slot", "Cd_net")
-"""The fields of `wake.plant.sample.Sample` that `info` contains: all fields but the pressures."""
+"""Names of the values of `wake.plant.sample.Sample` that `info` contains: all except the pressures."""
 _SILENCE_S: Final = 3.0
-"""Time in s after which a reset reports that the solver is being compiled; a reset without compilation takes less."""
+"""Time in s after which a reset reports that the solver is being compiled. A reset without compilation is shorter."""
 
 
 class TruckWakeEnv(CopiedWhole, gymnasium.Env[Observation, npt.NDArray[np.float32]]):
-    """One step is one control period of 0.2 t_c.
+    """A Gymnasium environment of the wake. One step is one control period of 0.2 t_c.
 
     Observation: Cp at the named sensors, in their order, float32. Action: jet flow rate in U_inf W, shape (1,), within
-    +-0.075. Reward: -Cd of the wall. An episode never terminates; it is truncated after `episode_steps`, and stays
-    truncated in every later step.
+    +-0.075. Reward: -Cd of the wall. An episode never terminates; `step` returns that it is truncated at step
+    `episode_steps` and at every later step.
 
     At every step `info` holds the drag ledger, with the names and units of `wake.plant.sample.Sample`: time, wall
-    force, slot force, jet momentum, jet power, the net of the forces, the wake probe and the action in force. `clipped`
-    states whether this step's action was clipped to the bound; `clipped_count` counts the clipped actions in this
-    episode.
+    force, slot force, jet momentum, jet power, the sum of the forces, the velocity at the wake probe and the action in
+    force. `clipped` states whether this step's action was clipped to the bound; `clipped_count` is the number of
+    clipped actions in this episode.
 
     `reset` starts at a random phase of the shedding cycle: between 0 and `max_phase_steps` uncontrolled control periods
-    after the start. Equal seeds give equal phases, and so, with equal actions, equal trajectories bit for bit with any
-    number of threads. Computed phases are stored, so only the first resets take time. Options of `reset`:
+    after the start state. Equal seeds give equal phases, and so, with equal actions, equal trajectories bit for bit
+    with any number of threads. Computed phases are stored, so only the first resets take long. `reset` accepts one of
+    these options:
 
     - `phase_steps`: the phase in control periods, in place of a random phase;
     - `start`: a `wake.truck.state.State` to start from, at a control period's start.
@@ -52,9 +53,9 @@ class TruckWakeEnv(CopiedWhole, gymnasium.Env[Observation, npt.NDArray[np.float3
 
     Args:
         sensor_names: the observed sensors; all by default, the truck's 90.
-        episode_steps: control steps until truncation.
-        max_phase_steps: largest random phase; 25 control periods are about one shedding cycle. A phase takes 1.8 MB.
-        start: initial flow state for other flow settings or another body; None for the shipped developed state.
+        episode_steps: number of control steps until truncation.
+        max_phase_steps: largest random phase; 25 control periods are about one shedding cycle. Each phase takes 1.8 MB.
+        start: flow state at phase 0, for other flow settings or another body; None for the shipped developed state.
         render_mode: None, or "rgb_array" for pictures of the vorticity, the jets and the observed sensors.
         body: the truck by default; another body needs `start`.
 
@@ -64,7 +65,7 @@ class TruckWakeEnv(CopiedWhole, gymnasium.Env[Observation, npt.NDArray[np.float3
     Raises:
         ConfigError: for a sensor that does not exist or is named twice, one string for all names, or a setting out of
             its range.
-        PlantError: for a start of another plant or inside a control period, or an unstable time step.
+        PlantError: for a start state of another plant or within a control period, or an unstable time step.
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 10}  # noqa: RUF012  (Gymnasium's own convention)
@@ -109,9 +110,9 @@ class TruckWakeEnv(CopiedWhole, gymnasium.Env[Observation, npt.NDArray[np.float3
         self, *, seed: int | None = None, options: Mapping[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
         """Start an episode. Raises ConfigError for an option that does not exist or is out of its range; PlantError for
-        a start of another plant, or inside a control period."""
+        a start state of another plant or within a control period."""
         super().reset(seed=seed)
-        # The solver is compiled here on the first use after an installation.
+        # On the first use after an installation, this reset compiles the solver; the notice explains the long wait.
         notice = Timer(_SILENCE_S, print, ["compiling the flow solver, once: up to a minute"], {"file": sys.stderr})
         notice.daemon = True
         notice.start()
@@ -130,7 +131,7 @@ class TruckWakeEnv(CopiedWhole, gymnasium.Env[Observation, npt.NDArray[np.float3
             raise gymnasium.error.ResetNeeded("call reset before step")
         commanded = _single_value(action)
         limit = self.plant.config.action_limit
-        # Rounding to float32 can move the bound by one ulp; an action at the rounded bound is not clipped.
+        # Rounding to float32 can move the bound by one ulp; an action at the rounded bound must not count as clipped.
         clipped = bool(abs(commanded) > np.float32(limit))
         sample = self.plant.advance(float(np.clip(commanded, -limit, limit)))
         self._step_count += 1
@@ -150,12 +151,12 @@ class TruckWakeEnv(CopiedWhole, gymnasium.Env[Observation, npt.NDArray[np.float3
         return self._picture.pixels()
 
     def share_phases(self, other: "TruckWakeEnv") -> None:
-        """Share the stored phases of the start with another environment of equal settings and start. Only one of the
-        two environments may be reset at a time."""
+        """Use the phases that the other environment has stored and will store, and store new phases there. The two
+        environments must have equal settings and start states, and only one of them may be reset at a time."""
         self._phases = other._phases
 
     def __getstate__(self) -> dict[str, Any]:
-        # A copy draws its own plant, and builds its picture when the copy is first asked to render.
+        # A picture draws one particular plant, so a copy builds a new picture of its own plant when it first renders.
         return self.__dict__ | {"_picture": None}
 
     def _start(self, options: Mapping[str, Any]) -> State:
@@ -181,7 +182,7 @@ class TruckWakeEnv(CopiedWhole, gymnasium.Env[Observation, npt.NDArray[np.float3
         return start
 
     def _phase(self, steps: int) -> State:
-        """Return the flow `steps` uncontrolled control periods after the start."""
+        """Return the flow `steps` uncontrolled control periods after the start state."""
         if steps >= len(self._phases):
             self.plant.reset(self._phases[-1])
         while steps >= len(self._phases):

@@ -1,4 +1,4 @@
-"""Opening a closed loop's flow by its name."""
+"""Functions that open the plant of a closed loop by the plant's name."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -27,17 +27,16 @@ def open_plant(
     *,
     start: Path | None = None,
 ) -> Iterator[LivePlant]:
-    """Return a developed wake at t = 0. Raises PlantError if the start does not match the settings, or if OpenFOAM is
-    requested for a body other than the truck, is not installed, or fails.
+    """Open a developed wake at t = 0; OpenFOAM ends with the `with` block. Raises PlantError if the start does not
+    match the settings, or if OpenFOAM is requested for a body other than the truck, is not installed, or fails.
 
     Args:
-        name: stillwake's solver or OpenFOAM. stillwake's shipped start is adapted to the grid if `flow.refinement`
-            differs.
-        output: run folder; OpenFOAM's case is there during the run, and its developed start is stored there.
-        duration: duration of the run, t_c; OpenFOAM needs it in advance.
+        name: "wake" for stillwake's solver, or "openfoam". The solver's shipped start is adapted to another
+            `flow.refinement`.
+        output: run folder, in which OpenFOAM's case runs and OpenFOAM's developed start is stored.
+        duration: duration of the run in t_c; OpenFOAM needs it in advance.
         progress: called with (time, total) while a start develops in OpenFOAM or settles on another grid.
-        start: file of the state in which stillwake's solver starts; its clock is then set to zero and its jets are
-            shut.
+        start: file of the state in which stillwake's solver starts, with the clock set to zero and the jets shut.
     """
     if name == "wake":
         yield own_wake(config, progress, start=start)
@@ -63,7 +62,7 @@ def open_plant(
 def own_wake(
     config: Config, progress: Callable[[float, float], None] = lambda t, total: None, *, start: Path | None = None
 ) -> TruckWake:
-    """Return the developed wake of stillwake's solver at t = 0. Arguments and errors are as for `open_plant`."""
+    """Return the developed wake of stillwake's solver at t = 0. Arguments and errors are those of `open_plant`."""
     wake = TruckWake(config.flow, body=config.body)
     state = _start(start, config)
     if start is None and state.origin is not None and state.origin.shape != wake.grid.shape:
@@ -74,7 +73,8 @@ def own_wake(
 
 
 def _start(path: Path | None, config: Config) -> State:
-    """Return the start with its clock at zero and its jets shut; raises PlantError for another Reynolds number."""
+    """Return the start state with its clock at zero and its jets shut. Raises PlantError if its body or Reynolds number
+    is not that of the settings."""
     state = developed_state() if path is None else load_state(path)
     if state.origin is not None:
         check_body(state.origin, config.body)

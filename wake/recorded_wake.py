@@ -1,4 +1,4 @@
-"""A recorded episode as a plant, which repeats the recorded pressures and forces, independent of the jets."""
+"""A plant that repeats the recorded pressures and forces of an episode, independent of the jets."""
 
 from typing import Final
 
@@ -13,19 +13,18 @@ from contract.sensor_layout import SensorLayout
 from wake.plant.sample import Sample
 
 _SAME_PERIOD: Final = 1e-6
-"""Largest difference in t_c between two control periods that count as equal. It covers the rounding of the times in a
-recording."""
+"""Largest difference in t_c at which two control periods are treated as equal, because recorded times are rounded."""
 
 
 class RecordedWake:
     """A `wake.plant.protocol.LoopPlant` that does not respond to the jets.
 
-    The first row follows the last row; all series jump there, while the time continues. A force that was not recorded
-    is NaN. The action of a sample is the present run's, not the recorded action. Raises PlantError for another control
-    period.
+    After the episode's last row, the plant continues with the first row: all series jump there, while the time
+    continues. A force that was not recorded is NaN. The action of a sample is the present run's, not the recorded
+    action. Raises PlantError if the episode's control period is not that of `flow`.
 
     Args:
-        flow: the clock; its control period must be the recording's.
+        flow: settings that contain the control period and its number of substeps.
 
     Attributes:
         answers_jets: False.
@@ -53,7 +52,7 @@ class RecordedWake:
         return self._period // self._length
 
     def sample(self) -> Sample:
-        """Return the present period's row."""
+        """Return the recorded row of the present period, with the time and the action of this run."""
         row = self._period % self._length
         return Sample(
             t=(self._period + self._substep / self._flow.substeps) * self._flow.control_period,
@@ -64,7 +63,7 @@ class RecordedWake:
         )
 
     def advance_to(self, substep: int, action: float | None = None) -> None:
-        """Advance as `wake.plant.protocol.Plant.advance_to` does. The jets reach the action, without effect on the
+        """Advance as `wake.plant.protocol.Plant.advance_to` does. The jets reach the action, but do not affect the
         flow. Raises PlantError for a substep that has already passed or belongs to another period."""
         last = self._flow.substeps
         if not self._substep < substep <= last:

@@ -27,9 +27,10 @@ class TruckWakeVectorEnv(CopiedWhole, SyncVectorEnv):
     """N independent `wake.env.TruckWakeEnv`, whose flows advance at the same time on the machine's cores.
 
     Each environment's observations, rewards, `info` and episodes equal, bit for bit, those of a single environment with
-    equal seed and actions. `reset` takes one seed, for seed, seed + 1 and so on, or a list with one seed or None for
-    each environment. Its options are those of `TruckWakeEnv.reset`, for all environments, and `reset_mask`, a Boolean
-    array that selects the environments to reset. All environments share the stored phases of the start.
+    equal seed and actions. `reset` takes one seed, from which the environments get seed, seed + 1 and so on, or a list
+    with one seed or None for each environment. The options of `reset` are those of `TruckWakeEnv.reset`, for all
+    environments, and `reset_mask`, a Boolean array that selects the environments to reset. All environments share the
+    stored phases of the start state.
 
     A copy or a pickle, taken at any time between two steps, is an independent environment that continues bit for bit.
     `wake.vector_env.BatchTape(env)` differentiates the batch.
@@ -68,12 +69,12 @@ class TruckWakeVectorEnv(CopiedWhole, SyncVectorEnv):
 
     @property
     def wakes(self) -> tuple[TruckWakeEnv, ...]:
-        """The single environments; `wakes[i].plant` is a flow."""
+        """The single environments; `wakes[i].plant` is the flow of environment i."""
         return tuple(cast(TruckWakeEnv, env.unwrapped) for env in self.envs)
 
     def step(self, actions: Actions) -> tuple[Any, ...]:
-        """Ramp the jets of each wake to its action over one control period; `actions` is (N, 1). Raises as
-        `TruckWakeEnv.step` does, after all flows have advanced."""
+        """Ramp the jets of each wake to its action over one control period; `actions` has shape (N, 1). Raises the
+        errors of `TruckWakeEnv.step`, but only after all flows have advanced."""
         waits = self._autoreset_envs if self.autoreset_mode == AutoresetMode.NEXT_STEP else np.zeros(self.num_envs)
         moving = [
             (env, action)
@@ -97,12 +98,11 @@ class TruckWakeVectorEnv(CopiedWhole, SyncVectorEnv):
             self._pool = None
 
     def __getstate__(self) -> dict[str, Any]:
-        # A copy starts its own threads.
+        # Threads cannot be copied, so a copy starts its own threads.
         return self.__dict__ | {"_pool": None}
 
     def _begun(self, work: Callable[..., T], arguments: Iterable[tuple[Any, ...]]) -> list[Future[T]]:
-        """Return the calls once all of them have ended, so that after an error in one call no other flow is still
-        advancing."""
+        """Start the calls and return them after all have ended, so that no flow advances when an error is raised."""
         if self._pool is None:
             self._pool = ThreadPoolExecutor(self._threads, thread_name_prefix="wake")
         begun = [self._pool.submit(work, *each) for each in arguments]
@@ -111,7 +111,7 @@ class TruckWakeVectorEnv(CopiedWhole, SyncVectorEnv):
 
 
 class _Ahead(gymnasium.Wrapper[Any, Any, Any, Any]):
-    """An environment whose step may have been taken already, on another thread."""
+    """An environment whose `step` returns the result that another thread has computed, if there is one."""
 
     def __init__(self, env: TruckWakeEnv) -> None:
         super().__init__(env)
@@ -132,15 +132,16 @@ def _one(settings: dict[str, Any]) -> _Ahead:
 
 
 class BatchTape(CopiedWhole):
-    """The tapes of all wakes of a vector environment (`wake.truck.tape.Tape`), which move together on the environment's
-    threads. The tapes advance the flows without the environment's episodes. A copy has its own environment.
+    """One tape (`wake.truck.tape.Tape`) for each wake of a vector environment; all tapes advance by the same control
+    period, on the environment's threads. They advance only the flows: the environment counts no steps and ends no
+    episode. A copy has its own environment.
 
     Args:
-        env: at the beginning of control periods, after `reset`.
+        env: the environment, after `reset`; every wake must be at the beginning of a control period.
         memory_mb: limit of the stored data of all tapes, in 10^6 bytes.
 
     Attributes:
-        tapes: one tape for each wake, with its sensitivities to the start (`Tape.bar`).
+        tapes: one tape for each wake; `Tape.bar` holds the sensitivities to the wake's start.
     """
 
     def __init__(self, env: TruckWakeVectorEnv, memory_mb: float = 2000.0) -> None:
@@ -148,16 +149,17 @@ class BatchTape(CopiedWhole):
         self.tapes = [Tape(wake.plant, memory_mb / env.num_envs) for wake in env.wakes]
 
     def advance(self, actions: Array) -> list[Sample]:
-        """Advance each of the N flows by a period to its action, (N,). Raises PlantError as `Tape.advance` does."""
+        """Advance each of the N flows by a control period in which its jets ramp to its action; `actions` has shape
+        (N,). Raises PlantError as `Tape.advance` does."""
         pairs = zip(self.tapes, map(float, actions), strict=True)
         return self._env.at_once(Tape.advance, pairs)
 
     def back(self, weights: Sequence[Sample]) -> Array:
-        """Go back by a period; return the sensitivities to the actions of this period, (N,). `weights` holds weights
-        for each wake's sample, as for `Tape.back`."""
+        """Go back by a control period on each tape; return the sensitivities to the N actions of this period, (N,).
+        `weights` holds the weights of each wake's sample, as for `Tape.back`."""
         return np.array(self._env.at_once(Tape.back, zip(self.tapes, weights, strict=True)))
 
     def restart(self) -> None:
-        """Begin new tapes at the present flows, in the same memory."""
+        """Empty all tapes, so that they begin at the present flows, and use their memory again."""
         for tape in self.tapes:
             tape.restart()

@@ -24,8 +24,7 @@ _CHUNK = 1024
 
 
 def encode_all(encoder: Encoder, rows: Rows) -> Tensor:
-    """Compute the latents of every full window, one for each of n rows, (n, N_z); NaN for the first L - 1 rows of an
-    episode."""
+    """Compute the latents of every full window, one per row, (n, N_z); NaN for the first L - 1 rows of an episode."""
     window = encoder.window
     with torch.no_grad():
         parts = []
@@ -61,8 +60,7 @@ def distil(
     target = encode_all(teacher, rows)
     slim_rows = rows.with_sensors(chosen)
     noise = slim_rows.noise(settings.sensor_noise)
-    # Windows are drawn one by one, because without an unroll and with few inputs, sharing computations between windows
-    # would save nothing.
+    # Windows are drawn one by one: without an unroll and with few inputs, sharing computations would save nothing.
     sampler = SegmentSampler(
         slim_rows, window=config.model.window, ahead=0, segment=1, batch_size=settings.batch_size, seed=settings.seed
     )

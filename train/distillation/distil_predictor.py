@@ -1,10 +1,10 @@
-"""Narrower dynamics and decoder for small ECUs, distilled on roll-outs of the trained networks (our method).
+"""Narrower dynamics and decoder for small ECUs, distilled on roll-outs of the trained networks (this project's method).
 
 The paper slims only the encoder, but nearly all computation of a control step is in the other two networks: the
 optimiser rolls them out over `horizon` steps, forwards and backwards, in every iteration. So the student is trained for
 this use. It learns from whole roll-outs of that length, in which the small errors of single steps add up, and from the
-latents of the encoder that is used on the vehicle. The student also learns the cost's gradient along the plan, which is
-all that the optimiser uses (Sobolev training, Czarnecki et al. 2017).
+latents of the encoder that is used on the vehicle. The student also learns the gradient of the cost with respect to the
+plan, which is the only result that the optimiser uses (Sobolev training, Czarnecki et al. 2017).
 """
 
 from collections.abc import Mapping
@@ -21,8 +21,7 @@ from train.networks.loss import prediction_loss
 from train.networks.model import Predictor
 
 _FEWER = 4
-"""Ratio of the windows' batch size to the roll-outs' batch size; it is above 1 because each roll-out has H
-predictions."""
+"""Ratio of the windows' batch size to the roll-outs' batch size. It is above 1: each roll-out has H predictions."""
 
 
 def distil_predictor(
@@ -37,8 +36,8 @@ def distil_predictor(
 
     The loss is the sum of three terms. The first is the mean square of the latents' difference over h = 1 .. H, the
     second the forces' Smooth L1 over h = 0 .. H, both in standard deviations. The third is `slope_weight` times the
-    squared difference of the cost's gradients, relative to the teacher's gradient. Returns the student in evaluation
-    mode, with the slim widths of `model`, on the lessons' device.
+    mean square of the difference between the cost's gradients, divided by the mean square of the teacher's gradient.
+    Returns the student in evaluation mode, with the slim widths of `model`, on the lessons' device.
     """
     device = lessons.actions.device
     batch_size = max(2, settings.batch_size // _FEWER)

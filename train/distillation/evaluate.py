@@ -1,7 +1,7 @@
-"""Figures on test episodes (paper, section 3.1): forces decoded from the latents, and open-loop prediction.
+"""Errors on test episodes (paper, section 3.1): forces decoded from the latents, and open-loop prediction.
 
 R2 = 1 - sum (C - C_hat)^2 / sum (C - mean C)^2, and L1/sigma = mean |C - C_hat| / std C, both over the test
-episodes; sigma is the reference signal's standard deviation. Neither figure depends on the scaling, so scaled forces
+episodes; sigma is the reference signal's standard deviation. Neither number depends on the scaling, so scaled forces
 are used.
 """
 
@@ -33,8 +33,8 @@ class ForceError:
 class RolloutError:
     """Values of L1/sigma after `horizon` steps of the dynamics with the recorded actions.
 
-    `latent` compares with the encoder's own latents at that time, averaged over dimensions with the sigma of each.
-    `drag` and `lift` compare the decoded forces with the recorded forces.
+    `latent` is the error relative to the encoder's own latents at that time, averaged over dimensions with the sigma of
+    each. `drag` and `lift` are the errors of the decoded forces relative to the recorded forces.
     """
 
     horizon: int
@@ -45,7 +45,7 @@ class RolloutError:
 
 @dataclass(frozen=True, kw_only=True)
 class EncoderMetrics:
-    """Figures of an encoder with a dynamics network and a decoder."""
+    """The errors of an encoder that is used with a dynamics network and a decoder."""
 
     drag: ForceError
     lift: ForceError
@@ -58,7 +58,7 @@ class EncoderMetrics:
 
 @dataclass(frozen=True, kw_only=True)
 class ModelMetrics:
-    """Figures of a trained model on the test episodes.
+    """The errors of a trained model on the test episodes.
 
     Attributes:
         slim: the encoder on the chosen sensors, with the teacher's dynamics and decoder.
@@ -85,7 +85,7 @@ class ModelMetrics:
 def evaluate_model(
     teacher: WakeModel, slim: Encoder, predictor: Predictor | None, rows: Rows, chosen: Index
 ) -> ModelMetrics:
-    """Compute all figures of a trained model. Raises DatasetError if no episode is long enough for a window and the
+    """Compute all errors of a trained model. Raises DatasetError if no episode is long enough for a window and the
     longest horizon, or a force is constant.
 
     Args:
@@ -104,7 +104,7 @@ def evaluate_model(
 def evaluate(
     encoder: Encoder, predictor: Predictor | WakeModel, rows: Rows, *, horizons: Sequence[int] = HORIZONS
 ) -> EncoderMetrics:
-    """Compute the figures of an encoder with the given dynamics and decoder, on test rows with the encoder's sensors.
+    """Compute the errors of an encoder with the given dynamics and decoder, on test rows with the encoder's sensors.
     Raises DatasetError if no episode is long enough for a window and the longest horizon, or a force is constant."""
     return evaluate_latents(encode_all(encoder, rows), predictor, rows, window=encoder.window, horizons=horizons)
 
@@ -112,7 +112,7 @@ def evaluate(
 def evaluate_latents(
     latents: Tensor, predictor: Predictor | WakeModel, rows: Rows, *, window: int, horizons: Sequence[int] = HORIZONS
 ) -> EncoderMetrics:
-    """Compute the figures of n latents (n, N_z), one for each row; rows before an episode's first full window are NaN.
+    """Compute the errors of n latents (n, N_z), one for each row; rows before an episode's first full window are NaN.
 
     Every window of every episode counts; a roll-out starts from every window that is followed by the longest horizon.
     Raises DatasetError if no episode is long enough for a window and the longest horizon, or a force is constant.

@@ -1,13 +1,13 @@
 """The lessons of a narrower predictor: roll-outs of the trained predictor, their forces, and the gradient of the
 controller's cost.
 
-The teacher gives a roll-out for any actions, not only for recorded actions. A quarter of the lessons use the actions
-recorded after their start, and a quarter use actions recorded elsewhere. The remaining half are plans during a descent
-of the teacher's cost: they begin with recorded actions and take steps against the cost's gradient, like the optimiser's
-plans.
+The trained predictor, the teacher, gives a roll-out for any actions, not only for recorded actions. A quarter of the
+lessons use the actions that were recorded after the lesson's first state, and a quarter use actions from other places
+in the recording. The other half use plans from an optimisation: a plan begins with recorded actions, and gradient steps
+then lower the controller's cost, as the teacher predicts it.
 
 The optimiser uses only one result of dynamics and decoder: the gradient of the controller's cost with respect to a
-plan. Lessons and gradient are the project's own, not the paper's.
+plan. The lessons and the training on this gradient are this project's method, not the paper's.
 
 Shapes: B plans of H actions, N_z latent dimensions. Latents, actions and forces are standardised.
 """
@@ -29,7 +29,7 @@ from train.samples.rows import Rows
 
 
 class Predicts(Protocol):
-    """Dynamics and decoder, as in `train.networks.model.Predictor` and `WakeModel`."""
+    """The interface of dynamics and decoder, which `train.networks.model.Predictor` and `WakeModel` have."""
 
     dynamics: Dynamics
     decoder: Decoder
@@ -40,8 +40,8 @@ class Prediction:
     """A roll-out and its forces.
 
     Attributes:
-        latents: (H + 1, B, N_z) at t .. t+H.
-        forces: (H + 1, B, 2) at t .. t+H.
+        latents: (H + 1, B, N_z), latents at t .. t+H.
+        forces: (H + 1, B, 2), forces at t .. t+H.
     """
 
     latents: Tensor
@@ -49,7 +49,7 @@ class Prediction:
 
 
 def predict(model: Predicts, latent: Tensor, actions: Tensor) -> Prediction:
-    """Roll out from latents (B, N_z) at t with actions (B, H) at t .. t+H-1."""
+    """Return the roll-out from the latents (B, N_z) at t with the actions (B, H) at t .. t+H-1."""
     latents = torch.cat([latent[None], model.dynamics.rollout(latent, actions)])
     return Prediction(latents=latents, forces=model.decoder(latents))
 
@@ -72,11 +72,12 @@ def force_slope(forces: Tensor, weights: CostWeights, scaling: Scaling) -> Tenso
 
 
 def plan_slope(prediction: Prediction, actions: Tensor, by_force: Tensor, *, differentiable: bool = False) -> Tensor:
-    """Compute a cost's gradient (B, H) along the plan from the cost's gradient with respect to the forces.
+    """Compute the gradient of a cost with respect to the plans' actions, (B, H), from the gradient with respect to the
+    forces.
 
     Args:
         prediction: roll-out of the actions, with its autograd graph.
-        by_force: (H, B, 2) the cost's gradient with respect to the forces at t+1 .. t+H.
+        by_force: (H, B, 2), gradient of the cost with respect to the forces at t+1 .. t+H.
         differentiable: whether the result can be differentiated with respect to the networks' weights.
     """
     (slope,) = torch.autograd.grad(
@@ -88,21 +89,21 @@ def plan_slope(prediction: Prediction, actions: Tensor, by_force: Tensor, *, dif
 _TOGETHER = 256
 """Number of roll-outs of the teacher that are computed together."""
 _STEPS_DOWN = 16
-"""Number of lessons from one plan during its descent."""
+"""Number of lessons that are taken from one plan while gradient steps lower its cost."""
 _LONGEST_STEP = 4e-3
-"""Largest step of a plan's descent, in U_inf W; the mean step is half as large, so 16 steps cover 0.032."""
+"""Largest change of an action in a gradient step, in U_inf W. The mean is half as large, so 16 steps cover 0.032."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Lessons:
-    """n roll-outs of H steps, standardised.
+    """A set of n roll-outs of H steps, with standardised values.
 
     Attributes:
-        actions: (n, H) at t .. t+H-1.
-        latents: (n, H + 1, N_z) at t .. t+H, by the teacher's dynamics.
-        forces: (n, H + 1, 2), by the teacher's decoder.
-        by_force: (n, H, 2) gradient of the cost with respect to the forces at t+1 .. t+H.
-        slope: (n, H) gradient of the cost with respect to the actions, through these forces.
+        actions: (n, H), actions at t .. t+H-1.
+        latents: (n, H + 1, N_z), latents at t .. t+H, by the teacher's dynamics.
+        forces: (n, H + 1, 2), forces at t .. t+H, by the teacher's decoder.
+        by_force: (n, H, 2), gradient of the cost with respect to the forces at t+1 .. t+H.
+        slope: (n, H), gradient of the cost with respect to the actions, through these forces.
     """
 
     actions: Tensor
@@ -132,7 +133,7 @@ def teach(
     episode is long enough for a window and the horizon.
 
     Args:
-        latents: (n, N_z), one for each of n rows, of the encoder for the vehicle.
+        latents: (n, N_z), latents of the vehicle's encoder, one for each of n rows.
     """
     starts = rollout_starts(rows, config.model.window, config.mpc.horizon)
     ahead = torch.arange(config.mpc.horizon, device=starts.device)

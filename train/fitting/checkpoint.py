@@ -1,5 +1,5 @@
-"""Checkpoints of a training: files that are written completely or not at all, and that only a training with equal
-settings can load."""
+"""Checkpoint files of a training. They are written completely or not at all; only a training with equal settings loads
+them."""
 
 import io
 import os

@@ -1,9 +1,9 @@
 """The training loop, and the joint fit of encoder, dynamics and decoder (paper, section 2.2.4).
 
 A run is a function of configuration and recording. Batches depend only on the seed and the step. Initial weights and
-dropout depend on a generator that is seeded here and stored in the checkpoint. A run that is interrupted and resumed
-therefore ends with the weights of an uninterrupted run, on one machine with one number of threads; elsewhere the order
-of sums may differ.
+dropout depend on a generator that is seeded here and stored in the checkpoint. On one machine and with one number of
+threads, a run that is interrupted and resumed therefore ends with the weights of an uninterrupted run. On another
+machine or with another number of threads, sums may have another order.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -52,7 +52,7 @@ class Checkpoints:
 
 @dataclass(frozen=True, kw_only=True)
 class Schedule:
-    """Adam's learning rate over the run: constant, or one cycle (warm-up, then cosine to zero; Smith 2017)."""
+    """The learning rate of Adam over the run: constant, or one cycle (warm-up, then cosine to zero; Smith 2017)."""
 
     steps: int
     learning_rate: float
@@ -107,7 +107,7 @@ def optimise(
         terms = loss(step)
         done = step + 1
         is_kept = checkpoints is not None and (done % checkpoints.every == 0 or done == schedule.steps)
-        # Reading the loss of a GPU waits for the GPU, so it is read rarely.
+        # The loss is read rarely on a GPU, because each reading waits until the GPU has finished its work.
         if terms["total"].device.type == "cpu" or done % REPORT_EVERY == 0 or is_kept:
             _check_finite(terms["total"], phase, step, schedule, checkpoints)
         optimiser.zero_grad()
@@ -160,7 +160,8 @@ def fit_joint(
         model = WakeModel(rows.inputs.shape[1] - 1, config.model).to(device)
         _fit(model, rows, config.model.window, settings, Phase.FIT, progress, checkpoints)
         if settings.finish.epochs:
-            # Each field of `finish` replaces the setting with that name. The finish reads windows, as the vehicle does.
+            # Each field of `finish` replaces the setting with that name. This last part of training reads windows, as
+            # on the vehicle.
             last = replace(settings, streamed=False, **asdict(settings.finish))
             _fit(model, rows, config.model.window, last, Phase.FINISH, progress, checkpoints)
     return model

@@ -32,7 +32,7 @@ class Phase(StrEnum):
 
 
 class Progress(Protocol):
-    """A function that receives the phase, the finished steps, all steps and the latest loss terms."""
+    """A function that receives the phase, the numbers of finished steps and of all steps, and the latest loss terms."""
 
     def __call__(self, phase: Phase, step: int, total: int, terms: Mapping[str, float]) -> None: ...
 
@@ -53,7 +53,8 @@ class Spent:
 
 @dataclass(kw_only=True)
 class Stopwatch:
-    """A Progress that adds up the time of every phase. Time between two calls counts for the later call's phase.
+    """A `Progress` function that adds up the time of every phase. Time between two calls is added to the phase of the
+    later call.
 
     Attributes:
         cpu, wall: functions that return the process's CPU time and the wall-clock time, in s.
@@ -78,7 +79,7 @@ class Stopwatch:
         self._last = now
 
     def figures(self) -> list[dict[str, Any]]:
-        """Return one entry per phase: its name, steps, CPU minutes and minutes."""
+        """Return one entry per phase: its name, number of steps, and CPU time and elapsed time in minutes."""
         return [
             {"phase": phase.label, "steps": one.steps, "cpu_min": one.cpu_s / 60.0, "min": one.wall_s / 60.0}
             for phase, one in self.spent.items()

@@ -1,5 +1,5 @@
-"""An encoder that reads a stream: one LSTM step for each sample instead of L steps, with the state carried on (our
-method).
+"""An encoder that reads a stream: one LSTM step for each sample instead of L steps, because the LSTM's state is not
+reset (this project's method).
 
 The networks are those of the windowed encoder; only the rows that the state has read differ. A windowed encoder starts
 from a zero state in every window. A streamed encoder's state can depend on all earlier rows; its gates determine how
@@ -27,7 +27,7 @@ similar, and additional latents cost little here."""
 
 
 def encode_stream(encoder: Encoder, rows: Rows) -> Tensor:
-    """Compute n latents with the state carried through each episode, (n, N_z), one for each row.
+    """Compute n latents, (n, N_z), one for each row; the LSTM's state is not reset within an episode.
 
     The first L - 1 latents of an episode, while the state settles, are NaN as in `distil.encode_all`.
     """

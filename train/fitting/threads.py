@@ -1,7 +1,8 @@
 """The number of torch's threads, and its treatment of denormal numbers.
 
 The default is one thread: with other work on the machine, OpenMP's threads spin while they wait for each other, and a
-step with two threads was measured to use ten times the CPU time. The number changes sums, and so a model's bytes.
+step with two threads was measured to use ten times the CPU time. The number of threads changes the order of sums, and
+so a trained model's bytes.
 """
 
 from collections.abc import Iterator
@@ -14,8 +15,7 @@ from contract.errors import ConfigError
 
 @contextmanager
 def torch_threads(count: int) -> Iterator[None]:
-    """Set torch's number of threads inside the block and restore it after the block; raises ConfigError for a number
-    below 1."""
+    """Set torch's number of threads inside the block, then restore it; raises ConfigError for a number below 1."""
     if count < 1:
         raise ConfigError(f"threads = {count}: must be at least 1")
     before = torch.get_num_threads()
@@ -34,7 +34,7 @@ def without_denormals() -> Iterator[None]:
     hundred times as long for an operation on a denormal number, and a gradient took three times as long (measured once,
     Xeon of 2.5 GHz).
     """
-    # Torch cannot report the previous setting; nothing else in this program changes it.
+    # Torch cannot report the previous setting, which nothing else changes; so the setting is off afterwards.
     torch.set_flush_denormal(True)
     try:
         yield

@@ -86,7 +86,7 @@ def check(folder: Path, identity: Identity) -> Reached | None:
     if not has_checkpoints(folder):
         return None
     label = _label(folder)
-    # Without a label every checkpoint is still checked when it is loaded (`train.fitting.checkpoint`).
+    # If there is no label, every checkpoint is still checked when it is loaded (`train.fitting.checkpoint`).
     if label is not None and "settings" in label:
         settings = json.loads(identity.settings)
         difference = next(_differences(label.get("settings"), settings), None)

@@ -6,8 +6,9 @@ The dynamics are unrolled k steps from the encoded z_t to predict latents. The t
 t+1 .. t+k. Gradients flow through targets and predictions, so the encoder learns a predictable state. The VICReg terms
 act on the predictions and prevent a collapse of the latents.
 
-L_decode is L_force at h = 0, on the encoded latent itself. In the paper, forces enter through predictions only, which
-is enough for short predictions. Over 20 steps, the decoder would learn only from latents that many steps have blurred.
+L_decode, which the paper does not have, is L_force at h = 0, on the encoded latent itself. In the paper, forces enter
+through predictions only, which is enough for short predictions. Over 20 steps, the decoder would learn mostly from
+latents with the accumulated errors of many steps.
 """
 
 from dataclasses import dataclass, fields

@@ -18,8 +18,8 @@ from train.networks.recurrence import last_hidden
 class Encoder(nn.Module):
     """An LSTM over the window, then LayerNorm and a two-layer ELU perceptron on the LSTM's final hidden state.
 
-    The slim encoder is this network with fewer features. The LSTM is a `torch.nn.LSTM` for weights and initialisation.
-    `train.networks.recurrence` evaluates it, because overlapping windows can share computations.
+    The slim encoder is this network with fewer features. `torch.nn.LSTM` stores and initialises the LSTM's weights, but
+    `train.networks.recurrence` evaluates the LSTM, because overlapping windows can share computations.
     """
 
     def __init__(self, sensors: int, config: ModelConfig) -> None:
@@ -38,8 +38,7 @@ class Encoder(nn.Module):
         """Encode S segments of R consecutive rows (S, R, F) as latents (S, R - L + 1, N_z) at rows L-1 .. R-1 of each
         segment."""
         if segments.is_cuda:
-            # On a GPU, cuDNN runs all steps of a window in one kernel, which is faster than sharing computations
-            # between windows.
+            # On a GPU, cuDNN runs all steps of a window in one kernel, which is faster than sharing computations.
             unfolded = segments.unfold(1, self.window, 1).transpose(2, 3)
             states, _ = self.lstm(unfolded.flatten(0, 1))
             last = states[:, -1].unflatten(0, unfolded.shape[:2])
@@ -48,7 +47,7 @@ class Encoder(nn.Module):
         return self.read_out(last)
 
     def encode_stream(self, segments: Tensor) -> Tensor:
-        """Encode like `encode_segments`, but carry the LSTM's state through each segment without a reset.
+        """Encode like `encode_segments`, but without resetting the LSTM's state within a segment.
 
         This takes one LSTM step per row instead of L. The latent at row k depends on all rows of its segment up to k.
         """

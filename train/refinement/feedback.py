@@ -1,5 +1,5 @@
-"""The feedback that becomes the prior of the plan. It computes the next action from a memory of rows, and changes the
-action's sign for the mirror image.
+"""The feedback controller that becomes the prior of the plan. It computes the next action from a memory of rows. In the
+mirror image of the flow, the action has the opposite sign.
 
 Fixed filters reduce the memory: the newest rows are used one by one, older rows as weighted means, whose weights are
 bumps that widen with age. The trained part is a layer of tanh units on the filtered differences and actions, and the
@@ -21,7 +21,7 @@ from contract.controller.goal import OWN, SCHEDULED, SPEED_PLACES, SPEED_SCALE, 
 NEWEST: Final = 10
 """Number of newest rows that are used one by one: two convective times."""
 BUMPS: Final = 10
-"""Number of means over older rows."""
+"""Number of weighted means of older rows."""
 FIRST_PAIR, OTHER_PAIRS = 1.7, 0.56
 """Scales of the first pair's and of the other pairs' differences, in standard deviations of the recorded Cp of one of a
 pair's two sensors."""
@@ -44,8 +44,8 @@ def scales_of(deviations: Sequence[float], limit: float) -> tuple[float, ...]:
 
 
 def filters(memory: int) -> Tensor:
-    """Return the filter weights, (M rows, number of filters), oldest row first; in a short memory every row is used on
-    its own."""
+    """Return the filter weights, (M rows, number of filters), oldest row first. In a short memory, every row has a
+    filter."""
     age = np.arange(memory)[::-1]
     is_long = memory > NEWEST + BUMPS
     columns = [(age == row).astype(np.float64) for row in range(NEWEST if is_long else memory)]
@@ -57,13 +57,13 @@ def filters(memory: int) -> Tensor:
 
 
 class Feedback(nn.Module):
-    """a_{t+1} = (1 - limit / 2) A tanh(output . (1 + tanh(gate . (s, sums))) tanh((first . s) . rows)).
+    """A feedback a_{t+1} = (1 - limit / 2) A tanh(output . (1 + tanh(gate . (s, sums))) tanh((first . s) . rows)).
 
     A is the release's limit. s = (1, slower, faster, effort, lift, limit) are the scheduling inputs of
-    `contract.controller.goal`; the goal's parts effort, lift and limit are, each from 0 to 1. `rows` are the filtered
-    differences and actions, `sums` the filtered sums of the pairs. The mirror image changes the sign of the rows and
-    not of the sums, so the action changes its sign exactly. Initially the feedback gives no control, because `output`
-    is zero, and is not scheduled.
+    `contract.controller.goal`; effort, lift and limit are the parts of the goal, each from 0 to 1. `rows` are the
+    filtered differences and actions, `sums` the filtered sums of the pairs. In the mirror image, the rows have the
+    opposite sign and the sums do not change, so the action has exactly the opposite sign. At first `output` is zero, so
+    the feedback gives no control, and the layer is not scheduled.
 
     Args:
         memory: M, number of rows (differences, sums, action) that the feedback reads.
@@ -93,12 +93,12 @@ class Feedback(nn.Module):
 
     @property
     def memory(self) -> int:
-        """M, the number of rows."""
+        """M, the number of rows that the feedback reads."""
         return len(self._filters)
 
     @property
     def pairs(self) -> int:
-        """p, the number of pairs."""
+        """p, the number of sensor pairs."""
         return len(self.middles)
 
     def forward(self, rows: Tensor, speed: float = 1.0, goal: Goal = OWN) -> Tensor:
@@ -114,7 +114,7 @@ class Feedback(nn.Module):
         return action
 
     def begin_with(self, prior: Mapping[str, Array]) -> None:
-        """Load the weights of a prior from `as_prior`, or from release 1.0.0, which has no goal and no sums.
+        """Load the weights of a prior from `as_prior`, or of the prior of release 1.0.0, which has no goal and no sums.
 
         If the prior has fewer units than this feedback, the other units stay unchanged.
         """

@@ -1,5 +1,5 @@
-"""The refinement of a trained model: distillation for its sensors, training through the flow, and a fit of the
-predictor."""
+"""The refinement of a trained model: distillation for its sensors, training of the prior with gradients through the
+flow solver, and a fit of the prior's predictor."""
 
 import hashlib
 import shutil
@@ -120,8 +120,8 @@ def refine_model(
 
 
 def resting_by_speed(flow: DifferentiableFlow, start: FlowState, settings: Config, progress: Progress) -> Array | None:
-    """Return speed, base pressure and swing of the wake without jets at each of K speeds, (K, 3); None if the training
-    has a single speed."""
+    """Return speed, mean Cp of the base and mean |Cp difference| of the pairs for the wake without jets at each of K
+    speeds, (K, 3); None if the training has a single speed or no sensor is on the base."""
     slowest, fastest = settings.refine.slowest, settings.refine.fastest
     if slowest == fastest:
         return None
@@ -138,7 +138,7 @@ def resting_by_speed(flow: DifferentiableFlow, start: FlowState, settings: Confi
 def _begun(
     settings: Config, scales: tuple[float, ...], middles: tuple[float, ...], prior: Mapping[str, Array] | None
 ) -> Feedback:
-    """Return the initial feedback: the model's prior if it fits the sizes, otherwise a feedback without control."""
+    """Return the initial feedback: the model's prior if its sizes fit, otherwise a feedback without control."""
     size = settings.refine
     made = Feedback(size.memory, size.units, scales, middles, settings.flow.action_limit, settings.train.seed)
     if prior is None or "filters" not in prior:

@@ -45,7 +45,7 @@ def predictor(stretches: Sequence[Array], memory: int) -> Array:
     regression. Raises StillwakeError for fewer steps than coefficients, or a regressor that is always zero.
 
     Args:
-        stretches: arrays of n rows, (n, p + 1) each; row k is (y_k, a_k). No fit crosses the end of an array.
+        stretches: arrays of n rows, (n, p + 1) each; row k is (y_k, a_k). A prediction's M rows are from one array.
         memory: M.
     """
     columns = stretches[0].shape[1]

@@ -1,4 +1,4 @@
-"""Training of the feedback through the flow with Adam and averaged weights.
+"""Training of the feedback with gradients through the flow solver, by Adam, with averaged weights.
 
 Streams are flows that continue under the feedback; each update uses one stretch, an interval of closed loop, of several
 streams.
@@ -31,29 +31,27 @@ from train.refinement.stretches import Done, SideBySide, Task, done
 from train.refinement.windows import Price, Stream, StretchReadings
 
 LARGEST_GRADIENT: Final = 0.5
-"""Norm to which a stretch's gradient is clipped, because single stretches have gradients ten times as large as
-usual."""
+"""Norm to which a stretch's gradient is clipped, because some stretches have a gradient ten times the usual one."""
 MEAN_OVER: Final = 30
-"""Number of updates over which the exponential mean of the weights decays to 1 / e."""
+"""Number of updates after which an update's share in the exponential mean of the weights is down to 1 / e."""
 KEEP_EVERY: Final = 5
 SPEED_CHANGE: Final = 0.25
-"""Fraction of the distance to a random speed by which the speed changes during a stretch; a random half of the
-stretches changes its speed."""
+"""Fraction of the distance to a randomly drawn speed by which the speed changes during a stretch. The speed changes in
+a random half of the stretches."""
 AT_DESIGN: Final = 3
-"""Ratio of the number of all streams to the number of streams that stay at the design speed, the speed at which a
-release is tested first."""
+"""Number of streams of which one stays at the design speed, because a release is tested first at that speed."""
 GOAL_OVER: Final = 3
 """Number of stretches after which a stream draws a new goal; the wake takes about one stretch to respond."""
 SOUND: Final = 0.5
-"""Fraction of stretches with the true speed, of stretches without lost frames, and of configured values in drawn
-goals."""
+"""Probability that a stretch has the true speed, that it loses no frames, and that a part of its goal is as
+configured."""
 LAST_ROWS: Final = 20_000
 """Number of the newest control periods to which the predictor of differences is fitted."""
 NEAR_DESIGN: Final = 0.1
-"""Largest distance from the design speed of the periods in the predictor's fit, in units of the design speed. One
-linear predictor for speeds from 0.6 to 1.4 had an error of 0.063 in Cp over eight steps; a predictor for the design
-speed has 0.035 (manual run, truck-wake-8). With the predictor for all speeds and a compensated delay of twelve periods,
-the jets locked onto the wake."""
+"""Largest distance from the design speed, in units of the design speed, at which a stretch is used for the predictor's
+fit. One linear predictor for speeds from 0.6 to 1.4 had an error of 0.063 in Cp over eight steps; a predictor for the
+design speed has 0.035 (manual run, truck-wake-8). With the predictor for all speeds and a compensated delay of twelve
+periods, the jets locked onto the wake."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -197,7 +195,8 @@ def _tasks(
         effort, lift = stream.goal.prices()
         is_fixed = settings.slowest == settings.fastest or number % AT_DESIGN == 0
         speed = 1.0 if is_fixed else _next_speed(stream, settings, rng)
-        # The effect of the jets takes equally many convective times at every speed.
+        # The effect of the jets takes equally many convective times at every speed, so a faster stretch has fewer
+        # periods.
         periods = round(2.0 * at_design / (stream.speed + speed))
         speeds = np.linspace(stream.speed, speed, periods + 1)
         tasks.append(
@@ -215,7 +214,7 @@ def _tasks(
 
 
 def _next_goal(settings: RefineConfig, rng: np.random.Generator) -> Goal:
-    """Return the configured goal, or a goal with some parts drawn from the whole range."""
+    """Return the configured goal or, if goals are trained, a goal with some parts drawn from the whole range."""
     own = Goal.of(CostWeights(lift=settings.lift_price, effort=settings.effort_price))
     drawn, others = rng.random(len(own)), rng.random(len(own)) > SOUND
     return Goal(*np.where(others, drawn, own).tolist()) if settings.goals else own
@@ -233,16 +232,16 @@ def _readings(settings: RefineConfig, deviations: Array, speeds: Array, rng: np.
     told, share = rng.uniform(-1.0, 1.0) * (rng.random() > SOUND), rng.random() * (rng.random() > SOUND)
     return StretchReadings(
         noise=noise,
-        # A speed outside the range is replaced by the end of the range, as in the ECU.
+        # The speed that the feedback receives is limited to the range, as in the ECU.
         told=np.clip((1.0 + settings.speed_error * told) * speeds, settings.slowest, settings.fastest) / speeds,
         lost=rng.random(periods) < settings.loss * share,
     )
 
 
 def _next_speed(stream: Stream, settings: RefineConfig, rng: np.random.Generator) -> float:
-    """Return the speed at a stretch's end. In a stream's first stretch, it is a speed drawn from the range; later, the
-    speed changes by at most `SPEED_CHANGE` of the distance to the drawn speed."""
-    # The draw extends beyond the range and is clipped, so that the ends of the range are drawn often.
+    """Return the speed at a stretch's end. It is a drawn speed in a stream's first stretch. Later, the speed stays or
+    changes by `SPEED_CHANGE` of its distance to the drawn speed."""
+    # The draw extends beyond the range and is then limited to it, so that the ends of the range are drawn often.
     beyond = 0.3 * (settings.fastest - settings.slowest)
     anywhere = rng.uniform(settings.slowest - beyond, settings.fastest + beyond)
     anywhere = float(np.clip(anywhere, settings.slowest, settings.fastest))
@@ -275,6 +274,5 @@ def _update(run: _Training, results: Sequence[Done], settings: RefineConfig, pro
 
 
 def _cut(gradients: Sequence[Tensor]) -> list[Tensor]:
-    """Return a stretch's gradient, clipped to the largest norm."""
     norm = float(torch.stack([one.norm() for one in gradients]).norm())
     return [one * min(1.0, LARGEST_GRADIENT / (norm + 1e-6)) for one in gradients]

@@ -1,5 +1,4 @@
-"""The stretches (intervals of closed loop) of an update as values, which can be computed in this process or in parallel
-processes."""
+"""The stretches (intervals of closed loop) of an update, computed in this process or in parallel processes."""
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager

@@ -1,5 +1,5 @@
-"""The gradient of a stretch, an interval of closed loop, through feedback and flow; and the streams, each of which runs
-over several stretches."""
+"""The gradient of a stretch, an interval of closed loop, with respect to the feedback's parameters, through feedback
+and flow; and the streams, each of which runs over several stretches."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -38,7 +38,7 @@ class Price:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class StretchReadings:
-    """The errors between flow and feedback in a stretch of n periods, with p pairs of sensors.
+    """The errors of the values that the feedback receives in a stretch of n periods, with p pairs of sensors.
 
     Attributes:
         noise: (n, 2 p), added to the sensors' Cp, in pairs of mirror images.
@@ -63,12 +63,12 @@ class Stream:
 
     Attributes:
         state: present state of the flow.
-        rows: n rows (n, 2 p + 1), oldest first: p differences and p sums of the sensor pairs, and the action that began
-            in each period; the present sample's row is added later. n is the feedback's memory M, or larger if the
-            speed may be below the design speed.
-        speeds: (n,) speeds of these rows that the feedback received, in units of the design speed.
-        speed: present speed.
-        committed: the action of the period that begins, in units of the design speed.
+        rows: n rows (n, 2 p + 1), oldest first: p differences and p sums of the sensor pairs, and the action that
+            started in each period; the present sample's row is added later. n is the feedback's memory M, or larger if
+            the speed may be below the design speed.
+        speeds: (n,) speeds that the feedback received with these rows, in units of the design speed.
+        speed: present speed of the flow, in units of the design speed.
+        committed: the action of the next period, in units of the design speed.
         stretches: number of stretches that the stream has run.
         goal: goal of the feedback, each part from 0 to 1 (`contract.controller.goal.Goal`).
     """
@@ -83,7 +83,7 @@ class Stream:
 
     @classmethod
     def begun(cls, state: FlowState, feedback: Feedback, slowest: float = 1.0) -> Self:
-        """Begin a stream without jets at the design speed; `slowest` is the lowest speed that will occur."""
+        """Return a new stream without jets at the design speed; `slowest` is the lowest speed that will occur."""
         rows = ceil(feedback.memory / slowest) + (slowest < 1.0)
         row = np.concatenate([np.zeros(feedback.pairs), feedback.middles.numpy(), [0.0]])
         return cls(state=state, rows=np.tile(row, (rows, 1)), speeds=np.ones(rows))
@@ -91,8 +91,8 @@ class Stream:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Stretch:
-    """Results of a stretch: mean coefficients, and n resampled rows (n, p + 1) of the p true differences and the
-    action.
+    """The results of a stretch: mean coefficients, and n resampled rows (n, p + 1) of the p differences without errors
+    and the action.
 
     Coefficients and rows are in units of the present speed. `off_design` is the largest distance of the speeds from the
     design speed, in units of the design speed.
@@ -121,8 +121,7 @@ def differentiate(
     The timing is the vehicle's: the command computed from the sample of t_k is in force at the end of period k + 1.
 
     Args:
-        speeds: (n + 1,) flow speeds at the samples of n periods, in units of the design speed; None for the design
-            speed.
+        speeds: (n + 1,) flow speeds at the samples of n periods, as ratios to the design speed; None for ratios of 1.
         action_limit: limit of the jets at every speed, in units of the design speed.
 
     Raises:
@@ -167,11 +166,11 @@ def differentiate(
 
 
 def read(rows: Tensor, speeds: Sequence[float], memory: int) -> Tensor:
-    """Resample a stream's n rows of c columns, (n, c), to the feedback's M rows (M, c) at the present speed, as on the
-    vehicle.
+    """Resample a stream's n rows of c columns, (n, c), to the M rows that the feedback reads, (M, c), spaced for the
+    present speed, as the vehicle does.
 
-    On the vehicle, a row has the action in force at its sample, in units of the speed at that time; the row of the
-    present sample has the action that begins.
+    On the vehicle, each row holds the action that was in force when its sample was taken, divided by the speed at that
+    time. The row of the present sample holds the action that starts now.
     """
     rows = _followed(rows, speeds)
     where = places(speeds, memory)
@@ -188,7 +187,8 @@ def read(rows: Tensor, speeds: Sequence[float], memory: int) -> Tensor:
 
 
 def _followed(rows: Tensor, speeds: Sequence[float]) -> Tensor:
-    """Return rows whose differences are filtered as on the vehicle (`contract.controller.resampling.followed`)."""
+    """Return the rows after the differences and sums were filtered as on the vehicle
+    (`contract.controller.resampling.followed`)."""
     if min(speeds) >= 1.0:
         return rows
     weights = np.zeros((len(rows), len(rows)))
@@ -201,7 +201,7 @@ def _followed(rows: Tensor, speeds: Sequence[float]) -> Tensor:
 
 
 def _stretch_read(rows: Array, speeds: Array) -> Array:
-    """Resample a stretch's rows; their number follows from the speeds."""
+    """Resample a stretch's rows; the number of resampled rows depends on the speeds."""
     steps = len(places(speeds.tolist(), len(rows) * ceil(speeds.max())).newer)
     return np.asarray(read(torch.from_numpy(rows), speeds.tolist(), steps))
 

@@ -80,7 +80,8 @@ class Rows:
         actions: (n,) a_k.
         forces: (n, 2) Cd, Cl.
         lengths: rows of each episode, in order; the sum is n.
-        unit: (N,) one global deviation of pressure in each sensor's column; None if the scaling is not known.
+        unit: (N,) one global deviation of pressure in the units of each sensor's column; None if the scaling is not
+            known.
         layout: layout of the sensors, in the order of their columns.
         names: names of each episode, in order; may be empty.
     """

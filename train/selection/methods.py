@@ -1,5 +1,4 @@
-"""The selection methods behind one interface: teacher, recording and number of sensors are given, names of sensors are
-returned."""
+"""The selection methods: each takes an encoder, rows and a number of sensors, and returns the sensors' names."""
 
 from itertools import zip_longest
 from typing import Final, get_args
@@ -28,9 +27,10 @@ def select_by_hand(count: int, layout: SensorLayout = TRUCK) -> tuple[int, ...]:
     """Return the indices of `count` sensors, outward from the two rear corners, where the shear layers leave the body.
 
     The order alternates between the next pair along the sides, from the rear forward, and the next pair across the
-    base, from its edges inward. When one of the two has no more pairs, the other's pairs follow. On the truck, the
-    first four are upper_39, lower_39, base_0 and base_9. Sensors on the symmetry line come last, from the rear forward.
-    An odd count may end with only the upper sensor of a pair. Raises ConfigError without mirror images or base sensors.
+    base, from its edges inward. When the sides or the base have no more pairs, the remaining pairs follow. On the
+    truck, the first four are upper_39, lower_39, base_0 and base_9. Sensors on the symmetry line come last, from the
+    rear forward. An odd count may end with only the upper sensor of a pair. Raises ConfigError without mirror images or
+    base sensors.
     """
     mirror = layout.mirror
     if mirror is None or not layout.base.size:
@@ -72,8 +72,7 @@ def select_qr(rows: Rows, count: int, *, modes: int | None = None) -> tuple[int,
     Args:
         modes: size of the basis, at least `count`, because a basis of r modes distinguishes at most r sensors.
     """
-    # PyPI's python-sensors 0.4 computes these pivots too, but needs scikit-learn, matplotlib and pandas for one call of
-    # SciPy.
+    # PyPI's python-sensors 0.4 computes these pivots too, but needs scikit-learn, matplotlib and pandas.
     basis = pod_modes(rows, max(count, modes or 0))
     _, order = scipy.linalg.qr(basis.T, mode="r", pivoting=True)
     return tuple(order[:count].tolist())

@@ -36,15 +36,14 @@ def windows_at(rows: Rows, firsts: Index, window: int) -> Tensor:
 
 
 STRIDE: Final = 4
-"""Distance of the lags, in rows: 0.8 t_c, about six lags per shedding cycle, 8 lags in a window of 32."""
+"""Distance between two lags, in rows: 0.8 t_c. A shedding cycle has about six lags, a window of 32 rows has 8."""
 
 RIDGE: Final = 1e-4
-"""Lambda, the ridge. Inputs have unit variance, so lambda acts like noise of 1 % of each sensor's standard
-deviation."""
+"""Ridge parameter lambda. Inputs have unit variance, so lambda acts like noise of 1 % of a standard deviation."""
 
 FITTED: Final = 4000
 JUDGED: Final = 2000
-"""Numbers of windows for the fit and for the test; a recording with fewer windows is split in the same proportion."""
+"""Numbers of windows for the fit (`FITTED`) and the test (`JUDGED`); fewer windows are split in this proportion."""
 
 _CHUNK = 1024
 
@@ -75,16 +74,17 @@ def sample(encoder: Encoder, rows: Rows, seed: int) -> tuple[tuple[Array, Array]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RidgeStudent:
-    """Products of all F lags and N_z latents, centred on the means of the fitted windows, as means over windows.
+    """The products of all F lags and N_z latents, as means over windows; all are centred on the means of the fitted
+    windows.
 
     Attributes:
-        gram: (F, F) of the fitted windows' lags.
-        cross: (F, N_z) of the fitted windows' lags and latents.
-        judged_gram: (F, F) of the test windows' lags.
-        judged_cross: (F, N_z) of the test windows' lags and latents.
+        gram: (F, F) products of the fitted windows' lags with each other.
+        cross: (F, N_z) products of the fitted windows' lags with the latents.
+        judged_gram: (F, F) products of the test windows' lags with each other.
+        judged_cross: (F, N_z) products of the test windows' lags with the latents.
         judged_power: mean square of the test windows' latents, summed over N_z.
         lags: number of lags of each column.
-        noise_power: mean square of the noise on each column, the action's last.
+        noise_power: mean square of the noise on each column; the last entry is the action's.
     """
 
     gram: Array
@@ -101,7 +101,7 @@ class RidgeStudent:
         return len(self.noise_power) - 1
 
     def error(self, chosen: Sequence[int]) -> float:
-        """Return the unexplained fraction of the test latents' mean square, given the chosen sensors and the action."""
+        """Return the fraction of the test latents' mean square that chosen sensors and action leave unexplained."""
         columns = np.append(np.asarray(chosen, dtype=np.intp), self.sensors)
         places = (columns[:, None] * self.lags + np.arange(self.lags)).ravel()
         block = np.ix_(places, places)

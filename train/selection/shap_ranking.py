@@ -23,7 +23,7 @@ from train.selection.ridge_student import first_rows, windows_at
 
 
 class Ranker(Protocol):
-    """A function that returns the N sensors' scores (N,), larger if more important; different seeds give independent
+    """A function that returns the N sensors' scores (N,), larger if more important; each seed gives independent
     draws."""
 
     def __call__(self, encoder: Encoder, rows: Rows, seed: int) -> Array: ...
@@ -35,7 +35,7 @@ def rank(
     """Score the sensors `repeats` times with independent draws."""
     scores = []
     for repeat in range(repeats):
-        # The seeds are spawned, because runs with neighbouring seeds must not share draws.
+        # The seeds are derived by a hash, because runs with neighbouring seeds must not share draws.
         draw = int(np.random.SeedSequence((seed, repeat)).generate_state(1)[0])
         scores.append(ranker(encoder, rows, draw))
         progress(Phase.RANK, repeat + 1, repeats, {})
@@ -71,7 +71,7 @@ class ShapRanker:
         generator = np.random.default_rng(seed)
         background = _draw(rows, encoder.window, self.background, "background", generator)
         explained = _draw(rows, encoder.window, self.explained, "explanation", generator)
-        # Only gradients with respect to inputs are needed; a frozen copy avoids computing the weights' gradients.
+        # Only gradients with respect to inputs are needed; with a frozen copy, the weights' gradients are not computed.
         packed = _Packed(copy.deepcopy(encoder).requires_grad_(False))
         total = np.zeros(explained.shape[2])
         full = len(explained) // _PACK * _PACK

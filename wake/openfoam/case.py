@@ -21,8 +21,7 @@ PROBE_OBJECT: Final = "wakeProbe"
 
 @dataclass(frozen=True, kw_only=True)
 class CaseClock:
-    """The end and the time step of an icoFoam run, in t_c, and its intervals between writes and between
-    measurements."""
+    """The end and the time step of an icoFoam run, in t_c, and the numbers of time steps between outputs."""
 
     end: float
     dt: float
@@ -79,7 +78,7 @@ _SCHEMES: Final[dict[str, Any]] = {
     "interpolationSchemes": {"default": "linear"},
     "snGradSchemes": {"default": "corrected"},
 }
-# Multigrid as a preconditioner takes two thirds of the time of multigrid alone, and less on finer meshes.
+# As a preconditioner, multigrid takes two thirds of the time that it takes alone, and less on finer meshes.
 _MULTIGRID: Final = {"preconditioner": "GAMG", "smoother": "DICGaussSeidel", "tolerance": 1e-6, "relTol": 0}
 _PRESSURE: Final = {"solver": "PCG", "preconditioner": _MULTIGRID, "tolerance": 1e-6, "relTol": 0.05}
 _SOLVERS: Final[dict[str, Any]] = {
@@ -93,7 +92,8 @@ _SOLVERS: Final[dict[str, Any]] = {
 
 
 def _control(mesh: Mesh, clock: CaseClock) -> dict[str, Any]:
-    # For forces, OpenFOAM reads the entries "execute"; for probes, it reads the entries "write".
+    # The interval of forces is set by executeControl and executeInterval, that of probes by writeControl and
+    # writeInterval. Both functions therefore get all four entries.
     every_sample = {
         f"{what}{setting}": value
         for what in ("execute", "write")

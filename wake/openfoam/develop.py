@@ -1,4 +1,4 @@
-"""The wake without jets, which icoFoam computes once and which is stored as the start of runs in closed loop."""
+"""The wake without jets: icoFoam computes it once, and it is stored as the start of closed-loop runs."""
 
 import re
 import shutil
@@ -23,10 +23,11 @@ from wake.truck.state import State, developed_state
 
 
 def from_own_solver(state: State, mesh: Mesh) -> tuple[Array, Array]:
-    """Interpolate a state on the grid of refinement 1 to velocity (m, 2) and kinematic pressure (m,) in the m cells.
+    """Interpolate a state on the grid of refinement 1 to velocity (m, 2) and kinematic pressure (m,) in the mesh's m
+    cells.
 
-    The interpolation is linear. Values in cells between the outermost points and the boundary are extrapolated. The
-    first time step removes the divergence that the interpolation leaves.
+    The interpolation is linear. In cells between the grid's outermost points and the boundary, the values are
+    extrapolated. The first time step removes the divergence that the interpolation leaves.
     """
     grid = truck_grid()
     flow = Flow.of(state.flat, grid.shape)
@@ -66,8 +67,8 @@ def settle(
     until: float,
     progress: _Progress = lambda t, total: None,
 ) -> None:
-    """Run the case in `folder` without jets until a time; continue from its last checkpoint if there is one. Raises
-    PlantError if icoFoam is missing or fails.
+    """Run the case in `folder` without jets until the time `until`; continue from the case's last checkpoint if there
+    is one. Raises PlantError if icoFoam is missing or fails.
 
     Args:
         folder: the case; created if it does not exist.
@@ -87,7 +88,7 @@ def settle(
         progress(until, until)
         return
     periods = round(until / config.control_period)
-    # The run has a whole number of checkpoint intervals, so that the last checkpoint is at the run's end.
+    # The checkpoint interval divides the run exactly, so that the last checkpoint is at the run's end.
     every = max(n for n in range(1, round(_CHECKPOINT / config.control_period) + 1) if periods % n == 0)
     clock = case.CaseClock(
         end=until,
@@ -107,8 +108,8 @@ def settle(
 def developed(
     folder: Path, config: FlowConfig, foam: OpenFoamConfig, progress: _Progress = lambda t, total: None
 ) -> FoamState:
-    """Return the developed wake: `folder/developed.npz` if it was computed with these settings, otherwise a newly
-    computed wake, which is stored in this file.
+    """Return the developed wake, from `folder/developed.npz` if that wake was computed with these settings. Otherwise
+    compute the wake and store it in this file.
 
     The computation starts from the developed wake of stillwake's solver and takes minutes; a later call continues an
     interrupted computation. Raises PlantError if icoFoam is missing or fails, or the stored file is damaged.

@@ -73,7 +73,7 @@ def write_poly_mesh(mesh: Mesh, folder: Path) -> None:
     points = [f"({x:.17g} {y:.17g} {z})" for z in (0, 1) for x, y in mesh.points]
     sizes = [len(mesh.patches[name]) for name in PATCHES]
     upright = np.vstack([mesh.edges, *(mesh.patches[name] for name in PATCHES)])
-    # An edge with its cell on the left is extruded to a face whose normal points away from this cell.
+    # An edge with its cell on the left becomes a face whose normal points away from this cell.
     faces = np.vstack(
         [np.column_stack([upright, upright[:, ::-1] + n]), mesh.cells[:, ::-1], mesh.cells + n],
     )
@@ -102,7 +102,7 @@ _TIME: Final = re.compile(r"\d+(\.\d+)?(e[+-]\d+)?")
 
 def parse_cells(content: bytes, name: str) -> Array:
     """Read a field's values in the m cells, (m,) or (m, 3), from a file written in binary with 64-bit numbers. Raises
-    PlantError if the file is of another kind or truncated; the message contains `name`."""
+    PlantError if the file has another format or is truncated; the message contains `name`."""
     listing = _LIST.search(content)
     if listing is None or b"scalar=64" not in content[: listing.start()]:
         raise PlantError(f"{name}: must hold a binary list of 64-bit numbers, one a cell")

@@ -1,4 +1,4 @@
-"""Samples of the plant from the files that icoFoam's function objects write.
+"""Conversion of the files that icoFoam's function objects write into samples of the plant.
 
 Forces in units of rho U_inf^2 W / 2 are twice the kinematic forces, for a domain of depth 1.
 """
@@ -27,11 +27,11 @@ _SAME: Final = 1e-6  # t_c by which rounded times of one instant may differ
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Readings:
-    """One line of every function object's file.
+    """The measurements at one time: the contents of one line from each function object's file.
 
     Attributes:
-        forces: kinematic force vectors, (3, 3, 3): the total, pressure and viscous force on the truck, then on the
-            upper slot, then on the lower slot.
+        forces: kinematic force vectors, (3, 3, 3): first the total, pressure and viscous force on the truck, then those
+            on the upper slot and on the lower slot.
         pressures: kinematic pressures at the probed cells.
         wake: velocity at the wake probe, (3,).
     """
@@ -47,7 +47,7 @@ class Readings:
 
 
 class Instruments:
-    """A converter of readings on one mesh to samples."""
+    """A converter from readings on one mesh to samples."""
 
     def __init__(self, mesh: Mesh) -> None:
         self._weights = sensor_weights(mesh)
@@ -103,8 +103,8 @@ class Follower:
 
 
 def read_all(folder: Path) -> tuple[Array, list[Readings]]:
-    """Read times and readings of a whole case. If the case was continued, the lines of each start replace older lines
-    from its time on. Raises PlantError if the case holds no measurements."""
+    """Read times and readings of a whole case. If the case was continued, the lines written after a restart replace the
+    older lines from the restart's time on. Raises PlantError if the case holds no measurements."""
     tables = {name: _series(folder / "postProcessing" / name, file) for name, file in _FILES.items()}
     times = min((table[:, 0] for table in tables.values()), key=len)
     tables = {name: table[np.searchsorted(table[:, 0], times - _SAME)] for name, table in tables.items()}

@@ -19,10 +19,10 @@ from contract.geometry import DOMAIN_X, DOMAIN_Y, HALF_WIDTH, JET_WIDTH, LEADING
 from wake.solver.grid import graded_faces
 
 PATCHES: Final = ("inlet", "outlet", "sides", "truck", "jetUpper", "jetLower")
-"""Patches of the plane mesh; the case has OpenFOAM's two empty planes in addition."""
+"""Names of the patches of the plane mesh. The case also has OpenFOAM's two `empty` planes."""
 
-# Each table lists target spacings as (station, size), which are linear between stations: along the front (y), the sides
-# (x) and the wake (x), then away from the wall, and across the wake (y).
+# Each table lists pairs (position, target spacing); the spacing is linear between the positions. The positions are y
+# along the front, x along the sides, x in the wake, the distance from the wall, and y across the wake.
 _FRONT: Final = ((0.0, 0.03), (0.25, 0.02), (0.382, 0.0155))
 _ARC: Final = 0.0155
 _SIDE: Final = (
@@ -45,7 +45,7 @@ class Mesh:
         cells: vertex indices of each cell counter-clockwise, (m, 4).
         edges: internal edges as vertex pairs (k, 2), sorted by `owner` and then `neighbour`.
         owner, neighbour: cells to the left and right of each internal edge, (k,); owner < neighbour.
-        patches: edges of each patch, (k, 2), with the flow on the left, in the order of the edges' cells.
+        patches: edges of each patch, (k, 2), in the order of their cells; each edge has the flow on its left.
         patch_cells: the cell of each edge of a patch, (k,).
     """
 
@@ -116,10 +116,10 @@ def truck_mesh(refinement: float = 1.0) -> Mesh:
 
 
 def _around(refinement: float, wake_x: Array) -> tuple[Array, slice]:
-    """Return the points of the block around the body, (along, away, 2), and the columns at its front and sides."""
+    """Return the points of the block around the body, (along, away, 2), and its columns at the front and the sides."""
     flat, r = HALF_WIDTH - LEADING_EDGE_RADIUS, LEADING_EDGE_RADIUS
     front = graded_faces(_FRONT, 0.0, flat, refinement)
-    # The number of cells is even, so that the middle line ends in the domain's corner.
+    # The arc has an even number of cells, so that its middle line ends in the domain's corner.
     arc = np.linspace(np.pi, 0.5 * np.pi, 2 * max(2, round(0.25 * np.pi * r * refinement / _ARC)) + 1)
     side = graded_faces(_SIDE, r, LENGTH, refinement)
     away = graded_faces(_NORMAL, 0.0, DOMAIN_Y[1] - HALF_WIDTH, refinement)
@@ -171,8 +171,8 @@ def _sides(cells: Index) -> tuple[Index, Index]:
 
 
 def _match(cells: Index, n: int) -> tuple[Index, Index, Index, Index]:
-    """Return the edges, the cell of each edge, and the index of each edge as seen from the cell on its other side (-1
-    if there is none)."""
+    """Return the edges of all cells, the cell of each edge, and the index of the same edge as listed by the cell on its
+    other side (-1 if there is none); also a code of each edge's vertex pair."""
     pairs, cell = _sides(cells)
     code, reverse = pairs @ np.array([n, 1]), pairs @ np.array([1, n])
     order = np.argsort(code)

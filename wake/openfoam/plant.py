@@ -1,6 +1,7 @@
-"""The second plant: the same truck, jets and clock, solved by OpenFOAM's icoFoam on a body-fitted mesh.
+"""The second plant: truck, jets and clock are those of the first plant, but OpenFOAM's icoFoam solves the flow, on a
+body-fitted mesh.
 
-It has the interface of `wake.truck.truck_wake.TruckWake`, with two differences. A run has a longest duration, because
+The interface is that of `wake.truck.truck_wake.TruckWake`, with two differences. A run has a longest duration, because
 icoFoam needs all times in advance. A state can be taken only at a control period's end, where icoFoam writes its
 fields.
 """
@@ -121,8 +122,8 @@ class OpenFoamWake(NeverCopied):
 
     def reset(self, state: FoamState) -> Sample:
         """Restart icoFoam from a state. The restart is not exact: one control period later, the forces differ by a
-        fraction of a percent from those of a run without interruption. Raises PlantError if the state is of another
-        mesh or not finite, or icoFoam does not start."""
+        fraction of a percent from those of an uninterrupted run. Raises PlantError if the state is of another mesh or
+        not finite, or icoFoam does not start."""
         velocity = state.velocity
         if len(velocity) != len(self.mesh.cells):
             raise PlantError(f"flow state has {len(velocity)} cells, this mesh has {len(self.mesh.cells)}")
@@ -184,7 +185,7 @@ class OpenFoamWake(NeverCopied):
         self._readings = self._follower.read()
         self._substep += substep - into
         self._action = target if substep == last else start + (target - start) * (substep - into) / (last - into)
-        # The check is made here as well as in `sample`, because a run need not call `sample` after its last step.
+        # `sample` checks this too, but a run need not call `sample` after its last step.
         self._readings.require_finite(self.t)
 
     def sample(self) -> Sample:

@@ -74,7 +74,7 @@ class IcoFoam(NeverCopied):
             raise self.failure(_ended(status))
 
     def failure(self, what: str) -> PlantError:
-        """Return an error of one line with `what` and the log's end."""
+        """Return an error whose one-line message contains `what` and the end of the log."""
         path = self.folder / LOG
         lines = [line.strip() for line in path.read_text(encoding="utf-8", errors="replace").splitlines()]
         tail = " | ".join([line for line in lines if line][-_TAIL:]) or "(nothing)"
@@ -108,7 +108,7 @@ def _ended(status: int) -> str:
 
 
 def _die_with_parent() -> None:
-    """Let the kernel end the child when the thread that started it ends for any reason."""
+    """Let the kernel end the child when the thread that started the child ends for any reason."""
     ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
 
 
@@ -155,7 +155,7 @@ class JetPipes(NeverCopied):
             reader = self._open(jet) if self._waiting is None else self._waiting
             self._waiting = None
             try:
-                # The text has a few hundred bytes; a pipe accepts this number in one write.
+                # The text has a few hundred bytes, which a pipe accepts in one write.
                 os.write(reader, wall.velocities(self._mesh, jet, action).encode("ascii"))
             except BrokenPipeError:
                 self._child.wait(1.0)

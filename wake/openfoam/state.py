@@ -17,7 +17,7 @@ from wake.openfoam.measurements import Readings, read_all
 
 STATE_SCHEMA: Final = "stillwake-openfoam/1"
 
-# The files are velocity and pressure, the flux through every face, and U and phi at the time scheme's older level.
+# The files are velocity and pressure, the flux through every face, and U and phi at the older level of the time scheme.
 _FIELDS: Final = ("U", "p", "phi", "U_0", "phi_0")
 
 
@@ -27,9 +27,9 @@ class FoamState:
 
     Attributes:
         files: contents of the case's field files by name.
-        dt: last time step before the state, in t_c; the time scheme's weights for the older level depend on it.
+        dt: size of the last time step before the state, in t_c; the weights of the time scheme depend on it.
         readings: measurements at the state's time.
-        action: jet flow rate in force.
+        action: jet flow rate in force, in U_inf W.
         substep: number of time steps since t = 0.
     """
 

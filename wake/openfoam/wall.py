@@ -35,8 +35,8 @@ BOUNDARY: Final[dict[str, Any]] = {
 }
 
 _NEVER: Final = "1000000"
-# An instant is later than the step's end by this fraction of a time step, so that rounding cannot place the instant
-# before the end.
+# Fraction of a time step by which each listed instant is later than the step's end, so that rounding cannot place the
+# instant before the end.
 _LATE: Final = 1e-6
 
 
@@ -61,7 +61,7 @@ def pipe(folder: Path, jet: str) -> Path:
 
 
 def write_rest(folder: Path, mesh: Mesh) -> None:
-    """Write the instants of a case whose jets never blow."""
+    """Write the files of the instants of a case whose jets never blow."""
     for jet in JETS:
         data = _begin(folder, mesh, jet, 0.0)
         (data / _NEVER).mkdir(exist_ok=True)
@@ -133,7 +133,7 @@ def _straight(mesh: Mesh, name: str) -> npt.NDArray[np.bool_]:
 
 
 def _between(along: Array, wall: npt.NDArray[np.bool_], place: float) -> Array:
-    """Return the weights of linear interpolation between the two faces of `wall` next to `place`."""
+    """Return the weights of linear interpolation to the position `place` from the two nearest faces of `wall`."""
     index = np.flatnonzero(wall)
     index = index[np.argsort(along[index])]
     i = int(np.clip(np.searchsorted(along[index], place) - 1, 0, len(index) - 2))

@@ -59,12 +59,12 @@ def animate(
     Args:
         path: file to write; its name ends in .gif or .webp.
         picture: draws the plant `wake`.
-        wake: the plant, moved to the end of the run.
+        wake: the plant; after the call it is in the state at the end of the run.
         actions: one command for each of n control periods, (n,); U_inf W.
         skip: number of control periods before the first frame.
         every: number of control periods between frames.
         fps: number of frames per second; a GIF rounds the time of a frame to 10 ms.
-        hold: additional time of the last frame, in s.
+        hold: time in s by which the last frame is shown longer than the others.
         progress: called with (control periods done, total).
     """
     check_target(path)
@@ -80,7 +80,7 @@ def animate(
 
 
 def check_target(path: Path) -> None:
-    """Raise ConfigError if the path does not end like an animation's file name."""
+    """Raise ConfigError if the path does not end in .gif or .webp, or is a folder."""
     if path.suffix.lower() not in _SUFFIXES or path.is_dir():
         raise ConfigError(f"{path}: must be a file ending in {' or '.join(_SUFFIXES)}")
 

@@ -32,7 +32,7 @@ _NEAR_WAKE: Final = (-0.847, 4.353, -1.2, 1.2)
 """Limits in x and y of the near wake's picture, in W, with x measured from the base."""
 
 FIELD_COLOURS: Final = "RdBu_r"
-"""Colour map that is diverging and symmetric about zero."""
+"""Name of the colour map of the field. The map is diverging and symmetric about zero."""
 SENSOR_COLOURS: Final = "viridis"
 BLOWING: Final = "#ff7f0e"
 SUCKING: Final = "#8e44ad"
@@ -55,7 +55,7 @@ class WakePicture:
     It shows a field in colour, the body, arrows for the jets, and the sensors' Cp. The colour scales are fixed.
 
     Args:
-        kind: vorticity, or Cp in the flow.
+        kind: the field: the vorticity, or Cp in the flow.
         sensor_names: the sensors that are coloured by their Cp; all other sensors are small dots. None colours all.
         width: width of the picture in pixels.
     """
@@ -122,7 +122,7 @@ class WakePicture:
         """Return the picture's colours for a GIF, (n, 3) from 0 to 1; n is at most 256."""
         scales = [(FIELD_COLOURS, 170), (SENSOR_COLOURS, 40), ("gray", 24)]
         colours = [mpl.colormaps[name](np.linspace(0.0, 1.0, count))[:, :3] for name, count in scales]
-        # Edges of arrows and slots are blended with black and white, so the palette needs these blends.
+        # Smoothing blends the edges of arrows and slots with black and white, so the palette holds these blends.
         blends = [
             np.linspace(end, mpl.colors.to_rgb(c), 6)[1:] for c in (BLOWING, SUCKING) for end in ((0, 0, 0), (1, 1, 1))
         ]
@@ -136,18 +136,19 @@ class WakePicture:
         self.update()
         canvas: Any = self.figure.canvas
         canvas.draw()
-        # The layout is computed once: it is slow, and must not shift between frames.
+        # The layout is computed only once, because this is slow, and because the layout must not change between frames.
         self.figure.set_layout_engine("none")
         return np.asarray(canvas.buffer_rgba())[..., :3].copy()
 
 
 def vorticity_figure(wake: Drawable, highlight: tuple[str, ...] = (), title: str = "") -> Figure:
-    """Draw the present vorticity around the body, with the sensors `highlight`, or all sensors, coloured by Cp."""
+    """Draw the present vorticity around the body. The sensors `highlight` (all if empty) are coloured by Cp."""
     return WakePicture(wake, "vorticity", highlight or None).update(title)
 
 
 def mean_figure(grid: Grid, body: BodyConfig, mean: Flow, duration: float) -> Figure:
-    """Draw a mean flow downstream of the body: u in colour, streamlines, edge of backward flow, bubble length.
+    """Draw a mean flow downstream of the body: u in colour, streamlines, the boundary of the backward flow, and the
+    bubble's length.
 
     Args:
         grid, body: grid and body of the plant whose mean is drawn.
@@ -181,13 +182,13 @@ def mean_figure(grid: Grid, body: BodyConfig, mean: Flow, duration: float) -> Fi
 
 
 def check_suffix(path: Path) -> None:
-    """Raise ConfigError for a name whose ending is no known format."""
+    """Raise ConfigError if the name does not end in .png, .pdf or .svg."""
     if path.suffix.lower() not in PICTURES or path.is_dir():
         raise ConfigError(f"{path}: must be a file ending in {', '.join(PICTURES)}")
 
 
 def save_figure(path: Path, figure: Figure) -> None:
-    """Write in the format of the name's ending, completely or not at all. Raises ConfigError as `check_suffix` does."""
+    """Write the figure in the format of the name's ending, completely or not at all. Raises as `check_suffix` does."""
     check_suffix(path)
     with replacing(path) as temporary:
         figure.savefig(temporary, format=path.suffix[1:].lower())
@@ -204,8 +205,8 @@ def outline(body: BodyConfig) -> Array:
 
 def jet_arrow(share: float, side: int, base: float) -> Array:
     """Return the outline of the arrow at the upper (side 1) or lower (side -1) slot of a base at x = `base`, (7, 2).
-    The arrow points away from the base for blowing (share > 0) and towards the base for sucking; its length shows the
-    share."""
+    The arrow points away from the base for blowing (share > 0) and towards the base for sucking; its length is
+    proportional to |share|."""
     length, shaft, head = _FULL_JET * abs(share), JET_WIDTH, 2.4 * JET_WIDTH
     neck = max(length - 2.0 * head, 0.5 * length)
     x = np.array([0.0, neck, neck, length, neck, neck, 0.0])

@@ -50,8 +50,8 @@ def mean_flow(
     skip: int = 0,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Flow:
-    """Run the plant from its present state with the actions, one per control period, and average its flow at the ends
-    of the control periods after the first `skip`. `progress` is called with (periods done, total)."""
+    """Run the plant from its present state with the actions, one per control period. Return the mean of its flows at
+    the ends of all control periods except the first `skip`. `progress` is called with (periods done, total)."""
     mean = TimeMean(wake.grid.shape)
     for k, action in enumerate(actions):
         wake.advance(float(action))

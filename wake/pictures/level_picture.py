@@ -1,6 +1,6 @@
 """The picture of a wake in levels, for the live page, the run folder and its report.
 
-Vorticity as small integers lets the page colour the picture itself, and takes little space in a run folder.
+The vorticity is stored as small integers, so that the page can choose the colours and the picture takes little space.
 """
 
 from typing import Final
@@ -18,15 +18,16 @@ Levels = npt.NDArray[np.int8]
 """A picture (height, width), the first row at the top."""
 
 FIELD_LEVEL: Final = 5.0
-"""|vorticity| at the ends of the colours, U_inf / W."""
+"""|vorticity| at the ends of the colour scale, in U_inf / W."""
 TOP: Final = 127
 """The level of the vorticity `FIELD_LEVEL`."""
 
 
 def field_levels(vorticity: Array) -> Levels:
-    """Convert (height, width), row 0 at the bottom, to sign(w) (|w| / FIELD_LEVEL)^(1/2) TOP, clipped, top row first.
+    """Return the levels of the vorticity w: sign(w) (|w| / FIELD_LEVEL)^(1/2) TOP, clipped.
 
-    The root makes weak vortices far downstream visible.
+    Row 0 of w, (height, width), is at the bottom; row 0 of the levels is at the top. The root makes weak vortices far
+    downstream visible.
     """
     # Most of the time is spent on memory access, so computing in place and in float32 reduces the time to a third.
     squares = np.asarray(vorticity[::-1], dtype=np.float32) * np.float32(TOP**2 / FIELD_LEVEL)
@@ -56,7 +57,7 @@ def view_of(body: BodyConfig) -> View:
 
 
 class LevelPicture:
-    """A picture of a plant's present vorticity; 0 inside the body.
+    """A picture of a plant's present vorticity; its level is 0 inside the body.
 
     Attributes:
         view: x and y limits in W.

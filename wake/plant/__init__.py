@@ -1,1 +1,1 @@
-"""The common part of all plants: the protocol, the sample of a control period, the wind."""
+"""The parts that all plants share: the protocol, the sample of a control period, and the wind."""

@@ -1,11 +1,11 @@
-"""The stream as a function of time: the speed of a vehicle, from a shipped profile or a user's file, and gusts.
+"""The free stream as a function of time: the speed of a vehicle, from a shipped profile or a user's file, and gusts.
 
-The plant computes in units of one speed U, the speed of the operating point. A vehicle speed v is a free stream of v /
-U. Reynolds number and dynamic pressure follow from the stream; viscosity, size and control period do not change.
+The plant computes in units of one speed U, the speed of the operating point. At a vehicle speed v the free stream is v
+/ U. Reynolds number and dynamic pressure follow from the stream; viscosity, size and control period do not change.
 
-A gust is a wind against the body that varies in time and is uniform far from the body. It equals the wind of a body
-whose speed through the air varies, in the body's frame (`wake.solver.navier_stokes`), so that pressures remain relative
-to the free stream. Forces and pressures keep the unit of the mean U_inf.
+A gust is a wind against the body that varies in time and is uniform far from the body. In the body's frame, it equals
+the stream that meets a body whose speed through the air varies (`wake.solver.navier_stokes`), so that pressures remain
+relative to the free stream. Forces and pressures keep the unit of the mean U_inf.
 """
 
 import csv
@@ -22,12 +22,12 @@ from contract.config.plant import FlowConfig
 from contract.errors import ConfigError
 
 Wind = Callable[[float], float]
-"""A function of the time in t_c that returns the wind's excess over U_inf, in U_inf."""
+"""A function of the time in t_c that returns by how much the wind exceeds U_inf, in units of U_inf."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Gust:
-    """A sinusoidal wind about U_inf.
+    """A wind that oscillates sinusoidally about U_inf.
 
     Attributes:
         amplitude: amplitude in U_inf.
@@ -41,14 +41,14 @@ class Gust:
     cycles: float = inf
 
     def __call__(self, t: float) -> float:
-        """Return the wind's excess over U_inf at time t, see `Wind`."""
+        """Return by how much the wind exceeds U_inf at time t; see `Wind`."""
         phase = (t - self.start) / self.period
         return self.amplitude * sin(2.0 * pi * phase) if 0.0 <= phase <= self.cycles else 0.0
 
 
 _HEADER: Final = ("t_s", "speed_m_per_s")
 MOST_RATIO: Final = 2.0
-"""Largest ratio of a speed to U (Re = 1000). At larger ratios the mesh does not resolve the wake."""
+"""Largest ratio of a vehicle speed to U (Re is then 1000). At larger ratios the mesh does not resolve the wake."""
 _MOST_ROWS: Final = 100_000
 DESIGN_KM_PER_H: Final = 90.0
 """Speed of the WLTC that corresponds to U. With U = 25 m/s the profile is the original cycle."""
@@ -64,13 +64,14 @@ _WLTC: Final = """
 
 @dataclass(frozen=True, kw_only=True)
 class Drive:
-    """A speed that is linear between instants, and constant before the first and after the last instant.
+    """A vehicle speed that changes linearly between given instants, and is constant before the first and after the last
+    instant.
 
     Attributes:
-        name: name of the profile or its file.
+        name: name of the profile or of the user's file.
         times: instants in s, rising.
         speeds: speed in m/s at each instant.
-        gust: wind that is added to the vehicle's speed; its times are in t_c of U, from the drive's time 0.
+        gust: wind that is added to the vehicle's speed; its times are in t_c of U and count from the drive's time 0.
     """
 
     name: str
@@ -80,7 +81,7 @@ class Drive:
 
     @property
     def duration_s(self) -> float:
-        """The time from the first instant to the last."""
+        """Time in s from the first instant to the last."""
         return self.times[-1] - self.times[0]
 
     def speed(self, t_s: float) -> float:
@@ -92,11 +93,11 @@ class Drive:
         return v0 + (v1 - v0) * (t_s - t0) / (t1 - t0)
 
     def after(self, seconds: float) -> "Drive":
-        """Return the drive delayed by `seconds`."""
+        """Return this drive, delayed by `seconds`."""
         return replace(self, times=tuple(t + seconds for t in self.times))
 
     def wind(self, point: OperatingPoint, begin: float = 0.0) -> Wind:
-        """Return the excess of the stream over U, for a plant whose clock shows `begin` (t_c) at the drive's start."""
+        """Return by how much the stream exceeds U, for a plant whose clock shows `begin` (t_c) at the drive's start."""
         # A partial is used in place of a closure, so that a plant with this wind can be pickled.
         return partial(self._exceeds, point, begin)
 
@@ -106,14 +107,14 @@ class Drive:
         return ahead if gust is None else ahead + gust(t - begin - self.times[0] / t_c)
 
     def substeps(self, flow: FlowConfig, point: OperatingPoint) -> FlowConfig:
-        """Return the flow's settings with enough time steps for the drive's fastest stream."""
+        """Return the flow's settings with enough time steps per control period for the drive's fastest stream."""
         fastest = max(self.speeds) / point.speed + (0.0 if self.gust is None else self.gust.amplitude)
         return at_speed(flow, fastest)
 
 
 def at_speed(flow: FlowConfig, fastest: float) -> FlowConfig:
-    """Return the flow's settings with enough time steps for a stream of `fastest` times U."""
-    # The subtracted number prevents rounding from turning 30 * 1.4 into 43 time steps, where 42 are enough.
+    """Return the flow's settings with enough time steps per control period for a stream of `fastest` times U."""
+    # Without the subtracted number, rounding would turn 30 * 1.4 into 43 time steps, although 42 are enough.
     return replace(flow, substeps=ceil(flow.substeps * max(1.0, fastest) - 1e-9))
 
 
@@ -125,14 +126,14 @@ _PROFILES: Final[Mapping[str, Sequence[tuple[float, float]]]] = {
     "wltc-high": [(float(t), float(v) / DESIGN_KM_PER_H) for t, v in enumerate(_WLTC.split())],
     "gusty-ramp": ((0.0, 0.8), (30.0, 1.2)),
 }
-"""Pairs of time in s and speed in U, by the name of a profile."""
+"""The pairs (time in s, speed in U) of each shipped profile, by the profile's name."""
 PROFILES: Final = tuple(_PROFILES)
 _GUSTS: Final = {"gusty-ramp": Gust(amplitude=0.1, period=20.0)}
 
 
 def find_drive(text: str, point: OperatingPoint) -> Drive:
-    """Return the shipped profile with this name, or read the file. Raises ConfigError if there is no such profile or
-    file, or the file's content is not a drive; the message states the line and the value."""
+    """Return the shipped profile that is called `text`, or read the file with this path. Raises ConfigError if there is
+    no such profile or file, or the file's content is not a drive; the message states the line and the value."""
     if text in _PROFILES:
         times, ratios = zip(*_PROFILES[text], strict=True)
         return Drive(name=text, times=times, speeds=tuple(r * point.speed for r in ratios), gust=_GUSTS.get(text))

@@ -12,18 +12,18 @@ from wake.solver.grid import Grid
 
 
 class Plant(Protocol):
-    """The interface of a flow that the loop uses."""
+    """The part of a plant's interface that the closed loop uses."""
 
     def sample(self) -> Sample:
         """Return the present measurements."""
 
     def advance_to(self, substep: int, action: float | None = None) -> None:
-        """Advance within the control period to `substep`; with an action, ramp so that the jets reach it at the
-        period's end."""
+        """Advance within the control period to `substep`. With an action, ramp the jets so that they reach this flow
+        rate at the period's end."""
 
 
 class LoopPlant(Plant, Protocol):
-    """The interface of a flow that a run without pictures uses."""
+    """The part of a plant's interface that a run without pictures uses."""
 
     @property
     def layout(self) -> SensorLayout:
@@ -35,7 +35,7 @@ class LoopPlant(Plant, Protocol):
 
 
 class Drawable(Protocol):
-    """The interface of a flow that a picture uses."""
+    """The part of a plant's interface that a picture uses."""
 
     @property
     def grid(self) -> Grid: ...
@@ -62,12 +62,12 @@ class Drawable(Protocol):
 
 
 class LivePlant(LoopPlant, Drawable, Protocol):
-    """The interface of a flow that a run with pictures uses."""
+    """The part of a plant's interface that a run with pictures uses."""
 
 
 @runtime_checkable
 class Disturbable(Plant, Protocol):
-    """A flow whose viscosity and wind can change during a run. Only stillwake's solver is such a plant."""
+    """A plant whose viscosity and wind can change during a run. Only stillwake's solver is such a plant."""
 
     config: FlowConfig
     wind: Wind | None
@@ -77,15 +77,15 @@ class Disturbable(Plant, Protocol):
         """Time in t_c."""
 
     def set_reynolds(self, reynolds: float) -> None:
-        """Change the viscosity to that of another Reynolds number, and continue."""
+        """Change the viscosity to that of another Reynolds number; the flow continues from its present state."""
 
 
 @runtime_checkable
 class Drivable(Disturbable, Protocol):
-    """A flow whose stream can change its speed. Only stillwake's solver is such a plant."""
+    """A plant whose free-stream speed can change. Only stillwake's solver is such a plant."""
 
     def scale(self, ratio: float) -> None:
-        """Scale the flow to a stream of `ratio` times the present speed."""
+        """Scale the flow to a free stream of `ratio` times the present speed."""
 
     def state(self) -> Any:
         """Return the present state for a later `reset`."""

@@ -1,5 +1,4 @@
-"""The measurements of a plant at one instant. They are apart from the plant, whose compiled kernels take seconds to
-load."""
+"""The measurements of a plant at one instant. This module imports no plant, because plants load slowly."""
 
 from dataclasses import dataclass
 
@@ -13,7 +12,7 @@ class Sample(DragLedger[float]):
 
     Attributes:
         t: time in t_c.
-        Cp: pressure coefficients at the n sensors, (n,), relative to the outlet.
+        Cp: pressure coefficients at the n sensors, (n,), relative to the pressure at the outlet.
         Uy_probe: transverse velocity at the wake probe (`contract.config.body.BodyConfig.wake_probe`).
         action: jet flow rate in force at this instant.
     """

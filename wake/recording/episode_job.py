@@ -1,4 +1,4 @@
-"""The job of recording one episode block by block: all data that a process needs for it, including a controller."""
+"""The job of recording one episode block by block: it holds all data that a process needs, including a controller."""
 
 import hashlib
 import platform
@@ -46,7 +46,7 @@ PolicyFactory = Callable[[], Policy]
 
 
 class NoFeedback:
-    """A policy that commands no action."""
+    """A policy whose command is always zero."""
 
     def start(self) -> Array:
         return np.empty(0)
@@ -56,7 +56,7 @@ class NoFeedback:
 
 
 EpisodeProgress = Callable[[str, int, int], None]
-"""A function that is called with (episode, steps done, total steps)."""
+"""A function that is called with (name of the episode, steps done, total steps)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,11 +64,11 @@ class EpisodeJob:
     """All data for recording one episode, in this process or in another process that shares the folder.
 
     Attributes:
-        owner: token of the job's call of `record`; work stops when another call has taken over the folder.
-        block_steps: control steps between two writes to disk.
+        owner: token of the call of `record` that created the job; the work stops when another call has taken over.
+        block_steps: number of control steps between two writes to disk.
         setting: all settings that the samples depend on; see `setting_of`.
         policy: builds the controller; without a controller, only the plan's signal drives the jets.
-        start: absolute path of the flow state in which the lead begins; None for the shipped state.
+        start: absolute path of the flow state in which the steps without forcing begin; None for the shipped state.
     """
 
     parts: PartsFolder
@@ -88,8 +88,8 @@ class EpisodeJob:
 
     def run(self, wake: TruckWake | None = None, progress: EpisodeProgress = lambda name, done, total: None) -> None:
         """Record the missing blocks; `wake` is built if not given. Raises StillwakeError if this process does not find
-        the folder, if a block cannot be written, if this process has other versions or another start than the process
-        that began the recording, or if another call has taken over; PlantError if the flow diverges."""
+        the folder or cannot write a block, if its versions or its start differ from those of the process that began the
+        recording, or if another call has taken over; PlantError if the flow diverges."""
         if not self.parts.is_owned_by(self.owner):
             raise StillwakeError(f"{platform.node()} does not find {self.parts.path}: it must be in a shared folder")
         mine = setting_of(self.config, self.plan.packages, self.start)
@@ -130,17 +130,16 @@ class EpisodeJob:
 
     @property
     def provenance(self) -> dict[str, Any]:
-        """The provenance of the episode that the data set stores, as plain JSON."""
+        """The episode's provenance as the data set stores it, as plain JSON."""
         return {**self.setting, **self.plan.provenance}
 
 
 def setting_of(config: Config, packages: tuple[str, ...] = (), start: Path | None = None) -> dict[str, Any]:
-    """Return all settings except the plan that determine the samples, as plain JSON, including the versions of
-    `packages`. Raises PlantError if the file of the start cannot be read."""
+    """Return, as plain JSON, all settings outside the plan that determine the samples, including the versions of
+    `packages`. Raises PlantError if the start's file cannot be read."""
     return {
         "body": asdict(config.body),
-        # Older recordings have no refinement in their settings. They have the entry for the grid, which is more
-        # specific than its refinement.
+        # Older recordings hold no refinement, so it is left out. The entry "grid" determines the resolution.
         "flow": {name: value for name, value in asdict(config.flow).items() if name != "refinement"},
         "forcing": asdict(config.forcing),
         "grid": list(box_grid(config.body.length, config.flow.refinement).shape),
@@ -155,7 +154,8 @@ def setting_of(config: Config, packages: tuple[str, ...] = (), start: Path | Non
 
 
 def check_start(config: Config, start: Path | None) -> None:
-    """Raise PlantError if a plant of this configuration cannot start in that state, before a plant is built."""
+    """Raise PlantError if a plant of this configuration cannot start in the state of the file `start`. No plant is
+    built for the check."""
     origin = _state_in(start).origin
     if origin is not None:
         check_body(origin, config.body)
@@ -180,7 +180,8 @@ def _advance(
     """Return the samples of a block from `sample` on, the sample after the block, and the policy's memory at the
     block's end.
 
-    The action in force is the policy's command plus the signal, clipped; the policy receives it one step later.
+    Each action is the policy's command plus the signal, clipped to the bound. The policy receives this action one step
+    later.
     """
     rows: list[Sample] = []
     actions = np.empty(len(signal))

@@ -12,7 +12,7 @@ from wake.recording.forcing import SIGNALS, ForcingName
 
 
 class Plan(Protocol):
-    """The plan of one episode: a dataclass whose field values are unique in the recording."""
+    """The plan of one episode: a dataclass. No two plans of a recording have equal field values."""
 
     __dataclass_fields__: ClassVar[dict[str, Field[Any]]]
 
@@ -37,7 +37,7 @@ class Plan(Protocol):
 
     @property
     def provenance(self) -> dict[str, Any]:
-        """The facts of the plan that the data set stores, as plain JSON."""
+        """The plan's entries in the provenance that the data set stores, as plain JSON."""
 
     def signal(self, config: Config) -> npt.NDArray[np.float64]:
         """Return the signal that is added to the policy's command at every control step, (steps,), in U_inf W."""
@@ -82,7 +82,7 @@ class EpisodePlan:
 
     @property
     def provenance(self) -> dict[str, Any]:
-        """The facts of the plan that the data set stores, as plain JSON."""
+        """The plan's entries in the provenance that the data set stores, as plain JSON."""
         return {"forcing_signal": self.forcing, "seed": self.seed, "lead_steps": self.lead}
 
     def signal(self, config: Config) -> npt.NDArray[np.float64]:

@@ -18,14 +18,14 @@ ForcingName = Literal["training", "chirp", "extended_chirp", "none"]
 
 
 def training(steps: int, forcing: ForcingConfig, flow: FlowConfig, rng: np.random.Generator) -> Array:
-    """Compute the training waveform, (steps,), in U_inf W. Its carrier is near the shedding frequency and wanders with
-    low-pass filtered noise; its amplitude follows a slow sinusoid; the result is clipped.
+    """Compute the training waveform, (steps,), in U_inf W. The carrier's frequency is near the shedding frequency and
+    varies with low-pass filtered noise; its amplitude follows a slow sinusoid; the result is clipped.
 
     The noise is filtered by a second-order Butterworth low-pass and normalised by its largest magnitude. The envelope
     reaches 1 + depth, so that the strongest part of the signal is clipped and explores the full amplitude.
     """
     dt = flow.control_period
-    # The filter starts at zero; its transient of a few cut-off periods is discarded.
+    # The filter starts from zero, so the first few cut-off periods of its output are discarded.
     settle = int(4.0 / (forcing.modulation_cutoff * dt))
     lowpass = butter(2, forcing.modulation_cutoff, fs=1.0 / dt, output="sos")
     eta = sosfilt(lowpass, rng.standard_normal(settle + steps))[settle:]
@@ -51,8 +51,9 @@ def extended_chirp(steps: int, forcing: ForcingConfig, flow: FlowConfig, rng: np
 
 
 def sine(steps: int, flow: FlowConfig, *, amplitude: float, frequency: float) -> Array:
-    """Compute a sine of one frequency in 1/t_c, from zero upwards; shape (steps,), in U_inf W. Raises ConfigError for
-    an amplitude above the bound, or a frequency that is not positive or above the control steps' Nyquist frequency."""
+    """Compute a sine that starts at zero and rises, (steps,), in U_inf W; the frequency is in 1/t_c. Raises ConfigError
+    for an amplitude above the bound, or a frequency that is not positive or above the control steps' Nyquist frequency.
+    """
     if not 0.0 <= amplitude <= flow.action_limit:
         raise ConfigError(f"amplitude = {amplitude}: must be between 0 and {flow.action_limit}")
     highest = 0.5 / flow.control_period

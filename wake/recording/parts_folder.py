@@ -3,9 +3,10 @@
 `task.json` in the folder holds the recording's settings, so that only a call with equal settings continues the
 recording. `owner` holds the token of the call that records; a worker stops when it finds another token there.
 
-A block is one file of samples, and next to it the state at the block's end: the flow and the policy's memory. The state
-is written before the samples, so that every complete block can be continued. Then the state of an earlier block is no
-longer needed. A file is either complete or absent, so a stopped recording continues as if it had not been stopped.
+For each block there are a file of samples and a file of the state at the block's end: the flow and the policy's memory.
+The state is written before the samples, so that every complete block can be continued. After that, the states of
+earlier blocks are no longer needed. A file is either complete or absent, so a stopped recording continues as if it had
+not been stopped.
 """
 
 import io
@@ -29,7 +30,7 @@ from wake.truck.state import State
 
 @dataclass(frozen=True)
 class PartsFolder:
-    """The unfinished work for one output file; each episode has a folder in it."""
+    """The folder of the unfinished work for one output file; it has a subfolder for each episode."""
 
     path: Path
 
@@ -47,7 +48,7 @@ class PartsFolder:
         if self.path.is_dir() and any(path.is_dir() for path in self.path.iterdir()):
             self._check(task)
         else:
-            # Nothing is recorded yet, so the settings of an earlier call are replaced.
+            # Nothing is recorded yet, so the settings of an earlier call may be replaced.
             with replacing(self._label) as temporary:
                 temporary.write_text(json.dumps(task, sort_keys=True))
         with replacing(self._owner) as temporary:
@@ -85,7 +86,8 @@ class PartsFolder:
         return task
 
     def clear(self) -> None:
-        """Remove the folder. If the process is killed meanwhile, either the whole folder remains or nothing."""
+        """Remove the folder. If the process is killed meanwhile, either the whole folder remains under its name or none
+        of it."""
         shutil.rmtree(self._done, ignore_errors=True)
         self.path.replace(self._done)
         shutil.rmtree(self._done)
@@ -121,8 +123,8 @@ def differing(a: Mapping[str, Any], b: Mapping[str, Any]) -> str:
 Series = Mapping[str, npt.NDArray[np.float64]]
 
 _KEPT_STATES: Final = 2
-"""Number of stored states. One state is enough to continue. The second state is needed if a recording starts while an
-orphaned worker of an earlier recording finishes its last block."""
+"""Number of states that are stored for an episode. One state is enough to continue. The second state is needed if a
+recording starts while an orphaned worker of an earlier recording finishes its last block."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -170,7 +172,7 @@ class EpisodeBlocks:
 
 
 def _save(path: Path, **arrays: Any) -> None:
-    # The file is built in memory: a zip file that meets a full disk fails a second time when it is closed.
+    # The file is built in memory, because a zip file on a full disk fails a second time when it is closed.
     image = io.BytesIO()
     np.savez(image, **arrays)
     with replacing(path) as temporary, temporary.open("wb") as file:

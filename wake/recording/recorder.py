@@ -1,4 +1,4 @@
-"""Recording a data set: episodes one after another or in parallel, then one HDF5 file.
+"""The recording of a data set: episodes one after another or in parallel, then one HDF5 file.
 
 A round adds episodes to a data set: episodes under a controller, or episodes that begin near the steady wake. If the
 output file already holds the complete recording, it is left unchanged; if it holds another recording, the call fails.
@@ -33,7 +33,7 @@ version wrote it."""
 def is_finished(output: Path, jobs: Sequence[EpisodeJob]) -> bool:
     """Return whether the file holds all episodes of the jobs, recorded with equal settings; False if there is no file.
 
-    Rounds that were added to the file under a controller do not count. Raises OutputError if the file is another
+    Episodes that later rounds have added to the file are not compared. Raises OutputError if the file holds another
     recording; the message states the first difference.
     """
     if not output.exists():
@@ -73,7 +73,7 @@ def _difference(there: Sequence[Episode], jobs: Sequence[EpisodeJob]) -> str | N
 
 
 def _first(name: str, there: Any, here: Any) -> str | None:
-    """Describe the first entry with two different values; entries that only one side has are skipped."""
+    """Describe the first entry whose values differ; entries that only one side has are skipped."""
     if isinstance(there, Mapping) and isinstance(here, Mapping):
         common = sorted(there.keys() & here.keys())
         differences = (_first(f"{name}.{key}".lstrip("."), there[key], here[key]) for key in common)
@@ -97,7 +97,7 @@ def record(
     start: Path | None = None,
     overwrite: bool = False,
 ) -> bool:
-    """Record every plan from the start and write the data set.
+    """Record the episodes of all plans and write the data set.
 
     Unfinished work is stored in `<output>.parts`, and the next call with equal plans and settings continues it. An
     existing data set of equal plans and settings is left unchanged. Returns whether a file was written.
@@ -105,8 +105,9 @@ def record(
     Args:
         plans: episodes, in their order in the file.
         workers: number of processes on this machine; with 1, episodes are recorded one after another in this process.
-        scheduler: address of a dask scheduler whose workers record instead; they need `output`'s folder at its path.
-        progress: called for every episode at the start, and then after its blocks.
+        scheduler: address of a dask scheduler whose workers record instead; they need `output`'s folder at the same
+            path.
+        progress: called for every episode at first, and then after each of its blocks.
         notice: called with a line when a worker was lost or joined.
         block_steps: number of control steps between two writes to disk.
         start: file of the flow state in which episodes begin; the shipped state if None. Workers read it at this path.
@@ -143,7 +144,7 @@ def jobs_for(
     policy: PolicyFactory = NoFeedback,
     start: Path | None = None,
 ) -> tuple[EpisodeJob, ...]:
-    """Return the jobs of one call; nothing is written yet. Raises PlantError if a plant cannot begin in the start."""
+    """Return the jobs of one call; nothing is written yet. Raises PlantError if a plant cannot start in `start`."""
     start = None if start is None else start.absolute()
     check_start(config, start)
     parts, owner, setting = (
@@ -181,7 +182,8 @@ def finished_jobs(
     progress: EpisodeProgress,
     notice: Callable[[str], None],
 ) -> Iterator[Sequence[EpisodeJob]]:
-    """Record the missing blocks of a call's jobs, yield the jobs to be stored, and remove their parts on success.
+    """Record the missing blocks of a call's jobs, and yield the jobs, whose episodes the caller then stores. Afterwards
+    remove their parts, unless an error was raised.
 
     Arguments and errors are those of `record`.
     """
@@ -204,7 +206,7 @@ def finished_jobs(
     finally:
         parts.disown(jobs[0].owner)
         for folder in missing:
-            # A folder that is not empty remains.
+            # A folder that is not empty cannot be removed; it remains.
             with suppress(OSError):
                 folder.rmdir()
     yield jobs
@@ -272,7 +274,7 @@ def _added(jobs: Sequence[EpisodeJob], there: Sequence[Episode]) -> bool:
     if jobs[0].parts.task() != task_of(jobs) or any(job.blocks.finished < job.plan.steps for job in jobs):
         return False
     by_name = {episode.name: episode for episode in there}
-    # Actions are stored in full precision, and no two recordings have equal actions.
+    # Actions are stored in full precision, and no two recordings have equal actions, so they identify an episode.
     return all(
         job.plan.name in by_name
         and np.array_equal(by_name[job.plan.name].series["action"], job.blocks.series()["action"])

@@ -4,8 +4,8 @@ A round under a controller adds the flow states that the controller of the last 
 Bagnell 2011).
 
 Forced or controlled episodes of the developed wake never come near the steady symmetric wake, so a model trained on
-them is wrong about the growth of small disturbances there. Calm episodes begin at the steady wake, are disturbed by
-small random actions of a different amplitude each, and show the growth from the steady wake to shedding.
+them is wrong about the growth of small disturbances there. Calm episodes begin at the steady wake. Small random
+actions, with another amplitude in each episode, disturb it, and the episodes show the growth up to shedding.
 """
 
 from collections.abc import Mapping
@@ -30,14 +30,15 @@ class RoundPlan:
     """The plan of one episode of a round.
 
     Attributes:
-        kind: "controlled" from the developed wake, "calm" from the steady wake; also the role of held-out episodes.
+        kind: "controlled" for an episode from the developed wake, "calm" from the steady wake; held-out episodes have
+            this word as their role, too.
         round: number of the addition to the data set, from 1.
         episode: number of the episode in the round, from 0.
         level: rms of the random action that is added to the controller's commands, if there is a controller. It is a
             fraction of the action limit; for a calm episode it is in U_inf W.
         role: "train", or the kind for an episode that is held out.
         seed: random seed. With round, episode and role it determines the random action, so that rounds differ.
-        lead: control steps without forcing from the start to the first sample.
+        lead: number of control steps without forcing from the start to the first sample.
         bundle, bundle_digest: bundle of the controller, and its digest; None without a controller.
     """
 
@@ -60,7 +61,7 @@ class RoundPlan:
 
     @property
     def provenance(self) -> dict[str, Any]:
-        """The facts of the plan that the data set stores, as plain JSON."""
+        """The plan's entries in the provenance that the data set stores, as plain JSON."""
         return {
             "forcing_signal": self.kind,
             "round": self.round,
@@ -81,8 +82,8 @@ class RoundPlan:
 
 @dataclass(frozen=True, kw_only=True)
 class ControlledRound:
-    """A round of `episodes` episodes of `steps` steps under a controller; the other fields are as in `RoundPlan`.
-    Raises ConfigError for a number out of its range or an invalid role."""
+    """A round of `episodes` episodes of `steps` steps under a controller. `exploration` is the `level` of `RoundPlan`;
+    the other fields are as there. Raises ConfigError for a number out of its range or an invalid role."""
 
     episodes: int = 2
     steps: int = 1100
@@ -96,8 +97,8 @@ class ControlledRound:
         _check(self, get_args(ControlledRole), {"episodes": 1, "steps": 1, "seed": 0, "exploration": 0.0})
 
     def plans(self, number: int) -> tuple[RoundPlan, ...]:
-        """Return the plans of round `number`. They begin in different phases of the shedding cycle, drawn by seed,
-        round and role; phases repeat only if there are more episodes than control steps in the cycle."""
+        """Return the plans of round `number`. They begin in different phases of the shedding cycle, drawn at random
+        from seed, round and role; phases repeat only if there are more episodes than control steps in the cycle."""
         rng = np.random.default_rng([self.seed, number, get_args(ControlledRole).index(self.role)])
         leads = rng.permutation(SHEDDING_PERIOD)
         places = ((self.exploration, int(leads[i % SHEDDING_PERIOD])) for i in range(self.episodes))

@@ -1,1 +1,1 @@
-"""Incompressible Navier-Stokes on a stretched tensor grid, around any body."""
+"""A solver of the incompressible Navier-Stokes equations on a stretched tensor grid, around any body."""

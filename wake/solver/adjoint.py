@@ -1,8 +1,9 @@
-"""The adjoint of the flow solver: sensitivities of a scalar of later flows to an earlier flow and to the actions.
+"""The adjoint of the flow solver: it gives the sensitivities of a scalar, which depends on later flows, to an earlier
+flow and to the actions.
 
 The adjoint is the exact transpose of the discrete step, except for rounding, and not a discretised adjoint equation: it
-gives the gradient of the computed numbers. The projection's operator is symmetric, so one solver serves both
-directions.
+gives the gradient of the computed numbers. The projection's operator is symmetric, so both directions use one Poisson
+solver.
 """
 
 from collections.abc import Callable
@@ -43,7 +44,7 @@ class FlowAdjoint(CopiedWhole):
         Args:
             bar: sensitivities to the flow at the end; overwritten with the sensitivities to the flow at the beginning.
             starts: the flows that `FlowSolver.run` stored, (steps, size of the buffer).
-            dt, action_from, action_to, wind: equal to the run's arguments.
+            dt, action_from, action_to, wind: the arguments with which `FlowSolver.run` was called.
         """
         solver, steps = self._solver, len(starts)
         slot_velocity = solver.slot_velocity(action_from, action_to, steps)

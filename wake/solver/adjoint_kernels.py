@@ -1,9 +1,10 @@
 """Compiled inner loops of the adjoint: the transposes of `wake.solver.kernels`, linearised about a flow.
 
-A bar marks a sensitivity: the derivative of a scalar of later flows with respect to a value. Each kernel takes the
-sensitivities to its forward kernel's outputs and adds to the sensitivities to that kernel's inputs. Arrays have the
-same padding as the forward kernel's arrays, and loops run over the same runs of faces. All kernels but convection are
-linear. Convection is quadratic, so the transpose of a rate needs only the velocity at the rate's instant.
+The word `bar` in a name denotes sensitivities: derivatives of a scalar, which depends on later flows, with respect
+to a value. Each kernel reads the sensitivities to the outputs of its forward kernel, and adds the resulting terms to
+the sensitivities to the forward kernel's inputs. Arrays have the same padding as the forward kernel's arrays, and loops
+run over the same runs of faces. All kernels but convection are linear. Convection is quadratic, so the transpose of a
+rate needs only the velocity at the rate's instant.
 """
 
 import numpy as np
@@ -19,9 +20,10 @@ def _across(dy: Array, dyc: Array, nu: float) -> tuple[Array, Array]:
     """Return coefficients along y: an array for u and an array for v. Coefficients of neighbours outside the domain are
     zero.
 
-    By padded column of u, (4, ny + 2): 1 / (2 dy); diffusion to the north and to the south, and minus their sum. By row
-    of v, (7, ny + 1): shares of the columns of u below and above a v-face; diffusion to the north and to the south, and
-    minus their sum; 1 / (2 dyc) and 1 / dyc.
+    The array for u, (4, ny + 2), has a column for each padded column of u: 1 / (2 dy); diffusion to the north and to
+    the south, and minus their sum. The array for v, (7, ny + 1), has a column for each column of v-faces: shares of the
+    columns of u below and above the face; diffusion to the north and to the south, and minus their sum; 1 / (2 dyc) and
+    1 / dyc.
     """
     real, ny = dy.dtype.type, len(dy)
     one, half = real(1.0), real(0.5)
@@ -43,8 +45,9 @@ def _across(dy: Array, dyc: Array, nu: float) -> tuple[Array, Array]:
 def back_rates(bar: Fields, gained: Rates, u: Array, v: Array, nu: float, spacing: Spacing) -> None:
     """Propagate the sensitivities `gained` of du/dt and dv/dt, zero on faces that are not open, to u, v and p.
 
-    Every entry gathers its contributions to its neighbours' rates, row by row in x; scattering from each rate takes
-    twice the time. A loop uses at most eight arrays, because the compiler does not vectorise loops with more arrays.
+    The loops add to each entry of u, v and p, row by row in x, the effect through the neighbours' rates. Loops over the
+    rates that add to the neighbours' entries would take twice the time. A loop uses at most eight arrays, because the
+    compiler does not vectorise loops with more arrays.
     """
     gu, gv = gained.u, gained.v
     real, nx, ny = u.dtype.type, u.shape[0] - 2, u.shape[1] - 2
@@ -54,8 +57,9 @@ def back_rates(bar: Fields, gained: Rates, u: Array, v: Array, nu: float, spacin
     hy, north, south, self_u = yu[0], yu[1], yu[2], yu[3][1:-1]
     below, above, nv, sv, self_v, hc, cy = yv[0], yv[1], yv[2], yv[3], yv[4][1:-1], yv[5], yv[6]
     south_upper, below_upper, sv_upper = south[2:], below[1:], sv[2:]
-    # The coefficients by x-face i are 1 / dxc, diffusion to both sides, and shares of both cells; by cell they are
-    # 1 / (2 dx) and diffusion to both sides. The arrays have one more entry before the first and after the last index.
+    # For each x-face i, the coefficients are 1 / dxc, diffusion to both sides, and the shares of both cells; for each
+    # cell, they are 1 / (2 dx) and diffusion to both sides. The arrays have one more entry before the first and after
+    # the last index.
     x = np.zeros((8, nx + 3), u.dtype)
     rdxc, west, east, left, right, hrx, west_v, east_v = x[0], x[1], x[2], x[3], x[4], x[5], x[6], x[7]
     for i in range(1, nx + 1):
@@ -67,7 +71,8 @@ def back_rates(bar: Fields, gained: Rates, u: Array, v: Array, nu: float, spacin
     rows = np.zeros((8, ny + 1), u.dtype)
     shares, shifts, through, crossing, part, inner = rows[0:2], rows[2:4], rows[4], rows[5], rows[6], rows[7]
     for i in range(nx + 2):
-        # Terms beyond the first and last row have zero coefficients: they read other rows; index -1 is the last entry.
+        # The coefficients of neighbours beyond the first and the last row are zero, so any row may be read there; index
+        # -1 reads the last entry.
         back, ahead = max(i - 1, 0), min(i + 1, nx + 1)
         g, ui, va, vb, ga, gb = gu[i], u[i], v[i], v[ahead], gv[i], gv[ahead]
         w0, w1, s0, s1 = shares[(i + 1) % 2], shares[i % 2], shifts[(i + 1) % 2], shifts[i % 2]
@@ -153,8 +158,8 @@ def back_edges(u: Array, v: Array) -> None:
 
 @njit(cache=True, nogil=True, fastmath={"contract"})
 def _back_step(q: Array, bar: Array, step: float, a: float, runs: Index, pad_i: int, pad_j: int) -> None:
-    """Compute q = a q + step bar on the open faces. The result is the sensitivities of a stage's rates; step bar comes
-    from the stage's own step and a q from the next stage."""
+    """Compute q = a q + step bar on the open faces. The result is the sensitivities of a stage's rates: `step bar` is
+    the effect of the rates on this stage's velocity, `a q` their effect on the next stage's rates."""
     step, a = q.dtype.type(step), q.dtype.type(a)
     for r in range(runs.shape[0]):
         i, j0, j1 = runs[r, 0] + pad_i, runs[r, 1] + pad_j, runs[r, 2] + pad_j
@@ -167,7 +172,7 @@ def _back_step(q: Array, bar: Array, step: float, a: float, runs: Index, pad_i: 
 def _back_stage(
     bar: Fields, slot_bar: Array, rates: Rates, u: Array, v: Array, a_next: float, step: float, domain: Domain
 ) -> None:
-    """Apply the transpose of a stage that began with velocity u, v; the next stage multiplies its rates by `a_next`."""
+    """Apply the transpose of a stage that began with velocity u, v. The next stage multiplies the rates by `a_next`."""
     runs, slot_rows, column = domain.runs, domain.slot_rows, domain.slot_column
     back_walls(bar.u, bar.v, domain.walls)
     back_edges(bar.u, bar.v)
@@ -202,10 +207,10 @@ def back_stages(
         slot_bar: (3, m); receives the sensitivities of the velocities on the slots' m faces at each stage's end.
         start: the flow at the step's start.
         work: a copy of `start`; overwritten.
-        rates, second: finite; overwritten.
+        rates, second: work arrays with finite values; overwritten.
         a, step, slot_velocity, wind, gained, domain: arguments as in the forward kernel.
     """
-    # The loops have one call each, and no array is assigned to a slice: a further call or such an assignment would
+    # Each loop contains only one call, and no array is assigned to a slice: a second call or such an assignment would
     # double the time of compiling this function.
     for k in range(2):
         advance_stage(work, rates, a[k], step[k], slot_velocity[k], wind[k], gained[k], domain)

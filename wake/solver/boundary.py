@@ -5,8 +5,8 @@ stencil of an open face is a ghost. Its value is taken from a parabola along the
 the exact wall and passes through two image points in the flow, where the velocity is interpolated bilinearly between
 open faces. On a straight wall this reduces to reflection in one point, with a discrete wall shear of nu u_1 / distance.
 
-In the mass balance a ghost carries no flow, so for the mass balance the wall is a staircase. The method remains of
-second order, because within a cell of a no-slip wall the volume flow is of the order of the distance squared.
+In the mass balance a ghost carries no flow, so the wall of the mass balance is a staircase. The method is still of
+second order, because the volume flow within one cell of a no-slip wall is of the order of the distance squared.
 """
 
 from collections.abc import Callable
@@ -26,8 +26,8 @@ _ON_WALL = 1e-9
 
 
 class GhostMap(NamedTuple):
-    """A map in which the value of ghost k is the sum of weight * value over entries start[k] .. start[k + 1]; indices
-    are flat indices of the component's padded array (`wake.solver.flow`)."""
+    """A linear map to a component's ghosts. The value of ghost k is the sum of weight * value over the entries start[k]
+    .. start[k + 1]; `target` and `source` are flat indices of the component's padded array (`wake.solver.flow`)."""
 
     target: Index
     start: Index
@@ -37,7 +37,7 @@ class GhostMap(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Boundary:
-    """The classification of a grid around a body.
+    """The classification of a grid's cells and faces around a body.
 
     Attributes:
         fluid: cells whose centre lies in the fluid, (nx, ny).
@@ -58,7 +58,7 @@ class Boundary:
 
 
 def build(grid: Grid, distance: SignedDistance) -> Boundary:
-    """Classify the grid; `distance` is positive in the fluid and exact near the wall."""
+    """Classify the grid. `distance` is the distance to the wall: positive in the fluid, and exact near the wall."""
     nx, ny = grid.shape
     fluid = distance(*np.meshgrid(grid.xc, grid.yc, indexing="ij")) > 0
     open_u = np.zeros((nx + 1, ny), dtype=bool)
@@ -158,7 +158,8 @@ def _image(
     spacing: float,
     open_faces: Mask,
 ) -> tuple[float, list[tuple[tuple[int, int], float]]]:
-    """Return the nearest point on the normal, at least `at_least` from the wall, that lies between four open faces."""
+    """Return the distance from the wall of the nearest point on the normal that is at least `at_least` from the wall
+    and lies between four open faces; also these faces, with weights."""
     for distance in np.arange(at_least, at_least + 6.0 * spacing, 0.125 * spacing):
         step = distance - here
         entries = bilinear(x, y, x[i] + step * normal[0], y[j] + step * normal[1])

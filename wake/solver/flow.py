@@ -1,8 +1,8 @@
 """Velocity and pressure in one buffer, and the position of each value in it.
 
 The buffer holds u, v and p one after another, each row by row in y and padded for the stencils. u is (nx + 2, ny + 2)
-and v is (nx + 2, ny + 1), with one layer beyond the edges that are parallel to the component and one layer behind the
-outlet. p is (nx + 1, ny), with its last column behind the outlet. Unpadded indices (i, j) are those of
+and v is (nx + 2, ny + 1), with one layer beyond the edges that are parallel to the component and one layer beyond the
+outlet. p is (nx + 1, ny), with its last column beyond the outlet. Unpadded indices (i, j) are those of
 `wake.solver.grid`: u on x-faces (nx + 1, ny), v on y-faces (nx, ny + 1), p in cells (nx, ny).
 """
 
@@ -72,7 +72,7 @@ class Flow:
 
     @classmethod
     def of(cls, flat: Array, shape: tuple[int, int]) -> "Flow":
-        """Return views of an existing buffer."""
+        """Return a flow whose arrays are views of an existing buffer."""
         layout = Layout(shape)
         u, v, p = (flat[layout.entries(name)].reshape(layout.padded(name)) for name in _ORDER)
         return cls(flat=flat, u=u, v=v, p=p)

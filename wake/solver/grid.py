@@ -1,4 +1,4 @@
-"""Stretched tensor grid around a box such as the truck, with faces on every straight wall and slot edge.
+"""A stretched tensor grid around a box such as the truck, with faces on every straight wall and slot edge.
 
 Staggered arrangement: p in cell centres (nx, ny), u on x-faces (nx + 1, ny), v on y-faces (nx, ny + 1). The grid is
 symmetric in y and has an even number of rows, so that the flow splits into exact even and odd halves.
@@ -17,7 +17,7 @@ from contract.geometry import DOMAIN_X, DOMAIN_Y, HALF_WIDTH, JET_WIDTH, LENGTH
 Component = Literal["u", "v", "p"]
 
 _Spacing = tuple[tuple[float, float], ...]
-"""The target spacing (station, size), linear between the stations and constant outside them."""
+"""Pairs (position, target cell size). The size is linear between the positions and constant outside them."""
 
 # The wall cells are as large as those of the body-fitted reference mesh (0.0125 W, 4 cells per slot); sides and wake
 # are as fine as the finest regions of that mesh. Along x, one table is relative to the nose, and another table to the
@@ -39,13 +39,13 @@ class Grid:
     """Face coordinates and the spacings derived from them, for nx by ny cells.
 
     Attributes:
-        xf, yf: faces, shapes (nx + 1,) and (ny + 1,).
-        xc, yc: cell centres, shapes (nx,) and (ny,).
+        xf, yf: coordinates of the faces, shapes (nx + 1,) and (ny + 1,).
+        xc, yc: coordinates of the cell centres, shapes (nx,) and (ny,).
         dxc: distance between the centres on both sides of x-face i, shape (nx + 1,); half cells at the ends.
         dyc: distance between the centres on both sides of y-face j, shape (ny + 1,).
         front, rear: x-face indices of the body's front and base.
         lower, upper: y-face indices of the body's sides.
-        slot_cells: rows in each slot.
+        slot_cells: number of cells across each slot.
     """
 
     xf: Array
@@ -81,7 +81,7 @@ def box_grid(length: float, refinement: float = 1.0) -> Grid:
 
     Every box has the same resolution at nose and base. Raises ConfigError if a slot has fewer than two cells.
     """
-    # The stations are rounded, so that the truck's stations equal the tabulated stations bit for bit.
+    # The positions are rounded, so that those of the truck equal the tabulated positions bit for bit.
     base = tuple((round(length + offset, 9), size) for offset, size in _FROM_BASE)
     x_parts = [
         graded_faces(_FROM_NOSE, DOMAIN_X[0], 0.0, refinement),
@@ -135,8 +135,8 @@ def from_faces(xf: Array, yf: Array) -> Grid:
 
 
 def graded_faces(spacing: _Spacing, start: float, end: float, refinement: float, *others: _Spacing) -> Array:
-    """Return faces from start to end. The local spacing is taken from the table, or is the smallest spacing of all
-    tables; it is divided by `refinement` and scaled to a whole number of cells."""
+    """Return faces from start to end. The cell size is that of the table, or the smallest of all tables, divided by
+    `refinement` and scaled so that a whole number of cells fits."""
     x = np.linspace(start, end, 4001)
     sizes = np.min([np.interp(x, *np.array(spacing).T) for spacing in (spacing, *others)], axis=0)
     density = refinement / sizes

@@ -6,8 +6,9 @@ term interpolates with equal weights, so that it conserves kinetic energy (Verst
 Runge-Kutta step are not projected; on these stages the flux form would count each divergence twice and halve the stable
 step.
 
-Arrays are padded as in `wake.solver.flow`; the pressure behind the outlet is mirrored with opposite sign. Runs (i, j0,
-j1) of unpadded indices list the faces to compute, so that the loops over j have no branch.
+Arrays are padded as in `wake.solver.flow`; the pressure beyond the outlet is mirrored with opposite sign. A run (i, j0,
+j1) stands for the faces j0 .. j1 - 1 of row i, in unpadded indices. Runs list the faces to compute, so that the loops
+over j have no branch.
 """
 
 from typing import NamedTuple
@@ -20,7 +21,7 @@ from wake.solver.boundary import GhostMap
 
 
 class Spacing(NamedTuple):
-    """Spacings as in `Grid`, but with mirrored cells before the inlet and behind the outlet; dx is (nx + 1,)."""
+    """Spacings as in `Grid`, but with mirrored cells before the inlet and beyond the outlet; dx is (nx + 1,)."""
 
     dx: Array
     dxc: Array
@@ -86,8 +87,8 @@ class Domain(NamedTuple):
 def u_rate(q: Array, a: float, u: Array, v: Array, p: Array, nu: float, spacing: Spacing, runs: Index) -> None:
     """Compute q = a q + du/dt on the open u-faces, including the gradient of the pressure p.
 
-    Rows are sliced to start at the run, and the x- and y-terms have separate loops. The compiler does not vectorise a
-    loop whose indices could be negative, or with more arrays than it can prove distinct.
+    Rows are sliced to start at the run, and the x- and y-terms have separate loops, because the compiler does not
+    vectorise a loop whose indices could be negative, or with more arrays than it can prove distinct.
     """
     real = u.dtype.type
     one, two, half, nu = real(1.0), real(2.0), real(0.5), real(nu)
@@ -129,8 +130,7 @@ def v_rate(q: Array, a: float, u: Array, v: Array, p: Array, nu: float, spacing:
     one, half, quarter, nu, a = real(1.0), real(0.5), real(0.25), real(nu), real(a)
     dx, dxc, dy, dyc = spacing.dx, spacing.dxc, spacing.dy, spacing.dyc
     rdy, rdyc = one / dy, one / dyc
-    # The two factors are the shares of the rows below and above a v-face in the flow through the sides of the v-face's
-    # cell.
+    # The factors are the shares of the rows below and above a v-face in the flow through the sides of its cell.
     below, above = half * dy[:-1] * rdyc[1:-1], half * dy[1:] * rdyc[1:-1]
     along = np.empty_like(dyc)
     for r in range(runs.shape[0]):
@@ -229,7 +229,8 @@ def advance_stage(
     gained: float,
     domain: Domain,
 ) -> None:
-    """Compute rates = a rates + d/dt and velocity += step rates, then apply the boundary conditions at the stage's end.
+    """Compute rates = a rates + d velocity / dt and velocity += step rates, then apply the boundary conditions at the
+    stage's end.
 
     `wind` is added to the inflow; `gained` is the change of the wind since the stage's beginning.
     """

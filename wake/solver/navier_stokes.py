@@ -1,17 +1,18 @@
-"""Incompressible Navier-Stokes in time: three-stage Runge-Kutta, one pressure projection per step.
+"""The time integration of the incompressible Navier-Stokes equations: three Runge-Kutta stages and one pressure
+projection per step.
 
 The stages use the pressure gradient of the step's start, and the projection adds the gradient's change (Williamson's
 low-storage coefficients). The velocity is of second order in time, because the stages' divergence enters at second
 order. The boundary conditions are uniform inflow, slip sides, p = 0 and zero normal gradient at the outlet, no slip on
-the body, and prescribed flow through the slots. The outlet's velocity solves the momentum equation as elsewhere, with a
-mirrored cell behind the outlet. If the velocity were copied from upstream instead, the last cells could have no
-transverse flow, and a vortex leaving the domain would disturb the pressure everywhere. Pressure here is kinematic, p /
-(rho U_inf^2); Cp is twice this pressure.
+the body, and prescribed flow through the slots. The velocity at the outlet solves the momentum equation, as in the
+interior, with a mirrored cell beyond the outlet. If the velocity were copied from upstream instead, the last cells
+could have no transverse flow, and a vortex leaving the domain would disturb the pressure everywhere. Pressure here is
+kinematic, p / (rho U_inf^2); Cp is twice this pressure.
 
 A varying wind is given in the frame of the body, as for a vehicle whose speed through the air varies. The wind's change
-enters with the inflow, and as a uniform acceleration of the whole flow, which leaves the far pressure unchanged. If the
-stream itself changed its speed in the frame of the ground, as in a wind tunnel, equal velocities would have a pressure
-gradient of -dU/dt along the stream.
+enters with the inflow, and as a uniform acceleration of the whole flow, which leaves the far pressure unchanged. If
+instead the stream changed its speed in the frame of the ground, as in a wind tunnel, equal velocities would have an
+additional pressure gradient of -dU/dt along the stream.
 """
 
 from collections.abc import Callable
@@ -41,7 +42,7 @@ class FlowSolver(CopiedWhole):
         viscosity: 1 / Re.
         slot_profile: velocity on the faces at `grid.rear` per unit action, (ny,); None for no jets.
         inflow_u, inflow_v: velocity at the inlet, (ny,) at the u-faces and (ny + 1,) at the v-faces.
-        precision: precision of the flows. Grid and factors of the projection are first computed in double precision.
+        precision: precision of the flows; the grid and the projection's factors are computed in double precision first.
     """
 
     def __init__(
@@ -173,7 +174,7 @@ class FlowSolver(CopiedWhole):
 
 
 def stage_ends(steps: int) -> Array:
-    """Return the end of each stage, in steps from the beginning of the first step, (steps, 3)."""
+    """Return the end of each stage as a time since the first step's beginning, in units of a step, (steps, 3)."""
     return np.add.outer(np.arange(steps), STAGE_END)
 
 

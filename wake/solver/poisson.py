@@ -39,7 +39,8 @@ _VECTOR: Final = 64
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class HalfSolver:
-    """The solver of one parity, with h = ny/2 rows, zero-padded to whole vectors, and m cut links in the lower half.
+    """The solver of one parity (even or odd in y), with h = ny/2 rows, zero-padded to whole vectors, and m cut links in
+    the lower half.
 
     Attributes:
         q: eigenvectors of the y-operator in columns, (h, h), normalised with the cell heights.
@@ -78,7 +79,7 @@ class HalfSolver:
         )
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # A copy is built anew, so that it has its own work arrays and is aligned.
+        # A copy is built with `of`, so that it has its own work arrays and is aligned.
         return HalfSolver.of, (self.q, self.pivot, self.coupling, self.links, self.capacitance)
 
     def arrays(self) -> Factors:
@@ -87,7 +88,7 @@ class HalfSolver:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PoissonSolver:
-    """A solver for the even and the odd part."""
+    """The solvers of the even and the odd part, and their combination."""
 
     even: HalfSolver
     odd: HalfSolver
@@ -110,7 +111,7 @@ class PoissonSolver:
 
 
 def build(grid: Grid, fluid: npt.NDArray[np.bool_], precision: Precision = np.float64) -> PoissonSolver:
-    """Factorise in double precision for a grid and a fluid mask (nx, ny), both symmetric in y."""
+    """Build the solver, in double precision, for a grid and a fluid mask (nx, ny), both symmetric in y."""
     if not np.array_equal(fluid, fluid[:, ::-1]) or fluid.shape[1] % 2:
         raise ValueError("the Poisson solver needs an even number of rows and a body symmetric in y")
     even, odd = (_build_half(grid, fluid, precision, even=even) for even in (True, False))
@@ -120,7 +121,7 @@ def build(grid: Grid, fluid: npt.NDArray[np.bool_], precision: Precision = np.fl
 def _build_half(grid: Grid, fluid: npt.NDArray[np.bool_], precision: Precision, *, even: bool) -> HalfSolver:
     nx, ny = grid.shape
     h = ny // 2
-    # The unknowns are scaled so that the operator is symmetric although cells have unequal heights.
+    # The unknowns are scaled, because cells have unequal heights and the operator must be symmetric.
     scale = 1.0 / np.sqrt(grid.dy[:h])
     conductance = 1.0 / grid.dyc[1:h]
     sums = np.zeros(h)
@@ -143,8 +144,8 @@ def _build_half(grid: Grid, fluid: npt.NDArray[np.bool_], precision: Precision, 
 
     links, stiffness = _cut_links(grid, fluid, h)
     if even and len(links):
-        # With phi even, the system would be singular if the body's inside were not connected to the fluid. So one link
-        # to the fluid remains; it carries no flux because there is no source inside the body.
+        # For even phi, the system would be singular if the body's inside were not connected to the fluid. So one
+        # link to the fluid remains; it carries no flux because there is no source inside the body.
         links, stiffness = links[1:], stiffness[1:]
     coupling = coupling[:nx].copy()
     capacitance = _capacitance(q, pivot, coupling, links, stiffness)
@@ -200,7 +201,7 @@ def _inverse(matrix: Array) -> Array:
 
 @njit(cache=True, nogil=True, fastmath={"contract"})
 def _tridiagonal(b: Array, pivot: Array, coupling: Array) -> None:
-    """Solve in place for all eigenvectors together; b is (nx, h) in spectral space."""
+    """Solve the tridiagonal systems of all eigenvectors in place; b is (nx, h) in spectral space."""
     nx, h = b.shape
     for k in range(h):
         b[0, k] *= pivot[0, k]
@@ -309,7 +310,7 @@ def _split(b: Array, even: Array, odd: Array) -> None:
             even_i[j] = half * (lower[j] + upper[last - j])
         for j in range(np.uintp(h)):
             odd_i[j] = half * (lower[j] - upper[last - j])
-        # The padding is cleared too, because a diverged flow leaves values there that are not finite.
+        # The padding is cleared too, because a diverged flow leaves non-finite values there.
         even_i[h:] = odd_i[h:] = half * 0
 
 

@@ -22,7 +22,7 @@ JET_LIMIT: Final = 4.0
 VISCOUS_LIMIT: Final = 2.51
 
 _SAFE: Final = 1.7
-"""Target value of the convective and of the viscous number."""
+"""Value of the convective and of the viscous number that the advised time step has."""
 
 
 def convective_number(grid: Grid, flow: Flow, dt: float) -> float:
@@ -62,8 +62,9 @@ def check_step(
     dt = period / substeps
     per_x, per_y = 1.0 / grid.dx[:, None], 1.0 / grid.dy
     slot = slice(grid.upper - grid.slot_cells, grid.upper)
-    # The free stream passes the front corners at about its own speed in both directions. The flow of a blowing jet
-    # turns within a cell, and a sucking jet draws the same flow along the base.
+    # The free stream's two velocity components both reach about the free-stream speed at the front corners. A blowing
+    # jet turns by 90 degrees within one cell, so both components reach the jet's speed; a sucking jet draws an equal
+    # flow along the base.
     numbers = (
         ("convective number of the free stream", np.where(fluid, per_x + per_y, 0.0).max(), CONVECTIVE_LIMIT),
         ("convective number of the jets", jet_speed * (per_x[grid.rear, 0] + per_y[slot].max()), JET_LIMIT),

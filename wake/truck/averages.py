@@ -1,21 +1,21 @@
 """Time averages of a shedding wake: the rules for all studies.
 
-An average over a part of a cycle depends on the ends of the series. So averages run from the first to the last instant
-at which the lift crosses zero upwards, each found by linear interpolation between two samples. They cover a whole
-number of cycles. Between these instants, the series is integrated by the trapezoidal rule. The instants cut the first
-and the last interval between samples; only the inner part of these intervals counts, with linear interpolation between
-their samples. The standard deviation is the root of the integral of (x - mean)^2, computed in this way. The average of
-a signal with 24 samples per cycle, like this wake's lift, has an error of 1e-6 of its amplitude over a dozen cycles.
+The average over a part of a cycle depends on where the series begins and ends. So averages run from the first to the
+last instant at which the lift crosses zero upwards, each found by linear interpolation between two samples. They cover
+a whole number of cycles. Between these instants, the series is integrated by the trapezoidal rule. The instants cut the
+first and the last interval between samples; only the inner part of these intervals counts, with linear interpolation
+between their samples. The standard deviation is the root of the mean of (x - mean)^2, computed in this way. The average
+of a signal with 24 samples per cycle, like this wake's lift, has an error of 1e-6 of its amplitude over a dozen cycles.
 
 Two other rules are worse. If the average runs over whole samples between the crossings, its ends are wrong by up to a
 sample, and its error is 1e-3 of the amplitude. If the linear interpolation between the samples is squared, the standard
-deviation of the lift is 0.6 % too small and that of the drag, which has twice the frequency, 2 %.
+deviation of the lift is 0.6 % too small; that of the drag, which has twice the frequency, is 2 % too small.
 
 A wake under control may shed very little. Its lift then crosses zero many times within a cycle, because of the
 remaining motion and the jets, and the crossings no longer mark cycles. But the wake and the jets still act near the
 shedding frequency. So a controlled wake is averaged over as many whole cycles of the uncontrolled wake as fit, counted
-back from the last sample (`over_last_cycles`). If control fails, the wake sheds as before, and this rule equals the
-first rule with another phase. A wake with sinusoidal forcing is averaged over the last cycles of the sine.
+back from the last sample (`over_last_cycles`). If control fails, the wake sheds as before, and this average also covers
+whole cycles of the lift. A wake with sinusoidal forcing is averaged over the last cycles of the sine.
 """
 
 from dataclasses import dataclass
@@ -45,8 +45,8 @@ class Average:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CycleAverage(Average):
-    """An average over whole cycles of the lift. `frequency`, in cycles per t_c, is the Strouhal number without
-    forcing."""
+    """An average over whole cycles. `frequency`, in cycles per t_c, is the Strouhal number if nothing forces the
+    wake."""
 
     cycles: int
     frequency: float
@@ -97,8 +97,8 @@ def over_last_cycles(t: Array, frequency: float) -> CycleAverage:
 def _trapezoids(t: Array, first: float, last: float) -> Array:
     """Return the weights (n,) that integrate a piecewise linear series from `first` to `last`."""
     width = np.diff(t)
-    # The part of each interval from `begin` to `end` counts; both are fractions of the interval's width, measured from
-    # its left end.
+    # Only the part of each interval from `begin` to `end` counts; both are fractions of the interval's width, measured
+    # from its left end.
     begin = np.clip((first - t[:-1]) / width, 0.0, 1.0)
     end = np.clip((last - t[:-1]) / width, 0.0, 1.0)
     right = 0.5 * (end * end - begin * begin) * width

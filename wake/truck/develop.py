@@ -1,7 +1,8 @@
-"""A developed wake: from fluid at rest, like the shipped start, or from a developed wake on another grid.
+"""The computation of a developed wake: from fluid at rest, like the shipped start, or from a developed wake on another
+grid.
 
-Developing a wake from rest takes 100 t_c, because the shedding has to grow first. An interpolated wake already sheds,
-and is run until its original grid has no influence.
+Developing a wake from rest takes 100 t_c, because the shedding has to grow first. An interpolated wake already sheds;
+it is run until the grid from which it was interpolated has no influence any more.
 """
 
 from collections.abc import Callable
@@ -17,7 +18,8 @@ from wake.solver.grid import Component, Grid
 from wake.truck.state import State
 from wake.truck.truck_wake import TruckWake
 
-# An impulsive start is stiff: it needs small steps (dt, number) until the first transients have left the leading edge.
+# After an impulsive start, the time step must be small until the first transients have left the leading edge. Each pair
+# is (dt, number of steps).
 _RAMP: Final = ((1e-4, 200), (1e-3, 200), (2e-3, 1000), (4e-3, 500))
 _KICK_STEPS: Final = 50
 _KICK_AMPLITUDE: Final = 2.0 / 3.0
@@ -53,8 +55,9 @@ def develop(
 
 
 SETTLE_TIME: Final = 60.0
-"""Time without jets, in t_c, after which mean drag and lift amplitude are within 0.3 % of the values of a wake that
-developed from rest on the final grid (refinement 0.4 and 0.5). The mean lift, which decays last, is within 0.01."""
+"""Time without jets, in t_c, after which an interpolated wake agrees with a wake that developed from rest on the final
+grid (refinement 0.4 and 0.5): the mean drag and the lift amplitude within 0.3 %, and the mean lift, whose difference
+decays last, within 0.01."""
 
 _COMPONENTS: Final[tuple[Component, ...]] = ("u", "v", "p")
 
@@ -62,7 +65,7 @@ _COMPONENTS: Final[tuple[Component, ...]] = ("u", "v", "p")
 def interpolated(state: State, source: Grid, target: Grid) -> Flow:
     """Interpolate the flow of a state on `source` bilinearly to `target`; extrapolate it beyond the outermost points.
 
-    Layers beyond the edges are zero, and the velocities have a divergence, which a time step removes.
+    The padding beyond the grid's edges is zero. The velocities have a divergence, which the next time step removes.
     """
     found, result = Flow.of(state.flat, source.shape), Flow.zeros(target.shape)
     for name in _COMPONENTS:
@@ -79,19 +82,19 @@ def moved(
     duration: float,
     progress: Callable[[float, float], None] = lambda t, total: None,
 ) -> State:
-    """Run a state from another grid on the plant's grid. Raises PlantError if the flow diverges. Returns the state with
-    its clock at zero and with shut jets.
+    """Interpolate a state from another grid to the plant's grid, and let the flow settle. Raises PlantError if the flow
+    diverges. Returns the state with its clock at zero and with shut jets.
 
     Args:
-        state: state on `source`, of the plant's body and Reynolds number.
+        state: state on the grid `source`, with the plant's body and Reynolds number.
         wake: the plant, which is in the returned state afterwards.
         duration: time without jets after the interpolation, t_c.
         progress: called with (time, duration) after every control period.
     """
     flow = Flow.of(interpolated(state, source, wake.grid).flat.astype(wake.solver.precision), wake.grid.shape)
     pressure = flow.p.copy()
-    # A very short step fills edges and walls and removes the divergence. The pressure that it leaves is that of an
-    # impulse and is not used.
+    # A very short step fills the padding and the ghosts and removes the divergence. The pressure of such a step is an
+    # impulse, so the interpolated pressure is used instead.
     wake.solver.run(flow, dt=1e-6, steps=1, action_from=0.0, action_to=0.0)
     flow.p[:] = pressure
     wake.reset(State(flat=flow.flat, substep=0, action=0.0))

@@ -1,4 +1,4 @@
-"""The body's wake with its tape, in the form that training through the flow uses (`contract.differentiable`)."""
+"""The wake and its tape as a plant that gives gradients through the flow solver (`contract.differentiable`)."""
 
 from dataclasses import replace
 from functools import partial
@@ -15,16 +15,16 @@ from wake.truck.tape import Tape, no_weights
 from wake.truck.truck_wake import TruckWake
 
 MEMORY_MB: Final = 7000.0
-"""Bound of the tape's memory, in 10^6 bytes. The flow of 125 control periods takes 2000 on the mesh of `stillwake
-refine` and 6900 on the default mesh; beyond the bound, the tape computes steps a second time."""
+"""Limit of the tape's memory, in 10^6 bytes. The flow of 125 control periods takes 2000 x 10^6 bytes on the mesh of
+`stillwake refine` and 6900 x 10^6 on the default mesh; beyond the limit, the tape computes steps a second time."""
 AT_REST: Final = 60.0
-"""Time in t_c in which the wake without jets settles at a speed, and duration of the average that follows: twelve
-cycles."""
+"""Time for which the wake without jets settles at a speed before it is averaged, and duration of this average: twelve
+cycles. The unit is the convective time at that speed."""
 
 
 class DifferentiableWake(CopiedWhole):
-    """A plant at the beginning of control periods, with the differences of p pairs of its sensors. `columns` (2 p,) are
-    the indices of these sensors in the plant's Cp, pair by pair."""
+    """A plant and its tape, which return the pressures at the sensors of p pairs. `columns` (2 p,) are the indices of
+    these sensors in the plant's Cp, pair by pair."""
 
     def __init__(self, plant: TruckWake, columns: Index) -> None:
         self.plant, self._columns = plant, columns
@@ -32,8 +32,8 @@ class DifferentiableWake(CopiedWhole):
         self._speeds = np.ones(1)
 
     def begin(self, state: FlowState, speeds: Array) -> Seen:
-        """Continue from a state with an empty tape, at the n + 1 speeds of the samples, (n + 1,), in design speeds;
-        higher speeds take more steps."""
+        """Continue from a state with an empty tape. `speeds` (n + 1,) are the speeds at the start and at the samples of
+        the n periods, divided by the design speed. A higher largest speed needs more time steps per period."""
         plant, config = self.plant, self._config
         plant.config = at_speed(config, float(speeds.max()))
         times, faster = config.control_period * np.arange(len(speeds), dtype=np.float64), speeds - 1.0
@@ -44,13 +44,13 @@ class DifferentiableWake(CopiedWhole):
         return self._seen()
 
     def advance(self, action: float) -> Seen:
-        """Advance by a control period, which the tape stores; raises PlantError as `Tape.advance` does."""
+        """Advance by a control period, which the tape stores. Raises PlantError as `Tape.advance` does."""
         self._tape.advance(action)
         return self._seen()
 
     def back(self, weights: Seen) -> float:
-        """Go back by a period. Returns the derivative of the scalar with respect to the action commanded in that
-        period."""
+        """Go back by a period. `weights` are the derivatives of a scalar with respect to the period's sample; returns
+        the scalar's derivative with respect to the action commanded in that period."""
         speed = self._speed
         whole = no_weights(len(self.plant.layout))
         whole.Cp[self._columns] = weights.Cp / speed**2
@@ -62,10 +62,10 @@ class DifferentiableWake(CopiedWhole):
         return FlowState(flat=self.plant.flow.flat.copy(), action=self.plant.action)
 
     def at_rest(self, state: FlowState, speed: float, over: float = AT_REST) -> tuple[float, float] | None:
-        """Return the means of base pressure and |differences| without jets; None without a sensor on the base.
+        """Return the means of the base's Cp and of the |differences| without jets; None without a sensor on the base.
 
         Args:
-            over: duration of the settling, and of the average after it, in convective times of the speed.
+            over: duration of the settling, and of the average after it, in convective times at this speed.
         """
         on_base = np.isin(self._columns, self.plant.layout.base)
         if not on_base.any():
@@ -83,7 +83,7 @@ class DifferentiableWake(CopiedWhole):
 
     @property
     def _speed(self) -> float:
-        """The speed at the last sample of the tape."""
+        """The speed at the last sample of the tape, divided by the design speed."""
         return float(self._speeds[len(self._tape)])
 
     def _seen(self) -> Seen:

@@ -1,4 +1,4 @@
-"""The length of the recirculation bubble behind the body."""
+"""The length of the recirculation bubble downstream of the body."""
 
 import numpy as np
 

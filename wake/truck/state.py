@@ -19,7 +19,7 @@ _BODY: Final = ("body_length", "leading_edge_radius")
 
 @dataclass(frozen=True, kw_only=True)
 class Origin:
-    """The plant on which a state was computed; the clock is None if an old file lacks it.
+    """The plant on which a state was computed. `control_period` and `substeps` are None if an old file lacks them.
 
     The origin holds the body's shape but not the positions of the sensors, which do not affect the flow.
     """
@@ -36,16 +36,16 @@ class Origin:
         return self.is_of(TRUCK_BODY)
 
     def is_of(self, body: BodyConfig) -> bool:
-        """Return whether the flow is around this body."""
+        """Return whether the flow of this origin is around the given body."""
         return (self.body_length, self.leading_edge_radius) == (body.length, body.leading_edge_radius)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class State:
-    """All data that determine how the flow continues: velocities and pressures, the substep count since t = 0, and the
-    jet.
+    """All data that determine how the flow continues: velocities and pressures, the number of substeps since t = 0, and
+    the action in force.
 
-    A plant refuses a state of another origin, and accepts a state without origin.
+    A plant rejects a state whose origin differs from the plant, and accepts a state without origin.
     """
 
     flat: Array

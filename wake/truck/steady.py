@@ -2,7 +2,7 @@
 
 A symmetric flow remains symmetric except for rounding errors, which the shedding instability amplifies. Taking the even
 part of the flow after every control period removes these errors, and the flow settles. The result solves the discrete
-equations of the shedding wake, so its drag is the part of the drag that shedding does not cause.
+equations of the shedding wake. So the drag of the steady wake is the part of the drag that shedding does not cause.
 """
 
 from collections.abc import Callable
@@ -20,15 +20,15 @@ from wake.truck.state import State
 from wake.truck.truck_wake import TruckWake
 
 TOLERANCE: Final = 1e-6
-"""Largest rate at which a wake counts as steady. Rates finally fall by a factor e in 23 t_c, so forces at this rate are
-accurate to 1e-5."""
+"""Rate of change of velocity in U_inf / t_c, and of drag in 1 / t_c, below which a wake counts as steady. The rates
+finally fall by a factor e in 23 t_c, so the forces are then accurate to 1e-5."""
 
 
 _UNEVEN: Final = 1e-9
 """Largest difference in U_inf between a steady state and its mirror image; a settled state is symmetric bit for bit."""
 _RATE: Final = 1e-2
-"""Largest rate of change in U_inf / t_c of a steady state; a settled state changes far more slowly, and the developed
-wake at about 1."""
+"""Largest rate at which the velocities of a steady state may change, in U_inf / t_c. A settled state changes far more
+slowly; the developed wake changes at a rate of about 1."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -36,11 +36,12 @@ class SteadyWake:
     """A wake that has settled.
 
     Attributes:
-        state: the flow, its clock set to zero; the plant is left in it.
-        base_Cp: mean over the sensors on the base.
+        state: the flow, with its clock set to zero; the plant is in this state, too.
+        base_Cp: mean Cp over the sensors on the base.
         recirculation_length: distance from the base to the point where the velocity on the axis turns downstream, in W.
-        velocity_rate: max |du/dt| and |dv/dt| over the last control period, in U_inf / t_c. drag_rate: |dCd/dt| over
-        the last control period, wall and slots, in 1 / t_c. time: duration of the settling from rest, in t_c.
+        velocity_rate: largest |du/dt| or |dv/dt| over the last control period, in U_inf / t_c.
+        drag_rate: |dCd/dt| of wall and slots over the last control period, in 1 / t_c.
+        time: duration of the settling from rest, in t_c.
     """
 
     state: State
@@ -52,7 +53,7 @@ class SteadyWake:
     time: float
 
     def figures(self) -> dict[str, float]:
-        """Return the figures for a results file."""
+        """Return the numbers for a results file."""
         sample = self.sample
         return {
             "Cd": sample.Cd,
@@ -75,7 +76,7 @@ def settle(
     flow is not steady after `longest`.
 
     Args:
-        tolerance: upper limit of both rates.
+        tolerance: limit of the velocity's rate of change in U_inf / t_c, and of the drag's in 1 / t_c.
         longest: largest duration in t_c.
         progress: called with the time and the larger rate after every control period.
     """

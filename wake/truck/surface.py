@@ -5,7 +5,7 @@ step gives all of these quantities. The wall pressure is found with a parabola a
 through two points in the flow, its slope on the wall follows from the momentum balance of fluid at rest, and its value
 on the wall is the wall pressure. At the rounded corners the pressure falls steeply outside the boundary layer, and a
 straight line would give 1 % too little drag. Wall shear follows from the velocity with no slip on the wall. Forces are
-per unit of rho U_inf^2 W / 2.
+in units of rho U_inf^2 W / 2.
 
 The load on the two slot faces comes from the momentum balance of the half cell before each face. Near a slot the
 pressure falls by several dynamic pressures within a slot's width, and a straight line through two cells has an error of
@@ -32,7 +32,7 @@ from wake.solver.grid import Component, Grid, bilinear
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SlotLoad:
-    """The force on both slots per unit of rho U_inf^2 W / 2, and the mean Cp over each slot, weighted with the jet
+    """The force on both slots in units of rho U_inf^2 W / 2, and the mean Cp over each slot, weighted by the jet
     profile."""
 
     Cd_pressure: float
@@ -70,7 +70,7 @@ class SlotFaces:
         )
 
     def weigh(self, bar: Flow, flow: Flow, weights: SlotLoad) -> None:
-        """Add to `bar` the sensitivities of the load's weighted sum to the flow."""
+        """Add to `bar` the derivatives, with respect to the flow, of the load's weighted sum."""
         face, _, between = self._faces(flow)
         Cp = np.zeros_like(face)
         for rows in (self._upper, self._lower):
@@ -160,20 +160,21 @@ class Surface:
         )
 
     def weigh(self, bar: Flow, flow: Flow, weights: Measured) -> None:
-        """Add to `bar` the sensitivities of the functionals' weighted sum to the flow."""
+        """Add to `bar` the derivatives, with respect to the flow, of the functionals' weighted sum."""
         values = np.concatenate([weights.Cp, [weights.Cd, weights.Cl, weights.Uy_probe]])
         bar.flat[:] += values @ self._matrix
         self._slots.weigh(bar, flow, weights.slots)
 
     def _sample(self, px: float, py: float, component: Component) -> Terms:
-        """Return the terms of a field's value at a point in the flow."""
+        """Return the weights with which the flow's values sum to a component's value at a point in the flow."""
         terms: Terms = defaultdict(float)
         for (i, j), w in bilinear(*self._grid.axes(component), px, py):
             terms[self._layout.index(component, i, j)] += w
         return terms
 
     def _flow_points(self, x: float, y: float, nx: float, ny: float, component: Component) -> list[tuple[float, Terms]]:
-        """Return the two nearest usable points along the normal at (x, y): (distance, terms of the field there)."""
+        """Return the two nearest points along the normal at (x, y) that lie between usable values: the distance and the
+        weights with which the flow's values sum to the component's value there."""
         usable = {"u": self._boundary.open_u, "v": self._boundary.open_v, "p": self._boundary.fluid}[component]
         xs, ys = self._grid.axes(component)
         spacing = max(abs(nx) * _cell_size(self._grid.xf, x), abs(ny) * _cell_size(self._grid.yf, y))
@@ -192,15 +193,15 @@ class Surface:
         return found
 
     def _wall_pressure(self, x: float, y: float, nx: float, ny: float) -> Terms:
-        """Return the terms of Cp on the wall."""
+        """Return the weights with which the flow's values sum to Cp on the wall."""
         (d1, first), (d2, second) = self._flow_points(x, y, nx, ny, "p")
         scale = 2.0 / (d2 * d2 - d1 * d1)
         slope = self._wall_pressure_slope(x, y, nx, ny)
         return _combine((d2 * d2 * scale, first), (-d1 * d1 * scale, second), (-scale * d1 * d2 * (d2 - d1), slope))
 
     def _wall_pressure_slope(self, x: float, y: float, nx: float, ny: float) -> Terms:
-        """Return the normal derivative of the kinematic pressure on a no-slip wall, nu d2(u.n)/dn2, which is the
-        momentum balance of fluid at rest."""
+        """Return the weights for the normal derivative of the kinematic pressure on a no-slip wall, nu d2(u.n)/dn2,
+        which is the momentum balance of fluid at rest."""
         terms: Terms = defaultdict(float)
         components: tuple[tuple[float, Component], ...] = ((nx, "u"), (ny, "v"))
         for factor, component in components:
@@ -212,7 +213,7 @@ class Surface:
         return terms
 
     def _wall_shear(self, x: float, y: float, nx: float, ny: float, component: Component) -> Terms:
-        """Return the normal derivative of a velocity component on a no-slip wall, of second order."""
+        """Return the weights for the normal derivative of a velocity component on a no-slip wall, of second order."""
         (d1, first), (d2, second) = self._flow_points(x, y, nx, ny, component)
         scale = 1.0 / (d1 * d2 * (d2 - d1))
         return _combine((d2 * d2 * scale, first), (-d1 * d1 * scale, second))
@@ -232,7 +233,7 @@ class Surface:
         return drag, lift
 
     def _wall_elements(self) -> list[tuple[float, float, float, float, float]]:
-        """Return (x, y, nx, ny, length) of the elements of the outline without the slots."""
+        """Return midpoint, normal and length (x, y, nx, ny, length) of each outline element outside the slots."""
         grid, r, length = self._grid, self._body.leading_edge_radius, self._body.length
         flat = HALF_WIDTH - r
         elements = []

@@ -24,8 +24,7 @@ _MEGABYTE = 1e6
 
 @dataclass(kw_only=True, eq=False)
 class _Period:
-    """The flow at a period's start and, if memory allows, at the start of each step; also the period's actions and
-    time."""
+    """The flow at a period's start and, if memory allows, at each step's start; also the period's actions and time."""
 
     start: Array
     steps: Array | None
@@ -47,9 +46,8 @@ class Tape(CopiedWhole):
         memory_mb: limit of the stored data, in 10^6 bytes.
 
     Attributes:
-        bar: sensitivities to the flow at the position that `back` has reached; after the last call, at the tape's
-            start.
-        bar_action: the sensitivity to the action in force at that position.
+        bar: the scalar's sensitivities to the flow at the instant that `back` has reached, finally the tape's start.
+        bar_action: the scalar's sensitivity to the action in force at that instant.
         memory_mb: size of the data stored since the tape's start, in 10^6 bytes.
     """
 
@@ -88,10 +86,10 @@ class Tape(CopiedWhole):
         return plant.sample()
 
     def back(self, weights: Sample) -> float:
-        """Go back by a period. Raises PlantError at the tape's start, or if the plant's wind or Reynolds number makes a
-        repeated period diverge. Returns the sensitivity of the scalar, over this sample and all later samples, to the
-        action commanded in this period. `weights` are the scalar's derivatives with respect to each value of the
-        period's sample (`no_weights` has zeros); the time in `weights` is not read."""
+        """Go back by a period. `weights` are the derivatives of a scalar with respect to each value of the period's
+        sample (`no_weights` has zeros); the time in `weights` is not read. Returns the scalar's sensitivity, through
+        this sample and all later samples, to the action commanded in this period. Raises PlantError at the tape's
+        start, or if the plant's wind or Reynolds number has changed so that a repeated period diverges."""
         if not self._periods:
             raise PlantError("the backward pass is at the start of the tape: no period is left")
         period, plant = self._periods.pop(), self._plant

@@ -2,7 +2,7 @@
 
 Timing (the project's convention): sample k holds pressures and forces at t_k; the jet ramps linearly from the action in
 force to the newly commanded action until t_{k+1}. If a command arrives late, its ramp starts late and still ends at
-t_{k+1}; with `advance_to` a co-simulation determines the command's arrival.
+t_{k+1}; a co-simulation chooses with `advance_to` when a command arrives.
 """
 
 from dataclasses import replace
@@ -29,7 +29,7 @@ from wake.truck.surface import Surface
 
 class TruckWake(CopiedWhole):
     """The flow around the truck, or around another body. Raises ConfigError if the grid is too coarse for the slots;
-    PlantError if the time step necessarily diverges on this grid.
+    PlantError if the time step is too large for any flow on this grid.
 
     A copy is an independent plant that continues bit for bit like the original; so is a pickle if `wind` can be
     pickled.
@@ -37,11 +37,13 @@ class TruckWake(CopiedWhole):
     Args:
         config: Reynolds number, control period, substeps, action bound and the grid's refinement.
         body: the truck by default.
-        precision: np.float32 computes about twice as fast, for training through the flow; samples are float64.
+        precision: precision of the flow. np.float32 takes about half the time of np.float64; it is meant for training
+            with gradients through the solver. Samples are float64.
 
     Attributes:
         layout: the sensors, in the order of a sample's Cp.
-        wind: the wind's excess over U_inf as a function of time; None for a steady wind. A state does not hold it.
+        wind: a function of time that returns by how much the wind exceeds U_inf; None for a steady wind. States do
+            not hold the wind.
     """
 
     def __init__(
@@ -112,8 +114,8 @@ class TruckWake(CopiedWhole):
         self.surface = self._surface()
 
     def scale(self, ratio: float) -> None:
-        """Scale the flow to a stream of `ratio` times the present speed: velocities grow by the ratio, pressures by its
-        square.
+        """Scale the flow to a stream of `ratio` times the present speed: velocities are multiplied by the ratio,
+        pressures by its square.
 
         The viscosity does not change, so the scaled flow is not yet the developed wake of its new Reynolds number, and
         has to settle.
@@ -211,7 +213,7 @@ class TruckWake(CopiedWhole):
         return Surface(self.grid, self.boundary, viscosity, self._profile, self.body, self.layout)
 
     def wind_from(self, t: float) -> Wind | None:
-        """Return the excess of the wind over U_inf as a function of the time since t; None if the wind is steady."""
+        """Return a function of the time since t that gives the wind's excess over U_inf; None if the wind is steady."""
         wind = self.wind
         return None if wind is None else lambda after: wind(t + after)
 
