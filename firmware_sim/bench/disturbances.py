@@ -47,7 +47,7 @@ class WireNoise(Span, section="wire_errors"):
 
 @dataclass(frozen=True, kw_only=True)
 class Reset(Instant, section="reset"):
-    """A reset: the ECU loses its state, receives nothing while it boots, and starts again.
+    """A reset of the ECU, which then loses its state, receives nothing while it boots, and starts again.
 
     Frames that the ECU has already passed to its CAN controller are still sent. The freshness values of `bus.key` are
     in non-volatile memory and survive.
@@ -60,11 +60,11 @@ class Reset(Instant, section="reset"):
 
 @dataclass(frozen=True, kw_only=True)
 class WrongClock(Span, section="clock"):
-    """A wrong ECU clock: its rate differs from that of the vehicle's clock, or its time is offset. The vehicle's clock
-    times the periods of the run.
+    """A wrong ECU clock, whose rate or time differs from the vehicle's clock. The vehicle's clock times the periods of
+    the run.
 
-    The ECU's clock stamps the frames that the ECU receives and gives the ECU its time. At the end of the span the ECU's
-    clock jumps back to the correct time.
+    The ECU takes its time, and the time stamps of received frames, from this clock. At the end of the span the clock
+    jumps back to the correct time.
     """
 
     node: Literal["ecu"] = "ecu"
@@ -76,7 +76,8 @@ class WrongClock(Span, section="clock"):
 
 @dataclass(frozen=True, kw_only=True)
 class NoRequest(Span, section="no_request"):
-    """The vehicle withdraws its request for control and raises it again afterwards, which clears a latched fault."""
+    """A span in which the vehicle does not request control. When the vehicle then requests control again, a latched
+    fault of the ECU is cleared."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -89,9 +90,9 @@ class Reynolds(Span, section="reynolds"):
 
 @dataclass(frozen=True, kw_only=True)
 class OtherBody(Span, section="body"):
-    """The vehicle's body differs from the body that the release was made for. The sensors have the same names but the
-    places of the new body. The ECU has no information about the new body. Only the built-in solver can do this, and
-    only for a whole run."""
+    """A body that differs from the release's body. The sensors have the same names, but their positions are those on
+    the different body. The ECU has no information about this body. Only the built-in solver supports this, and only for
+    a whole run."""
 
     length: Finite[float]
     """Length of the body in W, as `body.length`."""
@@ -111,10 +112,11 @@ class OtherBody(Span, section="body"):
 
 @dataclass(frozen=True, kw_only=True)
 class GustyWind(Span, section="gust"):
-    """The wind against the vehicle varies: U(t) = U_inf (1 + amplitude sin(2 pi t / period)); built-in solver only.
+    """A gust: the wind against the vehicle varies as U(t) = U_inf (1 + amplitude sin(2 pi t / period)); built-in solver
+    only.
 
-    `wake.plant.drive` defines the frame of reference. Forces, pressures and jets stay in units of the mean U_inf. The
-    gust ends with the last whole period in the span.
+    `wake.plant.drive` defines the frame of reference. Forces, pressures and jet actions remain in units of the mean
+    U_inf. The gust lasts a whole number of periods: it ends with the last period that ends in the span.
     """
 
     amplitude: Below[float]
@@ -124,10 +126,10 @@ class GustyWind(Span, section="gust"):
 
 @dataclass(frozen=True, kw_only=True)
 class VehiclePoint(Span, section="operating_point"):
-    """The vehicle's speed or the air's density differs from the ECU's settings.
+    """A speed of the vehicle, or a density of the air, that differs from the ECU's settings.
 
-    Transducer pressures in Pa and jet flow in m2/s scale with speed and density. A control period lasts the configured
-    number of t_c at any speed, and the wake behaves as at `flow.reynolds`.
+    Transducer pressures in Pa and jet flow rates in m2/s scale with speed and density. The control period in t_c and
+    the Reynolds number of the wake stay as configured at any speed.
     """
 
     speed: Annotated[float | None, Rule(wording="positive", holds=lambda value: value > 0, or_none=True)] = None
@@ -141,15 +143,15 @@ class ActionLimit(Span, section="action_limit"):
     """The jets saturate below the limit that is set in the ECU."""
 
     action_limit: Share[float]
-    """Share of `flow.action_limit` at which the jets saturate."""
+    """Action at which the jets saturate, as a share of `flow.action_limit`."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class StuckJets(Span, section="stuck_jets"):
-    """The jets' actuator does not move at any command."""
+    """A stuck actuator: the jets keep one action, whatever command arrives."""
 
     stuck_jets: Annotated[Finite[float], Rule(wording="between -1 and 1", holds=lambda value: -1 <= value <= 1)]
-    """Share of `flow.action_limit` at which the jets are stuck; 0 means that the jets are shut."""
+    """Action at which the jets are stuck, as a share of `flow.action_limit`; 0 means that the jets are shut."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -196,7 +198,8 @@ KINDS: Final[dict[str, type[Span]]] = {
         *(SpeedScale, SpeedLate, SpeedFrozen, NoSpeed, Density),
     )
 }
-"""Classes of disturbances by their name in texts. A text that begins with a node's name is read as a `NodeFault`."""
+"""Classes of disturbances by the name with which a disturbance's text begins. A text that begins with a node's name is
+read as a `NodeFault`."""
 
 Disturbance = NodeFault | Span
 
@@ -214,10 +217,10 @@ class Disturbances:
     """All disturbances of a run; comparable, picklable, and equal to the result of parsing `texts`.
 
     Attributes:
-        items: disturbances in the order given. Each disturbance draws from its own random sequence, numbered by its
-            place in this order. If several disturbances act on the sensors, the first acts first on the wall's
-            pressures. If several act in a port, the first is closest to the bus. If several of one kind act on the flow
-            or the vehicle at the same time, only the last one has an effect.
+        items: disturbances in the order given. Each disturbance draws from a separate random sequence, whose number is
+            the disturbance's index in this order. If several disturbances act on the sensors, they are applied in this
+            order to the wall pressures. If several act in a port, the first is closest to the bus. If several of one
+            kind act on the flow or the vehicle at the same time, only the last one has an effect.
     """
 
     items: tuple[Disturbance, ...] = field(default=())
@@ -262,7 +265,8 @@ class Disturbances:
 
 
 def whole_cycles(gust: GustyWind, convective_time: float) -> float:
-    """Return the number of whole gust periods in the span; raises ConfigError if there is none."""
+    """Return the number of whole gust periods in the gust's span; raises ConfigError if the span is shorter than a
+    period."""
     if gust.end_s == inf:
         return inf
     cycles = floor((gust.end_s - gust.start_s) / (gust.period * convective_time) + 1e-9)

@@ -13,9 +13,9 @@ from ecu.stepped import LoopEcu
 
 C: Final = "c"
 MCU: Final = "mcu"
-"""Name of the ECU that is the whole firmware of an emulated board with a Cortex-M7."""
+"""Name of the option for the ECU whose whole firmware runs on an emulated board with a Cortex-M7."""
 CLOCKS_MHZ: Final = (1.0, 10_000.0)
-"""Range of accepted clocks in MHz. A core with a slower clock takes seconds for a step; no core has a faster clock."""
+"""Range of accepted clock rates in MHz. Below this range a control step takes seconds; above it there is no core."""
 
 
 def check_ecu(kind: str, clock_mhz: float) -> None:

@@ -27,8 +27,8 @@ NODES: Final = ("vehicle", "ecu")
 NONE_BEFORE: Final[Mapping[str, int]] = MappingProxyType({})
 
 LOOK_NS: Final = 1_000_000
-"""Time in ns between two events that this module adds to the bus, so that delayed frames are released even if no other
-event occurs."""
+"""Time in ns between two events that this module adds to the bus, so that a port releases its delayed frames even if no
+other event occurs."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,9 +67,9 @@ class NodeFaults:
     """Applies the faults of a run in the ports.
 
     Args:
-        faults: faults of all nodes; the faults of one node are in the order from bus to node.
+        faults: faults of all nodes; of the faults of one node, the first is closest to the bus.
         bus: bus of the run, at time 0.
-        before: number of earlier faults of each node.
+        before: number of random sequences that each node's port already uses before these faults.
     """
 
     def __init__(
@@ -86,7 +86,7 @@ class NodeFaults:
             self._look()
 
     def around(self, node: str, port: Bus) -> Bus:
-        """Return the node's port wrapped in the node's faults; return the port itself if the node has no faults."""
+        """Return the node's port with the node's faults added; return the port itself if the node has no faults."""
         mine = [one.fault for one in self._faults if one.node == node]
         if not mine:
             return port
@@ -105,20 +105,22 @@ class NodeFaults:
         return tuple(InjectedFault(text=one.text, acted=next(injectors[one.node]).acted) for one in self._faults)
 
     def end(self) -> None:
-        """Stop the periodic calls: the ports then act only when a node calls them."""
+        """Stop the periodic calls of the ports, whose faults then act only when a node uses its port."""
         self._ended = True
 
     def _look(self) -> None:
         if self._ended:
             return
-        # Each call is also an event of the bus; after each event the loop checks whether the ECU has its pressures.
+        # This call is also an event of the bus; after each event the loop checks whether the ECU has received its
+        # pressures.
         for port in self._babbling:
             port.look()
         self._bus.call_at(self._bus.now_ns + LOOK_NS, self._look)
 
 
 class _Babbling(WrappedBus):
-    """A port with a babbling fault. It also sends between the node's calls and stores frames that the node receives."""
+    """A port with a babbling fault, which also sends frames between the node's calls. Frames that arrive meanwhile are
+    stored for the node."""
 
     def __init__(self, port: Bus) -> None:
         super().__init__(port)

@@ -43,8 +43,8 @@ from wake.plant.sample import Sample
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class BusPorts:
-    """The ports through which the two nodes send and receive: ports of one `SimulatedBus`, or wrappers around these
-    ports."""
+    """The ports through which vehicle and ECU send and receive: ports of one `SimulatedBus`, or these ports with faults
+    added."""
 
     vehicle: Bus
     ecu: Bus
@@ -169,13 +169,14 @@ class VirtualLoop(NeverCopied):
         return self._bus.now_ns >= self._booted_ns
 
     def exchange_ecu(self, ecu: SteppedEcu, step_ns: Callable[[], int] | None = None) -> None:
-        """Continue with another ECU of the same bundle and settings, from the state of the present ECU."""
+        """Replace the present ECU by another ECU of the same bundle and settings, which continues from the present
+        ECU's state."""
         ecu.restore(self._ecu.state)
         self._ecu = ecu
         self._step_ns = self._charged if step_ns is None else step_ns
 
     def totals(self) -> BusTotals:
-        """Return the frame counts so far; a frame that is still on its way does not count as lost."""
+        """Return the frame counts so far; a frame that is still being transmitted does not count as lost."""
         sent = self._node.frames_sent + self._commands_sent
         arrived = self._pressures_received + self._commands_received
         rejected = self._ecu.frames_rejected + self._node.frames_rejected
@@ -184,8 +185,8 @@ class VirtualLoop(NeverCopied):
         return BusTotals(sent=sent, lost=max(sent - arrived - under_way, 0), rejected=rejected)
 
     def _pressures_came(self) -> bool:
-        """Put received frames into the ECU's inbox, or drop them while the ECU boots; return whether pressures were
-        added."""
+        """Put received frames into the ECU's inbox, or drop them while the ECU boots. Return whether pressures were
+        among the frames that were put in."""
         received = self._ports.ecu.receive_all()
         if self._bus.now_ns < self._booted_ns:
             return False
@@ -219,17 +220,19 @@ class VirtualLoop(NeverCopied):
 
     @staticmethod
     def _send(port: Bus, frame: Frame) -> None:
-        """Send a frame. A frame that the bus does not accept is lost, and its receiver has to detect the loss."""
+        """Send a frame. A frame that the bus does not accept is lost; its receiver must detect the loss, as on a real
+        bus."""
         try:
             port.send(frame)
         except BusError:
             return
 
     def _advance_plant(self, actuation: Actuation) -> None:
-        """Advance the flow to the period's end; until a command for this period arrives, the jets keep their action."""
+        """Advance the flow to the period's end. The jets keep their action until the command for this period
+        arrives."""
         if actuation.command is not None and not actuation.next_period:
             after_ns = actuation.command.timestamp_ns - self._start_ns
-            # At least one time step is needed for the ramp.
+            # The ramp to the new action needs at least one time step.
             late = min(self._substeps - 1, math.ceil(after_ns * self._substeps / self._period_ns))
             if late > 0:
                 self._plant.advance_to(late)

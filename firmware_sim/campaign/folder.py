@@ -93,5 +93,5 @@ class CampaignFolder:
 
 
 def _plain(label: Mapping[str, Any]) -> Any:
-    """Return the label in the form that it has after it was written to JSON and read back."""
+    """Return the label as it would be read back after it was written as JSON."""
     return json.loads(json.dumps(label))

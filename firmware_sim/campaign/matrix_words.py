@@ -1,4 +1,5 @@
-"""A campaign as text: plan and rows for the terminal and the report, and rows as CSV for other programs."""
+"""A campaign as text: plan and result rows for the terminal and the report, and result rows as CSV for other
+programs."""
 
 import csv
 from collections.abc import Sequence
@@ -56,13 +57,14 @@ def cells(row: ScenarioRow) -> tuple[str, ...]:
 
 
 def spread(value: Spread, style: str) -> str:
-    """Format a spread as "mean (minimum to maximum)", or as the mean if the values of all phases are equal."""
+    """Format a spread as "mean (minimum to maximum)", or as the mean alone if all starting phases have the same
+    value."""
     mean, least, most = (number(one, style) for one in (value.mean, value.least, value.most))
     return mean if least == most else f"{mean} ({least} to {most})"
 
 
 def number(value: float, style: str) -> str:
-    """Format a number; a dash for NaN."""
+    """Format a number; NaN becomes a dash."""
     return f"{value:{style}}" if isfinite(value) else "-"
 
 

@@ -34,7 +34,7 @@ BUILT_IN: Final = ("paper", "sensors", "bus", "flow")
 """Names of the files in `plans/`, in the plan's order."""
 MOST_SCENARIOS: Final = 1000
 _SENSORS: Final = "sensors"
-"""Value of `each` for which a scenario is repeated for each sensor of the release."""
+"""Value of `each` with which a scenario is repeated for each sensor of the release."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -79,7 +79,7 @@ def whole_plan(users: Sequence[Path], place: Place) -> tuple[Scenario, ...]:
 
 
 def read_plan(source: Traversable, place: Place) -> tuple[Scenario, ...]:
-    """Read the scenarios of one file; raises ConfigError for an invalid entry, like `whole_plan`."""
+    """Read the scenarios of one file; raises ConfigError for an invalid entry, as `whole_plan` does."""
     tree = read_toml(source, "plan")
     try:
         plan = typed(tree, _PlanForm)

@@ -1,4 +1,5 @@
-"""One run of a campaign, in any process: the closed loop under its disturbances, or the flow without control."""
+"""The execution of one run of a campaign, in any process: the closed loop under its disturbances, or the flow without
+control."""
 
 from collections import Counter
 from collections.abc import Iterable
@@ -40,7 +41,7 @@ def run_task(task: RunTask, bundle: Bundle, start: State) -> RunOutcome:
 def check_run(
     scenario: Scenario, config: Config, bundle: Bundle, timing: Spans, controller: RunnableController
 ) -> None:
-    """Check a scenario. Raises ConfigError if the scenario allows no run; the error states the scenario."""
+    """Check a scenario. Raises ConfigError if no run of the scenario is possible; the error states the scenario."""
     try:
         Simulation(
             bundle,

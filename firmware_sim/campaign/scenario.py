@@ -1,4 +1,5 @@
-"""A test plan as data: a scenario has a sentence, disturbances of the loop, and criteria for a useful outcome."""
+"""A test plan as data: each scenario has a sentence that describes it, disturbances of the loop, and criteria for a
+useful outcome."""
 
 import re
 from collections.abc import Sequence
@@ -12,8 +13,8 @@ from contract.errors import ConfigError
 UNDISTURBED: Final = "undisturbed"
 """Name of the scenario with which all other scenarios are compared; every plan contains it."""
 UNCONTROLLED: Final = "uncontrolled"
-"""Name of the runs without control in the undisturbed flow. With a scenario's name before it, it is the name of the
-runs without control in that scenario's flow."""
+"""Name of the runs without control in the undisturbed flow. For the runs without control in a scenario's flow, the
+scenario's name precedes this name."""
 _NAME: Final = re.compile(r"[a-z0-9][a-z0-9_.]*")
 LONGEST_NAME: Final = 80
 """Largest number of characters of a name, which is also part of a file name."""
@@ -112,8 +113,8 @@ def check_names(scenarios: Sequence[Scenario]) -> None:
 
 
 def selected(scenarios: Sequence[Scenario], globs: Sequence[str]) -> tuple[Scenario, ...]:
-    """Return the scenarios whose name matches a pattern, and the undisturbed scenario, in the plan's order; without
-    patterns, return all scenarios. Raises ConfigError if a pattern matches no scenario."""
+    """Return the scenarios whose name matches a pattern, and always the undisturbed scenario, in the plan's order;
+    without patterns, return all scenarios. Raises ConfigError if a pattern matches no scenario."""
     for glob in globs:
         if not any(fnmatchcase(one.name, glob) for one in scenarios):
             raise ConfigError(f"--only {glob!r}: no scenario has a matching name; --list shows the names")
