@@ -1,4 +1,4 @@
-"""The kinds of FMU, and their names, which are written before the name of an FMU's file."""
+"""The kinds of FMU, and the names of these kinds, which a user writes before the name of an FMU's file."""
 
 from dataclasses import dataclass, fields
 from pathlib import Path

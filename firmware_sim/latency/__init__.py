@@ -1,1 +1,2 @@
-"""The latency of a loop in real time: its stages, an idle loop in the same run, and a budget."""
+"""Measurement of the latency of a loop in real time: its stages, an idle loop for comparison in the same run, and a
+budget."""

@@ -1,1 +1,2 @@
-"""The loop of a live session: its periods, the disturbances that viewers switch, its events and messages."""
+"""The loop of a live session: its control periods, the disturbances that viewers switch on and off, its events and its
+messages."""

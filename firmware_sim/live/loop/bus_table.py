@@ -1,4 +1,5 @@
-"""The bus as a table: sender and rate of each message, the receiver's E2E state, and the state of the nodes."""
+"""A table of the bus traffic: sender and rate of each message, the E2E state of its receiver, and the error state of
+the nodes."""
 
 from collections import deque
 from collections.abc import Mapping
@@ -19,8 +20,8 @@ ROWS: Final = 64
 _UNKNOWN: Final = "unknown"
 """Name shown for a message that is not in the message set of the bus."""
 _BABBLER: Final = "babbler"
-"""Sender shown for a message that neither node defines, because a babbling node is simulated at the port of one of the
-nodes."""
+"""Sender shown for a message that a node's port sends but neither node defines; it is from a babbling node, which is
+simulated at this port."""
 _NS: Final = 10**9
 
 
@@ -35,15 +36,14 @@ class _Row:
 
 
 class BusTable:
-    """Bus traffic of a run: call the table with every `Transmission`, and `period_over` after each period."""
+    """A table of a run's bus traffic. Call it with every `Transmission`, and call `period_over` after each period."""
 
     def __init__(self, config: Config, messages: MessageSet) -> None:
         self._messages, self._period_ns = messages, config.period_ns
         self._periods = max(1, round(_NS / config.period_ns))
         self._rows: dict[tuple[int, bool], _Row] = {}
         self._activity: deque[BusActivity] = deque(maxlen=self._periods + 1)
-        # The nodes have no receivers for these messages whose state can be read, so the table checks the messages
-        # itself.
+        # The nodes have no receivers with a readable state for these messages, so the table itself checks the messages.
         specs = messages.speed.spec, messages.status.spec
         self._listeners = {spec.frame_id: E2eReceiver(spec, config.bus.e2e) for spec in specs}
         self._heard: dict[int, list[Frame]] = {frame_id: [] for frame_id in self._listeners}
@@ -85,7 +85,7 @@ class BusTable:
             **{frame_id: listener.state for frame_id, listener in self._listeners.items()},
         }
         passed_ns = last.now_ns - first.now_ns
-        # In the first period there is no earlier period for a difference.
+        # In the first period there is no earlier period to subtract.
         load = (last.busy_ns - first.busy_ns) / passed_ns if passed_ns else last.load
         chosen = sorted(self._rows)[:ROWS]
         return {
