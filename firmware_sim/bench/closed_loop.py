@@ -57,8 +57,8 @@ def run_closed_loop(
         origin: date and origin of the run, for its record; if None, the date is today's.
         ready: called once with the total number of periods, after all checks and before the first period.
         progress: called with (row, periods done, total periods) after every period.
-        plant: context manager that this function enters to get the wake; if None, the built-in solver in its shipped
-            initial state.
+        plant: context manager that this function enters to get the wake; if None, the shipped wake in the built-in
+            solver.
         faults: disturbances of the run; their times are in s from the start of the run.
         progress_without: called with (periods done, total periods) while the drive runs without control.
         report: called with the folder when all its other files are written, to write further files.
@@ -92,8 +92,7 @@ def run_closed_loop(
             recorder.record(0, wake.t, picture.levels)
 
         def record(row: Row, done: int, total: int) -> None:
-            # The sample at the end of a period is the sample at the start of the next period; there is no period after
-            # the last.
+            # The wake is at the start of the next period, which is recorded only if there is one.
             if done < total:
                 recorder.record(done, wake.t, picture.levels)
             progress(row, done, total)

@@ -60,8 +60,7 @@ class Reset(Instant, section="reset"):
 
 @dataclass(frozen=True, kw_only=True)
 class WrongClock(Span, section="clock"):
-    """A wrong ECU clock, whose rate or time differs from the vehicle's clock. The vehicle's clock times the periods of
-    the run.
+    """A wrong ECU clock: its rate or its time differs from the vehicle's clock, by which the run's periods are timed.
 
     The ECU takes its time, and the time stamps of received frames, from this clock. At the end of the span the clock
     jumps back to the correct time.
@@ -112,8 +111,7 @@ class OtherBody(Span, section="body"):
 
 @dataclass(frozen=True, kw_only=True)
 class GustyWind(Span, section="gust"):
-    """A gust: the wind against the vehicle varies as U(t) = U_inf (1 + amplitude sin(2 pi t / period)); built-in solver
-    only.
+    """A gust: the wind against the vehicle is U(t) = U_inf (1 + amplitude sin(2 pi t / period)); built-in solver only.
 
     `wake.plant.drive` defines the frame of reference. Forces, pressures and jet actions remain in units of the mean
     U_inf. The gust lasts a whole number of periods: it ends with the last period that ends in the span.
@@ -265,8 +263,7 @@ class Disturbances:
 
 
 def whole_cycles(gust: GustyWind, convective_time: float) -> float:
-    """Return the number of whole gust periods in the gust's span; raises ConfigError if the span is shorter than a
-    period."""
+    """Return the number of whole gust periods in the gust's span; raises ConfigError if there is none."""
     if gust.end_s == inf:
         return inf
     cycles = floor((gust.end_s - gust.start_s) / (gust.period * convective_time) + 1e-9)

@@ -182,8 +182,7 @@ class Disturbing:
         self._state_speed(now_ns, node)
 
     def _state_speed(self, now_ns: int, node: VehicleNode) -> None:
-        """Set the speed that the vehicle sends. The disturbances are applied in this order: late, frozen, scaled,
-        absent."""
+        """Set the speed that the vehicle sends. Disturbances act in this order: late, frozen, scaled, absent."""
         self._speeds.append(node.speed)
         stated = node.speed
         for _, late in self._acting(kinds.SpeedLate, now_ns):

@@ -1,5 +1,4 @@
-"""A flow whose inflow follows the speed of a driving vehicle, computed under control and, for comparison, without
-control."""
+"""A flow whose inflow follows a driving vehicle's speed, computed with and, for comparison, without control."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager

@@ -175,8 +175,7 @@ class Jets:
         self._sound = self._sound + 1 if len(commands) == 1 and last is not None else 0
         known = [command for command in commands if command is not None]
         drives = any(command.drives and command.in_time for command in known)
-        # The state of the E2E check depends on the latest frames; if no error was found in these frames, the vehicle
-        # accepts the next frame.
+        # The E2E state depends on the latest frames; if they have no error, the vehicle accepts the next frame.
         believed = last is not None and self._sound > self._e2e_window
         old = any(command.drives and not command.in_time for command in known)
         self._heard.append(_Period(drives=drives, old=old, shuts=believed and not drives, believed=believed))

@@ -1,5 +1,4 @@
-"""An interface for observers of a run, which see the nodes' frames and the plant, but not the state of ECU or
-vehicle."""
+"""An interface for observers of a run, who see the nodes' frames and the plant, but no state of ECU or vehicle."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -12,8 +11,8 @@ from wake.plant.sample import Sample
 
 @dataclass(frozen=True, kw_only=True)
 class SeenFrame:
-    """A frame that a node sends or receives, as the node's software sees it. Faults of the node's port act between the
-    software and the bus.
+    """A frame that a node sends or receives, as the node's software sees it. The port's faults act between software and
+    bus.
 
     Attributes:
         sent: True if the node sent the frame, False if the node received the frame.

@@ -27,8 +27,7 @@ NODES: Final = ("vehicle", "ecu")
 NONE_BEFORE: Final[Mapping[str, int]] = MappingProxyType({})
 
 LOOK_NS: Final = 1_000_000
-"""Time in ns between two events that this module adds to the bus, so that a port releases its delayed frames even if no
-other event occurs."""
+"""Time in ns between two events that this module adds to the bus, so that ports release delayed frames in time."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -111,16 +110,14 @@ class NodeFaults:
     def _look(self) -> None:
         if self._ended:
             return
-        # This call is also an event of the bus; after each event the loop checks whether the ECU has received its
-        # pressures.
+        # Each call is also an event of the bus; after each event the loop checks whether the ECU has pressures.
         for port in self._babbling:
             port.look()
         self._bus.call_at(self._bus.now_ns + LOOK_NS, self._look)
 
 
 class _Babbling(WrappedBus):
-    """A port with a babbling fault, which also sends frames between the node's calls. Frames that arrive meanwhile are
-    stored for the node."""
+    """A port with a babbling fault, which sends between the node's calls too. Frames that arrive then are stored."""
 
     def __init__(self, port: Bus) -> None:
         super().__init__(port)

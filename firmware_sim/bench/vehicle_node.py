@@ -204,8 +204,7 @@ class VehicleNode:
         return float(np.clip(self._in_reach_of(self._action, wanted), -limit, limit))
 
     def _in_reach_of(self, action: float, wanted: float) -> float:
-        """Return the action after one period if the jets move from `action` towards `wanted` by at most the driver's
-        step."""
+        """Return the action after one period of moving from `action` to `wanted` by at most the driver's step."""
         step = self._config.vehicle.action_step
         return float(np.clip(wanted, action - step, action + step))
 

@@ -43,8 +43,7 @@ from wake.plant.sample import Sample
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class BusPorts:
-    """The ports through which vehicle and ECU send and receive: ports of one `SimulatedBus`, or these ports with faults
-    added."""
+    """The ports through which vehicle and ECU send and receive: ports of a `SimulatedBus`, or wrappers around them."""
 
     vehicle: Bus
     ecu: Bus
@@ -169,8 +168,7 @@ class VirtualLoop(NeverCopied):
         return self._bus.now_ns >= self._booted_ns
 
     def exchange_ecu(self, ecu: SteppedEcu, step_ns: Callable[[], int] | None = None) -> None:
-        """Replace the present ECU by another ECU of the same bundle and settings, which continues from the present
-        ECU's state."""
+        """Replace the ECU by an ECU of the same bundle and settings, which continues from the old ECU's state."""
         ecu.restore(self._ecu.state)
         self._ecu = ecu
         self._step_ns = self._charged if step_ns is None else step_ns
@@ -220,16 +218,14 @@ class VirtualLoop(NeverCopied):
 
     @staticmethod
     def _send(port: Bus, frame: Frame) -> None:
-        """Send a frame. A frame that the bus does not accept is lost; its receiver must detect the loss, as on a real
-        bus."""
+        """Send a frame. A frame that the bus does not accept is lost; the receiver must detect this."""
         try:
             port.send(frame)
         except BusError:
             return
 
     def _advance_plant(self, actuation: Actuation) -> None:
-        """Advance the flow to the period's end. The jets keep their action until the command for this period
-        arrives."""
+        """Advance the flow to the period's end. Until the period's command arrives, the jets keep their action."""
         if actuation.command is not None and not actuation.next_period:
             after_ns = actuation.command.timestamp_ns - self._start_ns
             # The ramp to the new action needs at least one time step.

@@ -29,8 +29,7 @@ class Campaign:
     Attributes:
         scenarios: scenarios of the plan, among them the undisturbed scenario.
         config: settings of all runs; each scenario may override some of them.
-        phases: number of runs per scenario under control. Their starting phases divide a shedding cycle into equal
-            parts.
+        phases: number of runs per scenario under control. Their phases divide a shedding cycle equally.
     """
 
     scenarios: tuple[Scenario, ...]

@@ -1,5 +1,4 @@
-"""A campaign as text: plan and result rows for the terminal and the report, and result rows as CSV for other
-programs."""
+"""A campaign as text: plan and results for the terminal and the report, and results as CSV for other programs."""
 
 import csv
 from collections.abc import Sequence
@@ -57,8 +56,7 @@ def cells(row: ScenarioRow) -> tuple[str, ...]:
 
 
 def spread(value: Spread, style: str) -> str:
-    """Format a spread as "mean (minimum to maximum)", or as the mean alone if all starting phases have the same
-    value."""
+    """Format a spread as "mean (minimum to maximum)", or as the mean if the values of all phases are equal."""
     mean, least, most = (number(one, style) for one in (value.mean, value.least, value.most))
     return mean if least == most else f"{mean} ({least} to {most})"
 

@@ -23,8 +23,7 @@ PAPERS_UNCONTROLLED_CD: Final = 1.051
 PAPERS_DELAYED_CD: Final = {0: 0.918, 12: 0.950}
 """The paper's mean Cd under control for each actuator delay in control periods, with compensation (appendix B)."""
 PAPERS_NOISE: Final = "consistent drag reduction across all tested noise levels"
-"""The paper's statement on noise of 10 to 90 % of the global deviation (appendix B), for which the paper gives no
-numbers."""
+"""The paper's statement on noise of 10 to 90 % of the global deviation (appendix B), without numbers."""
 
 
 def papers_reduction_percent(Cd: float) -> float:

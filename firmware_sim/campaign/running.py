@@ -1,5 +1,4 @@
-"""The execution of one run of a campaign, in any process: the closed loop under its disturbances, or the flow without
-control."""
+"""The execution of a campaign's run in any process: the loop under its disturbances, or the flow without control."""
 
 from collections import Counter
 from collections.abc import Iterable

@@ -1,5 +1,4 @@
-"""A test plan as data: each scenario has a sentence that describes it, disturbances of the loop, and criteria for a
-useful outcome."""
+"""A test plan as data: each scenario has a description, disturbances of the loop, and criteria for a useful outcome."""
 
 import re
 from collections.abc import Sequence

@@ -1,5 +1,4 @@
-"""The description files in an FMU: `modelDescription.xml` in FMI 3.0 and 2.0, the bus terminal, and the manifest of the
-bus standard."""
+"""The description files in an FMU: `modelDescription.xml` (FMI 3.0 and 2.0), the bus terminal, the bus manifest."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Final

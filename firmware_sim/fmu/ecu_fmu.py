@@ -25,8 +25,7 @@ PLATFORM: Final = f"{platform.machine()}-{sys.platform}"
 """Name of this machine's platform in FMI 3.0, such as x86_64-linux."""
 WINDOWS_64: Final = "x86_64-windows"
 PLATFORMS_2: Final = {"x86_64-linux": "linux64", "x86_64-darwin": "darwin64", WINDOWS_64: "win64"}
-"""Names of platforms in FMI 2.0 by their names in FMI 3.0. A platform that is not listed has the same name in both
-versions."""
+"""Names of platforms in FMI 2.0 by their names in FMI 3.0. All other names are equal in both."""
 FLAGS: Final = ("-O3", "-ffp-contract=off", "-fPIC", "-shared", "-fvisibility=hidden", "-Wl,--no-undefined")
 """Flags of the compiler. The flag -march is not used, because an FMU may run on other machines than this one; the ECU's
 decisions do not depend on this flag."""

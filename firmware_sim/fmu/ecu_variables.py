@@ -80,8 +80,7 @@ class Variable(NamedTuple):
 
 
 def ecu_variables(sensors: Sequence[str], config: Config, *, bus: bool = False) -> list[Variable]:
-    """Return all variables in the order of their value references. `sensors` are the sensors in the order of the
-    Pressure message.
+    """Return all variables in the order of their value references; `sensors` is in the order of the Pressure message.
 
     An output is left out if the message set lacks its signal. With `bus`, the FMU receives frames, so the parameters of
     the bus replace the inputs.
@@ -109,8 +108,7 @@ def ecu_variables(sensors: Sequence[str], config: Config, *, bus: bool = False) 
 
 
 def wrapper_settings(variables: Sequence[Variable], token: str, config: Config, kind: FmuKind) -> bytes:
-    """Return `sw_fmu_settings.h`, a header with which the wrapper is compiled; `token` is the FMU's instantiation
-    token."""
+    """Return `sw_fmu_settings.h`, a header of the wrapper; `token` is the FMU's instantiation token."""
     messages, types = message_set(config.bus), _C_TYPES_2 if kind.fmi2 else _C_TYPES
     signals, rows = _signals(messages), []
     for item in variables:

@@ -36,8 +36,7 @@ _OWN = ("time", "jet_flow", "vehicle_speed", "_speed", "_start", "_done", "_aske
 
 
 class StillwakePlant(Fmi3Slave):  # type: ignore[misc]
-    """The wake of `stillwake run`, from its initial state, with inputs and outputs in engineering units at the
-    operating point.
+    """The wake of `stillwake run`, from its initial state, in engineering units at the operating point.
 
     Args:
         resources: folder with `SETTINGS`, a whole configuration, and optionally `START`, the initial flow state.

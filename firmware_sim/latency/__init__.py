@@ -1,2 +1,1 @@
-"""Measurement of the latency of a loop in real time: its stages, an idle loop for comparison in the same run, and a
-budget."""
+"""Measurement of a loop's latency in real time: its stages, an idle loop for comparison, and a budget."""

@@ -1,4 +1,4 @@
-"""The idle loop for comparison: a process that wakes at the ECU's deadlines with privileges like the ECU's, and does
+"""The idle loop for comparison: a process that wakes at the ECU's deadlines, with privileges like the ECU's, and does
 nothing.
 
     python -m firmware_sim.latency.idle_loop FILE PERIOD_NS PERIODS
@@ -60,8 +60,7 @@ def between(rows: Times, begin_ns: int, end_ns: int) -> Times:
 
 
 def lateness(rows: Times, period_ns: int) -> Array:
-    """Return the time in ns from each scheduled instant to the wake-up; for a skipped period, the time to the next
-    wake-up."""
+    """Return the time in ns from each scheduled instant to the wake-up; for a skipped period, to the next wake-up."""
     numbers = np.arange(rows[0, IdleStage.PERIOD], rows[-1, IdleStage.PERIOD] + 1)
     own = rows[np.searchsorted(rows[:, IdleStage.PERIOD], numbers)]
     before = own[:, IdleStage.PERIOD] - numbers
@@ -78,8 +77,7 @@ def main(arguments: Sequence[str]) -> None:
         stopped.append(number)
 
     signal.signal(signal.SIGTERM, stop)
-    # Ctrl-C in a terminal reaches all its processes. This process ignores it, because the parent process ends this
-    # process.
+    # Ctrl-C in a terminal reaches all its processes; only the parent process may end this one.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     with taken(_WANTED) as privileges:
         sys.stdout.write(f"{in_words(privileges)}\n")

@@ -1,5 +1,4 @@
-"""The evaluation of one run: quantiles of every stage and of the idle loop, number of misses, and a verdict in one
-line."""
+"""The evaluation of one run: quantiles of every stage and of the idle loop, misses, and a one-line verdict."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -119,8 +118,8 @@ class MeasuredRun:
 
     @property
     def is_too_noisy(self) -> bool:
-        """Whether the idle loop was at least once later than the slack, so that even a loop without work would have
-        missed a command."""
+        """Whether the idle loop was once later than the slack, so that even a loop without work would miss a
+        command."""
         return self.idle_misses > 0
 
     @property

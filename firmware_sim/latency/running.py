@@ -131,8 +131,7 @@ class _Child:
         self.name = name
         self._log = folder / f"{name}.log"
         environment = {key: value for key, value in os.environ.items() if key not in ("NOTIFY_SOCKET", "WATCHDOG_USEC")}
-        # One thread per process: waiting threads of numerical libraries spin, which would take processor time from the
-        # other processes.
+        # Waiting threads of numerical libraries spin, which would take processor time from the other processes.
         environment |= {"OMP_NUM_THREADS": "1", "PYTHONUNBUFFERED": "1"}
         if notify is not None:
             environment["NOTIFY_SOCKET"] = notify

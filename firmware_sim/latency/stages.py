@@ -231,8 +231,8 @@ def _until_next(grid: _Grid, sampled: Times) -> Array:
 
 
 def _ecu_stalls(took: Times, *, first_row: int, end_ns: int) -> Array:
-    """Return the time in ns from the deadline of each period that the ECU left out to the ECU's next step, shape (m,)
-    for m such periods."""
+    """Return the time in ns from the deadline of each of the m periods that the ECU left out to the ECU's next step,
+    shape (m,)."""
     rows = took[max(first_row, 0) :]
     rows = rows[rows[:, EcuStage.SCHEDULED] <= end_ns]
     stalls = []

@@ -2,8 +2,8 @@
 messages.
 
 The object has no socket, process or thread, and its clock is an argument, so its caller decides when a period is
-computed. The loop is the same as the loop of a run (`firmware_sim.bench.simulation`): with unchanged settings it gives
-equal rows.
+computed. The loop is the same as the loop of a run (`firmware_sim.bench.simulation`): with unchanged settings its rows
+are equal.
 """
 
 import time
@@ -234,8 +234,8 @@ class LiveSession(NeverCopied):
     # The following methods start the plant.
 
     def _start(self, settings: LiveSettings) -> None:
-        """Start a run from the plant's initial state with these settings. Raises StillwakeError if this is impossible;
-        then nothing changes."""
+        """Start a run from the plant's initial state. Raises StillwakeError if this is impossible; then nothing
+        changes."""
         is_off = settings.controller == OFF
         wake = self._wake(settings.plant)
         # This check must come before `_ecu`, which may reset the running ECU.
@@ -265,8 +265,8 @@ class LiveSession(NeverCopied):
         self._now_due = False
 
     def _ecu(self, controller: str, settings: LiveSettings, *, powered_on: bool = False) -> LoopEcu:
-        """Return the ECU of this controller, with the weights of these settings; if this ECU is already running, it is
-        returned itself."""
+        """Return the ECU of this controller, with these settings' weights. This is the running ECU if it already
+        belongs to this controller."""
         if controller not in self._made:
             made = self._make_ecu(controller)
             self._made[controller] = made, made.ecu.state

@@ -27,8 +27,7 @@ class Asked(NamedTuple):
 
 
 def asked(request: object) -> Asked:
-    """Return the requested action. Raises ConfigError if the request does not contain exactly one action, with a value
-    of the right type."""
+    """Return the requested action. Raises ConfigError unless the request has exactly one action, with a valid value."""
     if not isinstance(request, dict):
         raise ConfigError("request: must be a JSON object")
     actions = [name for name in request if name != "id"]

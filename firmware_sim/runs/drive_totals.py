@@ -1,4 +1,4 @@
-"""The totals of a drive with and without control: energy against drag, and the energy of the jets."""
+"""The totals of a drive with and without control: the energy to overcome drag, and the energy of the jets."""
 
 from dataclasses import asdict, dataclass
 from typing import Any, Final
@@ -56,7 +56,7 @@ def drive_totals(log: RunLog) -> DriveTotals | None:
     run, t = log.metadata, log.series["t"]
     if run.drive is None or not run.averages or log.enabled_at >= len(t):
         return None
-    # Times are sums of periods; their rounding errors are far below half a period.
+    # Times are sums of periods; their rounding errors are far smaller than the half period that is subtracted here.
     counted = t >= t[log.enabled_at] + run.settle - 0.5 * run.config.flow.control_period
     series = {name: values[counted] for name, values in log.series.items()}
     point, speed, ledger = run.config.operating_point, series["speed"], ledger_of(series)

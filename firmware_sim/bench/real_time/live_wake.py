@@ -32,8 +32,7 @@ from wake.truck.truck_wake import TruckWake
 _PERIODS: Final = 20
 """Number of control periods whose computing time is measured before the start."""
 _ROOM: Final = 0.9
-"""Largest share of a control period that the solver may take; the transfer of pressures and other processes need the
-rest."""
+"""Largest share of a control period that the solver may take; pressure transfer and other processes need the rest."""
 COARSE: Final = (0.75, 15)
 """Grid refinement, and time steps per control period, of the fastest plant found so far on which the shipped controller
 acts as on the default grid (docs/explanation/solver.md)."""
@@ -148,8 +147,7 @@ class LiveWake(NeverCopied):
         return np.asarray(self._cp)
 
     def drive(self, action: float) -> None:
-        """Start the next control period, in which the jets ramp to `action`; do nothing if a period is still being
-        computed."""
+        """Start the next control period, with a ramp of the jets to `action`; do nothing while a period is computed."""
         if not self._is_busy:
             try:
                 self._pipe.send(action)

@@ -28,8 +28,7 @@ from wake.plant.drive import Drive
 LEAD_IN_NS: Final = 50_000_000
 """Time in ns from the start of the loop to its first sampling instant."""
 _ROOM: Final = 4096
-"""Largest number of frames that are stored in a period: a fully loaded classic bus carries about this number in a
-second."""
+"""Largest number of frames stored in a period: about the number on a fully loaded classic bus in a second."""
 WRITTEN_EVERY: Final = 500
 """Number of periods between two writes of the freshness file: 500 periods of 20 ms are ten seconds."""
 
@@ -99,8 +98,7 @@ def run_vehicle(
         figures, begun, has_given_up = loop.figures, 0, False
         while not is_stopped() and (course.periods is None or begun < course.periods):
             if course.drive is not None:
-                # The live wake's time does not advance in periods without pressures, so these periods do not advance
-                # the drive either.
+                # In periods without pressures, the live wake's time stands still, and so does the drive's.
                 driven_s = (begun - figures.unsampled) * config.period_ns / 1e9
                 node.speed = node.stated_speed = course.drive.speed(driven_s)
             loop.period(enable_request=enable_from is not None and begun >= enable_from)

@@ -153,8 +153,7 @@ class VehicleLoop:
             self.figures.unsampled += is_noted
             return False
         sampled_ns = self._now_ns()
-        # The pressures belong to the scheduled instant, so the age in the frame is the time by which this process is
-        # late.
+        # The pressures belong to the scheduled instant, so the frame's age is the delay of this process.
         frame = self._node.sample(
             np.asarray(cp), enable_request=enable_request, now_ns=due_ns, age_ns=max(0, sampled_ns - due_ns)
         )

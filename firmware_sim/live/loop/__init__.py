@@ -1,2 +1,1 @@
-"""The loop of a live session: its control periods, the disturbances that viewers switch on and off, its events and its
-messages."""
+"""The loop of a live session: its periods, the disturbances that viewers switch on and off, events and messages."""

@@ -1,5 +1,4 @@
-"""A table of the bus traffic: sender and rate of each message, the E2E state of its receiver, and the error state of
-the nodes."""
+"""A table of the bus: sender and rate of each message, the receiver's E2E state, and the nodes' error states."""
 
 from collections import deque
 from collections.abc import Mapping

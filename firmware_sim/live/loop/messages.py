@@ -34,8 +34,7 @@ Request = dict[str, Any]
 """A viewer's request: an `id`, which is repeated in the answer, and an action from
 `firmware_sim.live.settings.ACTIONS`."""
 LiveAnswer = dict[str, Any]
-"""An answer to a request, with these entries: the request's `id`; `error`, one line, if nothing was changed; `note`, a
-text about the change."""
+"""An answer to a request. Entries: the request's `id`; `error`, if nothing was changed; `note`, about the change."""
 Choice = dict[str, Any]
 """A controller or plant that a viewer may choose: `name`, `label`, and `missing`, which is null or one line on why it
 cannot be chosen."""

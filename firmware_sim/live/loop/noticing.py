@@ -1,5 +1,4 @@
-"""Texts for viewers about the changes in ECU, vehicle and bus from one period to the next, and a log of the latest
-events."""
+"""Texts for viewers about changes in ECU, vehicle and bus from one period to the next, and a log of events."""
 
 from collections.abc import Iterator, Mapping
 from typing import Final, NamedTuple

@@ -56,8 +56,7 @@ class SwitchedPort(WrappedBus):
         return len(self._plugs)
 
     def put(self, layer: Callable[[Bus], Bus]) -> Plug:
-        """Add a layer around the present layers. Returns the plug below the layer, which `take_out` needs to remove the
-        layer."""
+        """Add a layer around the present layers. Returns the plug that `take_out` needs to remove the layer."""
         plug = Plug(self._top.beneath)
         self._top.beneath = layer(plug)
         self._plugs.append(plug)
@@ -146,8 +145,7 @@ class SwitchedDisturbances:
             new += [(text, group) for text in here[same:]]
             for item in acting[same:]:
                 self._end(item, k)
-        # Bus events that are due at the start of the period come after the end of the old disturbances and before the
-        # start of new ones.
+        # Bus events at the period's start come after the end of old disturbances and before the start of new ones.
         self._bus.advance_to(k * self._config.period_ns)
         for text, group in new:
             self._begin(text, group, k)
@@ -179,8 +177,7 @@ class SwitchedDisturbances:
 
     def _end(self, item: _Item, k: int) -> None:
         item.end = k
-        # A running disturbance reads its end time from this object. The object is frozen, but the end time is known
-        # only now.
+        # A running disturbance reads its end time from this object, which is frozen for all other uses.
         object.__setattr__(item.span, "end_s", k * self._config.period_ns / NS)
         self._items.remove(item)
         if item.plugs:

@@ -30,8 +30,7 @@ TOKEN_BYTES: Final = 24
 
 @dataclass(frozen=True, kw_only=True)
 class PageAccess:
-    """Rules of access to one server. Every request must contain the token; a server on loopback has no token and needs
-    none."""
+    """Rules of access to one server. Every request needs the token; a server on loopback has none."""
 
     token: str | None
 
@@ -277,8 +276,8 @@ class StreamSocket(Socket):
 
 
 class ControlSocket(Socket):
-    """The requests of one viewer, each of which gets an answer. While a viewer does not read its answers, the server
-    reads no requests."""
+    """The requests of one viewer, and their answers. While a viewer does not read its answers, the server reads no
+    requests."""
 
     def open(self, *_arguments: str) -> None:
         super().open()
@@ -292,8 +291,7 @@ class ControlSocket(Socket):
         if refusal is not None:
             await self._answer(refusal, number)
             return
-        # The task is not awaited here, because the handling of WebSocket pings and closing would then have to wait for
-        # the loop too.
+        # The task is not awaited here, because pings and closing of the WebSocket would then wait for the loop too.
         task = asyncio.create_task(self._ask(str(message), number))
         self._unanswered.add(task)
         task.add_done_callback(self._unanswered.discard)

@@ -1,5 +1,5 @@
-"""The loop in a separate process. The loop never waits for the server, because a thread of the server always receives
-the loop's messages.
+"""The loop in a separate process. It does not have to wait for the server, because a thread of the server always
+receives its messages.
 
 The process handles requests between two periods.
 """
@@ -45,8 +45,8 @@ def run(pipe: Connection, make: MakeSession, *, fast: bool) -> None:
     # The handler exits directly: an exception that it raises while the interpreter runs a callback would only be
     # printed.
     signal.signal(signal.SIGTERM, lambda *_: os._exit(0))
-    # The process was started with SIGINT and SIGTERM blocked. SIGINT (Ctrl-C) stays blocked, because only the server
-    # should end the process.
+    # The process was started with SIGINT and SIGTERM blocked. SIGINT (Ctrl-C) stays blocked: the server ends the
+    # process.
     signal.pthread_sigmask(signal.SIG_UNBLOCK, (signal.SIGTERM,))
     outbox = Outbox(pipe)
     try:
@@ -75,8 +75,7 @@ def _step(session: "LiveSession", pipe: Connection, outbox: "Outbox", *, fast: b
                 period_s = message["period_ms"] / 1e3
         has_stepped = any(not isinstance(message, bytes) and message["type"] == "periods" for message in new)
         now = time.monotonic()
-        # After a late period the next periods are not computed faster to catch up, because the wake would then appear
-        # to run faster.
+        # After a late period the loop does not catch up, because the wake would then appear to run faster.
         due = max(due + (0.0 if fast else period_s), now) if has_stepped else now + _IDLE_S
         requests.go_on()
         while pipe.poll(max(0.0, due - time.monotonic())):
@@ -198,8 +197,7 @@ class LoopProcess:
 
     def start(self) -> None:
         """Start the process."""
-        # The start of the resource tracker unblocks SIGINT and SIGTERM, so the tracker is started before these signals
-        # are blocked.
+        # The resource tracker's start unblocks SIGINT and SIGTERM, so these signals are blocked only afterwards.
         resource_tracker.ensure_running()
         # Ctrl-C reaches all processes of a terminal, but the new process must end only when its pipe closes, even while
         # it starts.

@@ -63,8 +63,8 @@ def application(supervisor: Supervisor, access: PageAccess, *, stalled_s: float 
 
 
 class BoundedServer(HTTPServer):
-    """A server that limits its clients before they have sent a token: the number of connections, their duration, and
-    their bytes."""
+    """A server that limits clients before they have sent a token: the number, duration and bytes of their
+    connections."""
 
     def initialize(self, application: Application, *, idle_s: float = _IDLE_S) -> None:  # type: ignore[override]
         super().initialize(

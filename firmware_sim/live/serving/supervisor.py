@@ -1,5 +1,4 @@
-"""The supervisor of the loop: it runs the loop's process, stores the loop's messages for all viewers, and passes on
-requests and answers.
+"""The supervisor: it runs the loop's process, stores its messages for all viewers, and passes on requests.
 
 The hub stores the newest message of each stream, and ring buffers of the periods and events, once for all viewers. A
 `Viewer` stores only its position in the streams, so a slow viewer needs no more memory than a fast viewer.
@@ -50,8 +49,7 @@ class Hub:
                 self._keep(message)
 
     def after(self, stream: str, count: int) -> tuple[LiveMessage | bytes | None, int]:
-        """Return the content of a stream that is newer than `count` (None if there is none), and the stream's present
-        count."""
+        """Return a stream's content that is newer than `count`, or None, and the stream's present count."""
         with self._lock:
             if stream == "periods":
                 rows, count = self._periods.after(count, MOST_ROWS)
@@ -211,8 +209,7 @@ class Supervisor:
             self._process = None
             for number in list(self._waiting):
                 self._settle(number, {"error": "the loop has ended"})
-            # This call blocks the event loop on purpose, because the process must have ended when a cancelled task
-            # returns.
+            # This call blocks on purpose, because the process must have ended when a cancelled task returns.
             process.end()
 
     async def ask(self, request: str) -> LiveAnswer:
