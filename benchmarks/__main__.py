@@ -30,7 +30,7 @@ class Measurement:
         module: module with the function `main`. It is imported only when the measurement runs, because each measurement
             needs other packages.
         text: description of the measurement.
-        takes: rough duration on two cores; empty if it is not known.
+        takes: approximate duration on two cores; empty if it is not known.
     """
 
     module: str

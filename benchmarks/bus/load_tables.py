@@ -1,4 +1,5 @@
-"""The table of bus load and worst-case response times of the project's messages, with and without other traffic."""
+"""The table of bus load and of the worst-case response times of the project's messages, with and without other
+traffic."""
 
 from pathlib import Path
 from typing import Any, Final
@@ -17,7 +18,7 @@ def tables(results: Path) -> dict[str, str]:
 
 
 def can_load(results: Path) -> str:
-    """Return a table with a row for each of the project's messages, with the bus's total load below the table."""
+    """Return a table with a row for each of the project's messages, and the total load of the bus below the table."""
     rows, lines = [], []
     for name in SETS:
         alone, loaded = (read(results / f"can_load_{name}{end}.json") for end in ("", "_90"))

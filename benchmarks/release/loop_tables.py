@@ -51,7 +51,7 @@ drive. Averages leave out the drive's first {facts["settle"]:g} t_c."""
 
 
 def _latched(troubles: list[str]) -> str:
-    """Return the latched faults of all starts, each with the number of its occurrences."""
+    """Return a text with the latched faults in the runs from all starts, each with the number of its occurrences."""
     faults = Counter(re.findall(r"ECU FAULT: (\w+)", " ".join(troubles)))
     return ", ".join(f"{name} ({count})" for name, count in faults.items())
 

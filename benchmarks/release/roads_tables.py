@@ -1,4 +1,4 @@
-"""The table of the ways to reduce drag."""
+"""The table that compares several ways to reduce drag."""
 
 from pathlib import Path
 from typing import Any
