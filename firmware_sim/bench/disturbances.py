@@ -1,16 +1,16 @@
 """Disturbances of a run, each described by a line of text, with its time span in s of the run after an @.
 
     noise:level=0.5                        on every transducer
-    stuck:sensor=base_7@2..5               on one transducer, from 2 s until before 5 s
-    ecu:drop:probability=0.3               fault in a node's port: `firmware_sim.bench.run_faults`
+    stuck:sensor=base_7@2..5               on one transducer, from 2 s to just before 5 s
+    ecu:drop:probability=0.3               on the frames of a node: `firmware_sim.bench.run_faults`
     wire_errors:bit_error_rate=1,node=ecu@2..2.01
-    reset@4                                once, at 4 s
+    reset@4                                once, at 4 s of the run
     reynolds=700                           a Reynolds number other than in the training
     body:length=1                          a body other than in the training
     gust:amplitude=0.1,period=20
 
-A disturbance is plain data; `disturbing.py` applies it. Its sensors must be sensors of the bundle, because other
-sensors are not read. Levels are in global deviations of pressure (`firmware_sim.bench.sensor_faults`).
+A disturbance is plain data; `disturbing.py` applies it. The sensors that it names must be sensors of the bundle,
+because no others are read. Levels are in global deviations of pressure (`firmware_sim.bench.sensor_faults`).
 """
 
 from collections.abc import Iterable

@@ -21,13 +21,13 @@ At the jets, for the action reached at the end of every period:
     jets_bounds     the action is within the action limit
     jets_rate       the action differs from the previous action by at most `vehicle.action_step`, unless it is 0
 
-The deciding period is the action's own period. With `ecu.plan_ahead` it is one period earlier, and with
-`vehicle.actuator_delay` it is earlier by that number of periods. A command that shuts the jets is considered only if
-the vehicle surely accepted it, as the next command of a stream without errors. So all checks are one-sided: if frames
-are lost or damaged, the checks may miss a violation, but they never report a false violation.
+The deciding period is the period in which the jets reach the action. With `ecu.plan_ahead` it is one period earlier,
+and with `vehicle.actuator_delay` it is earlier by this delay. A command that shuts the jets is considered only if
+the vehicle surely accepted it, as the next command of a stream without errors. So the checks are one-sided: if frames
+are lost or damaged, a violation may be missed, but a false violation is never reported.
 
-`Commands` and `Jets` check values that any parser may have read from frames: the proofs in `tests/proofs/ecu` use these
-classes with another parser, and with further data.
+`Commands` and `Jets` check values, and not frames, so the proofs in `tests/proofs/ecu` can use these classes with
+another parser, and with further data.
 """
 
 from collections import deque
