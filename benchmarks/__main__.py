@@ -69,7 +69,8 @@ PAGES: Final = {
 
 
 def main(arguments: list[str]) -> None:
-    """Run the measurement that the first argument names, with the other arguments as options; exit like `stillwake`."""
+    """Run the measurement that the first argument names, with the other arguments as options; the exit statuses are
+    those of `stillwake`."""
     ends_like_ctrl_c()
     sys.exit(status_of(lambda: _run(arguments)))
 

@@ -1,4 +1,5 @@
-"""The bounds of the firmware: no recursion, a bound for every loop, every call through a pointer, the deepest stack.
+"""The bounds of the firmware: the largest number of passes of each loop, the targets of calls through pointers, and the
+deepest stack; there is no recursion.
 
     python -m benchmarks bounds --json results/bounds.json
 
@@ -112,7 +113,7 @@ def main(json_file: JsonFile = None) -> None:
 
 
 def bounds(program: WholeProgram, reasons: Mapping[str, Any] | None = None) -> Bounds:
-    """Check a firmware and return its bounds. Raises McuError that lists every loop without a bound, every recursion
+    """Check a firmware and return its bounds. Raises McuError, which lists every loop without a bound, every recursion
     and every unresolved call.
 
     Args:

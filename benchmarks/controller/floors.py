@@ -88,7 +88,7 @@ class Work:
 
     Attributes:
         macs: number of multiply-accumulates.
-        weights_read: number of weights read from memory, with repetitions.
+        weights_read: number of weights read from memory; a weight counts each time that it is read.
     """
 
     macs: int

@@ -10,7 +10,7 @@ _NAMES: Final = {"onnx": "ONNX Runtime", "c": "C library"}
 
 
 def tables(results: Path) -> dict[str, str]:
-    """Return every table by its marker in the pages. The marker is, or begins with, the name of the table's results
+    """Return every table by its name in the pages. This name is, or begins with, the name of the table's results
     file."""
     return {
         "controller_loop": loop(read(results / "controller_loop.json")),

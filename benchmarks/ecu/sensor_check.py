@@ -219,7 +219,7 @@ def _estimates(network: EstimatorNetwork, windows: Array) -> Array:
 
 
 def _false_alarms(lab: Lab, passage: Passage, every: int | None) -> Iterator[str | Moment]:
-    """Yield a word for every false alarm, and a `Moment` for every place where a fault may begin."""
+    """Yield the kind of every false alarm, and a `Moment` for every place where a fault may start."""
     fresh = SensorCheckState.start(window=lab.network.window, sensors=lab.network.sensors)
     state = fresh
     for step, after in lab.read(passage):

@@ -1,4 +1,5 @@
-"""The tables of the ECU: sensor check, comparison of Python and C, machine proofs on C, and the loop with each ECU."""
+"""The tables of the ECU: sensor check, comparison of Python and C, proofs about the C code, and the loop with each
+ECU."""
 
 from itertools import groupby
 from pathlib import Path
@@ -10,7 +11,7 @@ _MODELLED: Final = ("modelled_ms", "modelled_ms_max")
 
 
 def tables(results: Path) -> dict[str, str]:
-    """Return every table by its marker in the pages."""
+    """Return every table by its name in the pages."""
     figures = read(results / "sensor_check.json")["figures"]
     return {
         "sensor_check_alarms": alarms(figures["false_alarms"]),
@@ -78,7 +79,7 @@ def sabotage(found: Any) -> str:
 
 
 def models(found: Any) -> str:
-    """Return the table of the state explorations of fail-safe and flashing."""
+    """Return the table of the explorations of all states of fail-safe and flashing."""
     of = found["figures"]
     fail_safe, flashing = of["fail_safe"], of["flashing"]
     rows = [

@@ -12,7 +12,7 @@ MISSING: Final = "Not measured yet: the command above writes the file from which
 
 
 def tables(results: Path) -> dict[str, str]:
-    """Return every table by its marker in the pages; without a campaign's results, a note replaces the table."""
+    """Return every table by its name in the pages; without a campaign's results, a note replaces the table."""
     path = results / FILE
     if not path.is_file():
         return {"campaign": MISSING}

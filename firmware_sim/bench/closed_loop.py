@@ -78,7 +78,7 @@ def run_closed_loop(
         **parts,
     )
     with ExitStack() as stack:
-        # The output appears only when the block succeeds, so a folder never holds part of a run.
+        # The output folder appears only if the block succeeds, so it never contains a part of a run.
         folder = RunFolder(stack.enter_context(replacing(output, keep=True)))
         folder.path.mkdir()
         frames = stack.enter_context(ExitStack())

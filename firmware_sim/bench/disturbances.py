@@ -81,7 +81,7 @@ class NoRequest(Span, section="no_request"):
 
 @dataclass(frozen=True, kw_only=True)
 class Reynolds(Span, section="reynolds"):
-    """The flow has a viscosity other than the viscosity of `flow.reynolds`; only the built-in solver can do this."""
+    """A Reynolds number of the flow that differs from `flow.reynolds`; only the built-in solver supports this."""
 
     reynolds: Positive[float]
     """Reynolds number U_inf W / nu."""
@@ -138,7 +138,7 @@ class VehiclePoint(Span, section="operating_point"):
 
 @dataclass(frozen=True, kw_only=True)
 class ActionLimit(Span, section="action_limit"):
-    """The jets saturate below the limit that is set in the ECU."""
+    """A limit at which the jets saturate, below the action limit that is set in the ECU."""
 
     action_limit: Share[float]
     """Action at which the jets saturate, as a share of `flow.action_limit`."""
@@ -154,14 +154,14 @@ class StuckJets(Span, section="stuck_jets"):
 
 @dataclass(frozen=True, kw_only=True)
 class SpeedScale(Span, section="speed_scale"):
-    """The speed that the vehicle sends is wrong by a factor."""
+    """A speed signal that is wrong by a factor."""
 
     speed_scale: NonNegative[float]
 
 
 @dataclass(frozen=True, kw_only=True)
 class SpeedLate(Span, section="speed_late"):
-    """The vehicle sends an old speed, without stating its age in the frame."""
+    """A speed signal that is too old; its frames do not state the age."""
 
     speed_late: NonNegative[float]
     """Age of the speed in s, rounded to whole control periods."""
@@ -169,22 +169,23 @@ class SpeedLate(Span, section="speed_late"):
 
 @dataclass(frozen=True, kw_only=True)
 class SpeedFrozen(Span, section="speed_frozen"):
-    """The vehicle sends the speed that it had at the start of the span."""
+    """A speed signal that keeps the value from the start of the span."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class NoSpeed(Span, section="no_speed"):
-    """The vehicle sends no speed."""
+    """A missing speed signal."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Density(Span, section="density"):
-    """The air's density differs from the ECU's settings: pressures scale with the density, the jets' flow does not."""
+    """A density of the air that differs from the ECU's settings. Pressures scale with it, the jets' flow rate does
+    not."""
 
     density: Positive[float]
     """Density in kg/m3."""
     stated: bool = False
-    """Whether the vehicle knows the density and sends it with its speed."""
+    """Whether the vehicle sends this density together with its speed."""
 
 
 KINDS: Final[dict[str, type[Span]]] = {
@@ -203,7 +204,7 @@ Disturbance = NodeFault | Span
 
 
 def parse_disturbance(text: str) -> Disturbance:
-    """Return the disturbance that a text describes. Raises ConfigError that states the text and its faulty part."""
+    """Return the disturbance that a text describes. Raises ConfigError, which states the text and its faulty part."""
     node, colon, _ = text.partition(":")
     if colon and node in NODES:
         return parse_node_fault(text)

@@ -77,12 +77,13 @@ class Disturbing:
 
     @property
     def corrupts(self) -> Corrupts | None:
-        """Bit errors for `SimulatedBus` that all nodes see."""
+        """Function for `SimulatedBus` that makes the bit errors that all nodes see; None without such errors."""
         return self._wire("send")
 
     @property
     def mishears(self) -> Corrupts | None:
-        """Bit errors for `SimulatedBus` that only one receiver sees."""
+        """Function for `SimulatedBus` that makes the bit errors that only one receiver sees; None without such
+        errors."""
         return self._wire("receive")
 
     def connect(self, bus: SimulatedBus) -> Callable[[str, Bus], Bus]:
@@ -152,7 +153,7 @@ class Disturbing:
         for place, one in self._each(kinds.Reset):
             bus.call_at(round(one.start_s * NS), partial(reset, place, round(one.boot_s * NS)))
 
-    # The following methods are called around every period.
+    # The following methods are called in every period.
 
     def requests(self, enable_request: bool, now_ns: int) -> bool:
         """Return the vehicle's request for control: `enable_request`, unless a disturbance withdraws it."""

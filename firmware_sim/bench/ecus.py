@@ -42,7 +42,7 @@ def loop_ecu(
 
     Args:
         kind: C or MCU.
-        sources: `ecu.in_c.c_ecu.ecu_sources`.
+        sources: result of `ecu.in_c.c_ecu.ecu_sources`.
         clock_mhz: clock of the emulated core.
         secret: key of the bus, if the sources are for a bus with `bus.key`.
 

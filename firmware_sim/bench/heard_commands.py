@@ -92,7 +92,7 @@ class CommandLosses:
         return cls(window=config.loss_window, limit=config.loss_limit)
 
     def heard(self, mode: Mode) -> "CommandLosses":
-        """Count a period with a command in this mode."""
+        """Count a period in which a command in this mode arrived."""
         return replace(self, missed=() if mode in _NO_CONTROL else (*self.missed, False)[-self.window :])
 
     def lost(self) -> "CommandLosses":

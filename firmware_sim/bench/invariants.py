@@ -82,9 +82,9 @@ class HeardCommand(NamedTuple):
     """A command that the vehicle received without errors.
 
     Attributes:
-        wanted: whether the command's mode is a mode of an ECU that was asked for control.
+        wanted: whether the command's mode shows that control is requested from the ECU.
         drives: whether the command is enabled, in a mode that drives the jets.
-        in_time: whether the command answers pressures of this vehicle that are recent enough.
+        in_time: whether the command was computed from pressures of this vehicle that are recent enough.
     """
 
     counter: int
@@ -119,7 +119,8 @@ class Commands:
         self.flow = 0.0
 
     def reach(self, share: float = 1.0) -> float:
-        """Return the largest change of flow in this share of a period, in m2/s, including the signal's resolution."""
+        """Return the largest allowed change of flow rate in this share of a period, in m2/s, including the signal's
+        resolution."""
         return self._step * share + FLOW_RESOLUTION_M2_PER_S
 
     def broken(self, flow: float, *, enable: bool, drives: bool, share: float = 1.0) -> Iterator[tuple[str, str]]:
@@ -163,7 +164,8 @@ class Jets:
         self._action = 0.0
 
     def heard(self, commands: Sequence[HeardCommand | None], *, requested: bool) -> None:
-        """Record the commands of a period (None for a command with errors), and whether the vehicle wanted control."""
+        """Record the commands of a period (None for a command with errors), and whether the vehicle requested
+        control."""
         last = None
         for command in commands:
             if command is None:

@@ -29,13 +29,14 @@ class Observer(Protocol):
     """An object that the loop calls in the order of time, and that changes nothing in the loop."""
 
     def frame(self, seen: SeenFrame) -> None:
-        """Take a frame that a node sent or received."""
+        """Process a frame that a node sent or received."""
 
     def period(self, sample: Sample, *, requested: bool) -> None:
-        """Take the sample at the start of a control period that has ended, and the vehicle's request in that period."""
+        """Process the sample at the start of a control period that has ended, and the vehicle's request in this
+        period."""
 
     def finished(self, sample: Sample) -> None:
-        """Take the sample at the end of the run."""
+        """Process the sample at the end of the run."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -40,7 +40,7 @@ class NodeFault:
 
 
 def parse_node_fault(text: str) -> NodeFault:
-    """Return the fault that a text describes. Raises ConfigError that states the text and its faulty part."""
+    """Return the fault that a text describes. Raises ConfigError, which states the text and its faulty part."""
     node, colon, rest = text.partition(":")
     if not colon or node not in NODES:
         raise ConfigError(f"fault {text!r}: must begin with the node whose port has the fault, vehicle: or ecu:")
@@ -89,7 +89,7 @@ class NodeFaults:
         mine = [one.fault for one in self._faults if one.node == node]
         if not mine:
             return port
-        # Equal faults in both nodes must not hit the same frames, so the seed includes the node.
+        # Equal faults in both nodes must not affect the same frames, so the seed depends on the node.
         seed = len(NODES) * self._seed + NODES.index(node)
         first = self._before.get(node, 0)
         faulty = self._ports[node] = wrap(port, mine, lambda: self._bus.now_ns, seed=seed, first=first)

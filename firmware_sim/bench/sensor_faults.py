@@ -142,7 +142,7 @@ class Dead(OneSensor, section="dead"):
 
 @dataclass(frozen=True, kw_only=True)
 class Swap(SensorDisturbance, section="swap"):
-    """Two sensors exchange their readings."""
+    """Two sensors whose readings are exchanged."""
 
     sensors: tuple[str, ...]
     """Names of the two sensors, joined by +."""

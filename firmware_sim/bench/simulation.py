@@ -117,7 +117,7 @@ class Simulation:
         Args:
             wake: a plant at the start of a control period; afterwards it is at the end of the run.
             capture: called with every frame on the bus, stamped with the end of its transmission.
-            origin: date and origin that the run records; if None, today's date.
+            origin: date and origin of the run, for its record; if None, the date is today's.
             ready: called with the total number of periods before the first period.
             requesting: called before the first period in which control is requested.
             progress: called with (row, periods done, total periods) after every period.

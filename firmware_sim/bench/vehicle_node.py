@@ -58,7 +58,7 @@ class VehicleNode:
         sensor_names: sensors of the transducers, in the order of the bundle.
         config: operating point, E2E and fail-safe settings.
         authentication: key and freshness values of the node, with `bus.key`.
-        read: function from (Cp at the S transducers, shape (S,), time in ns) to their readings.
+        read: function from (Cp at the S transducers, shape (S,), time in ns) to the transducers' readings.
 
     Attributes:
         operating_point: operating point of the vehicle itself; initially that of `config`.
@@ -155,7 +155,7 @@ class VehicleNode:
         return frame
 
     def apply_commands(self, frames: Sequence[Frame]) -> Actuation:
-        """Return the jets' action after the frames of one control period.
+        """Return the jets' action that follows from the frames received in one control period.
 
         Without a valid command the vehicle keeps the last action for `ecu.hold_periods` periods, like the ECU; then the
         jets shut. The jets shut immediately if the vehicle no longer wants control, or if it gives up control because

@@ -72,7 +72,7 @@ class VirtualLoop(NeverCopied):
     Args:
         plant: the flow, at the start of a control period.
         bus: the bus, at time 0; the loop advances its time.
-        clock: wall clock in s that measures the ECU's step; the loop does not depend on it.
+        clock: wall clock in s that measures the ECU's step; the loop's results do not depend on it.
         ecu_clock: function from a time of the run to the time on the ECU's clock, in ns.
         step_ns: function that returns the computing time of the ECU's latest step in ns; if None,
             `ecu.compute_time_ms`.
@@ -194,7 +194,8 @@ class VirtualLoop(NeverCopied):
         return pressures > 0
 
     def _step_ecu(self, now_ns: int) -> float:
-        """Step the ECU unless it is still computing; returns the step's wall-clock ms, NaN if there was no step."""
+        """Step the ECU unless it is booting or still computing; return the step's wall-clock time in ms, NaN without a
+        step."""
         if now_ns < max(self._busy_until_ns, self._booted_ns):
             return math.nan
         began = self._clock()

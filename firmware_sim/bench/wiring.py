@@ -28,11 +28,11 @@ class Disturbs(Protocol):
 
     @property
     def corrupts(self) -> Corrupts | None:
-        """Bit errors on the bus that all nodes see."""
+        """Function that makes the bit errors that all nodes see; None without such errors."""
 
     @property
     def mishears(self) -> Corrupts | None:
-        """Bit errors on the bus that only one receiver sees."""
+        """Function that makes the bit errors that only one receiver sees; None without such errors."""
 
     def readings(self, cp: Array, now_ns: int) -> Array:
         """Return the transducers' readings, shape (S,), for the wall pressures Cp at the S sensors, shape (S,)."""

@@ -40,7 +40,8 @@ class Campaign:
     seed: int = 0
 
     def check(self) -> None:
-        """Check every scenario. Raises StillwakeError if a scenario allows no run; the error states the scenario."""
+        """Check every scenario. Raises StillwakeError if no run of a scenario is possible; the error states the
+        scenario."""
         period = self.config.flow.control_period
         lead_in, total = self.timing.periods(period)
         # The last sample is taken at the start of the last period, one period before the end of the run.

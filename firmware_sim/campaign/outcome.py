@@ -70,8 +70,8 @@ class RunService:
     """Counts of the ECU and the bus in a run under control.
 
     Attributes:
-        requested: number of control periods with requested control, without the periods in which the window was still
-            filling.
+        requested: number of control periods with requested control; periods in which the window was still filling are
+            not counted.
         in_control: number of the requested periods in which the controller planned.
         latches: number of times that the ECU latched a fault.
         reasons: number of control periods without control, for each reason that the ECU gave.

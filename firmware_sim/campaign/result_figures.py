@@ -21,7 +21,8 @@ from firmware_sim.campaign.scenario import UNDISTURBED
 
 PAPERS_UNCONTROLLED_CD: Final = 1.051
 PAPERS_DELAYED_CD: Final = {0: 0.918, 12: 0.950}
-"""The paper's mean Cd under control for each actuator delay in control periods, with compensation (appendix B)."""
+"""The paper's mean Cd under control for each actuator delay in control periods, if the delay is compensated (appendix
+B)."""
 PAPERS_NOISE: Final = "consistent drag reduction across all tested noise levels"
 """The paper's statement on noise of 10 to 90 % of the global deviation (appendix B), without numbers."""
 
@@ -79,8 +80,8 @@ def figures_of(rows: Sequence[ScenarioRow]) -> dict[str, Figure]:
 def curves_figure(
     curves: Sequence[Curve], xlabel: str, papers: str, Cd_by_number: Mapping[int, float]
 ) -> Figure | None:
-    """Plot drag reduction and mean |Cl| against the scenarios' number, with the paper's points; return None if no
-    curve has two points.
+    """Plot drag reduction and mean |Cl| against the number in which the scenarios differ, with the paper's points;
+    return None if no curve has two points.
     """
     curves = [one for one in curves if len(one.points) > 1]
     if not curves:

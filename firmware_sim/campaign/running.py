@@ -25,7 +25,8 @@ from wake.truck.truck_wake import TruckWake
 
 
 def run_task(task: RunTask, bundle: Bundle, start: State) -> RunOutcome:
-    """Run a task from a starting state. The outcome depends on the arguments alone; the caller fills in its key.
+    """Run a task from a starting state. The outcome depends only on the arguments; the caller must set the outcome's
+    key.
 
     An exception in a run does not end the campaign: the outcome records the exception as a result.
     """

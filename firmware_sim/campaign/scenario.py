@@ -26,7 +26,7 @@ class Criteria:
 
     Attributes:
         useful: smallest drag reduction for "useful", as a share of the undisturbed scenario's drag reduction.
-        marginal: above this share of that reduction the outcome is "marginal", otherwise "none".
+        marginal: share of the same reduction, above which an outcome is at least "marginal", otherwise "none".
         abs_Cl: largest mean |Cl| for "useful", as a share of its value without control. A drag reduction with a larger
             side force is of no use.
     """

@@ -28,7 +28,7 @@ class FmuKind:
 
     @property
     def sources(self) -> tuple[str, ...]:
-        """The folders in `ecu/c/fmu` whose sources the FMU needs around the ECU."""
+        """The folders in `ecu/c/fmu` whose sources the FMU needs in addition to the ECU's sources."""
         return ("bus" if self.bus else "signals", *(["fmi2"] if self.fmi2 else []))
 
     @property

@@ -65,8 +65,9 @@ def recorded(
     period_ns: int,
     progress: Callable[[int], None],
 ) -> Recorded:
-    """Run until the vehicle's process ends, and write tables and logs into the folder. Raises BusError if a process
-    ended too early or did not end, with the last line that it printed; StillwakeError if a table cannot be read.
+    """Run the three processes until the vehicle's process ends, and write tables and logs into the folder. Raises
+    BusError if a process ended too early or did not end, with the last line that it printed; StillwakeError if a table
+    cannot be read.
 
     Args:
         folder: existing folder for the tables and the processes' output.

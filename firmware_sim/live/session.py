@@ -119,7 +119,7 @@ class LiveSession(NeverCopied):
         self._now_due = True
 
     def before(self, request: object) -> Callable[[], None] | None:
-        """Return a function that prepares the requested ECU in a thread; None if the ECU is ready or cannot be
+        """Return a function, for a thread, that prepares the requested ECU; None if the ECU is ready or cannot be
         chosen."""
         try:
             action, value = asked(request)

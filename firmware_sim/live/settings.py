@@ -53,7 +53,7 @@ respond."""
 
 @dataclass(frozen=True, kw_only=True)
 class Slider:
-    """Bounds of a number.
+    """Bounds and step of a number that a viewer sets with a slider.
 
     Attributes:
         least, greatest: smallest and largest accepted value.
@@ -110,7 +110,7 @@ class LiveSettings:
     def changed(
         self, given: Mapping[str, Any], sensors: Sequence[str], own: Calibration, limits: CalibrationLimits
     ) -> Self:
-        """Return settings with some values replaced. Raises ConfigError that states the unknown, mistyped or
+        """Return settings with some values replaced. Raises ConfigError, which states the unknown, mistyped or
         out-of-range value.
 
         Args:

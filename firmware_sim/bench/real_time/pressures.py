@@ -12,7 +12,7 @@ from contract.sensor_layout import SensorLayout
 
 
 class Pressures(Protocol):
-    """A flow in real time; `description` says in a few words whether its pressures respond to the jets."""
+    """A source of pressures in real time; its `description` states whether the pressures respond to the jets."""
 
     layout: SensorLayout
     description: str

@@ -42,7 +42,7 @@ class Course:
         enable_after_s: time in s of the first request for control; None for no request.
         stage_times: file for the stage times, written at the end.
         freshness: file that counts the node's power cycles, with `bus.key`.
-        frames: measurement of the frames that the vehicle sent and accepted.
+        frames: measurement file for the frames that the vehicle sent and accepted.
         drive: speeds from the first period on; if None, the operating point's speed.
     """
 

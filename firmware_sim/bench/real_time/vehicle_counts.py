@@ -1,4 +1,4 @@
-"""Counts of a vehicle's run, in constant memory for any length of the run."""
+"""Counts of a vehicle's run, whose memory does not grow with the length of the run."""
 
 from collections import Counter
 from dataclasses import dataclass, field
@@ -42,8 +42,8 @@ class VehicleFigures:
     """Counts of one run.
 
     Attributes:
-        periods: number of periods begun.
-        left_out: number of periods that the vehicle did not begin, because it was late by at least half a period.
+        periods: number of periods that were started.
+        left_out: number of periods that the vehicle did not start, because it was late by at least half a period.
         unsampled: number of periods without pressures, because the live wake was late.
         commands: number of valid jet commands received.
         misses: number of periods without a valid command, counted from the first valid command on.

@@ -33,7 +33,7 @@ LONGEST_FAREWELL: Final = 10
 
 
 class Sends(Protocol):
-    """The part of a bus that the loop needs."""
+    """The part of a bus's interface that the loop uses."""
 
     def send(self, frame: Frame) -> None:
         """Send one frame; raises BusError if the bus does not accept the frame."""
@@ -111,7 +111,7 @@ class VehicleLoop:
             self._deadlines = self._deadlines.after(now_ns)
 
     def _end_period(self, due_ns: int) -> None:
-        """Give the frames of the period that ends now to the jets' driver."""
+        """Pass the frames received in the period that ends now to the jets' driver."""
         frames = self._inbox.before(due_ns)
         self.heard.add(frames)
         actuation = self._node.apply_commands([frame for frame in frames if self._spec.names(frame)])

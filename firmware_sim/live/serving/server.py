@@ -87,7 +87,7 @@ class BoundedServer(HTTPServer):
 
 
 class NotFound(Guarded):
-    """The handler of all other addresses."""
+    """The handler of all addresses that have no other handler."""
 
     def prepare(self) -> None:
         super().prepare()

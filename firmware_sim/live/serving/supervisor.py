@@ -93,8 +93,8 @@ class Viewer:
         """Return the content of a stream (one of `STREAMS`) that this viewer has not yet received; None if there is
         nothing new.
 
-        For a stream of latest values the content is the newest value. For periods and events it is the oldest
-        `MOST_ROWS` entries that the hub still has.
+        For a stream of latest values the content is the newest value. For periods and events it is at most `MOST_ROWS`
+        entries: the oldest new entries that the hub still has.
         """
         message, self._counts[stream] = self._hub.after(stream, self._counts[stream])
         if stream == "hello" and message is not None:

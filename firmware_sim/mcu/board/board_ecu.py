@@ -32,7 +32,7 @@ class BoardEcu(CEcuState):
     does not compile, or the compiler is missing.
 
     Args:
-        sources: `ecu.in_c.c_ecu.ecu_sources`.
+        sources: result of `ecu.in_c.c_ecu.ecu_sources`.
         clock_mhz: clock of the core in MHz.
         bank: flash that is written in the field; if None, an erased bank.
         own: files that replace the board's files (`compile_board`).
