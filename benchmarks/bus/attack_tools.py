@@ -1,6 +1,7 @@
 """The results of scapy's scanners on a flashable ECU: ISO-TP, XCP, UDS services, identifiers, security access.
 
-    pip install scapy python -m benchmarks attack-tools [--json FILE]
+    pip install scapy
+    python -m benchmarks attack-tools [--json FILE]
 
 The ECU is `stillwake ecu --slots` with the shipped release in a separate process. It uses classic frames for the
 scanners. The benchmark fails if the scanners find a service or identifier that the diagnosis page does not list, or if
