@@ -106,7 +106,7 @@ class WholeProgram:
 
 
 def read_program(files: Mapping[str, bytes]) -> WholeProgram:
-    """Compile a firmware (`firmware_sim.mcu.build.board_files`) twice and read what GCC reports. Raises McuError if the
+    """Compile a firmware (`firmware_sim.mcu.build.board_files`) twice and read GCC's reports. Raises McuError if the
     firmware does not compile, or there is no compiler."""
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)

@@ -155,8 +155,8 @@ def worst_periods(
     firmware: Firmware | None = None,
     drives: Iterable[str] | None = None,
 ) -> dict[str, Any]:
-    """Run the drives and return what the firmware needs: times in ms for each clock in MHz, and memory in bytes. Raises
-    McuError if the library does not compile or run, or the ECU does not take control.
+    """Run the drives and return the time and memory that the firmware needs: times in ms for each clock in MHz, memory
+    in bytes. Raises McuError if the library does not compile or run, or the ECU does not take control.
 
     Args:
         sources: files of the library by name, among them `sw_ecu_settings.h`.

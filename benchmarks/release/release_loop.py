@@ -92,7 +92,7 @@ def kept_starts(parts: Path, release: Bundle, phases: int, config: Config) -> Ca
 
 
 def with_net(row: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a run's figures, to which the reductions in per cent are added that remain after the costs of the jets.
+    """Return a run's figures and two further reductions in per cent, which include the costs of the jets.
 
     `net_reduction_percent` is the reduction of `Cd_net`, which includes wall, slot faces and the jets' momentum.
     `net_of_power_percent` is the reduction of the sum of `Cd_net` and the jets' power. The two can be added, because at
@@ -139,7 +139,7 @@ def _kept_run(bundle: Path, config: Config, file: Path, start: Path) -> dict[str
 
 
 def measured(release: Bundle, config: Config, start: Path, calibration: Calibration | None = None) -> dict[str, Any]:
-    """Run from a starting state, and return the figures with the reductions that remain after the costs of the jets."""
+    """Run from a starting state, and return the figures with the reductions that include the costs of the jets."""
     wake = TruckWake(config.flow, body=config.body)
     wake.reset(load_state(start))
     found = summary(Simulation(release, config, spans=SPANS, calibration=calibration).run(wake))

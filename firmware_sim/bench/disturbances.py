@@ -1,4 +1,4 @@
-"""Disturbances of a run, each described by a line of text, with its time span in s of the run after an @.
+"""Disturbances of a run, each described by a line of text. After an @ is its time span, in s from the run's start.
 
     noise:level=0.5                        on every transducer
     stuck:sensor=base_7@2..5               on one transducer, from 2 s to just before 5 s

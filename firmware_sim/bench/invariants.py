@@ -12,9 +12,9 @@ On the bus, for every JetCommand that the ECU sends:
 
 At the jets, for the action reached at the end of every period:
 
-    jets_shut       the action is 0, unless the vehicle received a command that drives the jets and answers recent
-                    pressures of this vehicle. The command must have arrived in the deciding period (below), or before
-                    this period within the time for which the vehicle keeps the last command's action
+    jets_shut       the action is 0, unless the vehicle received a command that drives the jets and was computed from
+                    recent pressures of this vehicle. The command must have arrived in the deciding period (below), or
+                    before it, within the time for which the vehicle keeps the last command's action
     jets_request    the action is 0 if the vehicle did not want control
     jets_losses     the action is 0 after `vehicle.loss_limit` of the latest `vehicle.loss_window` periods under control
                     had no command, until the vehicle does not want control
@@ -248,10 +248,10 @@ class Invariants:
     def of(cls, config: Config, disturbances: Disturbances) -> Self:
         """Return the invariants of a run with these disturbances.
 
-        Some faults hide the age of pressures from the ECU, so its commands may answer older pressures. A gateway that
-        gives delayed frames new time stamps hides the delay; an ECU clock that is ahead hides its offset. A transmit
-        buffer that is sent again without new content hides the age of its pressures, if a copy reaches the ECU before
-        the first frame. The vehicle's jets are checked against the true age of the pressures.
+        Some faults hide the age of pressures from the ECU, so its commands may be computed from older pressures. A
+        gateway that gives delayed frames new time stamps hides the delay; an ECU clock that is ahead hides its offset.
+        A transmit buffer that is sent again without new content hides the age of its pressures, if a copy reaches the
+        ECU before the first frame. The vehicle's jets are checked against the true age of the pressures.
         """
         hidden_s = 0.0
         for one in disturbances.items:

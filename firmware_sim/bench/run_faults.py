@@ -3,7 +3,8 @@
     ecu:drop:probability=0.1@5..10       drops a tenth of the ECU's frames, from 5 s until before 10 s
     vehicle:burst_loss:loss=0.1,mean_burst=5
 
-NODE is the node whose port has the fault; `can_bridge.bus.faults.text` defines FAULT. Times are in s of the run.
+NODE is the node whose port has the fault; `can_bridge.bus.faults.text` defines FAULT. Times are in s from the
+run's start.
 """
 
 from collections.abc import Mapping, Sequence

@@ -8,7 +8,7 @@ from contract.errors import StillwakeError
 SHEDDING_TIME: Final = 5.0
 """Length in t_c of a shedding cycle of the truck's wake, from its Strouhal number of 0.2."""
 _LONGEST: Final = 1e6
-"""Longest span in t_c."""
+"""Longest span in t_c, about a day of the run's time."""
 CYCLES: Final = 2
 """Smallest number of shedding cycles in an averaged span, so that it contains a whole cycle at any phase."""
 

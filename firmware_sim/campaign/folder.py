@@ -33,8 +33,8 @@ class CampaignFolder:
         return self.path / "starts" / f"{scenario and scenario + '.'}phase_{phase}.npz"
 
     def check(self, label: Mapping[str, Any], *, overwrite: bool) -> None:
-        """Check, without changes, whether this campaign can run in this folder. Raises OutputError if the folder holds
-        another campaign or other files; StillwakeError if the folder cannot be written.
+        """Check, without changes, whether this campaign can run in this folder. Raises OutputError if the folder
+        contains another campaign or other files; StillwakeError if the folder cannot be written.
 
         Args:
             label: the data that identify the campaign, as plain JSON.

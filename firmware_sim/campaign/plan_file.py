@@ -14,7 +14,7 @@
 A scenario with `each` expands to several scenarios: one for each value or, with `each = "sensors"`, one for each sensor
 of the release. The texts of a scenario may use these names: `{each}` is the value; `{base_sensor}` is the release's
 first sensor on the base; `{sensor_1}`, `{sensor_2}` and so on are the release's sensors; `{after:20}` is the instant
-20 t_c after the request for control, in s of the run; `{seconds:20}` is the length of 20 t_c in s.
+20 t_c after the request for control, in s from the start of the run; `{seconds:20}` is the length of 20 t_c in s.
 """
 
 import re

@@ -52,7 +52,7 @@ class Scenario:
     Attributes:
         name: lower-case letters, digits, dots and underscores; unique in a plan.
         group: title of the scenario's group in the plan.
-        disturb: texts of the disturbances (`firmware_sim.bench.disturbances`); times in s of the run.
+        disturb: texts of the disturbances (`firmware_sim.bench.disturbances`); times in s from the start of the run.
         settings: `section.key=value` texts that override the campaign's settings.
     """
 
@@ -82,7 +82,7 @@ class Place:
     Attributes:
         sensors: sensors of the release, in its order.
         base_sensor: the release's first sensor on the base; None if no sensor is on the base.
-        enabled_s: time of the request for control, in s of the run.
+        enabled_s: time of the request for control, in s from the start of the run.
         t_c_s: convective time in s.
     """
 
@@ -96,7 +96,7 @@ class Place:
         return span * self.t_c_s
 
     def after(self, span: float) -> float:
-        """Return the instant that is `span` t_c after the request for control, in s of the run."""
+        """Return the instant that is `span` t_c after the request for control, in s from the start of the run."""
         return self.enabled_s + self.seconds(span)
 
 

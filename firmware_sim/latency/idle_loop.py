@@ -28,7 +28,7 @@ _WANTED: Final = Wanted(priority=PRIORITY + 1)
 
 
 class IdleStage(IntEnum):
-    """Columns of the idle loop's table; times are CLOCK_MONOTONIC in ns."""
+    """Columns of the idle loop's table; times are in ns on CLOCK_MONOTONIC."""
 
     PERIOD = 0
     """Index of the period; skipped periods are counted too."""

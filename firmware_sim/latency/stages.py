@@ -1,8 +1,8 @@
-"""The stages of each control period, from the sampling of the pressures to the command that answers them.
+"""The stages of each control period, from the sampling of the pressures to the command computed from them.
 
 The tables of vehicle and ECU are joined by the pressure counter in the frames. Every time is measured from the
-scheduled instant. A period that a node slept through is not left out: its pressures count as answered when the
-pressures of a later period are answered. If such periods were left out, a loop that stalls for many periods would count
+scheduled instant. A period that a node slept through is not left out: its pressures count as answered when a command
+computed from later pressures arrives. If such periods were left out, a loop that stalls for many periods would count
 only one slow period (Tene's "coordinated omission").
 """
 
@@ -42,7 +42,7 @@ class Stage(StrEnum):
     BUS_TO_VEHICLE = "bus_to_vehicle"
     """The time from the end of the step to the receipt of the JetCommand frame by the vehicle."""
     ALL = "all"
-    """The time from the scheduled sampling instant to the arrival of the first command that answers these or newer
+    """The time from the scheduled sampling instant to the arrival of the first command computed from these or newer
     pressures. Only the newest command in each period is considered, because the vehicle uses no other. The command is
     due at the next sampling instant. For a period without a plan, this time is recorded only if the command arrived
     after that instant."""
@@ -60,7 +60,7 @@ class Periods:
         first: number of the first period in the vehicle's numbering.
         origin_ns: scheduled instant of the first period, CLOCK_MONOTONIC.
         scheduled: sampling instants, shape (n,).
-        answered: arrival time of the first command that answers the period's pressures or newer pressures, shape (n,);
+        answered: arrival time of the first command computed from the period's pressures or newer pressures, shape (n,);
             infinite if there is no such command.
         stages: latencies of each stage, shape (n,); NaN where the stage did not occur.
         stalls: for a stage whose node left out m periods, the time from each of these periods to the next occurrence of

@@ -43,7 +43,7 @@ class Row:
         mode: `can_bridge.wire.messages.Mode` of the ECU after its latest step.
         reason: `can_bridge.wire.messages.Reason` for which the ECU was not in control after this step.
         step_ms: wall-clock time of the ECU's step on this machine; NaN if the ECU skipped the step.
-        age_ms: virtual time from the sampling of the pressures to the arrival of the command that answers them; NaN if
+        age_ms: virtual time from the sampling of the pressures to the arrival of the command computed from them; NaN if
             no command arrived in this period.
         set_aside: sensors that the controller does not use; bit i is sensor i of the bundle.
         speed: speed of the vehicle at the period's start, in m/s; NaN if it is not known.

@@ -96,7 +96,7 @@ KEPT: Final = 500
 """Largest number of events stored until they are fetched."""
 QUIET_S: Final = 1.0
 """Virtual time in s in which repetitions of an event are only counted. At its end, one event states the number of
-repetitions, and the next such time is twice as long."""
+repetitions, and the time doubles."""
 _LONGEST_S: Final = 16.0
 
 

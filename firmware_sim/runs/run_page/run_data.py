@@ -52,8 +52,8 @@ def disturbed(log: RunLog) -> Iterator[Disturbed]:
 
 
 def _period(log: RunLog, seconds: str) -> int | None:
-    """Return the first period that starts at or after a time, given as text in s of the run; None if the text is not a
-    time."""
+    """Return the first period that starts at or after a time, given as text in s from the start of the run; None if the
+    text is not a time."""
     try:
         return max(0, int(-(-float(seconds) * 1e9 // log.metadata.config.period_ns)))
     except (ValueError, OverflowError):
