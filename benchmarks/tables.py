@@ -46,7 +46,8 @@ several files, this is the file of most of its rows."""
 
 
 def tables(results: Path) -> dict[str, str]:
-    """Return every table by its name in the pages. Raises ValueError if two folders have a table of the same name."""
+    """Return the text of each table, by the table's name in the pages. Raises ValueError if two folders have a table of
+    the same name."""
     made: dict[str, str] = {}
     for folder in FOLDERS:
         of_folder = folder.tables(results)

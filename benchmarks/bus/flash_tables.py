@@ -20,7 +20,7 @@ control step still ends long before the end of its period."""
 
 
 def tables(results: Path) -> dict[str, str]:
-    """Return every table by its name in the pages."""
+    """Return the text of each table, by the table's name in the pages."""
     found = read(results / "flash.json")
     return {
         "flash_proof": proof(found),

@@ -13,7 +13,7 @@ HEADS: Final = ("", "p50", "p99", "p99.9", "max", "misses", "p50", "p99", "p99.9
 
 
 def tables(results: Path) -> dict[str, str]:
-    """Return the table by its name in the pages."""
+    """Return the table's text, by the table's name in the pages."""
     return {"latency": latency(read(results / "latency.json"))}
 
 

@@ -13,7 +13,7 @@ HEADS: Final = (
 
 
 def tables(results: Path) -> dict[str, str]:
-    """Return the table by its name in the pages."""
+    """Return the table's text, by the table's name in the pages."""
     return {"can_load": can_load(results)}
 
 

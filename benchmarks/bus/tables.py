@@ -35,7 +35,7 @@ FAULTED: Final = {
 
 
 def tables(results: Path) -> dict[str, str]:
-    """Return every table by its name in the pages."""
+    """Return the text of each table, by the table's name in the pages."""
     found = read(results / "bus.json")
     found["figures"] |= read(results / "bus_studies.json")["figures"]
     return {

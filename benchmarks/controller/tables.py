@@ -10,8 +10,8 @@ _NAMES: Final = {"onnx": "ONNX Runtime", "c": "C library"}
 
 
 def tables(results: Path) -> dict[str, str]:
-    """Return every table by its name in the pages. This name is, or begins with, the name of the table's results
-    file."""
+    """Return the text of each table, by the table's name in the pages. This name is, or begins with, the name of the
+    table's results file."""
     return {
         "controller_loop": loop(read(results / "controller_loop.json")),
         "controller": latency(read(results / "controller.json")),

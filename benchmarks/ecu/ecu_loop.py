@@ -46,8 +46,8 @@ from wake.plants import open_plant
 
 ECUS: Final = (MCU, C, "python")
 COMPARED: Final = (*COMMON, "-march=native")
-"""Compiler flags of the ECU that is compared with the emulated core. Contraction is as for the core, so this machine
-must have fused multiply-add."""
+"""Compiler flags of the ECU that is compared with the emulated core. Floating-point operations are contracted as for
+the core, so this machine must have fused multiply-add."""
 _KEPT: Final = (
     *("Cd_uncontrolled", "Cd_controlled", "reduction_percent", "abs_Cl_uncontrolled", "abs_Cl_controlled"),
     *("mean_Cl_controlled", "rms_action", "periods_requested", "periods_in_control", "fault", "computed_by", "ecu"),

@@ -11,7 +11,7 @@ _MODELLED: Final = ("modelled_ms", "modelled_ms_max")
 
 
 def tables(results: Path) -> dict[str, str]:
-    """Return every table by its name in the pages."""
+    """Return the text of each table, by the table's name in the pages."""
     figures = read(results / "sensor_check.json")["figures"]
     return {
         "sensor_check_alarms": alarms(figures["false_alarms"]),

@@ -12,7 +12,8 @@ MISSING: Final = "Not measured yet: the command above writes the file from which
 
 
 def tables(results: Path) -> dict[str, str]:
-    """Return every table by its name in the pages; without a campaign's results, a note replaces the table."""
+    """Return the text of each table, by the table's name in the pages; without results of a campaign, the text is a
+    note."""
     path = results / FILE
     if not path.is_file():
         return {"campaign": MISSING}

@@ -14,7 +14,7 @@ _NAMES = (
 
 
 def tables(results: Path) -> dict[str, str]:
-    """Return every table by its name in the pages."""
+    """Return the text of each table, by the table's name in the pages."""
     return {
         "release_loop": release_loop(results),
         "drive": drive(results),

@@ -11,7 +11,7 @@ _DEFAULT_MESH = (443, 164)
 
 
 def tables(results: Path) -> dict[str, str]:
-    """Return every table by its name in the pages."""
+    """Return the text of each table, by the table's name in the pages."""
     rows = [_cells(row) for row in read(results / "roads.json")["figures"]]
     return {"roads": table(_HEADS, [*rows, _release(results)])}
 

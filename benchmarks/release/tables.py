@@ -8,7 +8,7 @@ from benchmarks.common.markdown import read, table
 
 
 def tables(results: Path) -> dict[str, str]:
-    """Return every table by its name in the pages."""
+    """Return the text of each table, by the table's name in the pages."""
     return {
         "summary": summary(results),
         "demo": demo(results),

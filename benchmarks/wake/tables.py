@@ -14,7 +14,7 @@ Fluids 26 (1998) 39-56 and Numer. Heat Transfer A 45 (2004) 247-269."""
 
 
 def tables(results: Path) -> dict[str, str]:
-    """Return every table by its name in the pages."""
+    """Return the text of each table, by the table's name in the pages."""
     return {
         "steps": _steps(results),
         "adjoint": _adjoint(results),

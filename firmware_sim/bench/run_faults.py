@@ -1,6 +1,6 @@
 """Faults in the ports of a run's nodes, each described by a line of text, `NODE:FAULT`.
 
-    ecu:drop:probability=0.1@5..10       drops a tenth of the ECU's frames, from 5 s until before 10 s
+    ecu:drop:probability=0.1@5..10       drops a tenth of the ECU's frames, from 5 s to just before 10 s
     vehicle:burst_loss:loss=0.1,mean_burst=5
 
 NODE is the node whose port has the fault; `can_bridge.bus.faults.text` defines FAULT. Times are in s from the

@@ -33,7 +33,7 @@ class FmuKind:
 
     @property
     def words(self) -> str:
-        """The kind as text for a user."""
+        """A description of the kind for users."""
         return f"FMI {'2.0' if self.fmi2 else '3.0'} co-simulation{', CAN bus by FMI-LS-BUS 1.0' if self.bus else ''}"
 
 

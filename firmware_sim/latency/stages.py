@@ -1,9 +1,9 @@
 """The stages of each control period, from the sampling of the pressures to the command computed from them.
 
-The tables of vehicle and ECU are joined by the pressure counter in the frames. Every time is measured from the
-scheduled instant. A period that a node slept through is not left out: its pressures count as answered when a command
-computed from later pressures arrives. If such periods were left out, a loop that stalls for many periods would count
-only one slow period (Tene's "coordinated omission").
+The tables of vehicle and ECU are joined by the pressure counter in the frames. The whole latency is measured from the
+scheduled instant, not from the actual sampling. A period that a node slept through is not left out: its pressures count
+as answered when a command computed from later pressures arrives. If such periods were left out, a loop that stalls for
+many periods would count only one slow period (Tene's "coordinated omission").
 """
 
 from collections.abc import Mapping
@@ -155,7 +155,7 @@ class _Grid(NamedTuple):
 
     Attributes:
         scheduled: sampling instants, CLOCK_MONOTONIC in ns, shape (n,).
-        row: row of the period, or of the next period that was not left out, shape (n,).
+        row: index of the table's row for the period, or for the next period that was not left out, shape (n,).
         is_own: whether the row belongs to the period itself, shape (n,).
     """
 

@@ -2,8 +2,8 @@
 messages.
 
 The object has no socket, process or thread, and its clock is an argument, so its caller decides when a period is
-computed. The loop is the same as the loop of a run (`firmware_sim.bench.simulation`): with unchanged settings its rows
-are equal.
+computed. The loop is the same as the loop of a run (`firmware_sim.bench.simulation`): with unchanged settings it gives
+the same rows as that run.
 """
 
 import time

@@ -153,7 +153,7 @@ class VehicleLoop:
             self.figures.unsampled += is_noted
             return False
         sampled_ns = self._now_ns()
-        # The pressures belong to the scheduled instant, so the frame's age is the delay of this process.
+        # The pressures belong to the scheduled instant, so the age that the frame states is the delay of this process.
         frame = self._node.sample(
             np.asarray(cp), enable_request=enable_request, now_ns=due_ns, age_ns=max(0, sampled_ns - due_ns)
         )

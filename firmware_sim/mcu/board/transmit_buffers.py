@@ -77,7 +77,8 @@ class TransmitBuffers:
         self._drop(bits)
 
     def switch(self, now_ns: int, *, is_on: bool) -> None:
-        """Connect the controller to the bus or disconnect it; then a frame in transmission has to wait again."""
+        """Connect the controller to the bus, or disconnect it, after which a frame in transmission has to wait
+        again."""
         self.progress(now_ns)
         if is_on and not self.is_on:
             self._free_ns = max(self._free_ns, now_ns)
