@@ -41,7 +41,7 @@ SOURCES = {
     "roads": "roads", "runtimes": "runtimes", "sensor_check_alarms": "sensor_check",
     "sensor_check_faults": "sensor_check", "square": "square", "steps": "wake_speed", "summary": "demo",
 }  # fmt: skip
-"""For each table, the results file whose date, version and release are stated below the table. If a table is made from
+"""Results file whose date, version and release are stated below a table, by the table's name. If a table is made from
 several files, this is the file of most of its rows."""
 
 

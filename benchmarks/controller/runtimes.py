@@ -113,7 +113,7 @@ RUNTIMES: Final[Mapping[str, tuple[str, Callable[[Path], Run]]]] = {
     "OpenVINO": ("openvino", _openvino),
     "tract": ("tract", _tract),
 }
-"""For each runtime's name: its package, and the function that opens a graph."""
+"""Package of each runtime, and the function that opens a graph in it, by the runtime's name."""
 
 
 def main(json_file: JsonFile = None) -> None:
