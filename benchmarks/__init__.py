@@ -1,1 +1,2 @@
-"""Measurements, and the tables made from their results: `python -m benchmarks NAME`, then `make tables`."""
+"""Measurements, and the tables that are made from their results. Run `python -m benchmarks NAME`, then `make
+tables`."""

@@ -30,7 +30,7 @@ class Measurement:
         module: module with the function `main`. It is imported only when the measurement runs, because each measurement
             needs other packages.
         text: description of the measurement.
-        takes: rough duration on two cores; empty if it is not known.
+        takes: approximate duration on two cores; empty if it is not known.
     """
 
     module: str
@@ -69,7 +69,8 @@ PAGES: Final = {
 
 
 def main(arguments: list[str]) -> None:
-    """Run the measurement that the first argument names, with the other arguments as options; exit like `stillwake`."""
+    """Run the measurement that the first argument names, with the other arguments as options; the exit statuses are
+    those of `stillwake`."""
     ends_like_ctrl_c()
     sys.exit(status_of(lambda: _run(arguments)))
 

@@ -44,7 +44,7 @@ RESULTS: Final = ROOT / "results"
 PLAN: Final = Path(__file__).with_suffix(".toml")
 RELEASE: Final = "release"
 _OF_ECU: Final = {"ecu": "", "secoc": "secoc", "store": "store", "loader": "loader", "board": "board"}
-"""Folders of `ecu/c` by their names in the plan; every other name in the plan is a folder of the control step."""
+"""Folders of `ecu/c` by their names in `full.toml`. Every other name there is a folder of the control step."""
 _COMMENT: Final = re.compile(rb"/\*.*?\*/", re.DOTALL)
 
 
@@ -78,7 +78,7 @@ class Figures:
 
 
 def plan(path: Path = PLAN) -> tuple[list[Figures], dict[str, str]]:
-    """Return the files to make, in order, and the files of finished studies with their descriptions."""
+    """Return the files to make, in order, and the results files of finished studies with their descriptions."""
     tree = tomllib.loads(path.read_text(encoding="utf-8"))
     history = tree.pop("history")
     return [Figures(name=name, **_tuples(fields)) for name, fields in tree.items()], history
@@ -98,13 +98,13 @@ def made(file: Path) -> dict[str, Any]:
 
 @cache
 def release() -> str:
-    """Return the beginning of the shipped release's digest."""
+    """Return the first digits of the shipped release's digest."""
     return bundle.load(BUNDLE).digest[:12]
 
 
 @cache
 def sources_hash(folder: str) -> str:
-    """Return the hash of a folder's C sources, without their comments."""
+    """Return the hash of the C sources in a folder; their comments are left out."""
     everything = hashlib.sha256()
     sources = firmware_part(_OF_ECU[folder]) if folder in _OF_ECU else step_part(folder)
     for name, content in sorted(sources.items()):
@@ -158,7 +158,7 @@ def _status(command: str) -> int:
 
 def _stamp(one: Figures, minutes: float, before: float | None) -> None:
     content = json.loads(one.file.read_text(encoding="utf-8"))
-    # The duration of a campaign that continued an earlier campaign is not the duration of a whole campaign.
+    # If a campaign continued an earlier campaign, its duration is not that of a whole campaign.
     is_rest = before is not None and content["facts"].get("runs", {}).get("kept", 0) > 0
     content["facts"][STAMP] = {**one.stamp(), "minutes": before if is_rest else minutes}
     with replacing(one.file) as temporary:

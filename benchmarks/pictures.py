@@ -1,4 +1,4 @@
-"""Draw every picture in `docs/pictures` that depends only on `results/*.json`; this is part of `make tables`."""
+"""Draw every picture in `docs/pictures` that depends only on `results/*.json`; `make tables` does this too."""
 
 from benchmarks.common.commands import ROOT
 from benchmarks.common.markdown import read

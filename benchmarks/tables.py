@@ -1,8 +1,8 @@
 """Fill every table of README.md and `docs/` from `results/*.json`; `make tables` runs this module after results have
 changed.
 
-A page has a place for a table between `<!-- table NAME -->` and `<!-- end -->`; the functions `tables` of the folders
-return the tables by these names. Pages are found by these places, so a table can move to another page without a change
+On a page, a table is written between `<!-- table NAME -->` and `<!-- end -->`; the functions `tables` of the folders
+return the tables by these names. Pages are found by these marks, so a table can move to another page without a change
 here.
 """
 
@@ -41,12 +41,13 @@ SOURCES = {
     "roads": "roads", "runtimes": "runtimes", "sensor_check_alarms": "sensor_check",
     "sensor_check_faults": "sensor_check", "square": "square", "steps": "wake_speed", "summary": "demo",
 }  # fmt: skip
-"""Results file whose date, version and release are stated below a table. If a table is made from several files, this is
-the file of most of its rows."""
+"""Results file whose date, version and release are stated below a table, by the table's name. If a table is made from
+several files, this is the file of most of its rows."""
 
 
 def tables(results: Path) -> dict[str, str]:
-    """Return every table by its marker in the pages. Raises ValueError if two folders have a table of the same name."""
+    """Return the text of each table, by the table's name in the pages. Raises ValueError if two folders have a table of
+    the same name."""
     made: dict[str, str] = {}
     for folder in FOLDERS:
         of_folder = folder.tables(results)
@@ -59,7 +60,8 @@ def tables(results: Path) -> dict[str, str]:
 
 
 def _origin(path: Path) -> str:
-    """Return a sentence with the date, version and release of a table's measurement, as far as its file states them."""
+    """Return a sentence with the date, version and release of a table's measurement; facts that its results file lacks
+    are left out."""
     found = read(path)
     facts = found["facts"]
     bundle = facts.get("bundle_name") or facts.get("bundle") or facts.get("controller") or ""
@@ -70,17 +72,17 @@ def _origin(path: Path) -> str:
 
 
 def pages() -> list[Path]:
-    """Return every page that has a place for a table."""
+    """Return every page that contains a table."""
     return [page for page in (ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))) if names(_read(page))]
 
 
 def filled(page: Path, made: dict[str, str]) -> str:
-    """Return the page with the text in its places replaced by the tables."""
+    """Return the page with its tables replaced by those in `made`."""
     return fill(_read(page), made)
 
 
 def main() -> None:
-    """Write the pages."""
+    """Write all pages that contain tables."""
     made = tables(ROOT / "results")
     for page in pages():
         text = filled(page, made)

@@ -4,8 +4,8 @@
     python -m benchmarks attack-tools [--json FILE]
 
 The ECU is `stillwake ecu --slots` with the shipped release in a separate process. It uses classic frames for the
-scanners. The benchmark fails if the scanners find a service or identifier that the diagnosis page does not list, or
-unlock a level.
+scanners. The benchmark fails if the scanners find a service or identifier that the diagnosis page does not list, or if
+they unlock a security level.
 """
 
 import json
@@ -30,15 +30,16 @@ from contract.shipped import BUNDLE
 BUS: Final = ("udp_multicast", "239.74.163.78")
 XCP_IDS: Final = range(0x7C8, 0x7E0)
 ISOTP_IDS: Final = range(0x7D8, 0x7F0)
-"""Identifiers for the ISO-TP scan, without those of XCP, whose error frames confuse the scanner."""
+"""Identifiers for the ISO-TP scan. The identifiers of XCP are left out, because XCP's error frames confuse the
+scanner."""
 DIDS: Final = (*range(0xF100, 0xF200), *range(0xFD00, 0xFD40))
 ABSENT: Final = (0x11, 0x7F)
-"""Negative response codes for a service that does not exist at all, and for a service that does not exist in this
-session."""
+"""Negative response codes (UDS) for a service that the ECU does not have, and for a service that this session does not
+have."""
 
 
 def main(json_file: JsonFile = None) -> None:
-    """Run the scans, print the results, and fail if the scanners learned more than the diagnosis page states."""
+    """Run the scans and print the results; fail if the scanners found more than the diagnosis page states."""
     with tempfile.TemporaryDirectory(prefix="stillwake-") as folder, _ecu(Path(folder)):
         figures = _scan()
     table = Table("learned", "")
@@ -57,7 +58,7 @@ def main(json_file: JsonFile = None) -> None:
 
 @contextmanager
 def _ecu(place: Path) -> Iterator[None]:
-    """Provision and run the ECU; fail if the ECU ended during the scans."""
+    """Provision the ECU and run it while the block runs; fail if the ECU ended by itself during the scans."""
     root, keys, slots, access = (str(place / name) for name in ("root", "keys.list", "slots", "access.key"))
     trusted = ROOT / "contract" / "release" / "release.pub"
     stillwake("keygen", root)

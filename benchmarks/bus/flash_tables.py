@@ -1,4 +1,4 @@
-"""The tables of flashing: effects of interrupted supplies, and the time of a transfer."""
+"""The tables of flashing: the effects of interruptions of the supply, and the duration of a transfer."""
 
 from pathlib import Path
 from typing import Any, Final
@@ -15,12 +15,12 @@ _LOST: Final = {
 }
 
 _LONG_MS: Final = 3.0
-"""Smallest modelled time in ms with which a piece of the flashing work appears in the table. After a shorter piece, the
-control step still ends long before the period does."""
+"""Smallest modelled time in ms for which a piece of work for flashing is listed in the table. With a shorter piece, the
+control step still ends long before the end of its period."""
 
 
 def tables(results: Path) -> dict[str, str]:
-    """Return every table by its marker in the pages."""
+    """Return the text of each table, by the table's name in the pages."""
     found = read(results / "flash.json")
     return {
         "flash_proof": proof(found),
@@ -32,7 +32,7 @@ def tables(results: Path) -> dict[str, str]:
 
 
 def proof(found: dict[str, Any]) -> str:
-    """Return the table of the interruptions of the supply, with a folder as the store, and of the resulting losses."""
+    """Return the table of interruptions of the supply, with a folder as the store, and of the resulting losses."""
     of, facts = found["figures"], found["facts"]
     texts = {
         "operations": "calls in the whole sequence that change the store",
@@ -50,7 +50,7 @@ ways. The second cuts are random."""
 
 
 def in_c(found: dict[str, Any]) -> str:
-    """Return the table of the loader in C: counts of its test with interrupted supplies, and its memory."""
+    """Return the table of the loader in C: counts of its test with interruptions of the supply, and its memory."""
     of = found["figures"]
     texts = {
         "cuts_depth_1": "first cuts of the supply",
@@ -75,7 +75,7 @@ def in_c(found: dict[str, Any]) -> str:
 
 
 def in_states(found: dict[str, Any]) -> str:
-    """Return the table of requests to the ECUs in Python and in C in all states of diagnosis."""
+    """Return the table of the test that sends requests to the ECUs in Python and in C in all states of diagnosis."""
     of = found["figures"]
     texts = {
         "requests": "requests to both ECUs",
@@ -89,7 +89,7 @@ def in_states(found: dict[str, Any]) -> str:
 
 
 def pieces(found: dict[str, Any]) -> str:
-    """Return the table of the computing time that diagnosis takes away from control on the emulated board."""
+    """Return the table of the computing time that diagnosis takes from control on the emulated board."""
     of, facts = found["figures"], found["facts"]
     clocks = next(iter(of.values()))
     rows = [(what, *(f"{ms:.2f}" for ms in at.values())) for what, at in of.items() if max(at.values()) > _LONG_MS]
@@ -100,7 +100,7 @@ Measured on {found["date"]}: {release}, control periods of {facts["period_ms"]:g
 
 
 def times(found: dict[str, Any]) -> str:
-    """Return the table of the latest timing of a transfer of the shipped release over the simulated bus."""
+    """Return the table of a transfer of the shipped release over the simulated bus: the durations measured last."""
     of = found["figures"]
     rows = [
         (

@@ -1,4 +1,4 @@
-"""The table of the control loop's latency in real time, for each stage and for the idle loop of the same run."""
+"""The table of the control loop's latency in real time: each of its stages, and the idle loop in the same run."""
 
 from pathlib import Path
 from typing import Any, Final
@@ -13,13 +13,13 @@ HEADS: Final = ("", "p50", "p99", "p99.9", "max", "misses", "p50", "p99", "p99.9
 
 
 def tables(results: Path) -> dict[str, str]:
-    """Return the table by its marker in the pages."""
+    """Return the table's text, by the table's name in the pages."""
     return {"latency": latency(read(results / "latency.json"))}
 
 
 def latency(found: Any) -> str:
-    """Return a table with a row for each stage and for the idle loop. ONNX Runtime is in the left columns, C in the
-    right columns; the verdicts are below the table."""
+    """Return a table with a row for each stage and for the idle loop. The left columns are for ONNX Runtime, the right
+    columns for C; the verdicts are below the table."""
     runs = [found["figures"][name] for name in CONTROLLERS]
     rows = [
         (LABELS[stage], *(cell for run in runs for cell in _cells(run["stages"][stage], _misses(run, stage))))

@@ -1,4 +1,5 @@
-"""The table of bus load and worst-case response times of the project's messages, with and without other traffic."""
+"""The table of bus load and of the worst-case response times of the project's messages, with and without other
+traffic."""
 
 from pathlib import Path
 from typing import Any, Final
@@ -12,12 +13,12 @@ HEADS: Final = (
 
 
 def tables(results: Path) -> dict[str, str]:
-    """Return the table by its marker in the pages."""
+    """Return the table's text, by the table's name in the pages."""
     return {"can_load": can_load(results)}
 
 
 def can_load(results: Path) -> str:
-    """Return a table with a row for each of the project's messages, with the bus's total load below the table."""
+    """Return a table with a row for each of the project's messages, and the total load of the bus below the table."""
     rows, lines = [], []
     for name in SETS:
         alone, loaded = (read(results / f"can_load_{name}{end}.json") for end in ("", "_90"))

@@ -24,18 +24,18 @@ RUNS: Final = {
     "CAN FD, 30 % other traffic": "bus_busy_30",
     "CAN FD, 90 % other traffic": "bus_busy_90",
 }
-"""Results files of closed loops by the label of their bus."""
+"""Names of the results files of closed loops, by the label of the bus."""
 
 FAULTED: Final = {
     "undisturbed": "demo",
     **{f"{late} ms late": f"bus_late_{late}" for late in (20, 40, 60)},
     **{f"{share} % lost": f"bus_loss_{share:02}" for share in (5, 10, 25, 50)},
 }
-"""Results files of closed loops by the disturbance of their pressures."""
+"""Names of the results files of closed loops, by the disturbance of the pressures."""
 
 
 def tables(results: Path) -> dict[str, str]:
-    """Return every table by its marker in the pages."""
+    """Return the text of each table, by the table's name in the pages."""
     found = read(results / "bus.json")
     found["figures"] |= read(results / "bus_studies.json")["figures"]
     return {
@@ -59,7 +59,7 @@ def bus(found: Any) -> str:
 
 
 def authentication(found: Any) -> str:
-    """Return the table of the costs of authentication."""
+    """Return the table of the time and bandwidth that authentication costs."""
     cost = found["figures"]["authentication_cost"]
     rows = [
         (name, row["e2e_protect_us"], row["secure_us"], row["e2e_check_us"], row["verify_us"])
@@ -77,7 +77,7 @@ Of {forged["tried"]:,} forged, replayed, reflected and mutated frames {accepted}
 
 
 def attack_tools(results: Path) -> str:
-    """Return the table of the information that scapy's scanners found."""
+    """Return the table of the information about the ECU that scapy's scanners found."""
     found = read(results / "attack_tools.json")
     figures, versions = found["figures"], found["facts"]["versions"]
     texts = {
@@ -135,8 +135,8 @@ def bus_faults(results: Path) -> str:
 
 
 def _names(waits: dict[str, float]) -> list[str]:
-    """Return the names of the messages in the order of their priority in any message set; runs of earlier versions have
-    no speed message."""
+    """Return the names of the messages in the order of their priority, from any message set; runs of earlier versions
+    have no speed message."""
     return sorted(waits, key=lambda name: ("Pressure", "VehicleSpeed", "JetCommand", "EcuStatus").index(_base(name)))
 
 

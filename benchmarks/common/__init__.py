@@ -1,1 +1,1 @@
-"""The parts that the measurements share: commands, tables in Markdown, stored results, pictures."""
+"""The code that the measurements share: commands, tables in Markdown, stored results, pictures."""

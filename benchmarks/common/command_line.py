@@ -1,4 +1,4 @@
-"""The parts that the benchmarks' command lines share: options, the two consoles, and the output of figures."""
+"""The code that the measurements' command lines share: options, the two consoles, and the output of figures."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sized
 from datetime import date
@@ -30,7 +30,7 @@ save: Final = save_json
 
 
 def report(json_file: Path | None, figures: Any, facts: Mapping[str, Any], *tables: Callable[[Any], str]) -> None:
-    """Write the figures with `save`, and print the tables that the documents contain for these figures."""
+    """Write the figures to the file with `save`, and print the tables that the documents make from these figures."""
     found = {"date": date.today().isoformat(), "figures": figures, "facts": facts}
     for made in tables:
         console.print(made(found), markup=False, highlight=False, soft_wrap=True)
@@ -42,9 +42,9 @@ MODEL: Final = SHIPPED
 
 
 def track(items: Iterable[T], label: str, unit: str, total: int | None = None) -> Iterator[T]:
-    """Yield the items and show the progress as a bar, or as lines if the output is not a terminal."""
+    """Yield the items and show the progress, as a bar in a terminal, otherwise as lines."""
     total = len(items) if total is None and isinstance(items, Sized) else total
-    # An item may take minutes, so the speed is averaged over the last hour.
+    # An item may take minutes, so the remaining time is estimated from the last hour.
     with progress(unit, estimate_over=3600.0, console=bars) as report:
         report(label, 0, total)
         for done, item in enumerate(items, start=1):

@@ -21,8 +21,8 @@ def stillwake(*arguments: object) -> None:
         try:
             status = process.wait()
         except BaseException:
-            # The command has to delete its own temporary files. A stop signal may have reached this process alone, so
-            # the command is asked to end here.
+            # The command deletes its own temporary files at its end. A stop signal may have reached only this process,
+            # so the command is asked to end here.
             process.terminate()
             process.wait()
             raise

@@ -22,13 +22,13 @@ def table(heads: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
 
 
 def names(text: str) -> list[str]:
-    """Return the names of the tables for which a page has places, in the order of the page."""
+    """Return the names of the tables that a page contains, in the order of the page."""
     return _START.findall(text)
 
 
 def fill(text: str, tables: Mapping[str, str]) -> str:
-    """Return a page with the text between each `<!-- table NAME -->` and `<!-- end -->` replaced. Raises ValueError if
-    there is no table with the name of a place, or a place has no end."""
+    """Return a page in which the text between each `<!-- table NAME -->` and `<!-- end -->` is replaced by the table of
+    this name. Raises ValueError if there is no table of a name, or an end is missing."""
     for name in names(text):
         if name not in tables:
             raise ValueError(f"no table {name!r}: one of {', '.join(sorted(tables))}")

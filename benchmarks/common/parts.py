@@ -1,4 +1,4 @@
-"""Finished parts of a long study, stored in files, so that an interrupted study can continue."""
+"""The finished parts of a long study, stored in files, so that an interrupted study can be continued."""
 
 import json
 from collections.abc import Callable
@@ -9,8 +9,8 @@ from contract.atomic import replacing
 
 
 def part(path: Path, make: Callable[[], Any]) -> Any:
-    """Return the finished part in a file, as plain values for JSON; if the file does not exist, compute the part and
-    write the file."""
+    """Return the finished part stored in a file, as plain values for JSON. If the file does not exist, compute the part
+    and write it to the file."""
     if not path.is_file():
         made = make()
         with replacing(path) as temporary:

@@ -14,9 +14,9 @@ from contract.atomic import replacing
 
 PICTURES: Final = ROOT / "docs" / "pictures"
 SOURCE: Final = "Source"
-"""Name of the text in a PNG that identifies its results file."""
+"""Name of the text field in a PNG that identifies the results file from which the picture was drawn."""
 STAMP: Final = "made"
-"""Name of the fact in a results file that states the release and sources of its figures, so that a test can find
+"""Name of the entry in a results file that states the release and sources of its figures, so that a test can find
 outdated files."""
 
 

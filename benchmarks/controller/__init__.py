@@ -1,1 +1,1 @@
-"""Measurements of the controller and of its implementations, and their tables."""
+"""Measurements of the controller and of its implementations, and tables of their results."""

@@ -1,4 +1,5 @@
-"""The bounds of the firmware: no recursion, a bound for every loop, every call through a pointer, the deepest stack.
+"""The bounds of the firmware: the largest number of passes of each loop, the targets of calls through pointers, and the
+deepest stack; there is no recursion.
 
     python -m benchmarks bounds --json results/bounds.json
 
@@ -43,12 +44,12 @@ from stillwake.parts.c_release import library_folder
 
 REASONS: Final = Path(__file__).with_name("bounds.toml")
 LARGEST_PROVED: Final = 4095
-"""Largest number of passes of a loop for which GCC's proof is accepted. Larger bounds only reflect the range of a type
-or the size of the memory, so such loops need a reason in `bounds.toml`."""
+"""Largest number of passes of a loop for which GCC's proof is accepted. Larger proved numbers only reflect the range of
+a type or the size of the memory, so such loops need a reason in `bounds.toml`."""
 EXCEPTION_FRAME: Final = 108
 """Bytes that the core pushes for an exception, including floating-point registers and alignment (Armv7-M, B1.5.6)."""
 _EXCEPTIONS: Final = ("sw_board_unexpected", "sw_board_tick")
-"""The handlers in the vector table. Interrupts are masked, but a fault or an NMI can still occur."""
+"""Names of the handlers in the vector table. Interrupts are masked, but a fault or an NMI can still occur."""
 _START: Final = "sw_board_start"
 _LOADER: Final = b"".join(
     b"#define SW_BOARD_%s %s\n" % (name, value)
@@ -57,7 +58,7 @@ _LOADER: Final = b"".join(
         (b"SERIAL", b'"s"'), (b"SOFTWARE", b'"s"'),
     )
 )  # fmt: skip
-"""Equipment header whose keys are zeros, because the values of the keys do not change the code."""
+"""Equipment header with a key of zeros for every key, because the values of the keys do not change the code."""
 _KEY: Final = f"#define SW_BOARD_BUS_KEY {{{', '.join(map(str, KEY_BYTES))}}}\n".encode()
 _WORD: Final = 4
 
@@ -67,11 +68,11 @@ class Bounds:
     """The bounds of a firmware.
 
     Attributes:
-        loops: a line for each loop: function, place, largest number of passes, and the reason if GCC does not prove
-            this number.
+        loops: a line for each loop: function, line in the source, largest number of passes, and the reason if GCC does
+            not prove this number.
         proved: number of loops whose bound GCC proves.
-        reasoned: number of loops whose bound has a reason in `bounds.toml`.
-        waits: number of loops that wait, and so have no bound by design.
+        reasoned: number of loops whose bound is in `bounds.toml`, with its reason.
+        waits: number of loops that wait for an event, and so have no bound by design.
         functions, pointed_at: number of all functions, and number of the functions that are called through pointers.
         stack_b: bytes of the deepest stack, including an exception.
         stack_of: the chain of calls that needs the deepest stack, without the exception.
@@ -88,8 +89,8 @@ class Bounds:
 
 
 def main(json_file: JsonFile = None) -> None:
-    """Report the bounds of the firmware with all parts, and the measured stack of the release's firmware without loader
-    and key."""
+    """Report the bounds of the firmware with all its parts, and the bound and the measured depth of the stack of the
+    release's firmware, which has no loader and no key."""
     config, bundle = load_config(), load_bundle(BUNDLE)
     with library_folder(None) as folder:
         sources, rows = read_sources(folder, board=True), read_recorded(folder)
@@ -112,7 +113,7 @@ def main(json_file: JsonFile = None) -> None:
 
 
 def bounds(program: WholeProgram, reasons: Mapping[str, Any] | None = None) -> Bounds:
-    """Check a firmware and return its bounds. Raises McuError that lists every loop without a bound, every recursion
+    """Check a firmware and return its bounds. Raises McuError, which lists every loop without a bound, every recursion
     and every unresolved call.
 
     Args:
@@ -144,7 +145,7 @@ def bounds(program: WholeProgram, reasons: Mapping[str, Any] | None = None) -> B
 
 
 def recursions(calls: Calls) -> list[tuple[str, ...]]:
-    """Return the circular chains of calls; each chain begins and ends with the same function."""
+    """Return the circular chains of calls. Each chain starts and ends with the same function."""
     finished, found = set[str](), list[tuple[str, ...]]()
 
     def visit(name: str, path: tuple[str, ...]) -> None:
@@ -161,11 +162,11 @@ def recursions(calls: Calls) -> list[tuple[str, ...]]:
 
 
 def deepest(calls: Calls, start: str, runtime: int) -> tuple[int, list[str]]:
-    """Return the bytes of the deepest stack of a function with all its calls, and its chain of calls; there must be no
-    recursion.
+    """Return the bytes of the deepest stack of a function, including the functions that it calls, and the chain of
+    calls that needs this stack. There must be no recursion.
 
     Args:
-        runtime: bytes of stack that any function of the compiler's runtime needs at most.
+        runtime: largest number of bytes of stack that a function of the compiler's runtime needs.
     """
     known = dict[str, tuple[int, list[str]]]()
 
@@ -194,7 +195,7 @@ def _is_open(loop: Loop) -> bool:
 
 
 def _line(loop: Loop, known: Mapping[str, Any]) -> str | None:
-    """Return a loop's line in the table; None if the loop has no bound."""
+    """Return a loop's line for the table; None if the loop's bound is not known."""
     what = f"{loop.function} {loop.place.rpartition(':')[2]}"
     if not _is_open(loop):
         return f"{what}: {loop.most}"
@@ -207,9 +208,9 @@ def _line(loop: Loop, known: Mapping[str, Any]) -> str | None:
 
 
 def _stack_of_runtime(built: Built) -> int:
-    """Return the bytes of the deepest stack of the called functions of the compiler's runtime. GCC reports no stack for
-    these functions, so it is computed from their instructions. Each of these functions is assigned this depth, because
-    one may jump into another."""
+    """Return the bytes of the deepest stack of the functions of the compiler's runtime that are called. GCC reports no
+    stack for these functions, so it is computed from their instructions. This depth is used for each of these
+    functions, because one of them may jump into another."""
     called = {name for names in built.calls.calls.values() for name in names} - built.calls.stack.keys()
     elf: Any = ELFFile(io.BytesIO(built.image))
     text, table = elf.get_section_by_name(".text"), next(iter(elf.iter_sections("SHT_SYMTAB")))
@@ -231,7 +232,8 @@ def _stack_of_runtime(built: Built) -> int:
 
 
 def _pushed(line: Any) -> int:
-    """Return the bytes that an instruction pushes: `push`, `str ..., [sp, #-n]!`, or `sub sp, #n`."""
+    """Return the number of bytes by which an instruction (`push`, `str ..., [sp, #-n]!`, or `sub sp, #n`) extends the
+    stack."""
     if line.mnemonic.startswith("push"):
         return _WORD * (str(line.op_str).count(",") + 1)
     if ("[sp, #-" in line.op_str and line.op_str.endswith("!")) or (

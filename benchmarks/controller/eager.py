@@ -1,7 +1,8 @@
 """The paper's control method in eager PyTorch: modules, autograd, torch.optim.Adam, clamp.
 
-This implementation shares no formula with the reference, because gates, norms, derivatives and optimiser are all
-PyTorch's. So the parity tests use it as an independent reference, and the benchmark compares all times with its time.
+This implementation shares no formula with the project's reference implementation, because gates, norms, derivatives and
+optimiser are all PyTorch's. So the parity tests compare the project's implementations with it, and the benchmark gives
+all times relative to its time.
 """
 
 import numpy as np
@@ -15,7 +16,7 @@ from export.program.weights import Linear, Norm
 
 
 class EagerController:
-    """The control step of `controller.onnx`, differentiated by autograd, with numbers of the given precision."""
+    """The control step of `controller.onnx`, with derivatives by autograd, computed in the given precision."""
 
     def __init__(self, program: ControllerProgram, dtype: torch.dtype) -> None:
         self._program = program
@@ -72,8 +73,8 @@ class EagerController:
         return forces
 
     def start(self, window: Array, committed: Tensor, chosen: Tensor, w: Tensor, speed: float, limit: float) -> Tensor:
-        """Return the optimiser's initial plan for H periods, shape (H,), from the prior's two matrix products with the
-        flattened past."""
+        """Return the optimiser's initial plan for H periods, shape (H,). It is computed by the prior, from two matrix
+        products with the flattened past."""
         prior = self._program.prior
         if prior is None:
             return committed
@@ -94,7 +95,7 @@ class EagerController:
         output = output * (1.0 + torch.tanh(self._tensor(prior.gate) @ self._tensor(parts) + by_sums))
         reach = max(0.5, share) * self._program.action_limit
         for action, is_free in zip(committed, chosen, strict=True):
-            # The action of the present row is not known yet, so the past ends with the row before.
+            # The action of the present row is not known yet, so the past ends with the row before the present row.
             past = torch.cat([rows[: 1 if len(plan) == 0 else 0], rows[:-1]])[-memory:]
             units = torch.tanh(nn.functional.linear((filters.T @ past).flatten(), hidden.flatten(1)))
             plan.append((reach * torch.tanh(units @ output)).clamp(-limit, limit) if is_free else action)
@@ -104,7 +105,8 @@ class EagerController:
         return torch.stack(plan)
 
     def terms(self, forces: Tensor, plan: Tensor, previous_action: Tensor, start: Tensor | None = None) -> Tensor:
-        """Return the 8 unweighted cost terms, shape (8,); without `start`, the plan itself is the initial plan."""
+        """Return the 8 cost terms without their weights, shape (8,). `start` is the initial plan; if None, the plan
+        itself is used."""
         cd, cl = forces.unbind(dim=-1)
         return torch.stack(
             [
@@ -128,7 +130,8 @@ class EagerController:
         speed: float = 1.0,
         limit: float | None = None,
     ) -> tuple[Array, Array, Array, float]:
-        """Return (new_plan, forces, terms, cost) as float64 arrays; arguments as in `contract.controller.interface`."""
+        """Return (new_plan, forces, terms, cost) as float64 arrays; the arguments are those of
+        `contract.controller.interface`."""
         limit = min(self._program.action_limit, np.inf if limit is None else limit)
         w = self._tensor(self._program.mpc.weights.as_tuple() if weights is None else weights)
         previous_action = self._tensor(window[-1, -1])

@@ -1,15 +1,15 @@
-"""The lower limit of a control step's time on this core, from its arithmetic and its memory traffic.
+"""The lower limit of a control step's time on this core, computed from the step's arithmetic and its memory traffic.
 
-Two rates are measured by loops that do nothing else, on one thread:
+Two rates are measured with loops that do nothing else, on one thread:
 
-* multiply-accumulates per second: in float32 by one large matrix product in PyTorch, and in integers by products of
-  int16 to int32 as in the int8 library, with all operands in the first-level cache;
+* multiply-accumulates per second: in float32 with a large matrix product in PyTorch, and in integers with products of
+  int16 summed in int32 as in the int8 library, with all operands in the first-level cache;
 * bytes per second that one core reads when it repeatedly reads an array of the networks' size, as a roll-out does.
 
-No product of a step can be left out. A roll-out step cannot begin before the previous one has ended, so each roll-out
+No product of a step can be left out. A roll-out step cannot start before the previous one has ended, so each roll-out
 step reads the dynamics' weights again. The decoder processes the whole horizon together and reads its weights once per
 pass. The encoder reads the LSTM's weights for each row of the window. The lower limit is the larger of the two times
-that follow from these rates. Everything else in a step (norms, ELU, cost, Adam, calls) adds to the lower limit.
+that follow from these rates. Everything else in a step (norms, ELU, cost, Adam, calls) takes additional time.
 """
 
 import ctypes
@@ -88,7 +88,7 @@ class Work:
 
     Attributes:
         macs: number of multiply-accumulates.
-        weights_read: number of weights read from memory, with repetitions.
+        weights_read: number of weights read from memory; a weight counts each time that it is read.
     """
 
     macs: int
@@ -152,7 +152,8 @@ def measure_core(weights: int, compiler: Sequence[str]) -> CoreLimits:
 
 
 def _rate(loop: Callable[[int], None]) -> float:
-    """Return the passes per second of a loop: the best of several measurements, because it is used as a limit."""
+    """Return the number of passes per second of a loop. The best of several measurements is returned, because the rate
+    is used as a limit."""
     times = 1
     while (took := _least(loop, times, 3)) < _SECONDS:
         times *= max(2, int(_SECONDS / max(took, 1e-6)))

@@ -1,5 +1,5 @@
-"""A test of whether a control step's work depends on its data: it counts instructions over many windows on the emulated
-core."""
+"""A test of whether the work of a control step depends on its data: the instructions for many windows are counted on
+the emulated core."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ from firmware_sim.mcu.emulator import Machine
 
 @dataclass(frozen=True, kw_only=True)
 class InstructionSpread:
-    """Instructions of a control step over many windows.
+    """The numbers of instructions of a control step for many windows.
 
     Attributes:
         windows: number of windows.
@@ -30,8 +30,8 @@ class InstructionSpread:
 
 
 def instruction_spread(sources: Mapping[str, bytes], windows: Iterable[Array]) -> InstructionSpread:
-    """Run a control step on each window, starting with the previous step's plan. Raises McuError if the library does
-    not compile or run, or there are no windows.
+    """Run a control step for each window; each step starts with the plan of the previous step. Raises McuError if the
+    library does not compile or run, or there are no windows.
 
     Args:
         sources: files of the library by name.
@@ -42,7 +42,7 @@ def instruction_spread(sources: Mapping[str, bytes], windows: Iterable[Array]) -
     machine.call("mcu_reset")
     counts = []
     for number, window in enumerate(windows, start=1):
-        # The window is written without its newest row, because the step itself adds this row.
+        # The window is written without its newest row, because the step itself appends this row.
         machine.write("mcu_input", np.concatenate([window[:1], window[:-1]]).astype("<f4").tobytes())
         machine.write("mcu_row", window[-1].astype("<f4").tobytes())
         counter.start()

@@ -2,11 +2,11 @@
 
     python -m benchmarks controller [--json FILE] [--repeats N]
 
-Each implementation runs on one thread. The implementations run in turn, so that disturbances affect all of them. The
-figures are medians and minima of wall time, and medians of the thread's processor time, which excludes other processes.
-Weights are random at the release's sizes, because the time does not depend on the weights; options set other sizes.
-Each median is also given as a multiple of the least time that this core's arithmetic and memory allow
-(`benchmarks.controller.floors`).
+Each implementation runs on one thread. The implementations run in turn, so that a disturbance of the machine affects
+all of them. The figures are medians and minima of wall time, and medians of the thread's processor time, which excludes
+other processes. The weights are random and the networks have the release's sizes, because the time depends only on the
+sizes; options set other sizes. Each median is also given as a multiple of the least time that this core's arithmetic
+and memory allow (`benchmarks.controller.floors`).
 """
 
 import time
@@ -37,7 +37,7 @@ from export.release.lowering import int8_library
 from export.to_c.library import c_library
 from export.to_onnx.control_step import build_controller
 
-# One step in eager PyTorch takes as long as about ten steps of another implementation, so it is timed less often.
+# One step in eager PyTorch takes about as long as ten steps of another implementation, so fewer of its steps are timed.
 _EAGER_EVERY = 5
 _CALIBRATION = 20
 _LOADS = 15
@@ -106,7 +106,8 @@ def main(
 
 
 def _floors(program: ControllerProgram, compiler: Sequence[str], figures: Mapping[str, float]) -> dict[str, Any]:
-    """Return the measured limits of this core, and the ratio of each median to the resulting lower limit."""
+    """Return the measured limits of this core, and the ratio of each median to the lower limit that follows from
+    them."""
     core = measure_core(sum(matrix.size for matrix in matrices(program).values()), compiler)
     return {"core": asdict(core)} | over_floors(core, Work.of(program), figures)
 

@@ -25,9 +25,9 @@ from contract.results import versions
 from contract.shipped import RECORDING
 
 CASES: Final = (("onnx", "float32"), ("onnx", "int8"), ("c", "float32"), ("c", "int8"))
-"""Implementation and precision in each loop; all differences are relative to the first loop."""
+"""Implementation and precision of each loop; all differences are relative to the first loop."""
 ALLOWED_POINTS: Final = 0.5
-"""Largest allowed effect of int8 on the drag reduction, in percentage points."""
+"""Largest allowed change of the drag reduction by int8, in percentage points."""
 _KEPT: Final = (*LOOP, "Cd_uncontrolled", "abs_Cl_uncontrolled", "mpc_ms_p50", "mpc_ms_p99", "computed_by")
 
 
@@ -45,9 +45,9 @@ def main(
     folder = parts / weights[:12]
     for precision in ("float32", "int8"):
         bundle, library = folder / f"bundle_{precision}", folder / f"c_{precision}"
-        # The bundle is written last, so its presence means that the export is complete.
+        # The bundle is written last, so an existing bundle means that the export is complete.
         if not bundle.exists():
-            # An interrupted export may have left the library, so `--overwrite` is needed.
+            # An interrupted export may have left a library in the folder, so `--overwrite` is needed.
             options = ("--c", library, "--precision", precision, "--dataset", dataset, "--overwrite")
             stillwake("export", model, bundle, *options)
     spans = {"lead_in": lead_in, "controlled": controlled, "settle": settle}
@@ -60,13 +60,13 @@ def main(
 
 
 def compared(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Return the rows with `points`: the drag reduction of the row minus the drag reduction of the first row, in
-    percentage points."""
+    """Return the rows, each with a new field `points`: the row's drag reduction minus the first row's drag reduction,
+    in percentage points."""
     return [{**row, "points": row["reduction_percent"] - rows[0]["reduction_percent"]} for row in rows]
 
 
 def _run(folder: Path, lowering: str, precision: str, spans: dict[str, float]) -> dict[str, Any]:
-    """Run one closed loop and return its figures; if the figures are stored, read them."""
+    """Return the figures of one closed loop. They are read from a file; if it does not exist, the loop is run first."""
     length = "_".join(f"{span:g}" for span in spans.values())
     run = folder / f"run_{lowering}_{precision}_{length}"
     found = run.with_name(f"{run.name}.json")

@@ -1,12 +1,13 @@
-"""The C library on an emulated Cortex-M7 at several sizes, and the release's ECU: memory, instructions, modelled time.
+"""The C library on an emulated Cortex-M7 with networks of several sizes, and the release's ECU: memory, instructions,
+modelled time.
 
     python -m benchmarks mcu [--json FILE] [--windows N]
 
 The row `release` is the whole ECU of the shipped bundle in the drives of `worst_period`, without and with a key of the
-bus. Windows, half of them recorded and half random, test whether the work of its control step depends on the data. The
-other rows have random weights, because the work depends only on the sizes; `stillwake mcu FOLDER` measures a trained
-library. Libraries for the Cortex-M4F run on the emulated Cortex-M7, which has all of its instructions, but the model of
-the pipeline is the Cortex-M4F's.
+bus. Its control step is also run for many windows, half of them recorded and half random, to test whether its work
+depends on the data. The other rows have random weights, because the work depends only on the sizes; `stillwake mcu
+FOLDER` measures a trained library. Libraries for the Cortex-M4F run on the emulated Cortex-M7, which has all of the
+Cortex-M4F's instructions, but their cycles are modelled with the Cortex-M4F's pipeline.
 """
 
 from dataclasses import asdict, replace
@@ -39,7 +40,7 @@ from firmware_sim.mcu.cores import CORTEX_M4F, CORTEX_M7, Core
 from firmware_sim.mcu.measure import measure
 from stillwake.parts.c_release import library_folder
 
-# Each case has the dynamics' width, the decoder's width, the number of iterations, and the precision.
+# Each case states the dynamics' width, the decoder's width, the number of iterations, and the precision.
 CASES = (
     (256, 128, 5, "float32"),
     (256, 128, 5, "int8"),
@@ -82,7 +83,7 @@ def _measured(case: Case, core: Core) -> dict[str, Any]:
 
 
 def _release(windows: int) -> dict[str, Any]:
-    """Measure the shipped bundle's ECU in constructed drives, without and with a key of the bus."""
+    """Measure the shipped bundle's ECU in the constructed drives, without and with a key of the bus."""
     config, bundle = load_config(), load_bundle(BUNDLE)
     with library_folder(None) as folder:
         sources, rows = read_sources(folder, board=True), read_recorded(folder)
@@ -98,7 +99,8 @@ def _release(windows: int) -> dict[str, Any]:
 
 
 def _windows(count: int) -> list[Array]:
-    """Return recorded windows of all kinds of forcing, evenly spaced, and an equal number of random windows."""
+    """Return windows of the recording, evenly spaced over each kind of forcing, and an equal number of random
+    windows."""
     program = program_of(model_folder.read(MODEL), load_config().mpc)
     episodes = dataset.read(RECORDING)
     found: list[Array] = []

@@ -1,10 +1,10 @@
-"""The release's graph in other runtimes of ONNX: the largest differences from the results of ONNX Runtime.
+"""The release's graph in other runtimes of ONNX: the largest differences between their results and ONNX Runtime's.
 
     python -m benchmarks runtimes [--json FILE]
 
-Each runtime computes the same control steps, from recorded windows, with several weights, speeds and limits. It uses
-the portable form of the release's controller (`export.to_onnx.portable`). ONNX Runtime computes these steps with the
-graph that is in the release.
+Each runtime computes the same control steps, for recorded windows and several weights, speeds and limits. It uses the
+portable form of the release's controller (`export.to_onnx.portable`). ONNX Runtime computes these steps with the graph
+that is in the release.
 """
 
 from collections.abc import Callable, Mapping
@@ -44,7 +44,7 @@ Run = Callable[[Mapping[str, npt.NDArray[np.float32]]], Mapping[str, Any]]
 
 
 class OtherRuntime:
-    """A controller whose steps another runtime computes, from the portable graph of a program."""
+    """A controller whose steps are computed by another runtime, with the portable graph of a program."""
 
     def __init__(self, run: Run, program: ControllerProgram) -> None:
         self._run, self._program = run, program
@@ -85,7 +85,7 @@ def _reference(graph: Path) -> Run:
 
 
 def _openvino(graph: Path) -> Run:
-    # Without this hint, version 2026.4 gives results that are not finite.
+    # Compare each runtime with ONNX Runtime and print a table.
     compiled = openvino.Core().compile_model(graph, "CPU", {"EXECUTION_MODE_HINT": "ACCURACY"})
 
     def run(feeds: Mapping[str, Any]) -> Mapping[str, Any]:
@@ -113,7 +113,7 @@ RUNTIMES: Final[Mapping[str, tuple[str, Callable[[Path], Run]]]] = {
     "OpenVINO": ("openvino", _openvino),
     "tract": ("tract", _tract),
 }
-"""Package and opening function of each runtime, by the runtime's name."""
+"""Package of each runtime, and the function that opens a graph in it, by the runtime's name."""
 
 
 def main(json_file: JsonFile = None) -> None:

@@ -10,8 +10,8 @@ _NAMES: Final = {"onnx": "ONNX Runtime", "c": "C library"}
 
 
 def tables(results: Path) -> dict[str, str]:
-    """Return every table by its marker in the pages. The marker is the name of the table's results file, or begins with
-    this name."""
+    """Return the text of each table, by the table's name in the pages. This name is, or begins with, the name of the
+    table's results file."""
     return {
         "controller_loop": loop(read(results / "controller_loop.json")),
         "controller": latency(read(results / "controller.json")),
@@ -24,7 +24,7 @@ def tables(results: Path) -> dict[str, str]:
 
 
 def loop(found: Any) -> str:
-    """Return the table of drag, lift and action in the four loops, and of the reductions relative to the first loop."""
+    """Return the table of the four loops: drag, lift, action, and the drag reductions relative to the first loop."""
     rows = [
         (
             f"{_NAMES[row['lowering']]}, {row['precision']}",
@@ -40,14 +40,16 @@ def loop(found: Any) -> str:
 
 
 def runtimes(found: Any) -> str:
-    """Return the table of the largest differences between other runtimes of ONNX and ONNX Runtime."""
+    """Return the table of the largest differences between the results of other runtimes of ONNX and those of ONNX
+    Runtime."""
     names = ("runtime", "version", "plan", "forces", "cost")
     heads = ("runtime", "version", "actions, U_inf W", "forces", "cost")
     return table(heads, [tuple(row[name] for name in names) for row in found["figures"]])
 
 
 def latency(found: Any) -> str:
-    """Return a table with a row for each implementation: times, ratios to eager PyTorch and the lower limit, size."""
+    """Return a table with a row for each implementation: times, their ratios to eager PyTorch and to the lower limit,
+    and size."""
     figures, facts = found["figures"], found["facts"]
     rows = [
         (
@@ -78,7 +80,7 @@ than ONNX float32 by a factor of {by_median:.1f} in the median, and of {by_minim
 
 
 def mcu(found: Any) -> str:
-    """Return the tables of work, memory and time of each size on the emulated cores."""
+    """Return the tables of work, memory and time on the emulated cores, with a row for each size of the networks."""
     figures = found["figures"]
     horizon = found["facts"]["horizon"]
     return f"""Measured on {found["date"]}: only the control step, random weights, a horizon of {horizon} steps.
@@ -148,8 +150,8 @@ def mcu_release(found: Any) -> str:
 
 
 def mcu_worst(found: Any) -> str:
-    """Return the table of the longest control periods in the constructed drives and of their bound, in ms, without and
-    with a key of the bus."""
+    """Return the table of the longest control periods in the constructed drives, and of the bound of all periods, in
+    ms, without and with a key of the bus."""
     row = found["figures"]["release"]
     secured = row["secured"]
     frames = f" ({row['frames']} frames, with a key {secured['frames']})"

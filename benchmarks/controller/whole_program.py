@@ -4,8 +4,8 @@ Two builds are made. The first is the firmware as the exported folder builds it;
 are those of the machine code. The second is the whole program at link time, without inlining: GCC knows the range of
 every parameter and reports the largest number of passes of each loop. The sources are not parsed here.
 
-A call through a pointer may reach every function whose address is taken and whose type is the type of the pointer. GCC
-lists these functions and their types.
+A call through a pointer may reach every function whose address is taken and whose type is that of the pointer's target.
+GCC lists these functions and their types.
 """
 
 import re
@@ -25,16 +25,16 @@ COMPILER: Final = "arm-none-eabi-gcc"
 CORE: Final = ("-mcpu=cortex-m7", "-mthumb", "-mfloat-abi=hard", "-mfpu=fpv5-sp-d16")
 BARE: Final = (*CORE, "-std=c99", "-O2", "-ffp-contract=off", "-fno-unroll-loops", "-ffreestanding",
                "-ffunction-sections", "-fdata-sections", "-g1")  # fmt: skip
-"""The flags in the exported folder's CMakeLists.txt."""
+"""The flags of the compiler in the exported folder's CMakeLists.txt."""
 AS_WRITTEN: Final = ("-flto", "-fno-inline", "-fno-partial-inlining", "-fno-ipa-sra", "-fno-ipa-icf",
                      "-fno-aggressive-loop-optimizations")  # fmt: skip
-"""Flags with which each function appears once, and the bound of a loop comes from the loop's exit alone, not from the
-absence of undefined behaviour."""
+"""Flags with which each function exists only once in the program. They also make GCC compute a loop's bound from the
+loop's exit alone, and not from the assumption that there is no undefined behaviour."""
 DUMPS: Final = ("-fdump-tree-cunrolli-details-lineno", "-fdump-ipa-whole-program")
 _LINK: Final = ("-nostartfiles", "-nodefaultlibs", "-Wl,--gc-sections", "-T", "sw_board.ld")
 _CALLED_BY_THE_COMPILER: Final = "sw_board_libc.c"
-"""File that is compiled without link-time optimisation, because GCC would drop its memcpy before it generates the calls
-of memcpy."""
+"""File that is compiled without link-time optimisation: GCC would remove the file's memcpy before it generates calls of
+memcpy."""
 
 _FUNCTION: Final = re.compile(r"^;; Function \S+ \((\S+), .*$", re.MULTILINE)
 _LOOP: Final = re.compile(r"^;; Loop (\d+)\n(?:;;  [hd].*\n)*;;  nodes: ([\d ]+)", re.MULTILINE)
@@ -50,8 +50,8 @@ _NODE: Final = re.compile(r'^node: { title: "([^"]+)" label: "([^"]*)"', re.MULT
 _EDGE: Final = re.compile(r'^edge: { sourcename: "([^"]+)" targetname: "([^"]+)"(?: label: "([^"]*)")?', re.MULTILINE)
 _TAKEN: Final = re.compile(r"^(\S+)/\d+ \(.*\n  Type: function.*\n(?:  .*\n)*?  Address is taken\.", re.MULTILINE)
 _COPY: Final = re.compile(r"\.(?:constprop|lto_priv|isra)(?:\.\d+)?")
-"""Pattern for the endings of the names of copied functions. A part that GCC splits off a function has another ending
-and counts as a separate function."""
+"""Pattern for the endings of the names of functions that GCC has copied. A part that GCC splits off a function has
+another ending and is counted as a separate function."""
 _INDIRECT: Final = "__indirect_call"
 
 
@@ -71,10 +71,10 @@ class Loop:
 
 @dataclass(frozen=True, kw_only=True)
 class Calls:
-    """Functions with their stack in bytes, and the functions that each function calls.
+    """Functions with their stack in bytes, and the functions that each of them calls.
 
     Attributes:
-        unresolved: places of calls through a pointer that reach no known function.
+        unresolved: places of calls through a pointer for which no function is known.
     """
 
     stack: dict[str, int]
@@ -84,7 +84,7 @@ class Calls:
 
 @dataclass(frozen=True, kw_only=True)
 class Built:
-    """The firmware as the exported folder builds it: its calls, with inlining, and the linked image, an ELF file."""
+    """The firmware as the exported folder builds it: its calls after inlining, and the linked image, an ELF file."""
 
     calls: Calls
     image: bytes
@@ -92,7 +92,7 @@ class Built:
 
 @dataclass(frozen=True, kw_only=True)
 class WholeProgram:
-    """The firmware as the sources state it, and as the exported folder builds it.
+    """The firmware as it is written in the sources, and as the exported folder builds it.
 
     Attributes:
         written: calls without inlining.
@@ -106,7 +106,7 @@ class WholeProgram:
 
 
 def read_program(files: Mapping[str, bytes]) -> WholeProgram:
-    """Compile a firmware (`firmware_sim.mcu.build.board_files`) twice and read what GCC reports. Raises McuError if the
+    """Compile a firmware (`firmware_sim.mcu.build.board_files`) twice and read GCC's reports. Raises McuError if the
     firmware does not compile, or there is no compiler."""
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
@@ -185,12 +185,13 @@ def calls_of(graphs: Iterable[str], reached: Mapping[str, set[str]]) -> tuple[Ca
 
 
 def _loops(bodies: str, names: Mapping[str, str]) -> Iterator[Loop]:
-    """Yield each loop in GCC's dump of the functions, and each loop in assembly, which GCC cannot analyse."""
+    """Yield each loop in GCC's dump of the functions, including the loops in assembly, for which GCC computes no
+    bound."""
     for title, body in _functions(bodies):
         function = names.get(title, title)
         most = {int(number): int(count) for number, count in _MOST.findall(body)}
-        # A line that begins with # states where a value that enters the loop was computed. This place is before the
-        # loop, so the line is removed.
+        # A line that begins with # states where the value of a variable was computed, which may be before the loop. So
+        # the line is removed, because it would give a wrong place of the loop.
         blocks = {number: re.sub(r"^ *# .*$", "", block, flags=re.MULTILINE) for number, block in _BLOCK.findall(body)}
         for number, nodes in _LOOP.findall(body):
             if number == "0":
@@ -234,7 +235,7 @@ def _reached(bodies: str, taken: Mapping[str, str]) -> dict[str, set[str]]:
 
 
 def _type(result: str, parameters: Iterable[str]) -> str:
-    """Return a function's type as a text that does not depend on spaces."""
+    """Return a function's type as a text in which spaces make no difference."""
     plain = (re.sub(r"\brestrict\b|\bstatic\b|\s+", "", item.replace("struct ", "")) for item in (result, *parameters))
     return " ".join(plain)
 

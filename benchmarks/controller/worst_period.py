@@ -1,9 +1,9 @@
 """The longest control period of the firmware: constructed drives on the emulated board, and a bound from all of them.
 
-A period is all work that the core does from the end of one step to the end of the next step: a turn of the main loop
-for each frame that wakes the core, and the step. In each constructed drive, something makes a step longer in addition
-to the iterations. The bound adds up, for each basic block, the largest number of cycles that the block took in any
-period of any drive, as if all worst cases fell into one period.
+A period is all work that the core does from the end of one step to the end of the next step: one pass of the main loop
+for each frame that wakes the core, and the step. Each constructed drive has a different cause that makes steps longer,
+such as iterations, a full bus or lost frames. The bound is a sum over all basic blocks of the firmware: for each block,
+the largest number of cycles that it took in any period of any drive, as if all worst cases came together in one period.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -37,9 +37,9 @@ _WARM: Final = 80
 _OWN_GOAL: Final = "the release's own goal"
 _TINY_NUMBERS: Final = "the smallest numbers"
 _TINY: Final = 5e-324
-"""The smallest positive number; software floating point takes longer with it."""
+"""The smallest positive number; software floating point takes longer with this number."""
 _ROOM: Final = 120
-"""Largest number of other frames in a period that the firmware can store together with the vehicle's own frames."""
+"""Largest number of other frames in a period that the firmware can store in addition to the vehicle's own frames."""
 
 
 class Vehicle:
@@ -87,8 +87,8 @@ class Vehicle:
         return [secure(frame, spec, _KEY, self._freshness) for frame, spec in zip(sent, specs, strict=True)]
 
     def flood(self, frame: Frame) -> list[Frame]:
-        """Return the largest number of frames with the pressures' identifier that fits on the bus in a period, up to
-        `_ROOM`. The frames repeat the given frame; with a key of the bus they are forged."""
+        """Return as many copies of the frame as the bus can carry in a period, at most `_ROOM`. With a key of the bus,
+        the copies are forged: their last byte is changed."""
         bus = self.config.bus
         takes_ns = frame_ns(frame, nominal_bitrate=bus.nominal_bitrate, data_bitrate=bus.data_bitrate)
         other = replace(frame, data=frame.data[:-1] + bytes([frame.data[-1] ^ 1])) if bus.key else frame
@@ -102,7 +102,7 @@ class Period:
     Attributes:
         flood: frames that wake the core before the vehicle's frames arrive.
         health: health of the bus.
-        late_ns: time in ns by which the period begins too late.
+        late_ns: time in ns by which the period starts late.
     """
 
     frames: Sequence[Frame]
@@ -112,7 +112,7 @@ class Period:
 
 
 class Tally:
-    """Cycles and instructions of periods, by drive and by basic block.
+    """The cycles and instructions of control periods, by drive and by basic block.
 
     Attributes:
         worst: cycles and instructions of the longest period of each drive.
@@ -129,7 +129,7 @@ class Tally:
         self.periods = 0
 
     def add(self, drive: str, blocks: Mapping[int, tuple[int, int]], *, is_mean: bool) -> None:
-        """Add a period, given its instructions and cycles for each block."""
+        """Add a period. `blocks` has the instructions and cycles of each block, by its address."""
         for address, (instructions, cycles) in blocks.items():
             before = self._most.get(address, (0, 0))
             self._most[address] = max(before[0], instructions), max(before[1], cycles)
@@ -142,7 +142,8 @@ class Tally:
 
     @property
     def bound(self) -> tuple[int, int]:
-        """Cycles and instructions of a period in which every block took its largest number in any period."""
+        """Cycles and instructions of a period in which every block takes the largest numbers that it took in any
+        period."""
         return sum(cycles for _, cycles in self._most.values()), sum(count for count, _ in self._most.values())
 
 
@@ -154,8 +155,8 @@ def worst_periods(
     firmware: Firmware | None = None,
     drives: Iterable[str] | None = None,
 ) -> dict[str, Any]:
-    """Run the drives and return the firmware's needs: times in ms for each clock in MHz, and memory in bytes. Raises
-    McuError if the library does not compile or run, or the ECU does not come into control.
+    """Run the drives and return the time and memory that the firmware needs: times in ms for each clock in MHz, memory
+    in bytes. Raises McuError if the library does not compile or run, or the ECU does not take control.
 
     Args:
         sources: files of the library by name, among them `sw_ecu_settings.h`.
@@ -225,8 +226,8 @@ def _period(ecu: BoardEcu, now_ns: int, period: Period, name: str, tally: Tally)
 
 
 def _tiny(ecu: BoardEcu, saved: bytes) -> bytes:
-    """Return a state in which the sensor check and the benefit check have the smallest positive number as each of their
-    means."""
+    """Return the saved state, in which every mean of the sensor check and of the benefit check is replaced by the
+    smallest positive number."""
     ffi = ecu.structs.ffi
     state = ffi.new("sw_ecu_state *")
     ffi.buffer(state)[:] = saved
@@ -265,8 +266,8 @@ def _at_all_speeds(vehicle: Vehicle) -> Iterator[Period]:
 
 
 def _lost(vehicle: Vehicle) -> Iterator[Period]:
-    """Yield periods with lost frames, bus-off, a late period and a gap of half a second; good periods follow the lost
-    frames and the gap."""
+    """Yield periods with lost frames, a bus-off, a late period, and a gap of half a second. Undisturbed periods follow
+    the lost frames and the gap."""
     for lost in (1, 2, 4):
         for _ in range(lost):
             vehicle.frames()

@@ -2,12 +2,12 @@
 
     python -m benchmarks ecu-loop [--bundle BUNDLE --library FOLDER] [--json FILE]
 
-Each ECU controls the live wake from the same start over the same bus. In the loop with the emulated core, a second ECU
-on this machine gets the same frames at the same times; it is compiled from the same sources by the same compiler with
-the same contraction. After every step all frames and the whole state must be equal bit for bit. Virtual compute time is
-the core's modelled time in this loop, and `ecu.compute_time_ms` in the loops with the two other ECUs. Finished loops
-are stored in `runs/ecu_loop`, in a folder named after the hash of their inputs, so that an interrupted measurement can
-continue.
+Each ECU controls the live wake from the same initial state over the same bus. In the loop with the emulated core, a
+second ECU on this machine gets the same frames at the same times. It is compiled from the core's sources by the core's
+compiler, with equal contraction of floating-point operations. After every step all frames and the whole state must be
+equal bit for bit. The virtual compute time is the core's modelled time in this loop, and `ecu.compute_time_ms` in the
+loops with the two other ECUs. Finished loops are stored in `runs/ecu_loop`, in a folder named after the hash of their
+inputs, so that an interrupted measurement can be continued.
 """
 
 import hashlib
@@ -46,8 +46,8 @@ from wake.plants import open_plant
 
 ECUS: Final = (MCU, C, "python")
 COMPARED: Final = (*COMMON, "-march=native")
-"""Flags for the ECU that is compared with the core. The contraction is the core's, so this machine must have fused
-multiply-add."""
+"""Compiler flags of the ECU that is compared with the emulated core. Floating-point operations are contracted as for
+the core, so this machine must have fused multiply-add."""
 _KEPT: Final = (
     *("Cd_uncontrolled", "Cd_controlled", "reduction_percent", "abs_Cl_uncontrolled", "abs_Cl_controlled"),
     *("mean_Cl_controlled", "rms_action", "periods_requested", "periods_in_control", "fault", "computed_by", "ecu"),
@@ -109,7 +109,7 @@ def main(
 
 
 def driven(release: Bundle, config: Config, spans: Spans, kind: str, ecu: LoopEcu | None) -> RunLog:
-    """Run one loop from the shipped start with a progress bar; if `ecu` is None, the ECU is in Python."""
+    """Run one loop from the shipped initial state, with a progress bar; if `ecu` is None, the ECU is in Python."""
     simulation = Simulation(release, config, spans=spans, ecu=ecu)
     with ExitStack() as stack:
         scratch = Path(stack.enter_context(TemporaryDirectory()))
@@ -123,7 +123,7 @@ def driven(release: Bundle, config: Config, spans: Spans, kind: str, ecu: LoopEc
 
 
 def figures_of(kind: str, log: RunLog, lockstep: Lockstep | None) -> dict[str, Any]:
-    """Return the figures of a run and of the comparison of its ECUs, as they are stored."""
+    """Return the figures of a run, and of the comparison of its two ECUs if there is one, for storing."""
     found = summary(log)
     row = {"kind": kind, **{name: found[name] for name in _KEPT}}
     if lockstep is None:
@@ -138,6 +138,7 @@ def figures_of(kind: str, log: RunLog, lockstep: Lockstep | None) -> dict[str, A
 
 
 def largest_difference(one: Any, other: Any) -> float:
-    """Return the largest difference between two series of commands, in U_inf W; skipped steps are left out."""
+    """Return the largest difference between two series of commands, in U_inf W. Steps that an ECU skipped are left
+    out."""
     apart = np.abs(np.asarray(one) - np.asarray(other))
     return float(np.max(apart[np.isfinite(apart)], initial=0.0))

@@ -1,4 +1,4 @@
-"""Two ECUs in one loop: the first drives the loop; the second gets the same inputs and must give the same outputs."""
+"""Two ECUs in one loop: the first controls the loop; the second gets the same inputs and must give the same outputs."""
 
 from collections.abc import Sequence
 from typing import Final
@@ -16,8 +16,8 @@ KEPT: Final = 10
 
 
 class Lockstep:
-    """A pair of ECUs with the interface of a single ECU. It steps both, returns the frames of the driver, and counts
-    the differences between the frames and states of the two.
+    """A pair of ECUs with the interface of a single ECU. It steps both ECUs, returns the frames of `driver`, and counts
+    the differences between the two ECUs' frames and states.
 
     Args:
         driver: ECU whose frames are sent.
@@ -60,12 +60,12 @@ class Lockstep:
         return self._driver.calibration
 
     def calibrate(self, calibration: Calibration) -> None:
-        """Calibrate both ECUs."""
+        """Set this calibration in both ECUs."""
         self._driver.calibrate(calibration)
         self._other.calibrate(calibration)
 
     def restore(self, state: EcuState) -> None:
-        """Restore both ECUs."""
+        """Set this state in both ECUs."""
         self._driver.restore(state)
         self._other.restore(state)
 

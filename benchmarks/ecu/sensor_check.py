@@ -3,13 +3,13 @@
     python -m benchmarks sensor-check --json results/sensor_check.json
 
 The shipped bundle's check reads the recording as the ECU would, rounded to the signal's resolution. In the first part
-the sensors are healthy, in some passages with noise or with lost frames. A false alarm is a sensor that is set aside,
-or an implausible state that would shut the jets; after it the check starts again. In the second part faults begin at
-many places of the recording. The recorded flow does not respond to the check. In the closed loop the flow would
-respond, because a faulty sensor moves the jets.
+the sensors are healthy, in some passages with noise or with lost frames. A false alarm is a sensor that is excluded, or
+an implausible state that would shut the jets; after a false alarm the check starts again. In the second part faults
+start at many places of the recording. The recorded flow does not respond to the check. In the closed loop the flow
+would respond, because a faulty sensor changes the jets' action.
 
-NumPy computes the estimates of a whole episode together, with the graph's own constants. The first estimates are
-compared with the estimates of ONNX Runtime. The ECU's code does everything else, period by period.
+NumPy computes the estimates of a whole episode together, with the constants of the check's ONNX graph. The first
+estimates are compared with those of ONNX Runtime. The ECU's code does everything else, period by period.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -41,23 +41,23 @@ from firmware_sim.bench.sensor_faults import Bias, Dead, Drift, Noise, SensorDis
 from stillwake.parts.releases import open_release
 
 LONGEST: Final = 250
-"""Number of periods after a fault's start within which the fault has to be found: ten shedding cycles."""
+"""Number of periods from a fault's start within which the fault must be found: ten shedding cycles."""
 FIRST: Final = 200
-"""Number of steps of an episode before the first fault begins."""
+"""Number of steps of an episode before the earliest start of a fault."""
 DRIFT_PERIODS: Final = 100
 DISTURBED: Final = ("none", "noise 0.9", "lost 0.3")
-"""Disturbances of healthy sensors' readings in addition to rounding. The number after "noise" is in global deviations;
-the number after "lost" is the share of lost frames."""
+"""Disturbances of the healthy sensors' readings, which are also rounded. The number after "noise" is in global
+deviations; the number after "lost" is the share of lost frames."""
 
 
 class Passage(NamedTuple):
-    """An episode as the ECU reads it, with n steps and S sensors.
+    """An episode of n steps as the ECU reads it from S sensors.
 
     Attributes:
         role: role of the episode in the recording.
         cp: readings, shape (n, S).
         actions: actions in force, shape (n,).
-        heard: whether the frame arrived, shape (n,).
+        heard: whether the frame of each step arrived, shape (n,).
     """
 
     role: str
@@ -67,7 +67,7 @@ class Passage(NamedTuple):
 
 
 class Moment(NamedTuple):
-    """A place where a fault may begin: passage, step, and the state of the check before this step."""
+    """A place in the recording where a fault may start: passage, step, and the state of the check before this step."""
 
     passage: Passage
     step: int
@@ -75,7 +75,8 @@ class Moment(NamedTuple):
 
 
 class Ahead:
-    """An estimator whose estimates are computed in advance; `at` is the step whose estimates are returned."""
+    """An estimator whose estimates were computed in advance; `at` is the index of the step whose estimates are
+    returned."""
 
     def __init__(self, found: Array) -> None:
         self._found = found
@@ -103,7 +104,8 @@ class Lab:
     def read(
         self, passage: Passage, first: int = 0, last: int | None = None
     ) -> Iterator[tuple[int, Callable[[SensorCheckState], SensorCheckState]]]:
-        """Yield each step, and a function from the check's state before this step to the check's state after it."""
+        """Yield each step with a function that returns the check's state after this step, given its state before this
+        step."""
         length = self.network.window
         windows = _windows(passage, length)[first:last]
         ahead = Ahead(_estimates(self.network, windows))
@@ -121,17 +123,18 @@ class Lab:
             yield step, after
 
     def agrees(self, passage: Passage) -> None:
-        """Check that the network and ONNX Runtime give the same estimates; raises StillwakeError if they differ."""
+        """Compare the network's estimates with those of ONNX Runtime; raises StillwakeError if they differ."""
         windows = _windows(passage, self.network.window)[:100]
         found = np.stack([self.check.estimator.estimates(window) for window in windows])
-        # Both compute in single precision, and the sums have some hundred terms of order one, so small differences are
+        # Both compute in single precision, with sums of some hundred terms of order one, so small differences are
         # expected.
         if not np.allclose(found, _estimates(self.network, windows), atol=1e-5):
             raise StillwakeError("NumPy and ONNX Runtime estimate different pressures from the same constants")
 
 
 class Outcome(NamedTuple):
-    """A fault's outcome: the sensor set aside, whether the jets were shut, and the number of periods until then."""
+    """The outcome of a fault: the sensor that was excluded, whether the jets were shut, and the number of periods until
+    then."""
 
     set_aside: int | None
     shut: bool
@@ -143,7 +146,7 @@ def main(
     every: Annotated[int, typer.Option(help="Control steps between two places where faults begin.", min=1)] = 1500,
     json_file: JsonFile = None,
 ) -> None:
-    """Measure the false alarms of the sensor check, and the outcomes of each fault."""
+    """Measure the false alarms of the sensor check, and the outcomes of all faults."""
     config = Config()
     release = open_release(bundle)
     check = sensor_check_of(release, config)
@@ -202,8 +205,8 @@ def _read_through(passage: Passage, through: str) -> Passage:
 
 
 def _windows(passage: Passage, length: int) -> Array:
-    """Return the controller's window of L rows at each of the n steps, shape (n, L, S+1); the row of a lost frame has
-    the previous pressures."""
+    """Return the controller's window of L rows at each of the n steps, shape (n, L, S+1). If a frame was lost, its row
+    repeats the previous pressures."""
     last = np.maximum.accumulate(np.where(passage.heard, np.arange(len(passage.cp)), 0))
     rows = np.column_stack([passage.cp[last], passage.actions])
     padded = np.concatenate([np.repeat(rows[:1], length - 1, axis=0), rows])
@@ -216,7 +219,7 @@ def _estimates(network: EstimatorNetwork, windows: Array) -> Array:
 
 
 def _false_alarms(lab: Lab, passage: Passage, every: int | None) -> Iterator[str | Moment]:
-    """Yield a word for every false alarm, and a `Moment` for every place where a fault may begin."""
+    """Yield the kind of every false alarm, and a `Moment` for every place where a fault may start."""
     fresh = SensorCheckState.start(window=lab.network.window, sensors=lab.network.sensors)
     state = fresh
     for step, after in lab.read(passage):
@@ -236,7 +239,7 @@ def _rates(alarms: Sequence[tuple[str, str, int, int]], config: Config) -> list[
             chosen = [item for item in alarms if item[0] == through and role in (item[1], "all")]
             hours = sum(item[2] for item in chosen) * config.period_ns / 3.6e12
             count = sum(item[3] for item in chosen)
-            # Without any alarm, the rate is below this bound at 95 % confidence (Poisson).
+            # If there was no alarm, the true rate is below this bound with 95 % confidence (Poisson).
             bound = -log(0.05) / hours if count == 0 else None
             found.append({"through": through, "role": role, "hours": hours, "alarms": count,
                           "per_hour": count / hours, "below_per_hour": bound})  # fmt: skip
@@ -277,7 +280,7 @@ def _faults(lab: Lab, release: Bundle, moments: Sequence[Moment]) -> list[dict[s
 
 
 def _on_each(one: SensorDisturbance, liars: Sequence[int | tuple[int, ...]]) -> list[SensorFault]:
-    """Begin the fault on each of these sensors; for a swap, each item is a pair of sensors."""
+    """Return functions that apply the fault to each of these sensors; for a swap, each item is a pair of sensors."""
     return [one.begun((j,) if isinstance(j, int) else j, Config(), seed=0) for j in liars]
 
 

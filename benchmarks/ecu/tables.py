@@ -1,4 +1,5 @@
-"""The tables of the ECU: sensor check, comparison of Python and C, machine proofs on C, and the loop with each ECU."""
+"""The tables of the ECU: sensor check, comparison of Python and C, proofs about the C code, and the loop with each
+ECU."""
 
 from itertools import groupby
 from pathlib import Path
@@ -10,7 +11,7 @@ _MODELLED: Final = ("modelled_ms", "modelled_ms_max")
 
 
 def tables(results: Path) -> dict[str, str]:
-    """Return every table by its marker in the pages."""
+    """Return the text of each table, by the table's name in the pages."""
     figures = read(results / "sensor_check.json")["figures"]
     return {
         "sensor_check_alarms": alarms(figures["false_alarms"]),
@@ -24,7 +25,7 @@ def tables(results: Path) -> dict[str, str]:
 
 
 def twin(path: Path) -> str:
-    """Return the table of the comparison of the ECUs in C and in Python, and of the faults that it finds."""
+    """Return the table of the comparison of the ECUs in C and in Python, and of the planted faults that it found."""
     found = read(path)
     of, facts = found["figures"], found["facts"]
     rows = [
@@ -70,14 +71,15 @@ def proofs(found: Any) -> str:
 
 
 def sabotage(found: Any) -> str:
-    """Return the table of the lines changed on purpose, and of whether the proof that must fail found the change."""
+    """Return the table of the source lines that were changed on purpose, and of whether the proof that should fail did
+    fail."""
     verdicts = {"failed": "found", "proved": "not found", "open": "open"}
     rows = [(one["what"], one["file"], one["item"], verdicts[one["state"]]) for one in found["figures"]["sabotaged"]]
     return table(("change", "source", "item", "result"), rows)
 
 
 def models(found: Any) -> str:
-    """Return the table of the state explorations of fail-safe and flashing."""
+    """Return the table of the explorations of all states of fail-safe and flashing."""
     of = found["figures"]
     fail_safe, flashing = of["fail_safe"], of["flashing"]
     rows = [
@@ -100,7 +102,7 @@ def _found(sabotaged: list[dict[str, str]], part: str) -> str:
 
 
 def loops(found: Any) -> str:
-    """Return the table of the wake under each ECU, and of the differences between emulated core and this machine."""
+    """Return the table of the wake under each ECU, and of differences between the emulated core and this machine."""
     rows = [
         (
             row["kind"],
@@ -122,7 +124,7 @@ equal contraction."""
 
 
 def alarms(rows: list[dict[str, Any]]) -> str:
-    """Return the table of false alarms in the whole recording for each disturbance of the healthy sensors."""
+    """Return the table of false alarms in the whole recording, for each disturbance of the healthy sensors."""
     words = {"none": "nothing", "noise 0.9": "noise of 90 %", "lost 0.3": "loss of 30 % of the frames"}
     found = [
         (
@@ -138,7 +140,7 @@ def alarms(rows: list[dict[str, Any]]) -> str:
 
 
 def faults(rows: list[dict[str, Any]]) -> str:
-    """Return the table of the outcomes of each fault, over all sensors or pairs of sensors."""
+    """Return the table of the outcomes of each kind of fault, over all sensors or pairs of sensors."""
     counts = ("starts", "set_aside", "shut", "wrong", "unseen")
     found = []
     for fault, group in groupby(rows, key=lambda row: row["fault"]):

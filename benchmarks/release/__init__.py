@@ -1,1 +1,2 @@
-"""The shipped release in the closed loop: measurements, and tables from `stillwake run` and `develop --steady`."""
+"""The shipped release in the closed loop: measurements, and tables of results of `stillwake run` and `develop
+--steady`."""

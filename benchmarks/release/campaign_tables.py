@@ -1,4 +1,4 @@
-"""The tables of the campaign: whether the loop is safe and useful under every disturbance."""
+"""The tables of the campaign: whether the loop is safe, and control useful, under every disturbance."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -12,7 +12,8 @@ MISSING: Final = "Not measured yet: the command above writes the file from which
 
 
 def tables(results: Path) -> dict[str, str]:
-    """Return every table by its marker in the pages; without a campaign's results, a note replaces the table."""
+    """Return the text of each table, by the table's name in the pages; without results of a campaign, the text is a
+    note."""
     path = results / FILE
     if not path.is_file():
         return {"campaign": MISSING}
@@ -20,8 +21,8 @@ def tables(results: Path) -> dict[str, str]:
 
 
 def campaign(found: Mapping[str, Any], *, told: bool = False) -> str:
-    """Return the matrix with a row per scenario. With `told`, a column has the scenarios' sentences; the sentence is
-    left out if a scenario differs from the previous scenario only in a number or a sensor."""
+    """Return the matrix with a row per scenario. With `told`, one column contains the scenarios' sentences; a sentence
+    that differs from the previous one only in a number or a sensor is left out."""
     rows: list[Sequence[object]] = []
     kind = ""
     for row in found["figures"]:
@@ -48,7 +49,8 @@ which a fault latched. Control lasts {facts["controlled"]:g} t_c; averages are o
 
 
 def _in_control(row: Mapping[str, Any]) -> str:
-    """Return the percentage of periods in control, or "" if it is 100, and the number of latched faults, if any."""
+    """Return the percentage of periods in control, or "" if it is 100, and the number of latched faults unless it is
+    0."""
     share = _number(row["in_control_percent"], ".0f")
     return f"{share} ({row['latches']})" if row["latches"] else "" if share == "100" else share
 

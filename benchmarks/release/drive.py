@@ -2,9 +2,9 @@
 
     python -m benchmarks drive [--quick] [--only steady-120] [--json FILE]
 
-Each row is a run of `stillwake run --drive`: 25 t_c at the design speed without control, then the drive, which is
-evaluated from 40 t_c on. For comparison, the same drive runs with the jets shut. Finished runs are stored, each in a
-file.
+Each row is a run of `stillwake run --drive`: 25 t_c at the design speed without control, then the drive. The first 40
+t_c of the drive are not evaluated. For comparison, the same drive is run with the jets shut. Each finished run is
+stored in a file.
 """
 
 from collections.abc import Mapping
@@ -39,7 +39,7 @@ from wake.truck.state import State
 from wake.truck.truck_wake import TruckWake
 
 LEAD_IN, SETTLE = 25.0, 40.0
-"""Time without control, and settling time that the evaluation leaves out, in t_c of the design speed."""
+"""Time without control, and settling time that is not evaluated, in convective times at the design speed."""
 
 
 class Case(NamedTuple):
@@ -104,7 +104,7 @@ def main(
 
 
 def _row(case: Case, runs: list[dict[str, Any]]) -> dict[str, Any]:
-    """Return the medians over the starts, the range of the reduction, and the texts on lost control from all runs."""
+    """Return the medians over the starts, the range of the reduction, and the texts about lost control in all runs."""
     medians = {
         name: None if None in (values := [run[name] for run in runs]) else median(values)
         for name in runs[0]
@@ -138,8 +138,8 @@ def outcome(bundle: Path, config: Config, case: Case, phase: int = 0, phases: in
     drive = find_drive(case.drive, point)
     flow = drive.substeps(config.flow, point)
     if any(text.startswith("reynolds") for text in case.disturbed):
-        # At a higher Reynolds number the jets' vortices are thinner and faster, and with the usual coarse time steps
-        # the solver diverged.
+        # At a higher Reynolds number the jets' vortices are thinner and faster; with the usual coarse time steps the
+        # solver diverged.
         flow = replace(flow, substeps=2 * flow.substeps)
     wake = TruckWake(flow, body=config.body)
     wake.reset(replace(_start(config), substep=0))

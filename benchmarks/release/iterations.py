@@ -1,14 +1,14 @@
-"""The improvement of the prior's plan by the controller's iterations, over paired runs of a release with and without
+"""The improvement of the prior's plan by the controller's iterations, from pairs of runs of a release with and without
 iterations.
 
     python -m benchmarks iterations [--workers 2] [--json FILE]
 
-A release's iterations act on the terms of a cost for which its prior was not trained (`unknown_to_prior` in
+A release's iterations act on the cost terms for which its prior was not trained (`unknown_to_prior` in
 `contract.controller.goal`). So the run without iterations uses the same release, with the weights of these terms set to
-0. If these weights are 0 in a case anyway, the controller iterates in neither run, and no run is made, because both
-would be equal. In every other case, the case's weights and the flow over the whole averaged time give the cost. Both
-runs of a pair begin in the same wake. The table shows the change of the cost in per cent, with the 95 % interval of its
-mean by Student's t.
+0. If these weights are 0 in a case anyway, the controller iterates in neither run; both runs would be equal, and none
+is made. In every other case, the cost is computed with the case's weights from the flow over the whole averaged time.
+Both runs of a pair start in the same wake. The table shows the change of the cost in per cent, with the 95 % interval
+of its mean by Student's t.
 """
 
 from collections.abc import Mapping
@@ -42,12 +42,12 @@ from wake.truck.truck_wake import TruckWake
 
 
 class Case(NamedTuple):
-    """A case, described by its differences from the trained goal.
+    """A case, described by its differences from the goal of the prior's training.
 
     Attributes:
         weights: cost weights that replace those of the release.
         limit: action limit of the jets, as a share of the release's limit.
-        delay: delay of the actuator in control periods; the ECU is given this delay.
+        delay: delay of the actuator in control periods, which is also set in the ECU.
     """
 
     name: str
@@ -65,7 +65,8 @@ CASES: Final = (
     Case("smoothness of 300", {"smoothness": 300.0}),
 )
 NONE: Final = {"drag_fluctuation": 0.0, "lift_mean": 0.0, "smoothness": 0.0, "rate": 0.0, "prior": 0.0}
-"""Weights with which the prior was not trained, and their values in the runs without iterations."""
+"""Weights of the cost terms for which the prior was not trained; these values are used in the runs without
+iterations."""
 
 
 def main(
@@ -75,7 +76,7 @@ def main(
     workers: Annotated[int, typer.Option(min=1, max=16, help="Processes, a run each at a time.")] = 1,
     bundle: Annotated[Path, typer.Option(help="Another release in place of the shipped one.")] = BUNDLE,
 ) -> None:
-    """Run every pair and print a table."""
+    """Run all pairs of runs and print a table."""
     release = bundles.load(bundle)
     config = load_config()
     kept = kept_starts(parts, release, phases, config)
@@ -122,8 +123,8 @@ def _kept(folder: Path, bundle: Path, starts: list[Path], run: tuple[Case, int, 
 
 
 def calibrated(own: Calibration, case: Case, *, iterated: bool) -> Calibration:
-    """Return the calibration of a run: the weights of the case or, if `iterated` is False, weights with which the
-    controller does not iterate: the terms for which the prior was not trained have weight 0."""
+    """Return the calibration of a run, with the weights of the case. If `iterated` is False, the weights of all terms
+    for which the prior was not trained are 0, so the controller does not iterate."""
     weights = replace(own.weights, **case.weights)
     if not iterated:
         weights = replace(weights, **NONE)
@@ -131,7 +132,7 @@ def calibrated(own: Calibration, case: Case, *, iterated: bool) -> Calibration:
 
 
 def outcome(bundle: Path, start: Path, case: Case, *, iterated: bool) -> dict[str, float]:
-    """Return the cost that the case's weights give over the averaged part of a run."""
+    """Return the cost, with the case's weights, of the averaged part of a run."""
     release = bundles.load(bundle)
     config = replace(load_config(), mpc=release.manifest.mpc)
     ecu, vehicle = replace(config.ecu, delay_steps=case.delay), replace(config.vehicle, actuator_delay=case.delay)

@@ -14,7 +14,7 @@ _NAMES = (
 
 
 def tables(results: Path) -> dict[str, str]:
-    """Return every table by its marker in the pages."""
+    """Return the text of each table, by the table's name in the pages."""
     return {
         "release_loop": release_loop(results),
         "drive": drive(results),
@@ -51,7 +51,7 @@ drive. Averages leave out the drive's first {facts["settle"]:g} t_c."""
 
 
 def _latched(troubles: list[str]) -> str:
-    """Return the latched faults of all starts, each with the number of its occurrences."""
+    """Return a text with the latched faults in the runs from all starts, each with the number of its occurrences."""
     faults = Counter(re.findall(r"ECU FAULT: (\w+)", " ".join(troubles)))
     return ", ".join(f"{name} ({count})" for name, count in faults.items())
 

@@ -1,4 +1,4 @@
-"""The pictures of a release: errors of its forecasts in the loop, distributions, Cp along the body, and mean flows."""
+"""The pictures of a release in the loop: errors of its forecasts, distributions, Cp along the body, and mean flows."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
@@ -18,7 +18,7 @@ from wake.truck.truck_wake import TruckWake
 UNCONTROLLED, CONTROLLED = "0.25", "#1f77b4"
 _CASES: Final = (("uncontrolled", UNCONTROLLED), ("controlled", CONTROLLED))
 _BEHIND: Final = (-0.6, 10.4, -1.5, 1.5)
-"""Limits of the part of the mean flow that is shown, in W: x measured from the base, then y."""
+"""Limits of the shown part of the mean flow, in W: smallest and largest x, measured from the base, then y."""
 
 
 def drawn(figures: Mapping[str, Any]) -> dict[str, Figure]:
@@ -27,7 +27,7 @@ def drawn(figures: Mapping[str, Any]) -> dict[str, Figure]:
 
 
 def forecasts(figures: Mapping[str, Any]) -> Figure:
-    """Plot the mean error of the forecasts over the horizon, and its range from the 10 % to the 90 % quantile."""
+    """Plot the mean error of the forecasts over the horizon, and the range between its 10 % and 90 % quantiles."""
     figure = Figure(figsize=(9.0, 3.2), dpi=100, layout="constrained")
     rows = figures["forecast"]
     ahead = [row["h"] for row in rows]
@@ -46,7 +46,7 @@ def forecasts(figures: Mapping[str, Any]) -> Figure:
 
 
 def distributions(figures: Mapping[str, Any]) -> Figure:
-    """Plot base pressure, transverse velocity at the probe, and mean Cp along the body."""
+    """Plot the distributions of base pressure and of transverse velocity at the probe, and mean Cp along the body."""
     figure = Figure(figsize=(10.0, 3.2), dpi=100, layout="constrained")
     base, probe, along = figure.subplots(1, 3)
     _histogram(base, figures["base_Cp"], "base $C_p$, mean over 10 sensors")
@@ -54,7 +54,7 @@ def distributions(figures: Mapping[str, Any]) -> Figure:
     x = sensors.positions()[: sensors.PER_SIDE, 0]
     for (case, colour), one in zip(_CASES, figures["mean"], strict=True):
         values, n = np.array(one["Cp"]), sensors.PER_SIDE
-        # Over a longer time the mean flow would be symmetric, so the upper and the lower side are averaged.
+        # Over a long time the mean flow would be symmetric, so the upper and the lower side are averaged here.
         along.plot(x, 0.5 * (values[:n] + values[n : 2 * n]), color=colour, linewidth=1.4, label=case)
         across = values[sensors.BASE]
         along.plot(np.full(len(across), x[-1] + 0.25), across, ".", color=colour, markersize=4)
@@ -72,14 +72,14 @@ def _histogram(axes: Axes, found: Mapping[str, Any], label: str) -> None:
         axes.axvline(one["mean"], color=colour, linewidth=1.0, linestyle=":")
         axes.plot([], [], color=colour, linewidth=4, alpha=0.6, label=f"{case}: {one['mean']:.3f} ± {one['std']:.3f}")
     axes.set(xlabel=label, ylabel="probability density")
-    # The larger range leaves space for the legend above the tallest bar.
+    # The larger range leaves space above the tallest bar for the legend.
     axes.set_ylim(top=1.3 * axes.get_ylim()[1])
     axes.legend(fontsize=8, loc="upper center")
 
 
 def mean_flows(wake: TruckWake, flows: Sequence[Flow]) -> Figure:
-    """Plot mean u behind the truck without and with control, with the edge of the reverse flow and the bubble
-    length."""
+    """Plot the mean velocity u behind the truck, without and with control, with the boundary of the reverse flow and
+    the bubble length."""
     left, right, low, high = _BEHIND
     view = (wake.body.length + left, wake.body.length + right, low, high)
     raster = Raster.of(wake.grid.xc, wake.grid.yc, view, 900)

@@ -5,8 +5,9 @@
 The benchmark runs the closed loop as `stillwake run` does, stores every forecast of the controller, and averages the
 flow without and with control. Pictures are written to docs/pictures, or to the folder given with --pictures.
 
-A forecast belongs to the optimiser's plan. The next control steps may change that plan from its second action on. The
-error at h = 1 .. H is the distance between the forces forecast at t_k for t_{k+h} and the flow's forces at t_{k+h}.
+A forecast assumes that the jets follow the optimiser's plan, but later control steps may change the plan from its
+second action on. The error at h = 1 .. H is the distance between the forces that were forecast at t_k for t_{k+h} and
+the flow's forces at t_{k+h}.
 """
 
 from contextlib import nullcontext
@@ -37,18 +38,18 @@ from wake.truck.recirculation import recirculation_length
 from wake.truck.truck_wake import TruckWake
 
 BINS: Final = 40
-"""Number of bins of a histogram, over the common range of the cases without and with control."""
+"""Number of bins of a histogram; the bins cover the common range of the cases without and with control."""
 _QUANTILES: Final = (0.1, 0.9)
 CASES: Final = ("uncontrolled", "controlled")
 
 
 @dataclass(kw_only=True)
 class Listening:
-    """A controller that passes every call to an inner controller and stores the latest step.
+    """A controller that passes every call to an inner controller and stores the result of the latest step.
 
     Attributes:
         inner: controller that computes the steps.
-        latest: latest step of `inner`; None after `taken` returned it.
+        latest: result of the latest step; None after `taken` has returned it.
     """
 
     inner: RunnableController
@@ -66,7 +67,7 @@ class Listening:
         return self.latest
 
     def taken(self) -> ControlStep | None:
-        """Return the latest step and delete it from this object."""
+        """Return the result of the latest step and delete it from this object."""
         step, self.latest = self.latest, None
         return step
 
@@ -118,12 +119,12 @@ def main(
     }  # fmt: skip
     report(json_file, figures, facts, tables.release_forecasts, tables.release_distributions)
     drawn = release_drawings.drawn(figures) | {"release_mean_flow": release_drawings.mean_flows(wake, flows)}
-    # Without a results file, the pictures state the run as their source.
+    # Without a results file, the pictures state the run's summary as their source.
     draw(drawn, RunFolder(run).summary if json_file is None else json_file.resolve(), folder=pictures)
 
 
 def measured(log: RunLog, forecasts: Array, settled: int) -> dict[str, Any]:
-    """Return errors of the forecasts, and distributions, for a run of n periods.
+    """Return the errors of the forecasts, and the distributions, for a run of n periods.
 
     Args:
         forecasts: forces forecast in every period for the next H periods, shape (n, H, 2); NaN without a forecast.

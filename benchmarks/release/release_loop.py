@@ -3,8 +3,8 @@
     python -m benchmarks release-loop [--bundle BUNDLE] [--config FILE] [--json FILE]
 
 Each run is computed as by `stillwake run`, over CAN and with ONNX Runtime in int8: 25 t_c without control and 100 t_c
-with control, the last 60 of which are averaged. For another body, give its settings together with its release; the
-body's wake is then first developed from rest. Finished runs are stored.
+with control, the last 60 of which are averaged. For another body, give its settings together with a release for this
+body; the body's wake is then first developed from fluid at rest. Finished runs are stored.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -49,7 +49,7 @@ FIGURES: Final = (
     *("Cd_uncontrolled", "Cd_controlled", "Cd_net_uncontrolled", "Cd_net_controlled"),
     *("net_reduction_percent", "net_of_power_percent"),
 )
-"""Figures of a run whose mean and spread over all starting phases are computed."""
+"""Figures of a run for which the mean and the spread over all starting phases are computed."""
 
 
 def main(
@@ -83,7 +83,8 @@ def main(
 
 
 def kept_starts(parts: Path, release: Bundle, phases: int, config: Config) -> CampaignFolder:
-    """Return a folder for the runs of a release, with starting states at `phases` phases of the shedding cycle."""
+    """Return a folder for the runs of a release, which contains initial states at `phases` phases of the shedding
+    cycle."""
     kept = CampaignFolder(parts / f"{release.digest[:12]}_{phases}")
     kept.start(0).parent.mkdir(parents=True, exist_ok=True)
     keep_states(kept, starting_states(kept, config, phases))
@@ -91,7 +92,7 @@ def kept_starts(parts: Path, release: Bundle, phases: int, config: Config) -> Ca
 
 
 def with_net(row: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a run's figures together with the reductions in per cent that remain after the costs of the jets.
+    """Return a run's figures and two further reductions in per cent, which include the costs of the jets.
 
     `net_reduction_percent` is the reduction of `Cd_net`, which includes wall, slot faces and the jets' momentum.
     `net_of_power_percent` is the reduction of the sum of `Cd_net` and the jets' power. The two can be added, because at
@@ -106,7 +107,7 @@ def with_net(row: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def spread(rows: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, float]]:
-    """Return mean, minimum and maximum over the starting phases, for every figure that all phases have.
+    """Return mean, minimum and maximum over the starting phases, for every figure that the runs of all phases have.
 
     With several phases the result also has the half width of the mean's 95 % confidence interval by Student's t. The
     interval assumes independent starts; it is too narrow if neighbouring starts give similar results.
@@ -126,7 +127,7 @@ def _runs(bundle: Path, config: Config, kept: CampaignFolder, phases: int, worke
     files = [kept.path / f"phase_{number}.json" for number in range(phases)]
     starts = [kept.start(number) for number in range(phases)]
     missing = sum(not file.is_file() for file in files)
-    # A process takes seconds to start, so no process is started if all runs are stored.
+    # A process takes seconds to start, so none is started if the results of all runs are stored.
     with nullcontext() if missing == 0 else process_pool(min(workers, missing)) as pool:
         each = partial(_kept_run, bundle, config)
         yield from map(each, files, starts) if pool is None else pool.map(each, files, starts)
@@ -138,7 +139,7 @@ def _kept_run(bundle: Path, config: Config, file: Path, start: Path) -> dict[str
 
 
 def measured(release: Bundle, config: Config, start: Path, calibration: Calibration | None = None) -> dict[str, Any]:
-    """Run from a starting state, and return the figures with the reductions that remain after the costs of the jets."""
+    """Run from a starting state, and return the figures with the reductions that include the costs of the jets."""
     wake = TruckWake(config.flow, body=config.body)
     wake.reset(load_state(start))
     found = summary(Simulation(release, config, spans=SPANS, calibration=calibration).run(wake))

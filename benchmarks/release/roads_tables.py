@@ -1,4 +1,4 @@
-"""The table of the ways to reduce drag."""
+"""The table that compares several ways to reduce drag."""
 
 from pathlib import Path
 from typing import Any
@@ -11,7 +11,7 @@ _DEFAULT_MESH = (443, 164)
 
 
 def tables(results: Path) -> dict[str, str]:
-    """Return every table by its marker in the pages."""
+    """Return the text of each table, by the table's name in the pages."""
     rows = [_cells(row) for row in read(results / "roads.json")["figures"]]
     return {"roads": table(_HEADS, [*rows, _release(results)])}
 

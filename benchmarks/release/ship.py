@@ -2,7 +2,7 @@
 
     python -m benchmarks.release.ship MODEL BUNDLE --command "stillwake train ..."
 
-`make release` calls this module. It changes nothing unless the bundle was made from the model and is signed with the
+`make release` calls this module. It changes nothing unless the bundle was made from the model and signed with the
 project's key.
 """
 
@@ -32,7 +32,7 @@ def ship(model: Path, release: Path, *, command: str, on: date, data: Path = DAT
     Args:
         command: command that trained the model.
         on: today's date.
-        data: folder of `model` and `provenance.json`.
+        data: folder that contains `model` and `provenance.json`.
         bundle: folder of the shipped release.
     """
     trained, found = read(model), bundles.load(release, project_key())

@@ -8,7 +8,7 @@ from benchmarks.common.markdown import read, table
 
 
 def tables(results: Path) -> dict[str, str]:
-    """Return every table by its marker in the pages."""
+    """Return the text of each table, by the table's name in the pages."""
     return {
         "summary": summary(results),
         "demo": demo(results),
@@ -22,7 +22,7 @@ def tables(results: Path) -> dict[str, str]:
 
 
 def iterations(found: Any) -> str:
-    """Return the table of the iterations' effect on the cost in each case."""
+    """Return the table of the change of the cost by the iterations, in each case."""
     facts, rows = found["facts"], []
     for name, change in found["figures"]["change_percent"].items():
         interval = f"{change['lower']:.2f} .. {change['upper']:.2f}" if facts["pairs"][name] else "no iterations"
@@ -33,7 +33,7 @@ Measured on {found["date"]} with {facts["bundle"]}, default mesh, int8, through 
 
 
 def release_forecasts(found: Any) -> str:
-    """Return the table of the errors of the controller's forecasts in the loop."""
+    """Return the table of the errors of the controller's forecasts in the closed loop."""
     figures = found["figures"]
     sigma = figures["sigma"]["uncontrolled"]
     rows = [
@@ -71,7 +71,7 @@ def release_distributions(found: Any) -> str:
 
 
 def bundle_fuzz(results: Path) -> str:
-    """Return the table of damaged bundles, graphs and C headers, and of whether they were accepted."""
+    """Return the table of damaged bundles, graphs and C headers, and of how many of them were accepted."""
     found = read(results / "bundle_fuzz.json")
     figures = found["figures"]
     rows = [
@@ -136,7 +136,7 @@ Mean Cl under control is {loop["mean_Cl_controlled"]:+.3f}. A control step takes
 
 
 def _from_phases(results: Path) -> tuple[object, ...]:
-    """Return the row with the means of the closed loop over several starting phases."""
+    """Return the row of the closed loop, with the means over several starting phases."""
     found = read(results / "release_loop.json")
     figures = found["figures"]
     spread = figures["over_phases"]
@@ -195,7 +195,7 @@ def _before_and_under(figures: Mapping[str, Any]) -> str:
 
 
 def limits(results: Path) -> str:
-    """Return the table of the effects of latency, planning ahead and few iterations."""
+    """Return the table of the effects of computing time, of planning ahead, and of the number of iterations."""
     names = ("Cd_controlled", "reduction_percent", "abs_Cl_controlled", "mean_Cl_controlled", "rms_action")
     rows = []
     facts = read(results / "demo.json")["facts"]
@@ -215,8 +215,8 @@ controller plans; {late:g} ms, which the controller's model does not contain; or
 
 
 def steady(results: Path) -> str:
-    """Return the table of the wake that is kept symmetric and of the shedding wake, and of the resulting bound on the
-    reduction of wall drag."""
+    """Return the table of the wake that is kept symmetric and of the shedding wake, and of the bound on the reduction
+    of wall drag that follows from their difference."""
     found = read(results / "steady.json")
     held, shedding = found["figures"], read(results / "demo.json")["figures"]
     rows = [

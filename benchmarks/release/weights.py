@@ -1,11 +1,11 @@
-"""The effect of a cost weight with a release: side force, jets and drag, in the closed loop.
+"""The effect of a cost weight on side force, jets and drag, with a release in the closed loop.
 
     python -m benchmarks weights [--workers 2] [--json FILE]
 
-The runs use the mesh of the prior's training, CAN and the ECU, in int8. Each run has 15 t_c without control and 85 t_c
-with control, the last 50 of which are averaged; every case is run from three starts. A weight has seven values over the
-range of the prior's training; the other weights are those of the release. Spearman's rank correlation states how
-consistently the effect follows the weight.
+The runs use the mesh on which the prior was trained, CAN, and the ECU with the controller in int8. Each run has 15 t_c
+without control and 85 t_c with control, the last 50 of which are averaged; every case is run from three starts. One
+weight at a time has seven values over the range of the prior's training; the other weights are those of the release.
+Spearman's rank correlation states how consistently the effect follows the weight.
 """
 
 from collections.abc import Mapping, Sequence
@@ -44,14 +44,15 @@ from wake.truck.truck_wake import TruckWake
 
 SPANS: Final = Spans(lead_in=15.0, controlled=85.0, settle=35.0)
 SHARES: Final = (np.arange(7) / 6) ** 2
-"""Shares of the largest weight, equally spaced in the prior's input, which is the square root of the weight."""
+"""Values of a weight as shares of its largest value. They are equally spaced in the prior's input, which is the square
+root of the weight."""
 DEAREST: Final = {"lift": DEAREST_LIFT, "effort": DEAREST_EFFORT}
 EFFECTS: Final = {"lift": ("abs_Cl_controlled",), "effort": ("rms_action", "jet_power_controlled")}
-"""Figures that each weight is meant to reduce."""
+"""Figures of a run that a larger weight is meant to reduce, by the weight's name."""
 
 
 class Case(NamedTuple):
-    """One run: a weight, its value, and the starting phase in the shedding cycle."""
+    """The data of one run: a weight, its value, and the starting phase in the shedding cycle."""
 
     weight: str
     value: float
@@ -138,9 +139,10 @@ def means(rows: Sequence[Mapping[str, Any]], weight: str) -> dict[float, dict[st
 
 
 def _correlations(rows: Sequence[Mapping[str, Any]]) -> dict[str, float]:
-    """Compute Spearman's rank correlation over all runs, which is 1 if the effect falls whenever the weight rises.
+    """Compute Spearman's rank correlation over all runs between each weight and its effect. It is 1 if the figure
+    always falls when the weight rises.
 
-    If a weight has several effects, the smallest of their correlations is returned.
+    If a weight is meant to reduce several figures, the smallest of their correlations is returned.
     """
     found = {}
     for weight, effects in EFFECTS.items():
@@ -151,7 +153,7 @@ def _correlations(rows: Sequence[Mapping[str, Any]]) -> dict[str, float]:
 
 
 def _end_to_end(rows: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, float]]:
-    """Return the reduction of each effect in per cent, from the weight 0 to the largest weight."""
+    """Return the reduction in per cent of each figure, from the weight 0 to the largest weight."""
     found = {}
     for weight, effects in EFFECTS.items():
         first, *_, last = means(rows, weight).values()
@@ -160,7 +162,8 @@ def _end_to_end(rows: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, float]
 
 
 def drawn(figures: Mapping[str, Any]) -> dict[str, Figure]:
-    """Draw the picture of `docs/explanation/through-the-flow.md`: each effect and the drag against the weight."""
+    """Draw the picture of `docs/explanation/through-the-flow.md`: each figure in `EFFECTS`, and the drag, against the
+    weight."""
     figure = Figure(figsize=(8.0, 3.0), layout="constrained")
     shown = (("lift", "abs_Cl_controlled", "mean |Cl|"), ("effort", "jet_power_controlled", "jet power"))
     for axes, (weight, name, label) in zip(figure.subplots(1, 2), shown, strict=True):

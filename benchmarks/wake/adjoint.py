@@ -1,11 +1,11 @@
-"""Gradients through the flow: their error, computing time and memory.
+"""Gradients through the flow simulation: their error, computing time and memory.
 
     python -m benchmarks adjoint [--json FILE] [--refinement 0.75 ...]
 
-The measurement runs on one core. The gradient is that of the wall drag, summed over a window with random actions from
-the shipped wake, in double and in single precision. Both precisions, and forward and backward periods, are timed in
-turn; the figures are medians. The gradient in double precision is compared with finite differences of whole runs, and
-the gradient in single precision with the gradient in double precision.
+The measurement runs on one core. The wall drag is summed over a window that starts in the shipped wake and has random
+actions; its gradient with respect to the actions is computed in double and in single precision. Both precisions, and
+forward and backward periods, are timed in turn; the figures are medians. The gradient in double precision is compared
+with finite differences of whole runs, and the gradient in single precision with that in double precision.
 """
 
 from dataclasses import replace
@@ -28,13 +28,13 @@ from wake.truck.tape import Tape, no_weights
 from wake.truck.truck_wake import TruckWake
 
 SUBSTEPS: Final = {1.0: 30}
-"""Number of time steps per control period on the default mesh; coarser meshes have 15, as in the table of ways to
+"""Number of time steps per control period on the default mesh. Coarser meshes have 15, as in the table of ways to
 reduce drag."""
 WINDOW, ROUNDS, STEP = 20, 5, 1e-5
-"""Number of control periods of a window, number of timed windows, and the change of an action in each direction for
-finite differences."""
+"""Number of control periods of a window, number of timed windows, and the amount by which an action is raised and
+lowered for finite differences."""
 LONG: Final = 500
-"""Number of control periods without jets; the drag in both precisions is averaged over the last half."""
+"""Number of control periods without jets; in both precisions, the drag is averaged over the last half of them."""
 PRECISIONS: Final = {"double": np.float64, "single": np.float32}
 
 
@@ -42,7 +42,7 @@ def main(
     json_file: JsonFile = None,
     refinement: Annotated[list[float], typer.Option(help="Mesh: divides every spacing.")] = [0.75, 1.0],  # noqa: B006
 ) -> None:
-    """Measure each mesh and print a line."""
+    """Measure on each mesh, and print a line for each."""
     figures = [row for one in track(refinement, "meshes", "meshes") for row in _measure(one)]
     for row in figures:
         console.print(row)
@@ -58,7 +58,7 @@ def _measure(refinement: float) -> list[dict[str, Any]]:
     tapes = {name: Tape(plant) for name, plant in plants.items()}
     times: dict[str, list[tuple[float, float, float]]] = {name: [] for name in plants}
     gradients = dict[str, Any]()
-    # The training also runs without denormal numbers, so the measurement does too.
+    # The training runs without denormal numbers, so the measurement does so too.
     with without_denormals():
         for _ in range(1 + ROUNDS):
             for name, plant in plants.items():

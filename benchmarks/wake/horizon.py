@@ -1,10 +1,11 @@
-"""The lengths of window over which a gradient through the flow predicts the effect of a finite step of the jets.
+"""The length of a window up to which a gradient through the flow simulation predicts the effect of a finite step of the
+jets.
 
     python -m benchmarks horizon [--json FILE]
 
-The scalar is the mean wall drag over a window from the shipped wake, on the mesh of the trainings. The tape gives the
-gradient with respect to the action of the first period. For comparison, slopes are central differences of whole runs,
-with steps of this action that are shares of its bound.
+The differentiated scalar is the mean wall drag over a window that starts in the shipped wake, on the mesh of the
+trainings. The tape gives its gradient with respect to the action of the first period. For comparison, slopes are
+central differences of whole runs, in which this action is changed by steps that are shares of its bound.
 """
 
 from dataclasses import replace
@@ -25,8 +26,8 @@ from wake.truck.truck_wake import TruckWake
 WINDOWS: Final = (5.0, 10.0, 20.0, 40.0, 60.0)
 """Lengths of the windows in t_c; a shedding cycle takes 5 t_c."""
 STEPS: Final = (1e-5, 0.01, 0.1)
-"""Steps of the action, as shares of its bound. The first step gives nearly a derivative; the other two are steps that a
-controller would take."""
+"""Steps of the action, as shares of its bound. The first step gives nearly the derivative; a controller would take
+steps like the other two."""
 
 
 def main(json_file: JsonFile = None) -> None:
@@ -50,7 +51,8 @@ def main(json_file: JsonFile = None) -> None:
 
 
 def _means(plant: TruckWake, start: State, action: float, count: int) -> Array:
-    """Return mean drags over windows of 1 to `count` periods, shape (count,), with the action in the first period."""
+    """Return the mean drag over windows of 1 to `count` periods, shape (count,), if the first period has this
+    action."""
     plant.reset(start)
     drags = [plant.advance(action if period == 0 else 0.0).Cd for period in range(count)]
     return np.cumsum(drags) / np.arange(1, count + 1)

@@ -1,10 +1,10 @@
-"""The computing time of a time step of the plant, its distribution over the parts, and its ratio to the machine's
-limits.
+"""The computing time of a time step of the plant, the shares of its parts, and its ratio to the machine's limits.
 
     python -m benchmarks wake-speed [--json FILE] [--refinement 0.7 ...]
 
 The measurement runs on one core. Every figure is the median over rounds that measure all cases in turn, because times
-on a machine fluctuate. Memory bandwidth and arithmetic are measured in the same rounds, on arrays of the plant's size.
+on a machine fluctuate. Memory bandwidth and arithmetic speed are measured in the same rounds, on arrays of the plant's
+size.
 """
 
 from collections import defaultdict
@@ -82,8 +82,8 @@ def _plant(refinement: float, precision: str) -> TruckWake:
 
 
 def _visit(wake: TruckWake, times: defaultdict[str, list[float]]) -> None:
-    """Time one control period without control, one at full amplitude and one split into parts, and measure the
-    machine's two limits."""
+    """Time three control periods: one without control, one at full amplitude, and one split into its parts. Also
+    measure the machine's two limits."""
     limit = wake.config.action_limit
     times["free"].append(_clock(lambda: wake.advance(0.0)))
     wake.advance(limit)
@@ -106,12 +106,12 @@ def _row(wake: TruckWake, refinement: float, times: dict[str, list[float]]) -> d
     cells, h = nx * ny, ny // 2
     period = {name: median(values) for name, values in times.items()}
     parts = {label: sum(period[key] for key, other in _PARTS.items() if other == label) for label in _PARTS.values()}
-    # For each element, the triad reads or writes three numbers.
+    # The triad reads or writes three numbers for each element.
     size = wake.flow.flat.itemsize
     bandwidth = 3 * size * cells / period["triad"]
     arithmetic = 2 * nx * h * h / period["product"]
     sweeps = size * cells * (3 * _STAGE_NUMBERS + _CORRECTION_NUMBERS)
-    # There are two forward and two inverse transforms, each for the even and the odd half.
+    # There are two forward and two inverse transforms, each of which has an even and an odd half.
     transforms = 4 * 2 * nx * h * h
     return {
         "refinement": refinement,
@@ -130,7 +130,7 @@ def _row(wake: TruckWake, refinement: float, times: dict[str, list[float]]) -> d
 
 @contextmanager
 def _clocked_parts() -> Iterator[dict[str, float]]:
-    """Time every compiled part of a time step while the context is active."""
+    """Measure the time of every compiled part of a time step while the block runs."""
     spent: dict[str, float] = dict.fromkeys(_PARTS, 0.0)
     owners: dict[str, Any] = {name: poisson.PoissonSolver if name == "solve_into" else kernels for name in _PARTS}
     originals = {name: getattr(owner, name) for name, owner in owners.items()}

@@ -14,7 +14,7 @@ Fluids 26 (1998) 39-56 and Numer. Heat Transfer A 45 (2004) 247-269."""
 
 
 def tables(results: Path) -> dict[str, str]:
-    """Return every table by its marker in the pages."""
+    """Return the text of each table, by the table's name in the pages."""
     return {
         "steps": _steps(results),
         "adjoint": _adjoint(results),
@@ -69,7 +69,7 @@ def _adjoint(results: Path) -> str:
 
 
 def horizon(found: Any) -> str:
-    """Return the table of a gradient's errors relative to differences, for each length of the window."""
+    """Return the table of a gradient's errors relative to finite differences, for each length of the window."""
     rows = [(row["window"], row["gradient"], *(_percent(error) for error in row["errors"])) for row in found["figures"]]
     steps = (f"step of {_percent(share)} of the bound" for share in found["facts"]["steps"])
     return table(("window, t_c", "gradient", *steps), rows)

@@ -2,9 +2,9 @@
 
     python -m benchmarks vector-env [--json FILE] [--envs N]
 
-Each environment takes the same random actions on the mesh of the trainings. The environments run in turn, so that
-disturbances affect all of them. The figures are medians of the wall time of the steps, and of the time of the gradient
-of a window for the batch.
+Each environment takes the same random actions on the mesh of the trainings. The environments run in turn, so that a
+disturbance of the machine affects all of them. The figures are medians of the wall time of a step, and of the time of a
+window's gradient, for the whole batch.
 """
 
 import time

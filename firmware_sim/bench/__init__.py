@@ -1,1 +1,1 @@
-"""The closed loop: the vehicle's side, virtual time, and the assembly of a run."""
+"""A simulated closed loop: the vehicle's side of the bus, the loop in virtual time, and the code that sets up a run."""

@@ -1,4 +1,4 @@
-"""One closed-loop run that takes a bundle and writes a run folder."""
+"""A closed-loop run under a bundle's controller, whose results are written to a run folder."""
 
 import json
 from collections.abc import Callable, Sequence
@@ -46,27 +46,26 @@ def run_closed_loop(
     **parts: Any,
 ) -> RunLog:
     """Run a wake under the bundle's controller and write the results to `output`. Raises StillwakeError if the folder
-    cannot be written, the bundle does not fit the vehicle, the bus cannot carry virtual time, the jets could never
+    cannot be written, the bundle does not fit the vehicle, the bus does not work in virtual time, the jets could never
     move, a span is too short, or a disturbance could not act.
 
     Args:
-        output: run folder (`firmware_sim.runs.run_folder`), created if need be. An earlier run in this folder is
-            replaced when the new run is complete.
+        output: run folder (`firmware_sim.runs.run_folder`), created if it does not exist. An earlier run in this folder
+            is replaced when the new run is complete.
         config: settings of the vehicle; its operating point and control period must be those of the bundle.
         lead_in, controlled, settle, averages: fields of `firmware_sim.bench.spans.Spans`.
-        origin: date and origin that the run records; if None, today's date.
-        ready: called with the total number of periods before the first period, after all checks, when the files are
-            open.
+        origin: date and origin of the run, for its record; if None, the date is today's.
+        ready: called once with the total number of periods, after all checks and before the first period.
         progress: called with (row, periods done, total periods) after every period.
-        plant: context manager of the wake, which this function enters; if None, the built-in solver from its shipped
-            start.
-        faults: disturbances of the run; their times are in s from its start.
+        plant: context manager that this function enters to get the wake; if None, the shipped wake in the built-in
+            solver.
+        faults: disturbances of the run; their times are in s from the start of the run.
         progress_without: called with (periods done, total periods) while the drive runs without control.
-        report: writes further files into the folder after all others.
-        parts: arguments controller, calibration, ecu and drive of `Simulation`. With a drive, the time steps in
-            `config.flow` must be short enough for its speeds.
+        report: called with the folder when all its other files are written, to write further files.
+        parts: arguments controller, calibration, ecu and drive of `Simulation`. With a drive, the flow's time steps
+            (`config.flow`) must be short enough for the drive's speeds.
     """
-    # The import is inside the function, because python-can loads every writer that it has, which takes a second.
+    # This import is inside the function, because python-can then loads all its log writers, which takes a second.
     from can_bridge.logs import frame_log
 
     disturbances = Disturbances(items=tuple(faults))
@@ -79,7 +78,7 @@ def run_closed_loop(
         **parts,
     )
     with ExitStack() as stack:
-        # The output appears only when the block succeeds, so a folder never holds part of a run.
+        # The output folder appears only if the block succeeds, so it never contains a part of a run.
         folder = RunFolder(stack.enter_context(replacing(output, keep=True)))
         folder.path.mkdir()
         frames = stack.enter_context(ExitStack())
@@ -93,7 +92,7 @@ def run_closed_loop(
             recorder.record(0, wake.t, picture.levels)
 
         def record(row: Row, done: int, total: int) -> None:
-            # The wake is now at the start of the next period; after the last period there is no next period to record.
+            # The wake is at the start of the next period, which is recorded only if there is one.
             if done < total:
                 recorder.record(done, wake.t, picture.levels)
             progress(row, done, total)

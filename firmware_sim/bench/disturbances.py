@@ -1,16 +1,16 @@
-"""Disturbances of a run, each described by a line of text, with its time span in s of the run after an @.
+"""Disturbances of a run, each described by a line of text. After an @ is its time span, in s from the run's start.
 
     noise:level=0.5                        on every transducer
-    stuck:sensor=base_7@2..5               on one transducer, from 2 s until before 5 s
-    ecu:drop:probability=0.3               fault in a node's port: `firmware_sim.bench.run_faults`
+    stuck:sensor=base_7@2..5               on one transducer, from 2 s to just before 5 s
+    ecu:drop:probability=0.3               on the frames of a node: `firmware_sim.bench.run_faults`
     wire_errors:bit_error_rate=1,node=ecu@2..2.01
-    reset@4                                once, at 4 s
+    reset@4                                once, at 4 s of the run
     reynolds=700                           a Reynolds number other than in the training
     body:length=1                          a body other than in the training
     gust:amplitude=0.1,period=20
 
-A disturbance is plain data; `disturbing.py` applies it. Its sensors must be sensors of the bundle, because other
-sensors are not read. Levels are in global deviations of pressure (`firmware_sim.bench.sensor_faults`).
+A disturbance is plain data; `disturbing.py` applies it. The sensors that it names must be sensors of the bundle,
+because no others are read. Levels are in global deviations of pressure (`firmware_sim.bench.sensor_faults`).
 """
 
 from collections.abc import Iterable
@@ -47,7 +47,7 @@ class WireNoise(Span, section="wire_errors"):
 
 @dataclass(frozen=True, kw_only=True)
 class Reset(Instant, section="reset"):
-    """A reset: the ECU loses its state, receives nothing while it boots, and starts again.
+    """A reset of the ECU, which then loses its state, receives nothing while it boots, and starts again.
 
     Frames that the ECU has already passed to its CAN controller are still sent. The freshness values of `bus.key` are
     in non-volatile memory and survive.
@@ -60,11 +60,10 @@ class Reset(Instant, section="reset"):
 
 @dataclass(frozen=True, kw_only=True)
 class WrongClock(Span, section="clock"):
-    """A wrong ECU clock: its rate differs from that of the vehicle's clock, or its time is offset. The vehicle's clock
-    times the periods of the run.
+    """A wrong ECU clock: its rate or its time differs from the vehicle's clock, by which the run's periods are timed.
 
-    The ECU's clock stamps the frames that the ECU receives and gives the ECU its time. At the end of the span the ECU's
-    clock jumps back to the correct time.
+    The ECU takes its time, and the time stamps of received frames, from this clock. At the end of the span the clock
+    jumps back to the correct time.
     """
 
     node: Literal["ecu"] = "ecu"
@@ -76,12 +75,13 @@ class WrongClock(Span, section="clock"):
 
 @dataclass(frozen=True, kw_only=True)
 class NoRequest(Span, section="no_request"):
-    """The vehicle withdraws its request for control and raises it again afterwards, which clears a latched fault."""
+    """A span in which the vehicle does not request control. When the vehicle then requests control again, a latched
+    fault of the ECU is cleared."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Reynolds(Span, section="reynolds"):
-    """The flow has a viscosity other than the viscosity of `flow.reynolds`; only the built-in solver can do this."""
+    """A Reynolds number of the flow that differs from `flow.reynolds`; only the built-in solver supports this."""
 
     reynolds: Positive[float]
     """Reynolds number U_inf W / nu."""
@@ -89,9 +89,9 @@ class Reynolds(Span, section="reynolds"):
 
 @dataclass(frozen=True, kw_only=True)
 class OtherBody(Span, section="body"):
-    """The vehicle's body differs from the body that the release was made for. The sensors have the same names but the
-    places of the new body. The ECU has no information about the new body. Only the built-in solver can do this, and
-    only for a whole run."""
+    """A body that differs from the release's body. The sensors have the same names, but their positions are those on
+    the different body. The ECU has no information about this body. Only the built-in solver supports this, and only for
+    a whole run."""
 
     length: Finite[float]
     """Length of the body in W, as `body.length`."""
@@ -111,10 +111,10 @@ class OtherBody(Span, section="body"):
 
 @dataclass(frozen=True, kw_only=True)
 class GustyWind(Span, section="gust"):
-    """The wind against the vehicle varies: U(t) = U_inf (1 + amplitude sin(2 pi t / period)); built-in solver only.
+    """A gust: the wind against the vehicle is U(t) = U_inf (1 + amplitude sin(2 pi t / period)); built-in solver only.
 
-    `wake.plant.drive` defines the frame of reference. Forces, pressures and jets stay in units of the mean U_inf. The
-    gust ends with the last whole period in the span.
+    `wake.plant.drive` defines the frame of reference. Forces, pressures and jet actions remain in units of the mean
+    U_inf. The gust lasts a whole number of periods: it ends with the last period that ends in the span.
     """
 
     amplitude: Below[float]
@@ -124,10 +124,10 @@ class GustyWind(Span, section="gust"):
 
 @dataclass(frozen=True, kw_only=True)
 class VehiclePoint(Span, section="operating_point"):
-    """The vehicle's speed or the air's density differs from the ECU's settings.
+    """A speed of the vehicle, or a density of the air, that differs from the ECU's settings.
 
-    Transducer pressures in Pa and jet flow in m2/s scale with speed and density. A control period lasts the configured
-    number of t_c at any speed, and the wake behaves as at `flow.reynolds`.
+    Transducer pressures in Pa and jet flow rates in m2/s scale with speed and density. The control period in t_c and
+    the Reynolds number of the wake stay as configured at any speed.
     """
 
     speed: Annotated[float | None, Rule(wording="positive", holds=lambda value: value > 0, or_none=True)] = None
@@ -138,30 +138,30 @@ class VehiclePoint(Span, section="operating_point"):
 
 @dataclass(frozen=True, kw_only=True)
 class ActionLimit(Span, section="action_limit"):
-    """The jets saturate below the limit that is set in the ECU."""
+    """A limit at which the jets saturate, below the action limit that is set in the ECU."""
 
     action_limit: Share[float]
-    """Share of `flow.action_limit` at which the jets saturate."""
+    """Action at which the jets saturate, as a share of `flow.action_limit`."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class StuckJets(Span, section="stuck_jets"):
-    """The jets' actuator does not move at any command."""
+    """A stuck actuator: the jets keep one action, whatever command arrives."""
 
     stuck_jets: Annotated[Finite[float], Rule(wording="between -1 and 1", holds=lambda value: -1 <= value <= 1)]
-    """Share of `flow.action_limit` at which the jets are stuck; 0 means that the jets are shut."""
+    """Action at which the jets are stuck, as a share of `flow.action_limit`; 0 means that the jets are shut."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class SpeedScale(Span, section="speed_scale"):
-    """The speed that the vehicle sends is wrong by a factor."""
+    """A speed signal that is wrong by a factor."""
 
     speed_scale: NonNegative[float]
 
 
 @dataclass(frozen=True, kw_only=True)
 class SpeedLate(Span, section="speed_late"):
-    """The vehicle sends an old speed, without stating its age in the frame."""
+    """A speed signal that is too old; its frames do not state the age."""
 
     speed_late: NonNegative[float]
     """Age of the speed in s, rounded to whole control periods."""
@@ -169,22 +169,23 @@ class SpeedLate(Span, section="speed_late"):
 
 @dataclass(frozen=True, kw_only=True)
 class SpeedFrozen(Span, section="speed_frozen"):
-    """The vehicle sends the speed that it had at the start of the span."""
+    """A speed signal that keeps the value from the start of the span."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class NoSpeed(Span, section="no_speed"):
-    """The vehicle sends no speed."""
+    """A missing speed signal."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Density(Span, section="density"):
-    """The air's density differs from the ECU's settings: pressures scale with the density, the jets' flow does not."""
+    """A density of the air that differs from the ECU's settings. Pressures scale with it, the jets' flow rate does
+    not."""
 
     density: Positive[float]
     """Density in kg/m3."""
     stated: bool = False
-    """Whether the vehicle knows the density and sends it with its speed."""
+    """Whether the vehicle sends this density together with its speed."""
 
 
 KINDS: Final[dict[str, type[Span]]] = {
@@ -196,13 +197,14 @@ KINDS: Final[dict[str, type[Span]]] = {
         *(SpeedScale, SpeedLate, SpeedFrozen, NoSpeed, Density),
     )
 }
-"""Classes of disturbances by their name in texts. A text that begins with a node's name is read as a `NodeFault`."""
+"""Classes of disturbances by the name with which a disturbance's text begins. A text that begins with a node's name is
+read as a `NodeFault`."""
 
 Disturbance = NodeFault | Span
 
 
 def parse_disturbance(text: str) -> Disturbance:
-    """Return the disturbance that a text describes. Raises ConfigError that states the text and its faulty part."""
+    """Return the disturbance that a text describes. Raises ConfigError, which states the text and its faulty part."""
     node, colon, _ = text.partition(":")
     if colon and node in NODES:
         return parse_node_fault(text)
@@ -214,10 +216,10 @@ class Disturbances:
     """All disturbances of a run; comparable, picklable, and equal to the result of parsing `texts`.
 
     Attributes:
-        items: disturbances in the order given. Each disturbance draws from its own random sequence, numbered by its
-            place in this order. If several disturbances act on the sensors, the first acts first on the wall's
-            pressures. If several act in a port, the first is closest to the bus. If several of one kind act on the flow
-            or the vehicle at the same time, only the last one has an effect.
+        items: disturbances in the order given. Each disturbance draws from a separate random sequence, whose number is
+            the disturbance's index in this order. If several disturbances act on the sensors, they are applied in this
+            order to the wall pressures. If several act in a port, the first is closest to the bus. If several of one
+            kind act on the flow or the vehicle at the same time, only the last one has an effect.
     """
 
     items: tuple[Disturbance, ...] = field(default=())
@@ -262,7 +264,7 @@ class Disturbances:
 
 
 def whole_cycles(gust: GustyWind, convective_time: float) -> float:
-    """Return the number of whole gust periods in the span; raises ConfigError if there is none."""
+    """Return the number of whole gust periods in the gust's span; raises ConfigError if there is none."""
     if gust.end_s == inf:
         return inf
     cycles = floor((gust.end_s - gust.start_s) / (gust.period * convective_time) + 1e-9)

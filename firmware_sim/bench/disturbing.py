@@ -1,5 +1,4 @@
-"""The state of a run's disturbances during the run, and their effects on bus, ports, transducers, flow, vehicle and
-ECU."""
+"""The state of the disturbances during a run, and their effects on bus, ports, transducers, flow, vehicle and ECU."""
 
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -39,10 +38,10 @@ class Disturbing:
     """Applies all disturbances of one run.
 
     Args:
-        sensors: names of the transducers' sensors, in order.
-        seed: seed of all random sequences; each disturbance has its own sequence.
-        before: number of disturbances whose random sequences precede the sequences of these disturbances: of all kinds
-            under the key "all", and of each node's port under the node's name.
+        sensors: names of the sensors, in the order of the readings.
+        seed: seed of all random sequences; each disturbance has a separate sequence.
+        before: number of random sequences that are already in use before these disturbances: under the key "all" those
+            of all kinds of disturbances, under a node's name those of its port.
     """
 
     def __init__(
@@ -78,22 +77,23 @@ class Disturbing:
 
     @property
     def corrupts(self) -> Corrupts | None:
-        """Bit errors for `SimulatedBus` that all nodes see."""
+        """Function for `SimulatedBus` that makes the bit errors that all nodes see; None without such errors."""
         return self._wire("send")
 
     @property
     def mishears(self) -> Corrupts | None:
-        """Bit errors for `SimulatedBus` that only one receiver sees."""
+        """Function for `SimulatedBus` that makes the bit errors that only one receiver sees; None without such
+        errors."""
         return self._wire("receive")
 
     def connect(self, bus: SimulatedBus) -> Callable[[str, Bus], Bus]:
-        """Start the port faults on this bus. Returns a function that wraps a node's port in the node's faults."""
+        """Start the port faults on this bus. Returns a function that adds a node's faults to the node's port."""
         faults = [one for one in map(self._in_port, range(len(self._items))) if one is not None]
         self._ports = NodeFaults(faults, bus, self._seed, self._before)
         return self._ports.around
 
     def end(self) -> None:
-        """Stop the port faults that act on the bus without a call from a node."""
+        """Stop the periodic actions of port faults; the faults then act only when a node uses its port."""
         if self._ports is not None:
             self._ports.end()
 
@@ -111,7 +111,7 @@ class Disturbing:
                 errors = WireErrors(
                     bit_error_rate=one.bit_error_rate, nodes=nodes, start_s=one.start_s, end_s=one.end_s
                 )
-                # The hook draws from this seed alone, so the seed includes the place of the disturbance.
+                # The hook's random numbers depend only on this seed, so the seed includes the disturbance's index.
                 hooks.append((place, errors.hook(len(self._items) * self._seed + place)))
         return partial(self._first_wrong_bit, hooks) if hooks else None
 
@@ -153,14 +153,14 @@ class Disturbing:
         for place, one in self._each(kinds.Reset):
             bus.call_at(round(one.start_s * NS), partial(reset, place, round(one.boot_s * NS)))
 
-    # The following methods are called around every period.
+    # The following methods are called in every period.
 
     def requests(self, enable_request: bool, now_ns: int) -> bool:
         """Return the vehicle's request for control: `enable_request`, unless a disturbance withdraws it."""
         return enable_request and not list(self._acting(kinds.NoRequest, now_ns))
 
     def before_period(self, now_ns: int, node: VehicleNode) -> None:
-        """Set the vehicle's disturbed properties for the period that begins now."""
+        """Set the properties of the vehicle that are disturbed in the period that starts now."""
         design, full = self._config.operating_point, self._config.flow.action_limit
         point, limit, stuck_at = design, full, None
         for _, vehicle in self._acting(kinds.VehiclePoint, now_ns):
@@ -195,7 +195,7 @@ class Disturbing:
         node.stated_speed, node.sends_speed = stated, not list(self._acting(kinds.NoSpeed, now_ns))
 
     def set_flow(self, now_ns: int) -> None:
-        """Set the flow's Reynolds number for the period that begins now."""
+        """Set the flow's Reynolds number for the period that starts now."""
         if self._flow is None:
             return
         plant, reynolds = self._flow
@@ -207,7 +207,8 @@ class Disturbing:
 
     @contextmanager
     def in_flow(self, plant: Plant) -> Iterator[None]:
-        """Add the gusts to the wind of a plant at the run's start; restore wind and Reynolds number afterwards."""
+        """Add the gusts to the plant's wind while the block runs; then restore the wind and the Reynolds number. The
+        plant must be at the start of the run."""
         if not any(isinstance(one, kinds.Reynolds | kinds.GustyWind) for one in self._items):
             yield
             return
@@ -242,7 +243,7 @@ class Disturbing:
         return tuple(faults)
 
     def _each(self, kind: type[S]) -> Iterator[tuple[int, S]]:
-        """Return the disturbances of a kind, each with its place in the order given."""
+        """Return the disturbances of a kind, each with its index in the order given."""
         return ((place, one) for place, one in enumerate(self._items) if isinstance(one, kind))
 
     def _acting(self, kind: type[S], now_ns: int) -> Iterator[tuple[int, S]]:

@@ -1,5 +1,4 @@
-"""A flow on a drive: its inflow follows the vehicle's speed, once under control and once without control for
-comparison."""
+"""A flow whose inflow follows a driving vehicle's speed, computed with and, for comparison, without control."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -17,10 +16,10 @@ from wake.plant.protocol import Drivable, Plant
 
 @contextmanager
 def driving(plant: Plant, drive: Drive, config: Config) -> Iterator[Drivable]:
-    """Make the plant's inflow follow the drive, whose time 0 is the plant's present time.
+    """Make the plant's inflow follow the drive while the block runs; the drive's time 0 is the plant's present time.
 
-    A developed wake is scaled to the drive's first speed and settles in the time without control. Raises ConfigError if
-    the plant cannot change its speed.
+    The plant's developed wake is scaled to the drive's first speed; it adapts to this speed in the time without
+    control. Raises ConfigError if the plant cannot change its speed.
     """
     if not isinstance(plant, Drivable):
         raise ConfigError(f"drive {drive.name}: this plant has a constant speed; a drive needs stillwake's solver")

@@ -13,9 +13,9 @@ from ecu.stepped import LoopEcu
 
 C: Final = "c"
 MCU: Final = "mcu"
-"""Name of the ECU that is the whole firmware of an emulated board with a Cortex-M7."""
+"""Name of the option for the ECU whose whole firmware runs on an emulated board with a Cortex-M7."""
 CLOCKS_MHZ: Final = (1.0, 10_000.0)
-"""Range of accepted clocks in MHz. A core with a slower clock takes seconds for a step; no core has a faster clock."""
+"""Range of accepted clock rates in MHz. Below this range a control step takes seconds; above it there is no core."""
 
 
 def check_ecu(kind: str, clock_mhz: float) -> None:
@@ -42,7 +42,7 @@ def loop_ecu(
 
     Args:
         kind: C or MCU.
-        sources: `ecu.in_c.c_ecu.ecu_sources`.
+        sources: result of `ecu.in_c.c_ecu.ecu_sources`.
         clock_mhz: clock of the emulated core.
         secret: key of the bus, if the sources are for a bus with `bus.key`.
 

@@ -1,14 +1,15 @@
 """The vehicle's checks on the jet commands that it receives: the age of their pressures, and the number of missed
 commands.
 
-A command echoes the counter of a Pressure frame. The counter repeats after 256 frames, or after 16 frames in the
-classic message set, so an unchanged echo would look fresh again after that time. The vehicle therefore assigns each
-echo to the first frame with the echoed counter that is not older than the previously echoed frame. After an
-interruption there is no previous echo; then the vehicle assigns the echo to the newest frame with that counter.
+A command repeats ("echoes") the counter of the Pressure frame from which it was computed. The counter repeats after 256
+frames, or after 16 frames in the classic message set, so an unchanged echo would look fresh again after that time. The
+vehicle therefore assigns each echo to the first frame that has the echoed counter and is not older than the previously
+echoed frame. After an interruption there is no previous echo; then the vehicle assigns the echo to the newest
+frame with that counter.
 
 The limit of missed commands is (m, k)-firm: it is reached if m of the latest k commands are missed. The ECU checks
-missed pressures in the same way (`ecu.fail_safe`). The ECU cannot see that its commands are lost, so the vehicle checks
-the commands itself.
+missed pressures in the same way (`ecu.fail_safe`). The ECU cannot detect that its commands are lost, so the vehicle
+counts missed commands itself.
 """
 
 from dataclasses import dataclass, replace
@@ -20,11 +21,11 @@ from contract.config.vehicle import VehicleConfig
 
 @dataclass(frozen=True, kw_only=True)
 class EchoTracker:
-    """An immutable record of sent Pressure frames and of the last echo. Frames are numbered in the order of sending;
-    the first frame's number is its counter.
+    """An immutable record of sent Pressure frames and of the last echo. The first frame's number is its counter; each
+    later frame's number is higher by the number of counter steps.
 
     Attributes:
-        kept: sending times in ns of the latest frames, newest last; at most `counter_period` of them.
+        kept: sending times in ns of the latest frames, newest last; at most `counter_period` frames.
         newest: number of the newest frame; None before the first frame.
         echoed: number of the frame echoed last; None if there is no previous echo.
     """
@@ -42,11 +43,11 @@ class EchoTracker:
         return replace(self, newest=newest, kept=(*self.kept, now_ns)[-self.counter_period :])
 
     def interrupted(self) -> "EchoTracker":
-        """Forget the echo because commands were missing or had no echo."""
+        """Delete the last echo, because commands were missing or contained no echo."""
         return replace(self, echoed=None)
 
     def received(self, counter: int) -> "EchoTracker":
-        """Record a command's echo. If the echoed frame was never sent, forget the previous echo."""
+        """Record a command's echo; if no sent frame can have this counter, delete the previous echo."""
         if self.newest is None:
             return self
         oldest = self.newest - len(self.kept) + 1 if self.echoed is None else self.echoed
@@ -71,13 +72,13 @@ _NO_CONTROL: Final = (Mode.OFF, Mode.FAULT)
 
 @dataclass(frozen=True, kw_only=True)
 class CommandLosses:
-    """A count of missed commands while the ECU has control; it latches at the limit.
+    """A count of missed commands while the ECU is in control; at the limit the count latches.
 
     Attributes:
         window: number of latest periods that are counted.
         limit: number of missed periods within the window at which the vehicle gives up control.
-        missed: whether the command was missed, for each of the latest periods under control, at most `window` periods,
-            oldest first; empty while the ECU has no control.
+        missed: whether the command was missed in each of the latest periods in which the ECU was in control, at most
+            `window` periods, oldest first; empty while the ECU is not in control.
     """
 
     window: int
@@ -91,7 +92,7 @@ class CommandLosses:
         return cls(window=config.loss_window, limit=config.loss_limit)
 
     def heard(self, mode: Mode) -> "CommandLosses":
-        """Count a period with a command in this mode."""
+        """Count a period in which a command in this mode arrived."""
         return replace(self, missed=() if mode in _NO_CONTROL else (*self.missed, False)[-self.window :])
 
     def lost(self) -> "CommandLosses":
@@ -102,5 +103,5 @@ class CommandLosses:
         return replace(self, missed=missed, is_latched=self.is_latched or sum(missed) >= self.limit)
 
     def cleared(self) -> "CommandLosses":
-        """Clear count and latch, because the vehicle itself does not want control."""
+        """Clear count and latch, because the vehicle does not want control at present."""
         return replace(self, missed=(), is_latched=False)

@@ -12,22 +12,22 @@ On the bus, for every JetCommand that the ECU sends:
 
 At the jets, for the action reached at the end of every period:
 
-    jets_shut       the action is 0, unless the vehicle received a command that drives the jets and answers recent
-                    pressures of this vehicle. The command must have arrived in the deciding period (below), or before
-                    this period within the time for which the vehicle keeps the last command's action
+    jets_shut       the action is 0, unless the vehicle received a command that drives the jets and was computed from
+                    recent pressures of this vehicle. The command must have arrived in the deciding period (below), or
+                    before it, within the time for which the vehicle keeps the last command's action
     jets_request    the action is 0 if the vehicle did not want control
     jets_losses     the action is 0 after `vehicle.loss_limit` of the latest `vehicle.loss_window` periods under control
                     had no command, until the vehicle does not want control
     jets_bounds     the action is within the action limit
     jets_rate       the action differs from the previous action by at most `vehicle.action_step`, unless it is 0
 
-The deciding period is the action's own period. With `ecu.plan_ahead` it is one period earlier, and with
-`vehicle.actuator_delay` it is earlier by that number of periods. A command that shuts the jets is considered only if
-the vehicle surely accepted it, as the next command of a stream without errors. So all checks are one-sided: if frames
-are lost or damaged, the checks may miss a violation, but they never report a false violation.
+The deciding period is the period in which the jets reach the action. With `ecu.plan_ahead` it is one period earlier,
+and with `vehicle.actuator_delay` it is earlier by this delay. A command that shuts the jets is considered only if
+the vehicle surely accepted it, as the next command of a stream without errors. So the checks are one-sided: if frames
+are lost or damaged, a violation may be missed, but a false violation is never reported.
 
-`Commands` and `Jets` check values that any parser may have read from frames: the proofs in `tests/proofs/ecu` use these
-classes with another parser, and with further data.
+`Commands` and `Jets` check values, and not frames, so the proofs in `tests/proofs/ecu` can use these classes with
+another parser, and with further data.
 """
 
 from collections import deque
@@ -56,10 +56,10 @@ _WANTED: Final = DRIVING | {Mode.WARMUP}
 """Modes of an ECU that was asked for control and has no latched fault."""
 
 AGE_TOLERANCE: Final = 0.01
-"""Tolerance of ages as a share of a period. It is far above the errors of two clocks that differ by 200 ppm and of the
-wait until the bus is read."""
+"""Tolerance of ages as a share of a period. It is far larger than the error of two clocks whose rates differ by 200
+ppm, and than the time from a frame's arrival to the reading of the bus."""
 _LONGEST_S: Final = 1e6
-"""Length in s that replaces the infinite length of a span without end."""
+"""Length in s that is used for a span without an end."""
 ROUNDING: Final = 1e-9
 """Tolerance for the rounding of floating-point numbers that are compared with a limit."""
 
@@ -82,9 +82,9 @@ class HeardCommand(NamedTuple):
     """A command that the vehicle received without errors.
 
     Attributes:
-        wanted: whether the command's mode is a mode of an ECU that was asked for control.
+        wanted: whether the command's mode shows that control is requested from the ECU.
         drives: whether the command is enabled, in a mode that drives the jets.
-        in_time: whether the command answers pressures of this vehicle that are recent enough.
+        in_time: whether the command was computed from pressures of this vehicle that are recent enough.
     """
 
     counter: int
@@ -94,13 +94,13 @@ class HeardCommand(NamedTuple):
 
 
 class _Period(NamedTuple):
-    """Commands that the vehicle received in one period.
+    """A summary of the commands that the vehicle received in one period.
 
     Attributes:
-        drives: whether a command may drive the jets.
-        old: whether a command would drive the jets if its pressures were not too old.
-        shuts: whether the vehicle surely accepted the last command, and no command may drive the jets.
-        believed: whether the vehicle surely accepted the last command, because it continues a stream without errors.
+        drives: whether at least one command may drive the jets.
+        old: whether at least one command would drive the jets if its pressures were not too old.
+        shuts: whether the vehicle certainly accepted the last command, and no command may drive the jets.
+        believed: whether the vehicle certainly accepted the last command, because it continues a stream without errors.
     """
 
     drives: bool
@@ -110,8 +110,8 @@ class _Period(NamedTuple):
 
 
 class Commands:
-    """Checks of the flow rates that an ECU commands. `bus_shut` is the part of `bus_bounds` on modes that do not drive
-    the jets."""
+    """Checks of the flow rates that an ECU commands. `bus_bounds` is reported in two parts here: `bus_shut` is its part
+    about modes that do not drive the jets and about `Enable`."""
 
     def __init__(self, config: Config) -> None:
         scale = config.operating_point.flow_rate_scale
@@ -119,12 +119,13 @@ class Commands:
         self.flow = 0.0
 
     def reach(self, share: float = 1.0) -> float:
-        """Return the largest change of flow in this share of a period, in m2/s, including the signal's resolution."""
+        """Return the largest allowed change of flow rate in this share of a period, in m2/s, including the signal's
+        resolution."""
         return self._step * share + FLOW_RESOLUTION_M2_PER_S
 
     def broken(self, flow: float, *, enable: bool, drives: bool, share: float = 1.0) -> Iterator[tuple[str, str]]:
-        """Yield name and values of every invariant that the next command breaks. `share` is the time since the previous
-        command, as a share of a period, at most 1."""
+        """Yield the name of every invariant that the next command violates, with the violating values. `share` is the
+        time since the previous command, as a share of a period, at most 1."""
         before, self.flow = self.flow, flow
         if abs(flow) > self._limit + ROUNDING:
             yield "bus_bounds", f"{flow:g} m2/s, limit {self._limit:g}"
@@ -139,8 +140,8 @@ class Commands:
 
 class Jets:
     """Checks of the vehicle's jets: call `heard` at the end of each period, then `broken` for the action reached in
-    this period. `oldest` is the largest age, in periods, of the pressures that a command may answer to drive the jets.
-    """
+    this period. `oldest` is the largest age, in periods, that the pressures of a command may have if the command drives
+    the jets."""
 
     def __init__(self, config: Config) -> None:
         vehicle, self._e2e_window = config.vehicle, config.bus.e2e.window
@@ -153,7 +154,7 @@ class Jets:
         self.reset()
 
     def reset(self) -> None:
-        """Start again, as a vehicle does after power-on."""
+        """Return to the state after the vehicle's power-on."""
         self._heard: deque[_Period] = deque(maxlen=self._decides_after + self._hold + 1)
         self._requested: deque[bool] = deque(maxlen=1 + self._late)
         self._gave_up: deque[bool] = deque([False], maxlen=1 + self._late)
@@ -163,7 +164,8 @@ class Jets:
         self._action = 0.0
 
     def heard(self, commands: Sequence[HeardCommand | None], *, requested: bool) -> None:
-        """Record the commands of a period (None for a command with errors), and whether the vehicle wanted control."""
+        """Record the commands of a period (None for a command with errors), and whether the vehicle requested
+        control."""
         last = None
         for command in commands:
             if command is None:
@@ -175,8 +177,7 @@ class Jets:
         self._sound = self._sound + 1 if len(commands) == 1 and last is not None else 0
         known = [command for command in commands if command is not None]
         drives = any(command.drives and command.in_time for command in known)
-        # The E2E state depends on the latest checks; if none of these checks failed, the vehicle accepts the next
-        # frame.
+        # The E2E state depends on the latest frames; if they have no error, the vehicle accepts the next frame.
         believed = last is not None and self._sound > self._e2e_window
         old = any(command.drives and not command.in_time for command in known)
         self._heard.append(_Period(drives=drives, old=old, shuts=believed and not drives, believed=believed))
@@ -189,8 +190,8 @@ class Jets:
         self._gave_up.append(requested and (self._gave_up[-1] or too_many))
 
     def broken(self, action: float) -> Iterator[tuple[str, str]]:
-        """Yield name and values of every invariant that the action at the end of the latest period breaks. Call `heard`
-        before."""
+        """Yield the name of every invariant that the action at the end of the latest period violates, with the
+        violating values. Call `heard` before."""
         before, self._action = self._action, action
         if not self._heard:
             return
@@ -247,17 +248,17 @@ class Invariants:
     def of(cls, config: Config, disturbances: Disturbances) -> Self:
         """Return the invariants of a run with these disturbances.
 
-        A gateway that gives delayed frames new time stamps, and an ECU clock that is ahead, hide the age of pressures
-        from the ECU: commands may answer pressures that are older by the delay or the clock's offset. A buffer that is
-        sent again without new content also hides the age of its pressures, if a copy reaches the ECU before the first
-        frame. The vehicle's jets are checked against the true age of the pressures.
+        Some faults hide the age of pressures from the ECU, so its commands may be computed from older pressures. A
+        gateway that gives delayed frames new time stamps hides the delay; an ECU clock that is ahead hides its offset.
+        A transmit buffer that is sent again without new content hides the age of its pressures, if a copy reaches the
+        ECU before the first frame. The vehicle's jets are checked against the true age of the pressures.
         """
         hidden_s = 0.0
         for one in disturbances.items:
             if not isinstance(one, NodeFault):
                 continue
             if isinstance(one.fault, StuckAt) and not one.fault.counter_runs:
-                # A buffer that is sent again matters only if it holds pressures. The vehicle sends pressures and the
+                # A repeated transmit buffer matters only if it contains pressures. The vehicle sends pressures and the
                 # ECU receives them, so only faults in the vehicle's sending and in the ECU's reception count here.
                 if (one.node == "vehicle") == (one.fault.at == "send"):
                     hidden_s += min(one.fault.end_s - one.fault.start_s, _LONGEST_S)
@@ -298,15 +299,15 @@ class Invariants:
         self._judge_action(sample.action)
 
     def _judge_action(self, action: float) -> None:
-        """Check the action at the end of the latest period for which all frames are known."""
+        """Check the action at the end of the latest period whose frames have all been observed."""
         if not self._jets_follow:
             return
         for invariant, detail in self._jets.broken(action):
             self.violations.append(Violation(period=self._period - 1, invariant=invariant, detail=detail))
 
     def _read(self, frame: Frame) -> HeardCommand | None:
-        """Return a command as the vehicle receives it; None if `parsed` finds no command. A command is in time if its
-        pressures were sampled recently enough."""
+        """Return a frame's command as the vehicle receives it; None if the frame is not a valid command. A command is
+        in time if its pressures were sampled recently enough."""
         command = parsed(self._command, frame)
         if command is None:
             return None

@@ -1,4 +1,4 @@
-"""An interface to watch a run: an observer sees the nodes' frames and the plant, but no state of ECU or vehicle."""
+"""An interface for observers of a run, who see the nodes' frames and the plant, but no state of ECU or vehicle."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from wake.plant.sample import Sample
 
 @dataclass(frozen=True, kw_only=True)
 class SeenFrame:
-    """A frame that a node passes to its port or takes from its port. Faults of the port act between the port and the
+    """A frame that a node sends or receives, as the node's software sees it. The port's faults act between software and
     bus.
 
     Attributes:
@@ -29,13 +29,14 @@ class Observer(Protocol):
     """An object that the loop calls in the order of time, and that changes nothing in the loop."""
 
     def frame(self, seen: SeenFrame) -> None:
-        """Take a frame that a node sent or received."""
+        """Process a frame that a node sent or received."""
 
     def period(self, sample: Sample, *, requested: bool) -> None:
-        """Take the sample at the start of a control period that has ended, and the vehicle's request in that period."""
+        """Process the sample at the start of a control period that has ended, and the vehicle's request in this
+        period."""
 
     def finished(self, sample: Sample) -> None:
-        """Take the sample at the end of the run."""
+        """Process the sample at the end of the run."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,9 +1,10 @@
 """Faults in the ports of a run's nodes, each described by a line of text, `NODE:FAULT`.
 
-    ecu:drop:probability=0.1@5..10       drops a tenth of the ECU's frames, from 5 s until before 10 s
+    ecu:drop:probability=0.1@5..10       drops a tenth of the ECU's frames, from 5 s to just before 10 s
     vehicle:burst_loss:loss=0.1,mean_burst=5
 
-NODE is the node whose port has the fault; `can_bridge.bus.faults.text` defines FAULT. Times are in s of the run.
+NODE is the node whose port has the fault; `can_bridge.bus.faults.text` defines FAULT. Times are in s from the
+run's start.
 """
 
 from collections.abc import Mapping, Sequence
@@ -27,8 +28,7 @@ NODES: Final = ("vehicle", "ecu")
 NONE_BEFORE: Final[Mapping[str, int]] = MappingProxyType({})
 
 LOOK_NS: Final = 1_000_000
-"""Time in ns between two events that this module adds to the bus, so that delayed frames are released even if no other
-event occurs."""
+"""Time in ns between two events that this module adds to the bus, so that ports release delayed frames in time."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,7 +41,7 @@ class NodeFault:
 
 
 def parse_node_fault(text: str) -> NodeFault:
-    """Return the fault that a text describes. Raises ConfigError that states the text and its faulty part."""
+    """Return the fault that a text describes. Raises ConfigError, which states the text and its faulty part."""
     node, colon, rest = text.partition(":")
     if not colon or node not in NODES:
         raise ConfigError(f"fault {text!r}: must begin with the node whose port has the fault, vehicle: or ecu:")
@@ -67,9 +67,9 @@ class NodeFaults:
     """Applies the faults of a run in the ports.
 
     Args:
-        faults: faults of all nodes; the faults of one node are in the order from bus to node.
+        faults: faults of all nodes; of the faults of one node, the first is closest to the bus.
         bus: bus of the run, at time 0.
-        before: number of earlier faults of each node.
+        before: number of random sequences that each node's port already uses before these faults.
     """
 
     def __init__(
@@ -86,11 +86,11 @@ class NodeFaults:
             self._look()
 
     def around(self, node: str, port: Bus) -> Bus:
-        """Return the node's port wrapped in the node's faults; return the port itself if the node has no faults."""
+        """Return the node's port with the node's faults added; return the port itself if the node has no faults."""
         mine = [one.fault for one in self._faults if one.node == node]
         if not mine:
             return port
-        # Equal faults in both nodes must not hit the same frames, so the seed includes the node.
+        # Equal faults in both nodes must not affect the same frames, so the seed depends on the node.
         seed = len(NODES) * self._seed + NODES.index(node)
         first = self._before.get(node, 0)
         faulty = self._ports[node] = wrap(port, mine, lambda: self._bus.now_ns, seed=seed, first=first)
@@ -105,20 +105,20 @@ class NodeFaults:
         return tuple(InjectedFault(text=one.text, acted=next(injectors[one.node]).acted) for one in self._faults)
 
     def end(self) -> None:
-        """Stop the periodic calls: the ports then act only when a node calls them."""
+        """Stop the periodic calls of the ports, whose faults then act only when a node uses its port."""
         self._ended = True
 
     def _look(self) -> None:
         if self._ended:
             return
-        # Each call is also an event of the bus; after each event the loop checks whether the ECU has its pressures.
+        # Each call is also an event of the bus; after each event the loop checks whether the ECU has pressures.
         for port in self._babbling:
             port.look()
         self._bus.call_at(self._bus.now_ns + LOOK_NS, self._look)
 
 
 class _Babbling(WrappedBus):
-    """A port with a babbling fault. It also sends between the node's calls and stores frames that the node receives."""
+    """A port with a babbling fault, which sends between the node's calls too. Frames that arrive then are stored."""
 
     def __init__(self, port: Bus) -> None:
         super().__init__(port)

@@ -1,12 +1,12 @@
 """Faults of the transducers' readings: their descriptions, and the functions that apply them.
 
-An applied fault is called in the order of time with readings in Cp at the S sensors, either one frame, shape (S,), or n
-frames, shape (n, S). It returns the faulty readings and leaves its argument unchanged. The fault stores its place in
-time, so one call for n frames and n calls for one frame give the same readings.
+The function of a fault is called in the order of time with readings in Cp at the S sensors, either one frame, shape
+(S,), or n frames, shape (n, S). It returns the faulty readings and leaves its argument unchanged. The function counts
+the frames, so one call for n frames and n calls for one frame give the same readings.
 
 Levels are in global deviations. The global deviation is the standard deviation of all 90 pressures taken together, each
-about its own mean (paper, appendix B; the paper has no bias, drift or dead sensors). So one level means the same
-pressure at every sensor.
+about its own mean (paper, appendix B; the paper has no bias, drift or dead sensors). So one level is an equal
+difference of Cp at every sensor.
 """
 
 from abc import ABC, abstractmethod
@@ -33,15 +33,15 @@ class SensorDisturbance(Span, ABC, section="sensor_disturbance"):
 
     @property
     def named(self) -> tuple[str, ...]:
-        """Names of the affected sensors; empty for all sensors."""
+        """Names of the affected sensors; an empty tuple means all sensors."""
         return ()
 
     @abstractmethod
     def begun(self, at: Sequence[int], config: Config, seed: int) -> SensorFault:
-        """Return the function that applies the fault.
+        """Return a function that applies the fault, as described above in this module.
 
         Args:
-            at: places of the affected sensors in the readings.
+            at: indices of the affected sensors in the readings.
             config: settings of the run.
             seed: seed of random numbers.
         """
@@ -62,7 +62,7 @@ class Noise(SensorDisturbance, section="noise"):
 
 @dataclass(frozen=True, kw_only=True)
 class Quantise(SensorDisturbance, section="quantise"):
-    """Every reading is rounded to whole steps."""
+    """Readings that are rounded to a multiple of a step."""
 
     step: Positive[float]
     """Size of a step in Pa."""
@@ -102,7 +102,7 @@ class Drift(OneSensor, section="drift"):
     level: Finite[float]
     """Final offset in global deviations."""
     over_s: Positive[float] = 5.0
-    """Duration of the growth in s."""
+    """Time in s in which the offset grows to its final value."""
 
     def begun(self, at: Sequence[int], config: Config, seed: int) -> SensorFault:
         ramp = np.linspace(0.0, self.level * GLOBAL_DEVIATION, round(self.over_s * NS / config.period_ns) + 1)
@@ -119,7 +119,7 @@ class Drift(OneSensor, section="drift"):
 
 @dataclass(frozen=True, kw_only=True)
 class Stuck(OneSensor, section="stuck"):
-    """One sensor repeats its first reading in the span."""
+    """A sensor that repeats the first reading that it had in the span."""
 
     def begun(self, at: Sequence[int], config: Config, seed: int) -> SensorFault:
         first: list[Array] = []
@@ -134,7 +134,7 @@ class Stuck(OneSensor, section="stuck"):
 
 @dataclass(frozen=True, kw_only=True)
 class Dead(OneSensor, section="dead"):
-    """One sensor reads Cp 0."""
+    """A sensor whose reading is always Cp 0."""
 
     def begun(self, at: Sequence[int], config: Config, seed: int) -> SensorFault:
         return lambda cp: _with(cp, at, 0.0)
@@ -142,7 +142,7 @@ class Dead(OneSensor, section="dead"):
 
 @dataclass(frozen=True, kw_only=True)
 class Swap(SensorDisturbance, section="swap"):
-    """Two sensors exchange their readings."""
+    """Two sensors whose readings are exchanged."""
 
     sensors: tuple[str, ...]
     """Names of the two sensors, joined by +."""
@@ -161,7 +161,7 @@ class Swap(SensorDisturbance, section="swap"):
 
 
 def _with(cp: Array, at: Sequence[int], values: Array | float) -> Array:
-    """Return a copy of the readings with the values replaced at these places."""
+    """Return a copy of the readings with the values replaced at the indices `at`."""
     changed = cp.copy()
     changed[..., at] = values
     return changed

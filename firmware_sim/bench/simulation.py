@@ -1,4 +1,5 @@
-"""One run of the closed loop in virtual time, without files: checked when it is created, then run on a wake.
+"""One run of the closed loop in virtual time, without files. Its arguments are checked when the run is created; then it
+runs on a wake.
 
 Equal arguments and an equal wake give the same run bit for bit on any machine, except for measured wall-clock times.
 """
@@ -40,21 +41,21 @@ from wake.plant.drive import Drive
 from wake.plant.protocol import LoopPlant
 
 WARM_UP_PLANS: Final = 3
-"""Number of control steps with zeros as inputs before the run. ONNX Runtime allocates memory on first use; a real ECU
-would do so at boot."""
+"""Number of control steps with zeros as inputs that are executed before the run, because ONNX Runtime allocates memory
+on first use. A real ECU would do this at boot."""
 
 
 class Simulation:
     """A run that can be executed only once; `closed_loop.py` adds pictures and files. Raises StillwakeError if the
-    bundle does not fit the vehicle, the bus cannot carry virtual time, the jets could never move, a span is too short,
-    a disturbance could not act, or the calibration is out of its limits.
+    bundle does not fit the vehicle, the bus does not work in virtual time, the jets could never move, a span is too
+    short, a disturbance could not act, or the calibration is out of its limits.
 
     Args:
         config: settings of the vehicle; its operating point and control period must be those of the bundle.
         controller: computes the bundle's control step; if None, ONNX Runtime computes it.
-        calibration: values set before the ECU's first step; if None, the ECU's own values.
-        disturbances: disturbances of the run; their times are in s from its start.
-        ecu: replaces the ECU in Python; `controller` is then unused.
+        calibration: values that the ECU gets before its first step; if None, the ECU keeps its default values.
+        disturbances: disturbances of the run; their times are in s from the start of the run.
+        ecu: ECU that is used in place of the ECU in Python; `controller` is then unused.
         drive: the vehicle's speeds from the request for control on; before the request, the vehicle has the first of
             these speeds. If None, the vehicle has the operating point's speed. With a drive the log has totals of the
             drive in place of averages.
@@ -83,7 +84,7 @@ class Simulation:
         sensors = bundle.manifest.sensors
         self._disturbances.check(config, sensors, duration_s=total * config.period_ns / 1e9)
         self._authentication = authentication_in_virtual_time(config.bus)
-        # The background traffic is checked first, because no ECU is needed if the bus cannot carry this traffic.
+        # The background traffic is checked first, so that no ECU is created if the bus cannot carry this traffic.
         background(config.bus.background, config.bus, [spec.frame_id for spec in message_set(config.bus).specs])
         self._ecu = self._python_ecu(bundle, controller, config) if ecu is None else ecu
         if calibration is not None:
@@ -116,7 +117,7 @@ class Simulation:
         Args:
             wake: a plant at the start of a control period; afterwards it is at the end of the run.
             capture: called with every frame on the bus, stamped with the end of its transmission.
-            origin: date and origin that the run records; if None, today's date.
+            origin: date and origin of the run, for its record; if None, the date is today's.
             ready: called with the total number of periods before the first period.
             requesting: called before the first period in which control is requested.
             progress: called with (row, periods done, total periods) after every period.
@@ -190,7 +191,7 @@ class Simulation:
 
 
 def _check_vehicle(config: Config, requested: int) -> None:
-    """Raise StillwakeError if the bus or the actuator is too slow for a run."""
+    """Raise StillwakeError if the bus is not simulated, or the bus or the jets' actuator is too slow."""
     if config.bus.interface != SIMULATED:
         raise BusError(
             f"bus.interface = {config.bus.interface!r}: a run is in virtual time, on the simulated bus; only "

@@ -8,19 +8,19 @@ from contract.errors import StillwakeError
 SHEDDING_TIME: Final = 5.0
 """Length in t_c of a shedding cycle of the truck's wake, from its Strouhal number of 0.2."""
 _LONGEST: Final = 1e6
-"""Longest span in t_c; it corresponds to a run of a day."""
+"""Longest span in t_c, about a day of the run's time."""
 CYCLES: Final = 2
-"""Number of shedding cycles in the shortest span, so that the span includes a whole cycle at any phase."""
+"""Smallest number of shedding cycles in an averaged span, so that it contains a whole cycle at any phase."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Spans:
-    """Lengths of a run's spans in t_c, checked at construction. Raises StillwakeError if a span is not a number of t_c,
-    or too short for averages with `averages` set.
+    """Lengths of a run's spans in t_c, checked at construction. Raises StillwakeError if a span is negative, not finite
+    or longer than 10^6 t_c, or, with `averages`, too short for averages.
 
     Attributes:
         lead_in: time without control, in which the controller's window fills.
-        settle: time after the request that the controlled averages leave out.
+        settle: time after the request for control that the averages under control leave out.
     """
 
     lead_in: float

@@ -38,8 +38,9 @@ class Actuation:
 
     Attributes:
         action: action at the period's end, in U_inf W.
-        command: valid command frame of the period; None if there was none.
-        next_period: True if the jets follow that frame in the next period, and the previous frame in this period.
+        command: valid command frame that arrived in the period; None if there was none.
+        next_period: True if this command acts in the next period, so that the jets still follow the previous command in
+            this period.
         sampled_ns: sampling time of the command's pressures; None without a command.
     """
 
@@ -57,7 +58,7 @@ class VehicleNode:
         sensor_names: sensors of the transducers, in the order of the bundle.
         config: operating point, E2E and fail-safe settings.
         authentication: key and freshness values of the node, with `bus.key`.
-        read: function from (Cp at the S transducers, shape (S,), time in ns) to their readings.
+        read: function from (Cp at the S transducers, shape (S,), time in ns) to the transducers' readings.
 
     Attributes:
         operating_point: operating point of the vehicle itself; initially that of `config`.
@@ -106,8 +107,8 @@ class VehicleNode:
         self._driven_to = 0.0  # action of the latest period, before the actuator's delay
         self._commanded = DelayLine.filled(config.vehicle.actuator_delay)
         self._echo = EchoTracker(counter_period=profile_of(self._messages.pressure.spec).counter_period)
-        # The ECU's command gate accepts pressures up to an age of 1 + hold_periods + decay_periods; computing and
-        # transmission add at most one period.
+        # The ECU's command gate accepts pressures with ages of up to 1 + hold_periods + decay_periods periods;
+        # computation and transmission add at most one period.
         self._oldest_echo = 2 + config.ecu.hold_periods + config.ecu.decay_periods
         self.frames_sent = 0
 
@@ -115,9 +116,9 @@ class VehicleNode:
         """Return the Pressure frame of the instant `now_ns`. `cp` has the wall pressures Cp of all n sensors of the
         plant, shape (n,).
 
-        The frame is sent `age_ns` later. A pressure beyond the transducer's range saturates and is marked invalid; NaN
-        is sent as 0. After the vehicle has given up control, the frame requests no control until `enable_request` has
-        been False once.
+        The frame states that its pressures are `age_ns` old. A pressure beyond the transducer's range saturates and is
+        marked invalid; NaN is sent as 0. After the vehicle has given up control, its frames request no control until
+        `enable_request` has been False once.
         """
         losses = self._losses if enable_request else self._losses.cleared()
         requested = enable_request and not losses.is_latched
@@ -138,8 +139,8 @@ class VehicleNode:
         return frame
 
     def speed_frame(self, *, now_ns: int, age_ns: int = 0) -> Frame | None:
-        """Return the VehicleSpeed frame of the instant `now_ns`, sent `age_ns` later; None while the vehicle sends no
-        speed."""
+        """Return the VehicleSpeed frame of the instant `now_ns`, which states an age of `age_ns`; None while the
+        vehicle sends no speed."""
         if not self.sends_speed:
             return None
         message = VehicleSpeed(
@@ -154,7 +155,7 @@ class VehicleNode:
         return frame
 
     def apply_commands(self, frames: Sequence[Frame]) -> Actuation:
-        """Return the jets' action after the frames of one control period.
+        """Return the jets' action that follows from the frames received in one control period.
 
         Without a valid command the vehicle keeps the last action for `ecu.hold_periods` periods, like the ECU; then the
         jets shut. The jets shut immediately if the vehicle no longer wants control, or if it gives up control because
@@ -182,9 +183,9 @@ class VehicleNode:
         if self.has_given_up or not self._requested:
             self._action = before = 0.0
         if not self._next_period and self._action != 0.0:
-            # This command acts in the present period and replaces the previous command, which was for this period too.
-            # The jets have not reached that command's action, so the step is limited again, from the action that they
-            # have reached.
+            # This command acts in the present period and replaces the previous command, which was meant for the same
+            # period. The jets have not reached the previous command's action, so the step is limited again, from the
+            # action that the jets have reached.
             self._action = self._in_reach_of(self._driven_to, self._action)
         self._driven_to = before if self._next_period else self._action
         return Actuation(
@@ -203,7 +204,7 @@ class VehicleNode:
         return float(np.clip(self._in_reach_of(self._action, wanted), -limit, limit))
 
     def _in_reach_of(self, action: float, wanted: float) -> float:
-        """Return the action after one period, moved towards `wanted` by at most the driver's step."""
+        """Return the action after one period of moving from `action` to `wanted` by at most the driver's step."""
         step = self._config.vehicle.action_step
         return float(np.clip(wanted, action - step, action + step))
 
@@ -220,7 +221,7 @@ class VehicleNode:
     @property
     def foreseen_action(self) -> float:
         """The jets' action, in U_inf W, at the end of the period whose pressures were sampled last, according to the
-        commands so far. A command for the next period already counts, because that period has begun."""
+        commands received so far. A command for the next period is included, because that period has already started."""
         if self.stuck_at is not None:
             return self.stuck_at
         return self._commanded.pushed(self._action if self._requested else 0.0).in_force
@@ -232,7 +233,7 @@ class VehicleNode:
 
     @property
     def accepted_freshness(self) -> tuple[int, int]:
-        """Identifier of the jet commands, and the newest freshness value accepted with them, which is 0 without
+        """Identifier of the jet commands, and the freshness value of the newest accepted command; 0 without
         authentication."""
         return self._receiver.spec.frame_id, self._verifier.freshness
 

@@ -43,8 +43,7 @@ from wake.plant.sample import Sample
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class BusPorts:
-    """The ports through which the two nodes send and receive: ports of one `SimulatedBus`, or wrappers around these
-    ports."""
+    """The ports through which vehicle and ECU send and receive: ports of a `SimulatedBus`, or wrappers around them."""
 
     vehicle: Bus
     ecu: Bus
@@ -73,7 +72,7 @@ class VirtualLoop(NeverCopied):
     Args:
         plant: the flow, at the start of a control period.
         bus: the bus, at time 0; the loop advances its time.
-        clock: wall clock in s that measures the ECU's step; the loop does not depend on it.
+        clock: wall clock in s that measures the ECU's step; the loop's results do not depend on it.
         ecu_clock: function from a time of the run to the time on the ECU's clock, in ns.
         step_ns: function that returns the computing time of the ECU's latest step in ns; if None,
             `ecu.compute_time_ms`.
@@ -169,13 +168,13 @@ class VirtualLoop(NeverCopied):
         return self._bus.now_ns >= self._booted_ns
 
     def exchange_ecu(self, ecu: SteppedEcu, step_ns: Callable[[], int] | None = None) -> None:
-        """Continue with another ECU of the same bundle and settings, from the state of the present ECU."""
+        """Replace the ECU by an ECU of the same bundle and settings, which continues from the old ECU's state."""
         ecu.restore(self._ecu.state)
         self._ecu = ecu
         self._step_ns = self._charged if step_ns is None else step_ns
 
     def totals(self) -> BusTotals:
-        """Return the frame counts so far; a frame that is still on its way does not count as lost."""
+        """Return the frame counts so far; a frame that is still being transmitted does not count as lost."""
         sent = self._node.frames_sent + self._commands_sent
         arrived = self._pressures_received + self._commands_received
         rejected = self._ecu.frames_rejected + self._node.frames_rejected
@@ -184,8 +183,8 @@ class VirtualLoop(NeverCopied):
         return BusTotals(sent=sent, lost=max(sent - arrived - under_way, 0), rejected=rejected)
 
     def _pressures_came(self) -> bool:
-        """Put received frames into the ECU's inbox, or drop them while the ECU boots; return whether pressures were
-        added."""
+        """Put received frames into the ECU's inbox, or drop them while the ECU boots. Return whether pressures were
+        among the frames that were put in."""
         received = self._ports.ecu.receive_all()
         if self._bus.now_ns < self._booted_ns:
             return False
@@ -195,7 +194,8 @@ class VirtualLoop(NeverCopied):
         return pressures > 0
 
     def _step_ecu(self, now_ns: int) -> float:
-        """Step the ECU unless it is still computing; returns the step's wall-clock ms, NaN if there was no step."""
+        """Step the ECU unless it is booting or still computing; return the step's wall-clock time in ms, NaN without a
+        step."""
         if now_ns < max(self._busy_until_ns, self._booted_ns):
             return math.nan
         began = self._clock()
@@ -219,17 +219,17 @@ class VirtualLoop(NeverCopied):
 
     @staticmethod
     def _send(port: Bus, frame: Frame) -> None:
-        """Send a frame. A frame that the bus does not accept is lost, and its receiver has to detect the loss."""
+        """Send a frame. A frame that the bus does not accept is lost; the receiver must detect this."""
         try:
             port.send(frame)
         except BusError:
             return
 
     def _advance_plant(self, actuation: Actuation) -> None:
-        """Advance the flow to the period's end; until a command for this period arrives, the jets keep their action."""
+        """Advance the flow to the period's end. Until the period's command arrives, the jets keep their action."""
         if actuation.command is not None and not actuation.next_period:
             after_ns = actuation.command.timestamp_ns - self._start_ns
-            # At least one time step is needed for the ramp.
+            # The ramp to the new action needs at least one time step.
             late = min(self._substeps - 1, math.ceil(after_ns * self._substeps / self._period_ns))
             if late > 0:
                 self._plant.advance_to(late)

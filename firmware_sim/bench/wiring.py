@@ -1,4 +1,4 @@
-"""The assembly of a loop: bus, vehicle, ECU and disturbances on one wake, at time 0."""
+"""The code that sets up a loop, with bus, vehicle, ECU and disturbances, on one wake at time 0."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -28,11 +28,11 @@ class Disturbs(Protocol):
 
     @property
     def corrupts(self) -> Corrupts | None:
-        """Bit errors on the bus that all nodes see."""
+        """Function that makes the bit errors that all nodes see; None without such errors."""
 
     @property
     def mishears(self) -> Corrupts | None:
-        """Bit errors on the bus that only one receiver sees."""
+        """Function that makes the bit errors that only one receiver sees; None without such errors."""
 
     def readings(self, cp: Array, now_ns: int) -> Array:
         """Return the transducers' readings, shape (S,), for the wall pressures Cp at the S sensors, shape (S,)."""
@@ -41,7 +41,7 @@ class Disturbs(Protocol):
         """Return the time on the ECU's clock at a time of the run."""
 
     def connect(self, bus: SimulatedBus) -> Callable[[str, Bus], Bus]:
-        """Start the port faults on this bus. Returns a function that wraps a node's port in the node's faults."""
+        """Start the port faults on this bus. Returns a function that adds a node's faults to the node's port."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -64,7 +64,7 @@ class Wired:
         return self.waits.traffic(self.bus.activity(), self.errors())
 
     def errors(self) -> dict[str, NodeErrors]:
-        """Return the error counters of the nodes, by their names."""
+        """Return the error counters of each node, by the node's name."""
         return {name: NodeErrors.of(port.health(), port.refused) for name, port in self.ports.items()}
 
 

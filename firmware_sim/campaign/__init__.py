@@ -1,1 +1,1 @@
-"""Campaigns: test plans of disturbed closed-loop runs, which run in parallel, and one report of their results."""
+"""Campaigns, which run a test plan of disturbed closed-loop runs in parallel and report their results together."""

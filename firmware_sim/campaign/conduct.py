@@ -1,4 +1,4 @@
-"""The execution of a whole campaign: the missing runs are computed and every scenario is judged."""
+"""The execution of a whole campaign: the missing runs are computed, and the outcome of every scenario is classified."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -29,7 +29,7 @@ class Campaign:
     Attributes:
         scenarios: scenarios of the plan, among them the undisturbed scenario.
         config: settings of all runs; each scenario may override some of them.
-        phases: number of runs per scenario under control; they start at equal parts of a shedding cycle.
+        phases: number of runs per scenario under control. Their phases divide a shedding cycle equally.
     """
 
     scenarios: tuple[Scenario, ...]
@@ -40,10 +40,11 @@ class Campaign:
     seed: int = 0
 
     def check(self) -> None:
-        """Check every scenario. Raises StillwakeError if a scenario allows no run; the error states the scenario."""
+        """Check every scenario. Raises StillwakeError if no run of a scenario is possible; the error states the
+        scenario."""
         period = self.config.flow.control_period
         lead_in, total = self.timing.periods(period)
-        # The last sample is taken one period before the end of the run.
+        # The last sample is taken at the start of the last period, one period before the end of the run.
         if (latest := round((total - lead_in - 1) * period, 9)) < self.timing.settle:
             raise StillwakeError(
                 f"--settle {self.timing.settle:g}: must be at most {latest:g} with --controlled "
@@ -161,7 +162,7 @@ class _Runs:
         )
 
     def rows(self) -> tuple[ScenarioRow, ...]:
-        """Judge every scenario."""
+        """Return the classified outcome of every scenario."""
         scenarios = self._campaign.scenarios
         return judged(scenarios, {one.name: self._phases(one) for one in scenarios})
 

@@ -1,4 +1,4 @@
-"""The folder of a campaign: its label, its starts, its finished runs, and its report.
+"""The folder of a campaign: its label, the initial states and results of its runs, and its report.
 
 campaign.json           the label: settings, seed, spans and bundle; a call with a different label is refused
 starts/phase_0.npz      initial flow state of the runs; NAME.phase_0.npz: initial state of scenario NAME's own plant
@@ -28,13 +28,13 @@ class CampaignFolder:
         self._label_file, self._runs = path / "campaign.json", path / "runs"
 
     def start(self, phase: int, scenario: str = "") -> Path:
-        """Return the file of the flow state at which a phase starts. With `scenario`, the state belongs to the plant of
-        that scenario; without it, to the plant of all other scenarios."""
+        """Return the file of the flow state from which the runs of a starting phase start. With `scenario`, the state
+        belongs to the plant of that scenario; without it, to the plant of all other scenarios."""
         return self.path / "starts" / f"{scenario and scenario + '.'}phase_{phase}.npz"
 
     def check(self, label: Mapping[str, Any], *, overwrite: bool) -> None:
-        """Check, without changes, whether this campaign can run in this folder. Raises OutputError if the folder holds
-        another campaign or other files; StillwakeError if the folder cannot be written.
+        """Check, without changes, whether this campaign can run in this folder. Raises OutputError if the folder
+        contains another campaign or other files; StillwakeError if the folder cannot be written.
 
         Args:
             label: the data that identify the campaign, as plain JSON.
@@ -66,7 +66,7 @@ class CampaignFolder:
             temporary.write_text(json.dumps(label, indent=2, sort_keys=True) + "\n", encoding="utf-8")
 
     def outcome(self, name: str, key: str) -> RunOutcome | None:
-        """Return the finished run of that name; None if there is no such run, or its key differs."""
+        """Return the finished run of this name; None if there is no such run, or if it has another key."""
         kept = load(self._run(name))
         return kept if kept is not None and kept.key == key else None
 
@@ -93,5 +93,5 @@ class CampaignFolder:
 
 
 def _plain(label: Mapping[str, Any]) -> Any:
-    """Return the label in the form that it has after it was written to JSON and read back."""
+    """Return the label as it would be read back after it was written as JSON."""
     return json.loads(json.dumps(label))

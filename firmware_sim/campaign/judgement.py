@@ -1,5 +1,5 @@
-"""The judgement of a campaign, one row per scenario: whether its outcome is safe and useful, and the spread over the
-starting phases."""
+"""The classification of a campaign's outcomes, one row per scenario: whether the scenario is safe, the benefit of
+control, and the spread over the starting phases."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -35,7 +35,7 @@ class PhaseOutcomes:
 
     @property
     def reduction(self) -> float:
-        """Reduction of the wall's mean drag by control in percent; NaN if a run did not finish."""
+        """Reduction of the mean wall drag by control, in percent; NaN if a run did not finish."""
         if self.under.figures is None or self.free.figures is None:
             return nan
         return 100.0 * (1.0 - self.under.figures.Cd / self.free.figures.Cd)
@@ -90,8 +90,8 @@ class ScenarioRow:
 
     @property
     def in_control(self) -> float:
-        """Percentage of the control periods with requested control in which the controller planned, over all starting
-        phases."""
+        """Percentage of control periods in which the controller planned, among the periods with requested control of
+        the runs from all starting phases."""
         requested = self._total("requested")
         return 100.0 * self._total("in_control") / requested if requested else nan
 
@@ -116,15 +116,15 @@ class ScenarioRow:
 
     @property
     def reasons(self) -> dict[str, int]:
-        """Number of control periods without control for each reason that the ECU gave, over all starting phases; the
-        most frequent reason comes first."""
+        """Number of control periods without control for each reason that the ECU gave, summed over all starting phases;
+        the most frequent reason comes first."""
         count: Counter[str] = Counter()
         for service in self._services:
             count.update(service.reasons)
         return dict(sorted(count.items(), key=lambda item: (-item[1], item[0])))
 
     def figures(self) -> dict[str, Any]:
-        """Return the row for other programs; a missing figure is null."""
+        """Return the row as data for other programs; an unknown value is null."""
         spreads = {
             "reduction_percent": self.reduction,
             "abs_Cl": self.abs_Cl,

@@ -1,4 +1,4 @@
-"""A campaign as text: plan and rows for the terminal and the report, and rows as CSV for other programs."""
+"""A campaign as text: plan and results for the terminal and the report, and results as CSV for other programs."""
 
 import csv
 from collections.abc import Sequence
@@ -62,7 +62,7 @@ def spread(value: Spread, style: str) -> str:
 
 
 def number(value: float, style: str) -> str:
-    """Format a number; a dash for NaN."""
+    """Format a number; NaN becomes a dash."""
     return f"{value:{style}}" if isfinite(value) else "-"
 
 

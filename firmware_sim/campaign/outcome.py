@@ -17,14 +17,14 @@ _SCHEMA: Final = "stillwake-campaign-run/1"
 COURSE: Final = ("t", "Cd", "Cl", "action")
 """Names of the stored series, which have one value per control period."""
 DECIMALS: Final = 6
-"""Number of decimals of stored series; their step is a tenth of the resolution of an action on the bus."""
+"""Number of decimals of the stored series; for actions, the last decimal is a tenth of the resolution on the bus."""
 MOST_KEPT: Final = 20
 """Largest number of violations that are stored as text; all violations are counted."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class KeptCourse:
-    """The stored series of a run, named as in `COURSE`, and the time of the request for control."""
+    """The stored series of a run, with the names in `COURSE`, and the time of the request for control."""
 
     t: list[float]
     Cd: list[float]
@@ -40,7 +40,7 @@ class KeptCourse:
 
 @dataclass(frozen=True, kw_only=True)
 class MeanFigures:
-    """Means over the averaged periods, each with the same weight; the coefficients are defined in `Sample`."""
+    """Means over the averaged periods, each with the same weight; `Sample` defines the coefficients."""
 
     Cd: float
     abs_Cl: float
@@ -49,10 +49,10 @@ class MeanFigures:
 
     @classmethod
     def over(cls, course: KeptCourse, from_t: float) -> "MeanFigures":
-        """Average from `from_t`, in the time of the series, to the end.
+        """Average over the samples from `from_t` on, a time on the scale of the series.
 
-        The runs with and without control are averaged over the same instants and start in the same phase of shedding,
-        so both averages leave out the same part of a cycle.
+        The runs with and without control start in the same phase of shedding and are averaged over the same instants,
+        so both averages leave out the same part of a shedding cycle.
         """
         t = np.array(course.t)
         kept = t >= from_t - 1e-9  # allows for rounding in sums of spans
@@ -70,8 +70,8 @@ class RunService:
     """Counts of the ECU and the bus in a run under control.
 
     Attributes:
-        requested: number of control periods with requested control, without the periods in which the window was still
-            filling.
+        requested: number of control periods with requested control; periods in which the window was still filling are
+            not counted.
         in_control: number of the requested periods in which the controller planned.
         latches: number of times that the ECU latched a fault.
         reasons: number of control periods without control, for each reason that the ECU gave.

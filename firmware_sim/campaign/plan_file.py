@@ -14,7 +14,7 @@
 A scenario with `each` expands to several scenarios: one for each value or, with `each = "sensors"`, one for each sensor
 of the release. The texts of a scenario may use these names: `{each}` is the value; `{base_sensor}` is the release's
 first sensor on the base; `{sensor_1}`, `{sensor_2}` and so on are the release's sensors; `{after:20}` is the instant
-20 t_c after the request for control, in s of the run; `{seconds:20}` is the length of 20 t_c in s.
+20 t_c after the request for control, in s from the start of the run; `{seconds:20}` is the length of 20 t_c in s.
 """
 
 import re
@@ -34,7 +34,7 @@ BUILT_IN: Final = ("paper", "sensors", "bus", "flow")
 """Names of the files in `plans/`, in the plan's order."""
 MOST_SCENARIOS: Final = 1000
 _SENSORS: Final = "sensors"
-"""Value of `each` for which a scenario is repeated for each sensor of the release."""
+"""Value of `each` with which a scenario is repeated for each sensor of the release."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,8 +67,8 @@ class _PlanForm:
 
 
 def whole_plan(users: Sequence[Path], place: Place) -> tuple[Scenario, ...]:
-    """Return the built-in scenarios, then the scenarios of the user's files. Raises ConfigError for an unknown,
-    missing, mistyped or meaningless entry; the error states the file."""
+    """Return the built-in scenarios, then the scenarios of the user's files. Raises ConfigError for an unknown, missing
+    or invalid entry; the error states the file."""
     folder = files("firmware_sim.campaign").joinpath("plans")
     sources: list[Traversable] = [*(folder.joinpath(f"{name}.toml") for name in BUILT_IN), *users]
     scenarios = tuple(one for source in sources for one in read_plan(source, place))
@@ -79,7 +79,7 @@ def whole_plan(users: Sequence[Path], place: Place) -> tuple[Scenario, ...]:
 
 
 def read_plan(source: Traversable, place: Place) -> tuple[Scenario, ...]:
-    """Read the scenarios of one file; raises ConfigError for an invalid entry, like `whole_plan`."""
+    """Read the scenarios of one file; raises ConfigError for an invalid entry, as `whole_plan` does."""
     tree = read_toml(source, "plan")
     try:
         plan = typed(tree, _PlanForm)

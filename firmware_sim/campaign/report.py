@@ -1,5 +1,5 @@
-"""A campaign as one self-contained HTML page, with a matrix, curves and a section for each group, and the files of its
-table and figures."""
+"""The report of a campaign: one self-contained HTML page, with a matrix, curves and a section for each group, and
+separate files of its table and figures."""
 
 from datetime import date
 from itertools import groupby
@@ -31,13 +31,13 @@ _CURVES: Final = {
     ),
     "overview": ("Overview", _BARS),
 }
-"""Title of each figure, and the text below it."""
+"""Title and caption of each figure."""
 _USED: Final = ("operating_point", "flow", "bus", "ecu", "vehicle")
 """Sections of the settings that the runs use."""
 
 
 def write_report(folder: CampaignFolder, campaign: Campaign, result: Result, day: date) -> None:
-    """Write page, table and figures into the folder; each new file replaces an older file only when it is complete."""
+    """Write the page, the table and the figures into the folder; a file is replaced only by a complete file."""
     matrix_words.write_csv(folder.table, result.rows)
     pictures = {name: pages.png_of(figure) for name, figure in result_figures.figures_of(result.rows).items()}
     for name, png in pictures.items():

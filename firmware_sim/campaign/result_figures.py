@@ -2,8 +2,8 @@
 
 The colours are those of Okabe and Ito, which colour-blind readers can distinguish; the marks differ as well.
 
-The paper's own loop under noise and delay (section 3.3 and appendix B) is shown only where the paper's text states
-numbers. For noise, and for the other delays, the paper has only pictures.
+The paper tests its control loop under noise and delay (section 3.3 and appendix B). The figures show only results of
+these tests that the paper's text states as numbers. For noise, and for the other delays, the paper has only pictures.
 """
 
 import re
@@ -21,10 +21,10 @@ from firmware_sim.campaign.scenario import UNDISTURBED
 
 PAPERS_UNCONTROLLED_CD: Final = 1.051
 PAPERS_DELAYED_CD: Final = {0: 0.918, 12: 0.950}
-"""The paper's mean Cd under control for each actuator delay in control periods, with compensation (appendix B)."""
+"""The paper's mean Cd under control for each actuator delay in control periods, if the delay is compensated (appendix
+B)."""
 PAPERS_NOISE: Final = "consistent drag reduction across all tested noise levels"
-"""The paper's words on noise of 10 to 90 % of the global deviation (appendix B); the paper gives no numbers for this
-noise."""
+"""The paper's statement on noise of 10 to 90 % of the global deviation (appendix B), without numbers."""
 
 
 def papers_reduction_percent(Cd: float) -> float:
@@ -44,15 +44,15 @@ _DPI: Final = 100
 
 @dataclass(frozen=True, kw_only=True)
 class Curve:
-    """Scenarios that differ in one number; each point is (number, row)."""
+    """Results of scenarios that differ in one number; each point is (that number, row of the scenario)."""
 
     label: str
     points: tuple[tuple[float, ScenarioRow], ...]
 
 
 def curve(rows: Sequence[ScenarioRow], label: str, pattern: str) -> Curve:
-    """Collect the scenarios whose name matches `pattern`. The pattern's group is a scenario's number; the undisturbed
-    scenario has the number 0."""
+    """Collect the scenarios whose name matches `pattern`. The pattern's group matches the number of a scenario; the
+    undisturbed scenario has the number 0."""
     found = []
     for row in rows:
         match = re.fullmatch(pattern, row.scenario.name)
@@ -80,8 +80,8 @@ def figures_of(rows: Sequence[ScenarioRow]) -> dict[str, Figure]:
 def curves_figure(
     curves: Sequence[Curve], xlabel: str, papers: str, Cd_by_number: Mapping[int, float]
 ) -> Figure | None:
-    """Plot drag reduction and mean |Cl| against the scenarios' number, with the paper's points; return None if no
-    curve has two points.
+    """Plot drag reduction and mean |Cl| against the number in which the scenarios differ, with the paper's points;
+    return None if no curve has two points.
     """
     curves = [one for one in curves if len(one.points) > 1]
     if not curves:
@@ -139,7 +139,7 @@ def overview_figure(rows: Sequence[ScenarioRow]) -> Figure:
 
 
 def _draw(axes: Axes, one: Curve, name: str, colour: str, mark: str) -> None:
-    """Draw the means, and bars from the minimum to the maximum over the starting phases."""
+    """Draw the means as marks, with bars from the minimum to the maximum over the starting phases."""
     points = [(x, getattr(row, name)) for x, row in one.points]
     known = [(x, value) for x, value in points if isfinite(value.mean)]
     x = [place for place, _ in known]

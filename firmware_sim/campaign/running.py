@@ -1,4 +1,4 @@
-"""One run of a campaign, in any process: the closed loop under its disturbances, or the flow without control."""
+"""The execution of a campaign's run in any process: the loop under its disturbances, or the flow without control."""
 
 from collections import Counter
 from collections.abc import Iterable
@@ -25,7 +25,8 @@ from wake.truck.truck_wake import TruckWake
 
 
 def run_task(task: RunTask, bundle: Bundle, start: State) -> RunOutcome:
-    """Run a task from a starting state. The outcome depends on the arguments alone; the caller fills in its key.
+    """Run a task from a starting state. The outcome depends only on the arguments; the caller must set the outcome's
+    key.
 
     An exception in a run does not end the campaign: the outcome records the exception as a result.
     """
@@ -40,7 +41,7 @@ def run_task(task: RunTask, bundle: Bundle, start: State) -> RunOutcome:
 def check_run(
     scenario: Scenario, config: Config, bundle: Bundle, timing: Spans, controller: RunnableController
 ) -> None:
-    """Check a scenario. Raises ConfigError if the scenario allows no run; the error states the scenario."""
+    """Check a scenario. Raises ConfigError if no run of the scenario is possible; the error states the scenario."""
     try:
         Simulation(
             bundle,

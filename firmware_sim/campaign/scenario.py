@@ -1,4 +1,4 @@
-"""A test plan as data: a scenario has a sentence, disturbances of the loop, and criteria for a useful outcome."""
+"""A test plan as data: each scenario has a description, disturbances of the loop, and criteria for a useful outcome."""
 
 import re
 from collections.abc import Sequence
@@ -12,8 +12,8 @@ from contract.errors import ConfigError
 UNDISTURBED: Final = "undisturbed"
 """Name of the scenario with which all other scenarios are compared; every plan contains it."""
 UNCONTROLLED: Final = "uncontrolled"
-"""Name of the runs without control in the undisturbed flow. With a scenario's name before it, it is the name of the
-runs without control in that scenario's flow."""
+"""Name of the runs without control in the undisturbed flow. For the runs without control in a scenario's flow, the
+scenario's name precedes this name."""
 _NAME: Final = re.compile(r"[a-z0-9][a-z0-9_.]*")
 LONGEST_NAME: Final = 80
 """Largest number of characters of a name, which is also part of a file name."""
@@ -26,7 +26,7 @@ class Criteria:
 
     Attributes:
         useful: smallest drag reduction for "useful", as a share of the undisturbed scenario's drag reduction.
-        marginal: above this share of that reduction the outcome is "marginal", otherwise "none".
+        marginal: share of the same reduction, above which an outcome is at least "marginal", otherwise "none".
         abs_Cl: largest mean |Cl| for "useful", as a share of its value without control. A drag reduction with a larger
             side force is of no use.
     """
@@ -52,7 +52,7 @@ class Scenario:
     Attributes:
         name: lower-case letters, digits, dots and underscores; unique in a plan.
         group: title of the scenario's group in the plan.
-        disturb: texts of the disturbances (`firmware_sim.bench.disturbances`); times in s of the run.
+        disturb: texts of the disturbances (`firmware_sim.bench.disturbances`); times in s from the start of the run.
         settings: `section.key=value` texts that override the campaign's settings.
     """
 
@@ -82,7 +82,7 @@ class Place:
     Attributes:
         sensors: sensors of the release, in its order.
         base_sensor: the release's first sensor on the base; None if no sensor is on the base.
-        enabled_s: time of the request for control, in s of the run.
+        enabled_s: time of the request for control, in s from the start of the run.
         t_c_s: convective time in s.
     """
 
@@ -96,7 +96,7 @@ class Place:
         return span * self.t_c_s
 
     def after(self, span: float) -> float:
-        """Return the instant that is `span` t_c after the request for control, in s of the run."""
+        """Return the instant that is `span` t_c after the request for control, in s from the start of the run."""
         return self.enabled_s + self.seconds(span)
 
 
@@ -112,8 +112,8 @@ def check_names(scenarios: Sequence[Scenario]) -> None:
 
 
 def selected(scenarios: Sequence[Scenario], globs: Sequence[str]) -> tuple[Scenario, ...]:
-    """Return the scenarios whose name matches a pattern, and the undisturbed scenario, in the plan's order; without
-    patterns, return all scenarios. Raises ConfigError if a pattern matches no scenario."""
+    """Return the scenarios whose name matches a pattern, and always the undisturbed scenario, in the plan's order;
+    without patterns, return all scenarios. Raises ConfigError if a pattern matches no scenario."""
     for glob in globs:
         if not any(fnmatchcase(one.name, glob) for one in scenarios):
             raise ConfigError(f"--only {glob!r}: no scenario has a matching name; --list shows the names")

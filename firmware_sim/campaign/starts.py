@@ -1,4 +1,5 @@
-"""Starts of runs: the developed wake at several shedding phases, so that no figure depends on a single phase."""
+"""Initial states of runs: the developed wake at several shedding phases, so that no result depends on a single
+phase."""
 
 import hashlib
 from collections.abc import Callable, Sequence
@@ -15,8 +16,8 @@ from wake.truck.truck_wake import TruckWake
 
 
 def phases_apart(phases: int, config: Config) -> list[int]:
-    """Return, for each starting phase, its distance from the developed wake in control periods; the phases divide a
-    shedding cycle into equal parts."""
+    """Return, for each starting phase, the number of control periods from the developed wake to this phase; the phases
+    divide a shedding cycle into equal parts."""
     cycle = 1.0 / config.forcing.base_frequency
     return [round(number * cycle / phases / config.flow.control_period) for number in range(phases)]
 
@@ -28,7 +29,7 @@ def starting_states(
     scenario: str = "",
     progress: Callable[[float, float], None] = lambda t, total: None,
 ) -> tuple[State, ...]:
-    """Return the flow states of all starting phases, with their clocks at zero and the jets shut. They are read from
+    """Return the flow states of all starting phases, with their time set to zero and the jets shut. They are read from
     the folder, or computed, which takes minutes for a body other than the truck. Raises PlantError if there is no
     developed wake for the settings.
 
@@ -55,8 +56,8 @@ def digest_of(state: State) -> str:
 
 
 def _kept(file: Path, config: Config) -> State | None:
-    """Return the state in the file; None if the file is missing or holds the state of another plant, since the scenario
-    may have had another body earlier."""
+    """Return the state in the file; None if the file is missing or its state is of another plant, which is possible if
+    the scenario had another body earlier."""
     try:
         state = load_state(file)
         if state.origin is not None:

@@ -1,4 +1,4 @@
-"""One run of a campaign as a value that any process can execute, and the hash of this value."""
+"""The data of one run of a campaign, from which any process can execute the run, and the hash of these data."""
 
 import hashlib
 import json
@@ -25,13 +25,13 @@ frame only starts the end-to-end check."""
 
 @dataclass(frozen=True, kw_only=True)
 class RunTask:
-    """One run.
+    """The data of one run.
 
     Attributes:
         name: name of the run's file, formed from scenario and phase.
         controlled: whether control is requested; otherwise the flow runs without the loop.
         config: settings, with the plant's body, which may differ from the body of the release.
-        phase: number of the starting phase.
+        phase: index of the starting phase.
     """
 
     name: str
@@ -44,7 +44,7 @@ class RunTask:
 
     @property
     def plant(self) -> PlantKey:
-        """Key under which the starts of the run's plant are stored."""
+        """Key under which the initial states of the run's plant are stored."""
         return plant_of(self.config)
 
     def key(self, bundle_digest: str, start_digest: str, version: str) -> str:
@@ -85,6 +85,6 @@ def settings_of(scenario: Scenario, config: Config) -> Config:
 
 
 def seed_of(seed: int, name: str, phase: int) -> int:
-    """Return a seed for a run that depends on nothing but the campaign's seed, the run's name and its phase."""
+    """Return a run's seed, which depends only on the campaign's seed, the run's name and its phase."""
     text = f"{seed}/{name}/{phase}"
     return int.from_bytes(hashlib.sha256(text.encode()).digest()[:4])

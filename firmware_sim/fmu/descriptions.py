@@ -1,5 +1,4 @@
-"""The descriptions in an FMU's file: `modelDescription.xml` in FMI 3.0 and 2.0, the bus terminal, and the manifest of
-the bus standard."""
+"""The description files in an FMU: `modelDescription.xml` (FMI 3.0 and 2.0), the bus terminal, the bus manifest."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Final
@@ -15,7 +14,7 @@ TERMINAL: Final = "CanChannel"
 LS_BUS: Final = "org.fmi-standard.fmi-ls-bus"
 _MIME: Final = f'application/{LS_BUS}.can; version="1.0.0"'
 _RX_BYTES, _TX_BYTES = 8192, 16384
-"""Sizes in bytes of the buffers for received and sent data in `ecu/c/fmu/sw_fmu.h`."""
+"""Sizes in bytes of the buffers for received and sent data; `ecu/c/fmu/sw_fmu.h` has the same sizes."""
 _TYPES_2: Final[Mapping[str, str]] = {"Float64": "Real", "UInt32": "Integer"}
 _add = ElementTree.SubElement
 
@@ -23,7 +22,7 @@ _add = ElementTree.SubElement
 def model_description(
     variables: Sequence[Variable], token: str, bundle: Bundle, config: Config, kind: FmuKind
 ) -> ElementTree.Element:
-    """Return `modelDescription.xml` in FMI 3.0. It contains no date, so the same release and vehicle give the same
+    """Return `modelDescription.xml` in FMI 3.0. It contains no date, so that equal releases and vehicles give equal
     bytes."""
     name, period = bundle.manifest.name, repr(config.period_ns / 1e9)
     root = ElementTree.Element(
@@ -78,8 +77,8 @@ def model_description(
 
 
 def _list_terminal(listed: ElementTree.Element, first: int, kind: FmuKind) -> dict[str, str]:
-    """Add the terminal's clocks and binaries to the list of variables. Returns their value references, which follow
-    those of the variables in the table."""
+    """Add the terminal's clocks and binary variables to the list. Returns their value references by name; these
+    references follow those of the variables in the table."""
     names = ("Rx_Clock", "Rx_Data", "Tx_Clock", "Tx_Data")  # same order as in ecu/c/fmu/bus/sw_fmu_events.c
     references = {name: str(first + i) for i, name in enumerate(names)}
 

@@ -25,10 +25,10 @@ PLATFORM: Final = f"{platform.machine()}-{sys.platform}"
 """Name of this machine's platform in FMI 3.0, such as x86_64-linux."""
 WINDOWS_64: Final = "x86_64-windows"
 PLATFORMS_2: Final = {"x86_64-linux": "linux64", "x86_64-darwin": "darwin64", WINDOWS_64: "win64"}
-"""Names of platforms in FMI 2.0, by their names in FMI 3.0; other platforms have the same name in both versions."""
+"""Names of platforms in FMI 2.0 by their names in FMI 3.0. All other names are equal in both."""
 FLAGS: Final = ("-O3", "-ffp-contract=off", "-fPIC", "-shared", "-fvisibility=hidden", "-Wl,--no-undefined")
-"""Flags of the compiler. -march is absent because an FMU may run on other machines than this one; no decision of the
-ECU depends on this flag."""
+"""Flags of the compiler. The flag -march is not used, because an FMU may run on other machines than this one; the ECU's
+decisions do not depend on this flag."""
 _FLAGS_WINDOWS: Final = ("-target", f"{WINDOWS_64}-gnu", "-O3", "-ffp-contract=off", "-shared", "-s")
 _SETTINGS: Final = "sw_fmu_settings.h"
 _DAY: Final = (1980, 1, 1, 0, 0, 0)
@@ -83,7 +83,7 @@ def binaries(sources: Mapping[str, bytes], kind: FmuKind) -> dict[str, bytes]:
 
 
 def platform_of(name: str, kind: FmuKind) -> str:
-    """Return the name of the folder with a platform's library."""
+    """Return the name of the folder that contains a platform's library."""
     return PLATFORMS_2.get(name, name) if kind.fmi2 else name
 
 

@@ -29,7 +29,7 @@ SI_UNITS: Final[Mapping[str, Mapping[str, str]]] = {
 ENUMERATIONS: Final[Mapping[str, type[IntEnum]]] = {"Mode": Mode, "Reason": Reason}
 _C_TYPES: Final = {"Float64": "FLOAT64", "UInt32": "UINT32", "Boolean": "BOOLEAN", "Enumeration": "INT64"}
 _C_TYPES_2: Final = _C_TYPES | {"UInt32": "INT32", "Enumeration": "INT32"}
-"""Types in the wrapper for FMI 2.0, which has only one integer type."""
+"""C types in the wrapper for FMI 2.0, which has only one integer type."""
 _SIGNAL: Final = re.compile(r"^ SG_ (\w+) : (\d+)\|(\d+)@1([+-]) ", re.MULTILINE)
 
 
@@ -43,14 +43,14 @@ air_density    | speed.AirDensity       | Float64     | kg/m3  | 0  | 0 where it
 send_pressures |                        | Boolean     |        | 1  | Whether this period's frame with pressures comes
 send_speed     |                        | Boolean     |        | 1  | Whether this period's frame with the speed comes
 """
-"""Inputs. The columns are name, message and signal of a `MessageSet`, FMI 3.0 type, unit or enumeration, start value,
-and description."""
+"""Table of the inputs. The columns are name, message and signal of a `MessageSet`, FMI 3.0 type, unit or enumeration,
+start value, and description."""
 _BUS: Final = """
 bus_notifications |  | Boolean | | 0 | Whether the bus confirms frames and tells errors and lost arbitration
 step_offset       |  | Float64 | s | 0 | From the start to the ECU's first step; shorter than a control period
 compute_time      |  | Float64 | s | 0 | From a step to the ECU's frames; shorter than a control period
 """
-"""Parameters of an FMU with a bus terminal; the table has the same columns as the table of the inputs."""
+"""Parameters of an FMU with a bus terminal. The columns are those of the table of inputs."""
 _OUTPUTS: Final = """
 flow_command   | command.Flow           | Float64     | m2/s   |    | Jet flow rate per unit span to be reached
 next_period    | command.NextPeriod     | Boolean     |        |    | Reached in the next control period, not in this
@@ -67,7 +67,7 @@ set_aside.*    | status.SetAside        | Boolean     |        |    | Whether th
 
 
 class Variable(NamedTuple):
-    """A row of a table; a row for all sensors gives one variable per sensor."""
+    """A variable, from a row of a table; a row whose name ends in * gives one variable per sensor."""
 
     causality: str
     name: str
@@ -80,7 +80,7 @@ class Variable(NamedTuple):
 
 
 def ecu_variables(sensors: Sequence[str], config: Config, *, bus: bool = False) -> list[Variable]:
-    """Return all variables in the order of their value references; `sensors` has the order of the Pressure message.
+    """Return all variables in the order of their value references; `sensors` is in the order of the Pressure message.
 
     An output is left out if the message set lacks its signal. With `bus`, the FMU receives frames, so the parameters of
     the bus replace the inputs.
@@ -108,7 +108,7 @@ def ecu_variables(sensors: Sequence[str], config: Config, *, bus: bool = False) 
 
 
 def wrapper_settings(variables: Sequence[Variable], token: str, config: Config, kind: FmuKind) -> bytes:
-    """Return `sw_fmu_settings.h`, with which the wrapper is compiled; `token` is the FMU's instantiation token."""
+    """Return `sw_fmu_settings.h`, a header of the wrapper; `token` is the FMU's instantiation token."""
     messages, types = message_set(config.bus), _C_TYPES_2 if kind.fmi2 else _C_TYPES
     signals, rows = _signals(messages), []
     for item in variables:

@@ -1,4 +1,4 @@
-"""The kinds of FMU, and their names, which are written before the name of an FMU's file."""
+"""The kinds of FMU, and the names of these kinds, which a user writes before the name of an FMU's file."""
 
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -28,12 +28,12 @@ class FmuKind:
 
     @property
     def sources(self) -> tuple[str, ...]:
-        """The folders in `ecu/c/fmu` whose sources the FMU needs around the ECU."""
+        """The folders in `ecu/c/fmu` whose sources the FMU needs in addition to the ECU's sources."""
         return ("bus" if self.bus else "signals", *(["fmi2"] if self.fmi2 else []))
 
     @property
     def words(self) -> str:
-        """The kind as text for a user."""
+        """A description of the kind for users."""
         return f"FMI {'2.0' if self.fmi2 else '3.0'} co-simulation{', CAN bus by FMI-LS-BUS 1.0' if self.bus else ''}"
 
 

@@ -1,5 +1,5 @@
-"""The plant as an FMU: settings, a script for `pythonfmu3` that runs in the importing tool's Python, and a binary that
-checks each call before the script receives it."""
+"""The plant as an FMU. It contains settings, a script for `pythonfmu3` that runs in the importing tool's Python, and a
+binary that checks each call before the script receives it."""
 
 import json
 import shutil
@@ -20,7 +20,7 @@ from firmware_sim.fmu.kinds import WITH_SIGNALS, FmuKind
 
 _SETTINGS: Final = "sw_plant_settings.h"
 BEHIND: Final = "pythonfmu.so"
-"""Name that the binary of `pythonfmu3` has in the FMU; the binary that checks the calls loads it by this name."""
+"""File name that the FMU gives to the binary of `pythonfmu3`; the binary that checks the calls loads this file."""
 _DESCRIPTION: Final = "modelDescription.xml"
 
 

@@ -1,8 +1,8 @@
 """The plant as a slave of FMI 3.0: `pythonfmu3` copies this file into the FMU and runs it in the importing tool's
 Python.
 
-Control periods begin at start, start + period and so on. In each period, the jets ramp from their present flow to the
-flow requested at the period's beginning, and the inflow ramps to the vehicle's speed in the same way. A communication
+Control periods start at start, start + period and so on. In each period, the jets ramp from their present flow to the
+flow requested at the start of the period, and the inflow ramps to the vehicle's speed in the same way. A communication
 step computes the periods that end within the step. The outputs are the values at the end of the latest period.
 
 Invalid calls are refused before they reach this class (`ecu/c/fmu/plant`).
@@ -31,12 +31,12 @@ from wake.plants import own_wake
 SETTINGS = "settings.json"
 START = "start.npz"
 _SAME_S = 1e-6
-"""Difference in s up to which two times count as equal."""
+"""Largest difference in s of two times that are treated as equal."""
 _OWN = ("time", "jet_flow", "vehicle_speed", "_speed", "_start", "_done", "_asked")
 
 
 class StillwakePlant(Fmi3Slave):  # type: ignore[misc]
-    """The wake of `stillwake run` from its start, in engineering units of the operating point.
+    """The wake of `stillwake run`, from its initial state, in engineering units at the operating point.
 
     Args:
         resources: folder with `SETTINGS`, a whole configuration, and optionally `START`, the initial flow state.
@@ -80,7 +80,7 @@ class StillwakePlant(Fmi3Slave):  # type: ignore[misc]
         self.register_variable(Float64(name, variability=Fmi3Variability.continuous, **facts), nested=False)
 
     def do_step(self, current_time: float, step_size: float) -> Fmi3StepResult:
-        """Compute all control periods that end in this step; times that differ by at most a microsecond count as
+        """Compute all control periods that end in this step; times that differ by at most `_SAME_S` are treated as
         equal."""
         if self._start is None:
             self._start = current_time
@@ -117,7 +117,7 @@ class StillwakePlant(Fmi3Slave):  # type: ignore[misc]
         self._set_fmu_state(state)
 
     def _get_fmu_state(self) -> dict[str, Any]:
-        """Return the state for `_set_fmu_state`; this state is stored only in memory."""
+        """Return the state for `_set_fmu_state`; this state is stored only in memory, not in a file."""
         return {"wake": self._wake.state(), "own": {name: getattr(self, name) for name in _OWN}}
 
     def _set_fmu_state(self, state: dict[str, Any]) -> None:

@@ -1,1 +1,1 @@
-"""The latency of a loop in real time: its stages, an idle loop in the same run, and a budget."""
+"""Measurement of a loop's latency in real time: its stages, an idle loop for comparison, and a budget."""

@@ -19,7 +19,7 @@ misses."""
 
 @dataclass(frozen=True, kw_only=True)
 class StageLimits:
-    """Upper limits of the figures of a stage's latency, in ms; None for no limit."""
+    """Upper limits of the latency figures of one stage, in ms; None for no limit."""
 
     p50_ms: float | None = None
     p99_ms: float | None = None

@@ -1,8 +1,9 @@
-"""The idle baseline: a process that wakes with the ECU's deadlines and privileges, and then does nothing.
+"""The idle loop for comparison: a process that wakes at the ECU's deadlines, with privileges like the ECU's, and does
+nothing.
 
     python -m firmware_sim.latency.idle_loop FILE PERIOD_NS PERIODS
 
-The process ends on SIGTERM or after PERIODS periods, and then writes FILE.
+The process ends on SIGTERM or after PERIODS periods, and then writes its table to FILE.
 """
 
 import signal
@@ -27,10 +28,10 @@ _WANTED: Final = Wanted(priority=PRIORITY + 1)
 
 
 class IdleStage(IntEnum):
-    """Columns of the idle loop's table; times are CLOCK_MONOTONIC in ns."""
+    """Columns of the idle loop's table; times are in ns on CLOCK_MONOTONIC."""
 
     PERIOD = 0
-    """Index of the period; skipped periods are included in the numbering."""
+    """Index of the period; skipped periods are counted too."""
     SCHEDULED = 1
     WOKE = 2
 
@@ -59,8 +60,7 @@ def between(rows: Times, begin_ns: int, end_ns: int) -> Times:
 
 
 def lateness(rows: Times, period_ns: int) -> Array:
-    """Return the time in ns from each scheduled instant to the wake-up. The time of a skipped period lasts until the
-    next wake-up."""
+    """Return the time in ns from each scheduled instant to the wake-up; for a skipped period, to the next wake-up."""
     numbers = np.arange(rows[0, IdleStage.PERIOD], rows[-1, IdleStage.PERIOD] + 1)
     own = rows[np.searchsorted(rows[:, IdleStage.PERIOD], numbers)]
     before = own[:, IdleStage.PERIOD] - numbers
@@ -77,7 +77,7 @@ def main(arguments: Sequence[str]) -> None:
         stopped.append(number)
 
     signal.signal(signal.SIGTERM, stop)
-    # Ctrl-C in a terminal reaches all its processes, but the parent process decides when this process ends.
+    # Ctrl-C in a terminal reaches all its processes; only the parent process may end this one.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     with taken(_WANTED) as privileges:
         sys.stdout.write(f"{in_words(privileges)}\n")

@@ -1,4 +1,4 @@
-"""The evaluation of one run: quantiles of every stage and of the idle loop, misses, and a verdict of one line."""
+"""The evaluation of one run: quantiles of every stage and of the idle loop, misses, and a one-line verdict."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ from firmware_sim.latency.running import Recorded
 from firmware_sim.latency.stages import Periods, Stage, Times, joined
 
 LEFT_CONTROL: Final = 5
-"""Number of periods in a row without a plan at which control counts as lost; one or two lost frames cause fewer such
+"""Number of consecutive periods without a plan at which control counts as lost. One or two lost frames cause fewer such
 periods."""
 NEEDED_FOR_P99_9: Final = 1_000
 """Smallest number of values for which the nearest-rank 99.9th percentile may differ from the maximum."""
@@ -34,8 +34,8 @@ class Quantiles(NamedTuple):
 
     @classmethod
     def of(cls, values_ns: Array) -> Self:
-        """Compute the percentiles of n latencies in ns, shape (n,). NaN means that the stage did not occur and is left
-        out; infinity is included."""
+        """Compute the percentiles of n latencies in ns, shape (n,). NaN means that the stage did not occur, and is left
+        out; infinity counts as a latency."""
         values = values_ns[~np.isnan(values_ns)]
         if not len(values):
             return cls(None, None, None, None, 0)
@@ -65,7 +65,7 @@ class MeasuredRun:
         """Evaluate a run; raises StillwakeError if its tables contain no usable periods."""
         periods = joined(recorded.vehicle, recorded.ecu, period_ns=period_ns, counter_period=counter_period)
         begin = periods.origin_ns
-        # One more period is added on each side, because the idle loop may sleep across the first or last instant.
+        # One more period is included on each side, because the idle loop may sleep through the first or last instant.
         idle = between(recorded.idle, begin - period_ns, begin + int(periods.scheduled[-1]) + period_ns)
         if not len(idle):
             raise StillwakeError("the idle loop did not run at the same time: there is no baseline")
@@ -79,7 +79,7 @@ class MeasuredRun:
 
     @property
     def without_plan(self) -> int:
-        """Number of periods whose command arrived by the end of the period but is not from a plan."""
+        """Number of periods whose command arrived by the end of the period, but was computed without a plan."""
         return int(self._without_plan.sum())
 
     @property
@@ -101,12 +101,12 @@ class MeasuredRun:
 
     @property
     def idle_misses(self) -> int:
-        """Number of periods in which the idle loop was late by `slack_ns` or more; 0 if there is no slack."""
+        """Number of periods in which the idle loop woke at least `slack_ns` late; 0 if there is no slack."""
         return int((self.idle_late >= self.slack_ns).sum()) if self.slack_ns > 0.0 else 0
 
     @property
     def slack_ns(self) -> float:
-        """Time in ns from the median arrival of the command to the end of the period; NaN if no command answered."""
+        """Time in ns from the median arrival of the commands to the end of the period; NaN if no command arrived."""
         answers = self.periods.stages[Stage.ALL]
         answers = answers[np.isfinite(answers)]
         return self.periods.period_ns - float(np.median(answers)) if len(answers) else float("nan")
@@ -118,12 +118,13 @@ class MeasuredRun:
 
     @property
     def is_too_noisy(self) -> bool:
-        """Whether the idle loop was late by more than the slack, so that it would have missed commands as well."""
+        """Whether the idle loop was once later than the slack, so that even a loop without work would miss a
+        command."""
         return self.idle_misses > 0
 
     @property
     def verdict(self) -> str:
-        """The first line of a report."""
+        """Text of the first line of a report."""
         total = len(self.periods)
         missed = f"{self.misses} of {total} commands missed their boundary."
         line = missed if self.misses else f"All {total} commands arrived by their boundary."

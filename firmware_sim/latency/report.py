@@ -1,4 +1,4 @@
-"""The latency of a run for readers: rows of its tables, and the page of the report folder with a figure."""
+"""A report of a run's latency: rows of its tables, and the page of the report folder with a figure."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from math import isinf

@@ -1,4 +1,4 @@
-"""One run: ECU, vehicle and idle loop as separate processes, and the tables that they write."""
+"""The execution of one run: ECU, vehicle and idle loop as separate processes, and the tables that they write."""
 
 import os
 import select
@@ -24,7 +24,7 @@ s."""
 END_S: Final = 30.0
 """Longest time in s that a process may take to write its table after it was asked to end."""
 OVERTIME: Final = 2.0
-"""Multiple of the run's length after which a run fails because the vehicle has not ended."""
+"""Factor on the run's length that gives the time after which a vehicle that has not ended makes the run fail."""
 START_S: Final = 60.0
 """Longest time in s that the vehicle may take to start."""
 
@@ -38,7 +38,7 @@ class Recorded:
     """The tables and messages of one run.
 
     Attributes:
-        vehicle, ecu, idle: rows of `VehicleStage`, `EcuStage` and `IdleStage`.
+        vehicle, ecu, idle: tables with the columns `VehicleStage`, `EcuStage` and `IdleStage`.
         privileges: text that states the privileges granted to the idle loop.
         fault: line of the ECU's log that states its last fault.
     """
@@ -65,8 +65,9 @@ def recorded(
     period_ns: int,
     progress: Callable[[int], None],
 ) -> Recorded:
-    """Run until the vehicle's process ends, and write tables and logs into the folder. Raises BusError if a process
-    ended too early or did not end, with the last line that it printed; StillwakeError if a table cannot be read.
+    """Run the three processes until the vehicle's process ends, and write tables and logs into the folder. Raises
+    BusError if a process ended too early or did not end, with the last line that it printed; StillwakeError if a table
+    cannot be read.
 
     Args:
         folder: existing folder for the tables and the processes' output.
@@ -125,20 +126,20 @@ def _wait(
 
 
 class _Child:
-    """A process with a log in the folder; leaving the context ends the process if it still runs."""
+    """A child process with a log in the folder. Leaving the context ends the process if it still runs."""
 
     def __init__(self, name: str, command: Sequence[str], folder: Path, *, notify: str | None = None) -> None:
         self.name = name
         self._log = folder / f"{name}.log"
         environment = {key: value for key, value in os.environ.items() if key not in ("NOTIFY_SOCKET", "WATCHDOG_USEC")}
-        # The threads of numerical libraries wait by spinning, which would take processor time from the other processes.
+        # Waiting threads of numerical libraries spin, which would take processor time from the other processes.
         environment |= {"OMP_NUM_THREADS": "1", "PYTHONUNBUFFERED": "1"}
         if notify is not None:
             environment["NOTIFY_SOCKET"] = notify
         try:
             with self._log.open("wb") as log:
-                # The process has its own group, so Ctrl-C ends only the present process, which then ends its child
-                # processes in order.
+                # The process has its own group, so that Ctrl-C reaches only the parent process, which then ends its
+                # child processes in order.
                 self.process = subprocess.Popen(
                     command, stdin=subprocess.DEVNULL, stdout=log, stderr=log, env=environment, process_group=0
                 )

@@ -1,9 +1,9 @@
-"""The stages of each control period, from the sampling of the pressures to the command that answers them.
+"""The stages of each control period, from the sampling of the pressures to the command computed from them.
 
-The tables of vehicle and ECU are joined by the pressure counter in the frames. Every time is measured from the
-scheduled instant. A period that a node slept through is not left out: its pressures count as answered when the
-pressures of a later period are answered. If such periods were left out, a loop that stalls for many periods would count
-only one slow period (Tene's "coordinated omission").
+The tables of vehicle and ECU are joined by the pressure counter in the frames. The whole latency is measured from the
+scheduled instant, not from the actual sampling. A period that a node slept through is not left out: its pressures count
+as answered when a command computed from later pressures arrives. If such periods were left out, a loop that stalls for
+many periods would count only one slow period (Tene's "coordinated omission").
 """
 
 from collections.abc import Mapping
@@ -26,15 +26,15 @@ class Stage(StrEnum):
     """The stages through which the pressures of one period pass, in order."""
 
     SAMPLE = "sample"
-    """The time from the scheduled instant to the sample. This time is the vehicle's own lateness."""
+    """The time from the scheduled instant to the sample, by which the vehicle itself is late."""
     BUS_TO_ECU = "bus_to_ecu"
     """The time from the sample to the receipt of the Pressure frame by the ECU's receive thread."""
     WAIT = "wait"
     """The time from the receipt of the Pressure frame to the deadline of the step that uses the frame; this time
     absorbs jitter of the bus."""
     RECEIVE = "receive"
-    """The time from the deadline, or from the receipt of a frame that arrives after it, to the controller's call:
-    wake-up, checks, window."""
+    """The time from the deadline (or, if the frame arrives later, from the receipt of the frame) to the controller's
+    call: wake-up, checks, window."""
     PLAN = "plan"
     """The time that encoder and optimiser take."""
     GATE = "gate"
@@ -42,11 +42,12 @@ class Stage(StrEnum):
     BUS_TO_VEHICLE = "bus_to_vehicle"
     """The time from the end of the step to the receipt of the JetCommand frame by the vehicle."""
     ALL = "all"
-    """The time from the scheduled sampling instant to the first command that answers these or newer pressures. Only the
-    commands that the vehicle used are considered: the newest command in each period. The command is due at the next
-    sampling instant. A period without a plan has this time only if its command missed that instant."""
+    """The time from the scheduled sampling instant to the arrival of the first command computed from these or newer
+    pressures. Only the newest command in each period is considered, because the vehicle uses no other. The command is
+    due at the next sampling instant. For a period without a plan, this time is recorded only if the command arrived
+    after that instant."""
     ACTUATE = "actuate"
-    """The time from the next sampling instant until the jets' driver uses the command."""
+    """The time from the next sampling instant to the use of the command by the jets' driver."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -59,12 +60,12 @@ class Periods:
         first: number of the first period in the vehicle's numbering.
         origin_ns: scheduled instant of the first period, CLOCK_MONOTONIC.
         scheduled: sampling instants, shape (n,).
-        answered: arrival of the first command that answers the period's pressures or newer pressures, shape (n,);
+        answered: arrival time of the first command computed from the period's pressures or newer pressures, shape (n,);
             infinite if there is no such command.
         stages: latencies of each stage, shape (n,); NaN where the stage did not occur.
-        stalls: latencies of a stage in the m periods that its node left out, shape (m,), measured to the stage's next
-            occurrence.
-        planned: number of periods with their own plan.
+        stalls: for a stage whose node left out m periods, the time from each of these periods to the next occurrence of
+            the stage, shape (m,).
+        planned: number of periods in which a plan was computed from the period's pressures.
     """
 
     period_ns: int
@@ -130,8 +131,8 @@ def joined(vehicle: Times, ecu: Times, *, period_ns: int, counter_period: int) -
     stages[Stage.BUS_TO_VEHICLE][own[took_command]] = (command[rows] - ended)[took_command]
     answered = np.minimum.accumulate(command[::-1])[::-1][grid.row]
     scheduled = (grid.scheduled - origin).astype(float)
-    # The ECU answers quickly without a plan; these answers are left out, so that an ECU that is not in control does not
-    # appear fast.
+    # Without a plan the ECU answers quickly. Answers in time without a plan are left out, so that an ECU that is not in
+    # control does not appear fast.
     counts = np.isfinite(stages[Stage.PLAN]) | (answered > scheduled + period_ns)
     stages[Stage.ALL] = np.where(counts, answered - scheduled, np.nan)
     return Periods(
@@ -154,7 +155,7 @@ class _Grid(NamedTuple):
 
     Attributes:
         scheduled: sampling instants, CLOCK_MONOTONIC in ns, shape (n,).
-        row: row of the period, or of the next period that was not left out, shape (n,).
+        row: index of the table's row for the period, or for the next period that was not left out, shape (n,).
         is_own: whether the row belongs to the period itself, shape (n,).
     """
 
@@ -173,8 +174,8 @@ class _Grid(NamedTuple):
 
 
 def _rows_by_counter(sent: Times, counters: Times, arrived: Times, counter_period: int) -> Index:
-    """Return for each counter the vehicle's latest row that has this counter and was sent before the arrival; -1 if
-    there is no such row."""
+    """Return, for each counter, the index of the vehicle's latest row that has this counter and was sent before the
+    arrival time; -1 if there is no such row."""
     own, sampled = sent[:, VehicleStage.PRESSURE_COUNTER], sent[:, VehicleStage.SAMPLED]
     newest = np.searchsorted(sampled, arrived, side="right") - 1
     back = newest - (own[newest] - counters) % counter_period
@@ -223,14 +224,14 @@ def _fill(
 
 
 def _until_next(grid: _Grid, sampled: Times) -> Array:
-    """Return, for each of the m periods that the vehicle left out, the time in ns from its scheduled instant to the
-    next sample, shape (m,)."""
+    """Return the time in ns from the scheduled instant of each period that the vehicle left out to the vehicle's next
+    sample, shape (m,) for m such periods."""
     out = ~grid.is_own
     return (sampled[grid.row[out]] - grid.scheduled[out]).astype(float)
 
 
 def _ecu_stalls(took: Times, *, first_row: int, end_ns: int) -> Array:
-    """Return, for each of the m periods that the ECU left out, the time in ns from its deadline to the ECU's next step,
+    """Return the time in ns from the deadline of each of the m periods that the ECU left out to the ECU's next step,
     shape (m,)."""
     rows = took[max(first_row, 0) :]
     rows = rows[rows[:, EcuStage.SCHEDULED] <= end_ns]

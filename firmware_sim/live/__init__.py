@@ -1,1 +1,1 @@
-"""The closed loop on a web page: a session that viewers can change while the loop runs, its server, and the page."""
+"""The closed loop on a live web page: a session that viewers can change while it runs, its server, and the page."""

@@ -22,7 +22,7 @@ from firmware_sim.runs.reasons import BECAUSE
 from wake.pictures.drawing import outline
 
 _DIGITS: Final = 5
-"""Number of decimals of plotted values, which is finer than a pixel of any curve."""
+"""Number of decimals of plotted values; the last decimal is smaller than a pixel of any curve."""
 
 
 def hello(
@@ -79,19 +79,20 @@ def hello(
 
 
 def periods(run: int, new: Iterable[LivePeriod], base: Index) -> LiveMessage:
-    """Return the message with new periods, as one list for each name in `PERIOD_COLUMNS`; `base` has the indices of the
-    base sensors."""
+    """Return the message about the new periods, with a list of values for each name in `PERIOD_COLUMNS`. `base` has the
+    indices of the base sensors."""
     rows = [[_number(value) for value in _values(period, base)] for period in new]
     columns = [list(column) for column in zip(*rows, strict=True)]
     return {"type": "periods", "run": run, "columns": dict(zip(PERIOD_COLUMNS, columns, strict=True))}
 
 
 def now(run: LiveRun, latest: LivePeriod, seen: SeenState, *, fps: float, paused: bool, losses: int) -> LiveMessage:
-    """Return the message on the latest period; `losses` is the number of latest periods in which lost frames are
+    """Return the message about the latest period. `losses` is the number of latest periods over which lost frames are
     counted."""
     fail_safe, forces = run.state.fail_safe, run.ecu.ecu.trace.forces
     planned = forces is not None and latest.planned_ns is not None
-    # The plan's first entry acts during the latest period, so its effect is in the sample at the end of this period.
+    # The plan's first action acts during the latest period, so its effect shows in the sample at the end of this
+    # period, whose number is k + 1.
     return {
         "type": "now",
         "run": run.number,

@@ -1,9 +1,9 @@
-"""The live loop as an object: its driver computes it period by period, applies viewers' requests and fetches new
+"""The live loop as an object: its caller computes it period by period, passes it viewers' requests, and fetches new
 messages.
 
-The object has no socket, process or thread, and its clock is an argument, so its driver decides when a period passes.
-The loop is the same as the loop of a run (`firmware_sim.bench.simulation`): with unchanged settings it gives the same
-rows.
+The object has no socket, process or thread, and its clock is an argument, so its caller decides when a period is
+computed. The loop is the same as the loop of a run (`firmware_sim.bench.simulation`): with unchanged settings it gives
+the same rows as that run.
 """
 
 import time
@@ -34,9 +34,9 @@ from wake.plant.protocol import LoopPlant
 OFF: Final = "off"
 """Name of the choice without a controller."""
 _PACE: Final = 50
-"""Number of latest periods over which the number of periods per second is measured by the wall clock."""
+"""Number of latest periods over which the rate in periods per second of wall-clock time is measured."""
 _SELDOM: Final = 5
-"""Number of periods from one bus table to the next."""
+"""Number of periods between two bus tables that are sent."""
 
 
 class LiveSession(NeverCopied):
@@ -45,14 +45,14 @@ class LiveSession(NeverCopied):
 
     Args:
         config: settings of the vehicle; its operating point and control period must be those of the bundle.
-        wake: function from the plant's name to a plant at its start.
+        wake: function from the plant's name to a plant in its initial state.
         ecu: function from the controller's name to an ECU that has just been powered on; called once for each name.
-        ahead: function from the controller's name to a function that prepares the ECU, if this takes seconds; otherwise
-            to None.
-        controllers, plants: the choices; a choice that is missing states the reason.
+        ahead: function from the controller's name to a function that prepares the ECU, if the preparation takes
+            seconds; otherwise to None.
+        controllers, plants: the choices; a choice that is not available states the reason.
         settings: initial settings; their request for control is ignored, because control is requested after `lead_in`.
-        lead_in: time in t_c from a start to the automatic request for control.
-        kept: number of latest periods that a page should store, and that are stored until `messages` is called.
+        lead_in: time in t_c from the start of a run to the automatic request for control.
+        kept: number of latest periods that a page should store, and that are stored here until `messages` is called.
         clock: wall clock in s.
     """
 
@@ -119,7 +119,7 @@ class LiveSession(NeverCopied):
         self._now_due = True
 
     def before(self, request: object) -> Callable[[], None] | None:
-        """Return a function that prepares the requested ECU in a thread; None if the ECU is ready or cannot be
+        """Return a function, for a thread, that prepares the requested ECU; None if the ECU is ready or cannot be
         chosen."""
         try:
             action, value = asked(request)
@@ -199,7 +199,7 @@ class LiveSession(NeverCopied):
             self._note("set", text)
 
     def _exchange(self, before: LiveSettings, after: LiveSettings) -> None:
-        """Change to another ECU or to other weights, or cut the ECU's supply."""
+        """Change to another ECU or to other weights, or cut the ECU's supply, as the settings differ."""
         run = self._run
         if after.controller == OFF:
             if before.controller != OFF:
@@ -234,7 +234,7 @@ class LiveSession(NeverCopied):
     # The following methods start the plant.
 
     def _start(self, settings: LiveSettings) -> None:
-        """Begin at the plant's start with these settings. Raises StillwakeError if this is impossible; then nothing
+        """Start a run from the plant's initial state. Raises StillwakeError if this is impossible; then nothing
         changes."""
         is_off = settings.controller == OFF
         wake = self._wake(settings.plant)
@@ -265,7 +265,8 @@ class LiveSession(NeverCopied):
         self._now_due = False
 
     def _ecu(self, controller: str, settings: LiveSettings, *, powered_on: bool = False) -> LoopEcu:
-        """Return the ECU with these settings' weights; the running ECU is returned if it is this controller's."""
+        """Return the ECU of this controller, with these settings' weights. This is the running ECU if it already
+        belongs to this controller."""
         if controller not in self._made:
             made = self._make_ecu(controller)
             self._made[controller] = made, made.ecu.state
@@ -286,7 +287,7 @@ class LiveSession(NeverCopied):
             if found["missing"]:
                 raise ConfigError(f"{name} {wanted!r}: {found['missing']}")
 
-    # The following methods create messages on the present state.
+    # The following methods create the messages about the present state.
 
     def _present(self, latest: LivePeriod) -> list[LiveMessage | bytes]:
         run = self._run

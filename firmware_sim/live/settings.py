@@ -1,4 +1,4 @@
-"""The settings that a viewer can change on the running loop, as one comparable and checked value.
+"""The settings that a viewer can change while the loop runs, as one comparable and checked value.
 
 Every fault is a disturbance of `firmware_sim.bench.disturbances`, written as on the command line of a run.
 """
@@ -16,7 +16,7 @@ _TRUE: Final = ("clear", "power_cycle", "restart")
 ACTIONS: Final = ("set", "pause", *_TRUE)
 """Actions of a request. set: change values with `LiveSettings.changed`. pause: pause or continue. clear: reset
 everything except request, controller and plant, and re-arm after a latched fault. power_cycle: restart the ECU.
-restart: begin again at the plant's start."""
+restart: start again from the plant's initial state."""
 
 
 class Asked(NamedTuple):
@@ -27,7 +27,7 @@ class Asked(NamedTuple):
 
 
 def asked(request: object) -> Asked:
-    """Return the requested action. Raises ConfigError if the request is not one action with a value of its type."""
+    """Return the requested action. Raises ConfigError unless the request has exactly one action, with a valid value."""
     if not isinstance(request, dict):
         raise ConfigError("request: must be a JSON object")
     actions = [name for name in request if name != "id"]
@@ -53,7 +53,7 @@ respond."""
 
 @dataclass(frozen=True, kw_only=True)
 class Slider:
-    """Bounds of a number.
+    """Bounds and step of a number that a viewer sets with a slider.
 
     Attributes:
         least, greatest: smallest and largest accepted value.
@@ -73,7 +73,7 @@ SLIDERS: Final = {
     "delay_ms": Slider(least=0.0, greatest=200.0, step=5.0, unit="ms longer to the jets"),
 }
 WEIGHT: Final = Slider(least=0.0, greatest=LARGEST_WEIGHT, step=0.01, unit="")
-"""Slider of every cost weight, with the bounds that a calibration has."""
+"""Slider of every cost weight; its bounds are those of a weight in a calibration."""
 _SENSORS: Final = ("dead", "biased")
 _CHOICES: Final = {"controller": CONTROLLERS, "plant": PLANTS}
 _SWITCHES: Final = ("enable", "babble")
@@ -110,7 +110,7 @@ class LiveSettings:
     def changed(
         self, given: Mapping[str, Any], sensors: Sequence[str], own: Calibration, limits: CalibrationLimits
     ) -> Self:
-        """Return settings with some values replaced. Raises ConfigError that states the unknown, mistyped or
+        """Return settings with some values replaced. Raises ConfigError, which states the unknown, mistyped or
         out-of-range value.
 
         Args:
@@ -179,7 +179,8 @@ def _weights(given: Any, now: Calibration, limits: CalibrationLimits) -> CostWei
 
 
 def changes(before: LiveSettings, now: LiveSettings, own: CostWeights, controllers: Mapping[str, str]) -> Iterator[str]:
-    """Yield a text for each changed setting; `own` has the weights of the release, `controllers` the labels by name."""
+    """Yield a text for each changed setting. `own` has the weights of the release; `controllers` has the labels of the
+    controllers by their names."""
     all_frames = "all pressure frames reach the ECU"
     percent, late = f"{100 * now.loss:g} %", f"{now.delay_ms:g} ms late"
     bias_before, bias = ((one.biased and (one.biased, one.bias)) for one in (before, now))

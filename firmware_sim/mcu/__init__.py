@@ -1,1 +1,1 @@
-"""The controller's C library on an emulated Cortex-M7: memory, instructions, modelled time, agreement with the host."""
+"""The controller's C library on an emulated Cortex-M7: memory, instructions, modelled time, comparison with host."""

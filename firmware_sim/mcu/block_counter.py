@@ -1,4 +1,4 @@
-"""A counter of the runs of each basic block of a firmware, implemented as a hook in machine code.
+"""A counter of how often each basic block of a firmware runs, implemented as a hook in machine code.
 
 A hook in Python would take a hundred times as long as the emulation itself.
 """
@@ -38,8 +38,8 @@ def _library() -> ctypes.CDLL:
 
 class BlockCounter:
     """A counter of executed basic blocks, which counts from its creation on. Create it before the core first runs,
-    because code that was translated earlier runs without a hook. Raises McuError if there is no compiler for the hook,
-    or Unicorn does not accept the hook.
+    because a hook does not see code that Unicorn translated earlier. Raises McuError if there is no compiler for the
+    hook, or Unicorn does not accept the hook.
 
     Args:
         core: Unicorn's core.
@@ -77,7 +77,7 @@ class BlockCounter:
         return sum(instructions for _, instructions, _ in blocks), sum(cycles for _, _, cycles in blocks)
 
     def blocks(self) -> Iterator[tuple[int, int, int]]:
-        """Yield address, instructions and modelled cycles of each block that ran since `start`; both numbers are sums
+        """Yield, for each block that ran since `start`, its address, and its instructions and modelled cycles, summed
         over all its runs."""
         places = np.flatnonzero(self._counts)
         found = zip(places.tolist(), self._counts[places].tolist(), self._sizes[places].tolist(), strict=True)

@@ -15,10 +15,9 @@ from firmware_sim.mcu.cores import CORTEX_M7, Core
 
 LINKER_SCRIPT: Final = "cortex_m7.ld"
 NO_COMPILER: Final = f"the compiler is missing: {install('mcu')}"
-# Contraction within an expression, as C allows it, gives the same results on every target with fused operations.
+# C allows contraction within an expression. It gives equal results on all targets that have fused multiply-add.
 COMMON: Final = ("-O2", "-ffp-contract=on", "-g0")
-# The sources already unroll the loops that benefit; if the compiler unrolled all loops, that would take 21 KiB of
-# flash.
+# The sources already unroll the loops that become faster; unrolling all loops would take 21 KiB more flash.
 BARE: Final = (
     "-target", "thumb-freestanding-eabihf", "-fno-unroll-loops",
     "-ffreestanding", "-fno-unwind-tables", "-fno-asynchronous-unwind-tables",
@@ -26,9 +25,9 @@ BARE: Final = (
 )  # fmt: skip
 BOARD_SCRIPT: Final = "sw_board.ld"
 EQUIPMENT: Final = "sw_board_equipment.h"
-"""Header with the data that production writes for a board; the version in an exported library enables no loader."""
+"""Header with the data that production writes for a board; in exported libraries it enables no loader."""
 BUS_KEY: Final = "sw_board_bus_key.h"
-"""Header with the key of the bus that production writes; the version in an exported library has no key."""
+"""Header with the key of the bus that production writes; in an exported library, this header contains no key."""
 
 
 def compile_for_cortex_m7(
@@ -42,7 +41,7 @@ def compile_for_cortex_m7(
 
     Args:
         core: core to compile for; it must have the same memories as the Cortex-M7.
-        board: files added to the firmware's files; a file of the same name replaces the firmware's file.
+        board: additional files of the firmware; each replaces a file of the firmware that has the same name.
     """
     folder = files("firmware_sim").joinpath("mcu/c")
     firmware = {item.name: item.read_bytes() for item in folder.iterdir()}
@@ -58,8 +57,8 @@ def compile_board(sources: Mapping[str, bytes], own: Mapping[str, bytes] | None 
     library without a board; McuError if the sources do not compile, or `ziglang` is not installed.
 
     Args:
-        sources: sources of a library with its ECU, and sources of the board by their paths in the library's folder.
-        own: files that replace files of the same name, such as a header of equipment that enables the loader.
+        sources: sources of a library with its ECU, and sources of the board, by their paths in the library's folder.
+        own: files that replace sources of the same name, such as a header of equipment that enables the loader.
     """
     contents = board_files(sources, own)
     with tempfile.TemporaryDirectory() as place:

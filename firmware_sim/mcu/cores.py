@@ -1,4 +1,4 @@
-"""The cores for which libraries are compiled and execution times are modelled."""
+"""The cores for which libraries can be compiled, and for which execution times are modelled."""
 
 from dataclasses import dataclass
 from typing import Final

@@ -25,7 +25,7 @@ class Firmware:
     """A linked program.
 
     Attributes:
-        segments: contents of the flash before the start.
+        segments: contents of the flash when the program starts.
         sections: size of each section in bytes, by the section's name.
         symbols: address of each symbol, by the symbol's name.
     """
@@ -38,7 +38,7 @@ class Firmware:
 def read_elf(image: bytes) -> Firmware:
     """Parse an ELF file. Raises McuError if it is not a complete 32-bit little-endian ELF file."""
     try:
-        # pyelftools has no type annotations.
+        # The type is Any because pyelftools has no type annotations.
         elf: Any = ELFFile(io.BytesIO(image))
         if elf.elfclass != _BITS or not elf.little_endian:
             order = "little" if elf.little_endian else "big"

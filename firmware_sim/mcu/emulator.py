@@ -1,4 +1,4 @@
-"""A Cortex-M7 in Unicorn: its memories, calls of its functions, counts of executed blocks, and the stack depth."""
+"""A Cortex-M7 in Unicorn: access to memories, calls of functions, counts of executed blocks, and the stack depth."""
 
 from collections.abc import Sequence
 from typing import Any, ClassVar, Final
@@ -24,18 +24,18 @@ _RETURN: Final = FLASH + FLASH_BYTES - 0x100
 
 
 class EmulatedCore(NeverCopied):
-    """A core with a program in its flash, before it runs.
+    """A core with a program in its flash, which has not started to run.
 
     Args:
         memories: address and size in bytes of each writable memory.
-        stack: address and size in bytes of the stack, at the lowest address of one of the memories.
+        stack: address and size in bytes of the stack, which starts at the lowest address of one of the memories.
     """
 
     INSTEAD: ClassVar = "its state is in the emulator's memory; create another emulator of the same firmware"
 
     def __init__(self, firmware: Firmware, memories: Sequence[tuple[int, int]], stack: tuple[int, int]) -> None:
         self._symbols, self._stack = firmware.symbols, stack
-        # Only some functions of Unicorn's binding have type annotations.
+        # The type is Any because only some functions of Unicorn's binding have type annotations.
         binding: Any = unicorn
         mode = unicorn_const.UC_MODE_THUMB | unicorn_const.UC_MODE_MCLASS
         self._failure: Any = binding.UcError
@@ -48,7 +48,7 @@ class EmulatedCore(NeverCopied):
         self.paint_stack()
 
     def symbol(self, name: str) -> int:
-        """Return a symbol's address; raises McuError if the firmware has no such symbol."""
+        """Return the address of a symbol; raises McuError if the firmware has no symbol of this name."""
         if name not in self._symbols:
             raise McuError(f"the firmware has no symbol {name}")
         return self._symbols[name]
@@ -100,7 +100,7 @@ class EmulatedCore(NeverCopied):
 
 
 class Machine(EmulatedCore):
-    """A core whose functions are called one by one. The stack is a separate memory, so that an overflow is detected."""
+    """A core whose functions are called one by one. The stack is a separate memory, so its overflow is detected."""
 
     def __init__(self, firmware: Firmware) -> None:
         stack = (_STACK, _STACK_BYTES)

@@ -1,5 +1,5 @@
-"""The measurement of a library on an emulated Cortex-M7 and on this host with the same rows, and the time and memory
-that the core needs."""
+"""The measurement of a library: it runs with the same rows on an emulated Cortex-M7 and on this host, and the time and
+memory that the core needs are determined."""
 
 import subprocess
 import tempfile
@@ -36,10 +36,10 @@ class Measurement:
         precision, program_sha256: precision of the library, and SHA-256 of its program.
         flash_bytes, ram_bytes, stack_bytes: bytes of memory; RAM is the linked RAM plus the stack.
         multiply_accumulates: number of products with weights, computed from the networks' sizes.
-        instructions: exact number of executed instructions, which is the same in every step with all iterations.
+        instructions: exact number of executed instructions, which is equal for all steps in which all iterations run.
         cycles: modelled cycles (`firmware_sim.mcu.pipeline`).
-        one_per_cycle_ms: time in ms for each clock in MHz, if every instruction took one cycle.
-        modelled_ms: time in ms for each clock in MHz, with the modelled cycles.
+        one_per_cycle_ms: time in ms that a step would take if every instruction took one cycle, by clock in MHz.
+        modelled_ms: time in ms that a step takes with the modelled cycles, by clock in MHz.
         steps: number of control steps compared with the host.
         identical: whether all outputs were equal bit for bit.
         action_difference, cost_difference: largest differences of action and cost between core and host.
@@ -134,7 +134,8 @@ def measure(
 
 
 def flash_bytes(firmware: Firmware) -> int:
-    """Return the number of bytes of flash for code and for all data that are read from flash or copied from it."""
+    """Return the number of bytes of flash for code and for all data that are stored in flash, including initial values
+    copied to RAM."""
     return sum(firmware.sections.get(name, 0) for name in (".vectors", ".text", ".hot", ".rodata", ".data"))
 
 
@@ -149,8 +150,7 @@ def _replay(machine: Machine, rows: ProgramRows, window: int, horizon: int) -> P
     answers = []
     for i, row in enumerate(rows, start=1):
         machine.write("mcu_row", row.astype("<f4").tobytes())
-        # The example program on the host does not answer before the window is full either, so the answers can be
-        # compared.
+        # The example program on the host gives no outputs before the window is full either.
         if (status := machine.call("mcu_step" if i >= window else "mcu_push")) != 0:
             raise McuError(f"row {i}: {REFUSALS[status]}")
         if i >= window:

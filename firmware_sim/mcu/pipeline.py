@@ -121,12 +121,12 @@ def _fits(issued: list[str], kind: str) -> bool:
 
 @cache
 def _kind(mnemonic: str) -> tuple[str, int, int]:
-    """Return class, latency in cycles, and number of cycles at the issue stage."""
+    """Return an instruction's class, its latency in cycles, and its cycles in the issue stage."""
     name = mnemonic.split(".")[0]
     if name.startswith(_DIVIDE):
         return "divide", _DIVIDE_CYCLES, 1
     if name.startswith(_MANY):
-        # These instructions move two words per cycle; the longest of them in the firmware move about eight words.
+        # These instructions transfer two words per cycle; in the firmware they transfer at most about eight words.
         return "many", 2, 1 if name == "strd" else 4
     if name.startswith("ldrd"):
         return "double", 2, 1
@@ -148,7 +148,7 @@ def _kind(mnemonic: str) -> tuple[str, int, int]:
 
 
 def _accumulators(instruction: Any) -> set[int]:
-    """Return the registers to which a multiply-accumulate adds; these are needed one cycle later than its factors."""
+    """Return the registers to which a multiply-accumulate adds. These are needed one cycle later than the factors."""
     operands = [int(operand.reg) for operand in instruction.operands]
     if instruction.mnemonic.startswith(("smlal", "umlal")):
         return set(operands[:2])

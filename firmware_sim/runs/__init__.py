@@ -1,1 +1,1 @@
-"""The results of a run: its series, its figures and its report."""
+"""The results of a run: its series, the figures computed from them, and its report."""

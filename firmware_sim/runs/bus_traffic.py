@@ -1,4 +1,4 @@
-"""The traffic on a run's bus: load, errors, and the longest waits of the loop's own frames."""
+"""The traffic on the bus in a run: load, errors, and the longest waits of the project's own frames."""
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
@@ -27,7 +27,7 @@ class NodeErrors:
 
     @classmethod
     def of(cls, health: BusHealth, refused: int) -> "NodeErrors":
-        """Create the record from the controller's report and the number of refused frames."""
+        """Create the record from the controller's health report and the number of refused frames."""
         return cls(**{**asdict(health), "state": health.state.name}, refused=refused)
 
 
@@ -38,9 +38,9 @@ class BusTraffic:
     Attributes:
         load: share of the time in which the bus was not free, 0 to 1.
         frames: number of all frames on the bus.
-        error_frames: number of attempts to send that were destroyed, or that no node acknowledged.
-        longest_wait_ms: longest wait of a frame, for each of the project's messages that was sent. The wait lasts from
-            the frame's entry into the send queue to the start of its successful transmission.
+        error_frames: number of attempts to send that were destroyed by an error, or that no node acknowledged.
+        longest_wait_ms: for each of the project's messages that was sent, the longest wait of a frame. The wait lasts
+            from the frame's entry into the send queue to the start of its successful transmission.
     """
 
     load: float
@@ -52,7 +52,7 @@ class BusTraffic:
 
 @dataclass(kw_only=True)
 class WaitingTimes:
-    """An observer of the simulated bus that records the longest wait of each message of a set."""
+    """An observer of the simulated bus that records, for each message of a set, the longest wait of a frame."""
 
     messages: MessageSet
     _longest_ns: dict[int, int] = field(default_factory=dict)

@@ -1,4 +1,4 @@
-"""The evaluation of whether the controller was in control while control was requested, and if not, the reason."""
+"""The evaluation of a run's control: whether the controller was in control when requested and, if not, why."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ KEYS_DIFFER: Final = "Frames arrived, but none was authentic: do both nodes have
 
 @dataclass(frozen=True, kw_only=True)
 class LatchedFault:
-    """The first latched fault while control was requested.
+    """The first fault that latched while control was requested.
 
     Attributes:
         reason: name of a `can_bridge.wire.messages.Reason`.
@@ -40,7 +40,7 @@ class RunControl:
 
     Attributes:
         requested: number of periods with requested control.
-        modes: number of these periods for each mode of the ECU, or SKIPPED.
+        modes: number of these periods in each mode of the ECU, by the mode's name or SKIPPED.
         warm_up: number of periods from the request on in which the controller's window was still filling.
         fault: first latched fault; None if there was none.
         shut: share of the requested time in which the jets were shut, 0 to 1.
@@ -59,7 +59,7 @@ class RunControl:
 
     @property
     def held(self) -> bool:
-        """Whether the controller was in control in every period after the warm-up, without a fault."""
+        """Whether no fault latched and the controller planned in every requested period after the warm-up."""
         return self.fault is None and self.in_control > 0 and self.in_control + self.warm_up == self.requested
 
 
@@ -76,7 +76,7 @@ def control(log: RunLog) -> RunControl:
     faulted = np.flatnonzero(modes == Mode.FAULT)
     warm = np.flatnonzero(np.array(names) != Mode.WARMUP.name)
     still = log.series["action"][log.enabled_at :] == 0.0
-    # The first sample is not counted, because the jets cannot have moved before it.
+    # The first sample is not counted, because the jets cannot have moved before the first command.
     shut = float(still[1:].mean()) if len(still) > 1 else 1.0
     return RunControl(
         requested=len(names),
@@ -88,7 +88,7 @@ def control(log: RunLog) -> RunControl:
 
 
 def set_aside(log: RunLog) -> list[tuple[str, int]]:
-    """Return each sensor that the ECU set aside, and the first period in which it was set aside, in order of time."""
+    """Return each sensor that the ECU excluded as faulty, with the first period of its exclusion, in order of time."""
     bits = log.series["set_aside"].astype(int)
     found = []
     for index, name in enumerate(log.metadata.sensors):
@@ -98,8 +98,8 @@ def set_aside(log: RunLog) -> list[tuple[str, int]]:
 
 
 def trouble(log: RunLog) -> str | None:
-    """Return a sentence on why the controller was not in control throughout, to be read before any figure; None if it
-    was."""
+    """Return a sentence on why the controller was not always in control, which readers should see before any figure;
+    None if it was always in control."""
     held = control(log)
     if held.held:
         return None
@@ -128,8 +128,8 @@ def _not_held(log: RunLog, found: RunControl) -> str:
 
 
 def held_while_averaged(log: RunLog, averaged: Flags) -> bool:
-    """Return whether the controller planned in all averaged periods under control, and no fault latched. `averaged`
-    marks these periods, shape (n,) for n periods of the run."""
+    """Return whether the controller planned in all averaged periods under control, and no fault latched in the run.
+    `averaged` marks these periods, shape (n,) for n periods of the run."""
     return bool(planned_steps(log)[averaged].all()) and control(log).fault is None
 
 

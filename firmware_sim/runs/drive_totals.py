@@ -1,4 +1,4 @@
-"""The totals of a drive with and without control: energy against drag, and the energy of the jets."""
+"""The totals of a drive with and without control: the energy to overcome drag, and the energy of the jets."""
 
 from dataclasses import asdict, dataclass
 from typing import Any, Final
@@ -23,11 +23,11 @@ class DriveTotals:
 
     Attributes:
         mean_speed_m_per_s, distance_m: speed and distance of the counted part.
-        drag_kJ_per_km, drag_kJ_per_km_without: energy against the wall's drag, with and without control.
+        drag_kJ_per_km, drag_kJ_per_km_without: energy to overcome the wall's drag, with and without control.
         jets_kJ_per_km: energy that the jets give to the flow; negative if they take energy.
-        net_kJ_per_km, net_kJ_per_km_without: energy against the drag of wall, slots and jet momentum together, plus the
+        net_kJ_per_km, net_kJ_per_km_without: energy to overcome the drag of wall, slots and jet momentum, plus the
             jets' energy, with and without control.
-        reduction_percent, net_reduction_percent: reductions by control of the wall's energy and of the net energy.
+        reduction_percent, net_reduction_percent: reductions, by control, of the drag energy and of the net energy.
         abs_Cl, abs_Cl_without: mean of |Cl| in units of the present speed's dynamic pressure, with and without control.
         in_control_percent: percentage of the periods in control; the energies include all periods.
     """
@@ -56,7 +56,7 @@ def drive_totals(log: RunLog) -> DriveTotals | None:
     run, t = log.metadata, log.series["t"]
     if run.drive is None or not run.averages or log.enabled_at >= len(t):
         return None
-    # Times are sums of periods; their rounding errors are far below half a period.
+    # Times are sums of periods; their rounding errors are far smaller than the half period that is subtracted here.
     counted = t >= t[log.enabled_at] + run.settle - 0.5 * run.config.flow.control_period
     series = {name: values[counted] for name, values in log.series.items()}
     point, speed, ledger = run.config.operating_point, series["speed"], ledger_of(series)

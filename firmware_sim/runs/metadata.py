@@ -1,4 +1,4 @@
-"""The description of a run: controller, plant, settings and versions, and the command that started it."""
+"""The description of a run: controller, plant, settings, versions, and the command that started the run."""
 
 import platform
 from collections.abc import Iterator, Mapping, Sequence
@@ -44,9 +44,9 @@ class RunOrigin:
 
 @dataclass(frozen=True, kw_only=True)
 class InjectedFault:
-    """A disturbance of a run. `acted` is the number of times that it acted: for a fault in a port, the number that the
-    fault counted; for bit errors, the number of disturbed attempts to send; for all other disturbances, the number of
-    periods."""
+    """A disturbance of a run. `acted` is the number of times that it acted. For a fault in a port, this is the number
+    that the fault itself counted; for bit errors, the number of disturbed attempts to send; for every other
+    disturbance, the number of periods in which it acted."""
 
     text: str
     acted: int
@@ -58,7 +58,7 @@ class RunEcu:
 
     Attributes:
         kind: python, c or mcu.
-        clock_mhz: clock of an emulated core; None if `ecu.compute_time_ms` is the compute time.
+        clock_mhz: clock of an emulated core; None if `ecu.compute_time_ms` is used instead.
         modelled_ms: median of the times that the emulated core takes, in its model, for a step with a plan; None
             without an emulated core.
         modelled_ms_max: largest of these times.
@@ -90,9 +90,9 @@ class RunMetadata:
         sensors: names of the sensors, in the order of the Pressure message.
         mpc: settings of the optimiser in the bundle.
         weights: cost weights that the ECU used.
-        budget_ms: longest allowed time from a pressure frame to the answer.
+        budget_ms: longest allowed time from a pressure frame to the ECU's command.
         averages: whether averages were requested.
-        settle: time in t_c after the request for control that the controlled averages leave out.
+        settle: time in t_c after the request for control that the averages under control leave out.
         faults: disturbances in the order given; empty for an undisturbed run.
         drive: name of the vehicle's drive; None for a run at a constant speed.
     """
@@ -119,8 +119,8 @@ class RunMetadata:
 
     @classmethod
     def of(cls, bundle: Bundle, config: Config, *, calibration: Calibration, **others: Any) -> "RunMetadata":
-        """Create the metadata of a run in this process. `calibration` is the ECU's calibration after the run; its
-        weights and bounds are recorded. `others` are the attributes that do not follow from the other arguments."""
+        """Create the metadata of a run that was computed in this process. `calibration` is the ECU's calibration after
+        the run; its weights and bounds are recorded. `others` are all attributes not determined by these arguments."""
         manifest = bundle.manifest
         mpc = replace(manifest.mpc, weights=calibration.weights)
         ran = with_calibration(replace(config, mpc=mpc), calibration)
@@ -143,7 +143,7 @@ class RunMetadata:
 
     @property
     def changed_weights(self) -> dict[str, tuple[float, float]]:
-        """Values (used in the run, in the bundle) of every cost weight that differs from the bundle's weight, by
+        """Cost weights that differ from the bundle's weights: (value in the run, value in the bundle) by the weight's
         name."""
         ours, bundles = asdict(self.weights), asdict(self.mpc.weights)
         return {name: (ours[name], bundles[name]) for name in ours if ours[name] != as_float32(bundles[name])}
@@ -161,12 +161,11 @@ class RunMetadata:
 
 
 _UNUSED: Final = ("forcing", "model", "train", "mpc")
-"""Sections of the settings that a run does not use; in place of `mpc`, a run uses the settings in the bundle."""
+"""Sections of the settings that a run does not use. A run takes the settings of `mpc` from the bundle."""
 
 
 def settings_of(run: RunMetadata) -> dict[str, str]:
-    """Return every setting of a run by its dotted name in TOML; `mpc` has the bundle's settings with the weights of the
-    run."""
+    """Return a run's settings by their dotted TOML names; those of `mpc` are the bundle's, with the run's weights."""
     used = {name: value for name, value in loading.to_tree(run.config).items() if name not in _UNUSED}
     tree = run.to_tree()
     built = tree["mpc"] | {"weights": tree["weights"]}

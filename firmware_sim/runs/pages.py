@@ -1,4 +1,4 @@
-"""Self-contained HTML pages, rendered from the templates of a package; no page refers to another file."""
+"""Self-contained HTML pages, created from the templates of a package; no page loads another file."""
 
 import base64
 import io
@@ -13,7 +13,8 @@ from contract.atomic import replacing
 
 @cache
 def templates(package: str) -> Environment:
-    """Return the templates of a package's folder `templates`. Texts are escaped; a missing value is an error."""
+    """Return the templates in the folder `templates` of a package. Texts that are filled in are escaped; a missing
+    value is an error."""
     return Environment(
         loader=PackageLoader(package),
         autoescape=True,
@@ -39,7 +40,7 @@ def write(target: Path, template: str, package: str = "firmware_sim.runs", **val
 
 
 def data_uri(png: bytes) -> str:
-    """Return a picture as a data address for an `img` element."""
+    """Return a picture as a data URI for an `img` element."""
     return "data:image/png;base64," + base64.b64encode(png).decode("ascii")
 
 

@@ -1,4 +1,4 @@
-"""A run as one picture, and its sequence of spans with a constant mode."""
+"""A picture that shows a whole run, and the spans of a run in which the ECU's mode is constant."""
 
 import io
 from itertools import pairwise
@@ -37,8 +37,8 @@ def overview_figure(log: RunLog, uncontrolled: bytes, controlled: bytes) -> Figu
 
 
 def mode_spans(log: RunLog) -> list[tuple[str, int, int]]:
-    """Return (mode, first period, period after the last) of every span with one mode, in order of time; SKIPPED counts
-    as a mode."""
+    """Return (mode, first period, period after the last) of every span with a constant mode, in order of time; SKIPPED
+    is a mode."""
     names = np.array(mode_names(log))
     edges = [0, *(np.flatnonzero(names[1:] != names[:-1]) + 1).tolist(), len(names)]
     return [(str(names[first]), first, after) for first, after in pairwise(edges) if after > first]

@@ -1,4 +1,5 @@
-"""Texts for readers who do not know the ECU: what it does, and why its jets may not follow the controller."""
+"""Texts for readers who do not know the ECU: its behaviour in each mode, and why its jets may not follow the
+controller."""
 
 from collections.abc import Mapping
 from typing import Final

@@ -11,10 +11,10 @@ class RunFolder:
 
     Attributes:
         series: file of `firmware_sim.runs.run_log.RunLog`.
-        frames: every frame on the bus, in candump's format.
+        frames: log of every frame on the bus, in candump's format.
         summary: result of `firmware_sim.runs.summary.whole_summary` as JSON.
-        uncontrolled_picture: vorticity at the end of the time without control.
-        controlled_picture: vorticity at the end of the run.
+        uncontrolled_picture: picture of the vorticity at the end of the time without control.
+        controlled_picture: picture of the vorticity at the end of the run.
         wake: file of `firmware_sim.runs.wake_stills.WakeStills`; missing in folders of earlier versions.
     """
 
@@ -26,8 +26,8 @@ class RunFolder:
         self.controlled_picture = path / "vorticity_controlled.png"
 
     def check_free(self, *, overwrite: bool) -> None:
-        """Check the folder. Raises StillwakeError if the folder cannot be written, holds other files, or holds a run
-        and `overwrite` is False. A folder that holds only OpenFOAM's developed start is accepted."""
+        """Check the folder. Raises StillwakeError if the folder cannot be written, contains other files, or contains a
+        run and `overwrite` is False. A folder with only an OpenFOAM case's developed state is accepted."""
         check_writable(self.path, folder=True)
         there = {item.name for item in self.path.iterdir()} if self.path.is_dir() else set()
         holds_a_run = {self.series.name, self.summary.name} & there

@@ -26,7 +26,7 @@ from wake.plant.sample import Sample
 _SCHEMA: Final = "stillwake-run/3"
 
 WALL: Final = "wall_Cp"
-"""Name of the series of Cp at the S sensors of the bundle, in the bundle's order; shape (n, S) for n periods."""
+"""Name of the series of Cp at the bundle's S sensors, in the bundle's order, with the shape (n, S) for n periods."""
 
 WITHOUT: Final = ("without_Cd", "without_Cd_net", "without_Cl")
 """Names of the series of a drive's flow with the jets shut, for comparison; each has the shape (n,) for n periods."""
@@ -34,16 +34,16 @@ WITHOUT: Final = ("without_Cd", "without_Cd_net", "without_Cl")
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Row:
-    """One control period.
+    """The values of one control period.
 
     Attributes:
         sample: sample of the plant at the period's start.
-        command: action that the ECU sent for this sample, in U_inf W; NaN if it skipped the step.
+        command: action that the ECU sent for this sample, in U_inf W; NaN if the ECU skipped the step.
         predicted_Cd, predicted_Cl: the controller's forecast for the next sample; NaN without a plan.
         mode: `can_bridge.wire.messages.Mode` of the ECU after its latest step.
         reason: `can_bridge.wire.messages.Reason` for which the ECU was not in control after this step.
         step_ms: wall-clock time of the ECU's step on this machine; NaN if the ECU skipped the step.
-        age_ms: virtual time from the sampling of the pressures to the arrival of the command that answers them; NaN if
+        age_ms: virtual time from the sampling of the pressures to the arrival of the command computed from them; NaN if
             no command arrived in this period.
         set_aside: sensors that the controller does not use; bit i is sensor i of the bundle.
         speed: speed of the vehicle at the period's start, in m/s; NaN if it is not known.
@@ -61,7 +61,7 @@ class Row:
     speed: float = np.nan
 
     def columns(self, layout: SensorLayout = sensors.TRUCK) -> dict[str, float]:
-        """Return the row's numbers under the names in `COLUMNS`; base Cp is the mean over the plant's base sensors."""
+        """Return the row's numbers by the names in `COLUMNS`; the base Cp is the mean over the plant's base sensors."""
         sampled = {name: getattr(self.sample, name) for name in _SAMPLED}
         return {
             **sampled,
@@ -114,7 +114,7 @@ class RunLog:
         traffic: BusTraffic,
         without: Mapping[str, Array] | None = None,
     ) -> "RunLog":
-        """Create the log from its rows; `without` has the series that `WITHOUT` lists."""
+        """Create the log from its rows; `without` has the series named in `WITHOUT`."""
         columns = [row.columns(layout) for row in rows]
         series = {name: np.array([item[name] for item in columns], dtype=float) for name in COLUMNS}
         series |= without or {}
@@ -151,7 +151,7 @@ def load(path: Path) -> RunLog:
                 f"reads {_SCHEMA!r}: make the run again"
             )
         log = RunLog(
-            # Runs of version 0.9.0 do not have these columns.
+            # Runs of version 0.9.0 do not have these two columns, so they are filled in here.
             series={"set_aside": np.zeros(len(data["t"])), "speed": np.full(len(data["t"]), np.nan)}
             | {
                 name: data.numbers(name, len(data["t"]))
@@ -175,7 +175,7 @@ def load(path: Path) -> RunLog:
 
 
 def _check(log: RunLog) -> None:
-    """Raise ValueError if times, modes or reasons have impossible values."""
+    """Raise ValueError if times, modes or reasons have invalid values."""
     t = log.series["t"]
     for name in ("t", "Cd", "Cl", "action"):
         if not np.isfinite(log.series[name]).all():

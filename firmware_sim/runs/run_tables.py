@@ -1,4 +1,4 @@
-"""The figures of a run as text: the page and the terminal show the same tables."""
+"""The figures of a run as text, in tables that both the page and the terminal show."""
 
 from typing import Final
 
@@ -28,17 +28,18 @@ _DRAG_ROWS: Final = (
     ("std of Uy at {probe}", "Uy_std", ".3f"),
     ("whole shedding cycles averaged", "cycles", "d"),
 )
-"""Label, field of `Regime`, and number format of each row. A label may have a place for the wake probe's position."""
+"""Label, field of `Regime`, and number format of each row. The wake probe's position may be filled in."""
 
 ENOUGH_CYCLES: Final = 2
 """Smallest number of cycles that an average needs, because drag varies by several per cent between cycles."""
 _STILL: Final = 0.01
-"""Root mean square of the action, as a share of the action's bound, below which the jets count as still. A working
-controller reaches a half."""
+"""Root mean square of the action, as a share of the action limit, below which the jets are considered not moving. A
+working controller reaches about half of the limit."""
 
 
 def drag_rows(log: RunLog) -> list[tuple[str, str, str]]:
-    """Return (quantity, uncontrolled, controlled) as text; if there are no averages, return one row with the reason."""
+    """Return (quantity, value without control, value under control) as text; if there are no averages, return one row
+    with the reason."""
     if (drive := drive_totals(log)) is not None:
         return _drive_rows(drive)
     means = averages(log)
@@ -94,8 +95,8 @@ def service_rows(log: RunLog) -> list[tuple[str, str]]:
 
 
 def headline(log: RunLog) -> str:
-    """Summarise the run. Problems come first; a reduction is stated only if the controller was in control and the side
-    force allows it."""
+    """Summarise the run. Problems are stated first. A reduction is stated without reservation only if the controller
+    was in control and the side force decreased."""
     warning, means = trouble(log), averages(log)
     text = means.why if isinstance(means, NoAverages) else _judged(log, means)
     if (drive := drive_totals(log)) is not None:
@@ -112,13 +113,13 @@ def headline(log: RunLog) -> str:
 
 
 def _without(log: RunLog) -> str | None:
-    """State which sensors the ECU set aside; None if it set no sensor aside."""
+    """State which sensors the ECU excluded as faulty; None if it excluded no sensor."""
     times = [f"{name} from t = {log.series['t'][period]:.1f} t_c on" for name, period in set_aside(log)]
     return f"The ECU set aside {', '.join(times)}." if times else None
 
 
 def _short(means: Averages | NoAverages) -> str | None:
-    """Return a warning if the averages include too few cycles; otherwise None."""
+    """Return a warning if the averages cover too few cycles; otherwise None."""
     if isinstance(means, NoAverages) or (count := min(means.before.cycles, means.under.cycles)) >= ENOUGH_CYCLES:
         return None
     return f"Too short to judge by: cycles averaged {count}, at least {ENOUGH_CYCLES} are needed."
@@ -142,8 +143,8 @@ def _judged(log: RunLog, found: Averages) -> str:
         return f"{drag}; no reduction is claimed: the jets hardly moved (rms action {under.rms_action:.2g})."
     percent = found.reduction_percent
     text = f"{drag}: {abs(percent):.1f} % {'more' if percent < 0 else 'less'}"
-    # A two-dimensional wake can be deflected sideways, which trades drag for lift; a reduction with such a deflection
-    # does not count.
+    # A two-dimensional wake can be deflected to one side, which reduces drag and increases lift. Such a reduction is
+    # not a success of control.
     if abs(under.mean_Cl) > 0.1 * before.abs_Cl + 0.1:
         return f"{text}, but the wake is deflected: mean Cl {before.mean_Cl:+.2f} to {under.mean_Cl:+.2f}."
     if under.abs_Cl >= before.abs_Cl:
@@ -215,8 +216,8 @@ def _fits(needed_ms: float, period_ms: float) -> str:
 
 
 def _on_this_machine(run: RunMetadata, timing: Latency) -> list[tuple[str, str]]:
-    """Return the rows about the step's time on this machine. The time of an emulator is not compared with the
-    budget."""
+    """Return the rows about the wall-clock time of a step on this machine. For an emulated core, this time is not
+    compared with the budget, because it is the emulator's."""
     if run.ecu.clock_mhz is not None:
         return [("emulating a step on this machine, p50 / p90 / p99 / max", _measured(timing))]
     within = f"within {run.budget_ms:g} ms in {timing.steps - timing.over_budget}"

@@ -26,7 +26,7 @@ COLUMN_UNITS: Final = {
     "set_aside": "1",
     "speed": "m/s",
 }
-"""Unit of every column in `COLUMNS`; modes and reasons are written as names."""
+"""Unit of every column in `COLUMNS`; "name" for modes and reasons, which are written as names."""
 
 
 def write_csv(path: Path, log: RunLog) -> None:

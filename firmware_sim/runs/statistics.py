@@ -1,8 +1,8 @@
-"""Figures of a run: averages without and with control, and the ECU's latency.
+"""Figures of a run: averages without and with control, and the computing time of the ECU's steps.
 
-Averages are over whole shedding cycles (`wake.truck.averages`). Before control the cycles are found from the lift's
-zero crossings. Under control, cycles have the length that they have without control; the average is over the largest
-number of whole cycles that fit between the end of the settling time and the last sample.
+Averages are over whole shedding cycles (`wake.truck.averages`). For the time before control, the cycles are found from
+the lift's zero crossings. For the time under control, every cycle has the mean length of the cycles before control; the
+average is over the largest number of such cycles that fits between the end of the settling time and the last sample.
 """
 
 from dataclasses import dataclass
@@ -18,20 +18,20 @@ from firmware_sim.runs.run_log import RunLog
 from wake.truck.averages import CycleAverage, over_cycles, over_last_cycles
 
 Flags = npt.NDArray[np.bool_]
-"""One truth value per control period, shape (n,) for n periods."""
+"""A truth value for each control period, shape (n,) for n periods."""
 
 _ROUNDING: Final = 1e-9
-"""Largest rounding error in t_c by which a sum of two spans may differ from a sample's time."""
+"""Largest difference in t_c between a sum of two spans and a sample's time that is treated as a rounding error."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Regime:
-    """Time averages over one part of a run; the coefficients are defined in `contract.ledger.DragLedger`.
+    """Time averages over one part of a run; `contract.ledger.DragLedger` defines the coefficients.
 
     Attributes:
         cycles: number of whole shedding cycles in the average.
         duration: total length of these cycles in t_c.
-        frequency: frequency of these cycles, per t_c.
+        frequency: frequency of these cycles, in cycles per t_c.
     """
 
     cycles: int
@@ -55,7 +55,7 @@ class Averages:
     Attributes:
         before: averages without control.
         under: averages with control.
-        averaged: whether each of the run's n control periods counts in `under`, shape (n,).
+        averaged: whether each of the run's n control periods contributes to `under`, shape (n,).
     """
 
     before: Regime
@@ -64,7 +64,7 @@ class Averages:
 
     @property
     def reduction_percent(self) -> float:
-        """Reduction of the wall's mean drag by control, in percent."""
+        """Reduction of the mean wall drag by control, in percent."""
         return 100.0 * (1.0 - self.under.Cd / self.before.Cd)
 
 
@@ -89,14 +89,14 @@ class Latency:
 
 
 def averages(log: RunLog) -> Averages | NoAverages:
-    """Compute the averages of two parts of a run: before the request for control, and from the end of the settling time
-    to the end of the run."""
+    """Compute the averages of two parts of a run: from the start to the request for control, and from the end of the
+    settling time to the end of the run."""
     if not log.metadata.averages:
         return NoAverages("No averages were requested.")
     if log.metadata.drive is not None:
         return NoAverages("The speed follows the drive, so its energy is compared, not averages.")
     t, enabled = log.series["t"], log.enabled_at
-    # The sample at the request for control still shows the wake without control.
+    # The sample at the instant of the request for control still shows the wake without control.
     before = slice(0, enabled + 1)
     start = int(np.searchsorted(t, t[enabled] + log.metadata.settle - _ROUNDING)) if enabled < len(t) else len(t)
     under = slice(start, None)
@@ -115,12 +115,12 @@ def averages(log: RunLog) -> Averages | NoAverages:
 
 def planned_steps(log: RunLog) -> Flags:
     """Return whether the controller planned in each of the n periods, shape (n,)."""
-    # A period that the ECU skipped has no step time, but still has the mode of the previous period.
+    # For a period that the ECU skipped, the step time is NaN, but the mode is that of the previous period.
     return np.asarray((log.series["mode"] == Mode.CONTROL) & np.isfinite(log.series["step_ms"]))
 
 
 def latency(log: RunLog) -> Latency:
-    """Compute the latency over the periods in which the controller planned; its times are NaN if there were no such
+    """Compute the latency over the periods in which the controller planned; the times are NaN if there were no such
     periods."""
     planned = log.series["step_ms"][planned_steps(log)]
     if not len(planned):
@@ -131,13 +131,14 @@ def latency(log: RunLog) -> Latency:
 
 
 def actuator_delay_ms(log: RunLog) -> float:
-    """Return the delay of the jets' action after a command's arrival, in virtual ms."""
+    """Return the configured delay from a command's arrival to the jets' action, in ms of virtual time."""
     config = log.metadata.config
     return config.vehicle.actuator_delay * config.period_ns / 1e6
 
 
 def sample_to_jets_ms(log: RunLog) -> float:
-    """Return the longest time from sampling pressures to the jets' action, in virtual ms; NaN if no command arrived."""
+    """Return the longest time from the sampling of pressures to the jets' action, in ms of virtual time; NaN if no
+    command arrived."""
     ages = log.series["age_ms"][np.isfinite(log.series["age_ms"])]
     return float(ages.max()) + actuator_delay_ms(log) if len(ages) else float("nan")
 

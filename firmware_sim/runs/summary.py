@@ -1,4 +1,4 @@
-"""The figures of a run for other programs."""
+"""The figures of a run as data for other programs."""
 
 from dataclasses import asdict
 from typing import Any
@@ -12,9 +12,9 @@ from firmware_sim.runs.statistics import NoAverages, averages, latency, rounded,
 
 
 def summary(log: RunLog) -> dict[str, Any]:
-    """Return the measured figures that `stillwake run --json` prints. A missing figure is null.
+    """Return the measured figures that `stillwake run --json` prints. An unknown figure is null.
 
-    `reduction_percent` is null unless the controller was in control for the whole averaged time.
+    `reduction_percent` is null unless the controller was in control in all averaged periods.
     """
     metadata, held, drive = log.metadata, control(log), drive_totals(log)
     return {

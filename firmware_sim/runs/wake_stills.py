@@ -1,8 +1,8 @@
-"""The recorded wake of a run: a still picture of its levels every few control periods, small enough to store with every
-run.
+"""The recorded wake of a run: a still picture of the flow every few control periods, small enough to be stored with
+every run.
 
-Stills are lossy WebP pictures in grey. The grey value is the level + 128, and every browser can decode them for the
-report's page.
+Stills are lossy WebP pictures in grey, which every browser can decode for the report's page. A pixel's grey value is
+the flow's level + 128.
 """
 
 import io
@@ -32,7 +32,7 @@ MIDDLE: Final = 128
 """Grey value of level 0."""
 _WEBP: Final = {"quality": 85, "method": 2}
 _SAME_TIME: Final = 1e-6
-"""Difference in t_c up to which two times count as equal."""
+"""Largest difference in t_c of two times that are treated as equal."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -79,7 +79,7 @@ class WakeStills:
 
 
 class WakeRecorder:
-    """A recorder that takes stills during a run."""
+    """A recorder that stores stills during a run."""
 
     def __init__(self, scene: Scene, periods: int) -> None:
         self._scene = scene
@@ -87,8 +87,8 @@ class WakeRecorder:
         self._kept: list[tuple[int, float, bytes]] = []
 
     def record(self, k: int, t: float, levels: Callable[[], Levels]) -> None:
-        """Record a still at the start of period k, at time t in t_c, if a still is due; the levels are computed only
-        then."""
+        """Record a still at the start of period k, at time t in t_c, if a still is due in this period. Only then is
+        `levels` called."""
         if k % self._every == 0:
             self._kept.append((k, t, encode(levels())))
 
@@ -147,7 +147,7 @@ def load(path: Path, log: RunLog) -> WakeStills:
 
 
 def _check(wake: WakeStills, total: int, log: RunLog) -> None:
-    """Raise ValueError if the stills contradict each other or the run's series."""
+    """Raise ValueError if the stills are inconsistent with each other or with the run's series."""
     count = len(wake.stills)
     if not count or wake.k.shape != (count,) or wake.t.shape != (count,):
         raise ValueError(f"{count} stills at {len(wake.k)} periods")

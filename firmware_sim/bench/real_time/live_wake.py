@@ -1,8 +1,8 @@
 """The built-in solver in a separate process, one control period ahead of the bus.
 
-At a sampling instant the action of the next period is known, because an ECU that plans ahead sends this action early.
-So the solver has a whole period to reach the next sampling instant. If the solver is late, the vehicle sends no
-pressures at that instant, and the flow's time falls behind the clock by a period.
+The action for a period is known before the period starts, because an ECU that plans ahead sends this action one period
+early. So the solver has a whole period to compute the flow up to the next sampling instant. If the solver is late, the
+vehicle sends no pressures at that instant, and the flow's time falls behind the clock by a period.
 
 The computing time of a control period on this machine is measured before the start.
 """
@@ -34,13 +34,13 @@ _PERIODS: Final = 20
 _ROOM: Final = 0.9
 """Largest share of a control period that the solver may take; pressure transfer and other processes need the rest."""
 COARSE: Final = (0.75, 15)
-"""Refinement, and time steps per control period, of the fastest plant that was found on which the shipped controller
+"""Grid refinement, and time steps per control period, of the fastest plant found so far on which the shipped controller
 acts as on the default grid (docs/explanation/solver.md)."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Speed:
-    """Speed of a plant on this machine.
+    """Computing time that a plant needs on this machine.
 
     Attributes:
         typical_ms: median wall time of a control period.
@@ -91,16 +91,16 @@ def measured(
 
 
 _LONGEST_END_S: Final = 5.0
-"""Longest wait in s for the process to end: it may have to finish a control period before Python exits."""
+"""Longest wait in s for the solver's process to end: it may have to finish a control period before Python exits."""
 
 
 class LiveWake(NeverCopied):
-    """A live wake, used as a context manager; its start takes seconds. Raises StillwakeError if the plant cannot be
-    opened.
+    """A live wake in a separate process, used as a context manager; entering it takes seconds. Raises StillwakeError if
+    the plant cannot be opened.
 
     Args:
         start: file with the initial state; if None, the shipped state, interpolated to the grid in use.
-        progress: called with (t_c done, total t_c) while the start settles.
+        progress: called with (t_c done, total t_c) while the flow develops from the initial state.
         drive: speeds of the inflow from the first period on; the time steps in `config.flow` must be short enough for
             them.
 
@@ -120,8 +120,7 @@ class LiveWake(NeverCopied):
         drive: Drive | None = None,
     ) -> None:
         self.layout = layout_of(config.body)
-        # The process is spawned, not forked: a fork would copy this process's locks, some of which its threads may
-        # hold.
+        # The process is spawned, not forked: a fork would also copy locks that threads of this process may have locked.
         context = multiprocessing.get_context("spawn")
         self._pipe, theirs = context.Pipe()
         self._process = context.Process(target=_run, args=(theirs, config, start, drive), name="live-wake", daemon=True)
@@ -148,7 +147,7 @@ class LiveWake(NeverCopied):
         return np.asarray(self._cp)
 
     def drive(self, action: float) -> None:
-        """Start the next control period, with the jets ramping to `action`; do nothing while a period is computed."""
+        """Start the next control period, with a ramp of the jets to `action`; do nothing while a period is computed."""
         if not self._is_busy:
             try:
                 self._pipe.send(action)
@@ -181,7 +180,7 @@ class LiveWake(NeverCopied):
 
 
 def _run(pipe: Connection, config: Config, start: Path | None, drive: Drive | None) -> None:
-    """Run in the process: settle, then compute one control period for each received action."""
+    """Run in the solver's process: let the flow develop, then compute one control period for each received action."""
     # A terminal or a service manager may send a signal to all processes of the vehicle. This process ignores the
     # signal, because the vehicle ends it after its own last frames.
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -207,5 +206,5 @@ def _run(pipe: Connection, config: Config, start: Path | None, drive: Drive | No
     except StillwakeError as error:
         send(error)
     except (EOFError, BrokenPipeError, ConnectionResetError):
-        # The pipe is closed when the vehicle ends.
+        # The pipe is closed, so the vehicle has ended.
         return

@@ -1,4 +1,4 @@
-"""Sources of pressures: the interface of a flow that the loop uses, and the replay of a recording."""
+"""Sources of pressures in real time: the interface that the loop uses, and the replay of a recording."""
 
 from typing import Protocol
 
@@ -12,7 +12,7 @@ from contract.sensor_layout import SensorLayout
 
 
 class Pressures(Protocol):
-    """A flow in real time; `description` says in a few words whether its pressures respond to the jets."""
+    """A source of pressures in real time; its `description` states whether the pressures respond to the jets."""
 
     layout: SensorLayout
     description: str
@@ -49,7 +49,7 @@ class Replay:
         self.rounds = 0
 
     def sampled(self) -> Array:
-        """Return the row of this period; the first row follows the last."""
+        """Return the recorded row of this period; after the last row the first row follows."""
         if self._next == len(self._cp):
             self._next = 0
             self.rounds += 1

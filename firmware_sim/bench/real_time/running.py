@@ -28,7 +28,7 @@ from wake.plant.drive import Drive
 LEAD_IN_NS: Final = 50_000_000
 """Time in ns from the start of the loop to its first sampling instant."""
 _ROOM: Final = 4096
-"""Largest number of frames that are stored in a period: the number in a second on a fully loaded classic bus."""
+"""Largest number of frames stored in a period: about the number on a fully loaded classic bus in a second."""
 WRITTEN_EVERY: Final = 500
 """Number of periods between two writes of the freshness file: 500 periods of 20 ms are ten seconds."""
 
@@ -42,7 +42,7 @@ class Course:
         enable_after_s: time in s of the first request for control; None for no request.
         stage_times: file for the stage times, written at the end.
         freshness: file that counts the node's power cycles, with `bus.key`.
-        frames: measurement of the frames that the vehicle sent and accepted.
+        frames: measurement file for the frames that the vehicle sent and accepted.
         drive: speeds from the first period on; if None, the operating point's speed.
     """
 
@@ -84,8 +84,8 @@ def run_vehicle(
     if course.stage_times is not None:
         times = StageTimes(VehicleStage) if course.periods is None else StageTimes(VehicleStage, course.periods)
     bus.receive_all()  # drops the frames that arrived before the run
-    # The arrival of a frame is the instant at which the receive thread reads it, on a clock that a change of the
-    # computer's date does not affect. So the wait in the kernel counts as transmission time.
+    # A frame's time of arrival is the time when the receive thread reads it, on a clock that does not change with the
+    # computer's date. So the frame's wait in the kernel counts as part of its transmission time.
     inbox = Inbox(lambda frame: clock.now_ns(), room=_ROOM)
     with ExitStack() as stack:
         report(f"real time: {in_words(stack.enter_context(taken(course.wanted)))}")
@@ -98,7 +98,7 @@ def run_vehicle(
         figures, begun, has_given_up = loop.figures, 0, False
         while not is_stopped() and (course.periods is None or begun < course.periods):
             if course.drive is not None:
-                # The live wake's time does not advance in periods without pressures.
+                # In periods without pressures, the live wake's time stands still, and so does the drive's.
                 driven_s = (begun - figures.unsampled) * config.period_ns / 1e9
                 node.speed = node.stated_speed = course.drive.speed(driven_s)
             loop.period(enable_request=enable_from is not None and begun >= enable_from)

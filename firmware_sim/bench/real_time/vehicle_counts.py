@@ -1,4 +1,4 @@
-"""Counts of a vehicle's run, in constant memory for any length of the run."""
+"""Counts of a vehicle's run, whose memory does not grow with the length of the run."""
 
 from collections import Counter
 from dataclasses import dataclass, field
@@ -12,7 +12,7 @@ from can_bridge.wire.messages import Mode
 
 RESOLUTION_NS: Final = 10_000
 LONGEST_NS: Final = 2_000_000_000
-"""Longest time that is resolved, in ns; a longer time counts as this time."""
+"""Longest time in ns that is counted exactly; a longer time is counted as this time."""
 
 
 class Durations:
@@ -28,8 +28,8 @@ class Durations:
         self._total += 1
 
     def quantile_ms(self, share: float) -> float:
-        """Return the nearest-rank quantile in ms, rounded down to 10 us: the time that a share of the times does not
-        exceed. A share of 1.0 gives the largest time; NaN is returned if no times were added."""
+        """Return the nearest-rank quantile in ms, rounded down to 10 us: the smallest counted time that the given share
+        of the times does not exceed. A share of 1.0 gives the largest time; NaN is returned if no times were added."""
         if self._total == 0:
             return nan
         # In binary, 0.07 * 100 is 7.000000000000001; without rounding, the rank would be 8.
@@ -42,8 +42,8 @@ class VehicleFigures:
     """Counts of one run.
 
     Attributes:
-        periods: number of periods begun.
-        left_out: number of periods that the vehicle did not begin, because it was late by at least half a period.
+        periods: number of periods that were started.
+        left_out: number of periods that the vehicle did not start, because it was late by at least half a period.
         unsampled: number of periods without pressures, because the live wake was late.
         commands: number of valid jet commands received.
         misses: number of periods without a valid command, counted from the first valid command on.

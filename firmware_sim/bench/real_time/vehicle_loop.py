@@ -24,27 +24,27 @@ from firmware_sim.bench.real_time.vehicle_counts import VehicleFigures
 from firmware_sim.bench.vehicle_node import Actuation, VehicleNode
 
 UNSENT_LIMIT: Final = 50
-"""Number of frames refused in a row at which the bus counts as lost: 50 periods of 20 ms are a second."""
+"""Number of consecutively refused frames at which the bus is considered lost: 50 periods of 20 ms are a second."""
 FAREWELL: Final = 3
-"""Number of periods without a request for control at the end of a run: one more than the number of lost frames that the
+"""Number of frames without a request for control at the end of a run: one more than the number of lost frames that the
 ECU tolerates."""
 LONGEST_FAREWELL: Final = 10
-"""Largest number of periods at the end of a run, if the live wake has no pressures for some of them."""
+"""Largest number of periods for these frames, because the live wake may have no pressures for some of the periods."""
 
 
 class Sends(Protocol):
-    """The part of a bus that the loop needs."""
+    """The part of a bus's interface that the loop uses."""
 
     def send(self, frame: Frame) -> None:
-        """Send one frame; raises BusError if the bus does not accept it."""
+        """Send one frame; raises BusError if the bus does not accept the frame."""
 
 
 class VehicleLoop:
     """The vehicle's loop, which runs periods one by one.
 
     Args:
-        stage_times: record of stage times to fill; None for no record.
-        now_ns, sleep_until: functions of the clock that deadlines and inbox use.
+        stage_times: record to which the times of each period's stages are added; None for no record.
+        now_ns, sleep_until: functions of the clock, which must be the clock of the deadlines and the inbox.
 
     Attributes:
         heard: frames received since this attribute was last set, for a message about missing commands.
@@ -111,7 +111,7 @@ class VehicleLoop:
             self._deadlines = self._deadlines.after(now_ns)
 
     def _end_period(self, due_ns: int) -> None:
-        """Give the frames of the period that ends now to the jets' driver."""
+        """Pass the frames received in the period that ends now to the jets' driver."""
         frames = self._inbox.before(due_ns)
         self.heard.add(frames)
         actuation = self._node.apply_commands([frame for frame in frames if self._spec.names(frame)])
@@ -153,7 +153,7 @@ class VehicleLoop:
             self.figures.unsampled += is_noted
             return False
         sampled_ns = self._now_ns()
-        # The pressures belong to the scheduled instant, so the delay of this process is the age in the frame.
+        # The pressures belong to the scheduled instant, so the age that the frame states is the delay of this process.
         frame = self._node.sample(
             np.asarray(cp), enable_request=enable_request, now_ns=due_ns, age_ns=max(0, sampled_ns - due_ns)
         )

@@ -1,4 +1,4 @@
-"""The bus as a table: sender and rate of each message, the receiver's E2E state, and the state of the nodes."""
+"""A table of the bus: sender and rate of each message, the receiver's E2E state, and the nodes' error states."""
 
 from collections import deque
 from collections.abc import Mapping
@@ -19,8 +19,8 @@ ROWS: Final = 64
 _UNKNOWN: Final = "unknown"
 """Name shown for a message that is not in the message set of the bus."""
 _BABBLER: Final = "babbler"
-"""Sender shown for a message that neither node defines, because a babbling node is simulated at the port of one of the
-nodes."""
+"""Sender shown for a message that a node's port sends but neither node defines; it is from a babbling node, which is
+simulated at this port."""
 _NS: Final = 10**9
 
 
@@ -35,15 +35,14 @@ class _Row:
 
 
 class BusTable:
-    """Bus traffic of a run: call the table with every `Transmission`, and `period_over` after each period."""
+    """A table of a run's bus traffic. Call it with every `Transmission`, and call `period_over` after each period."""
 
     def __init__(self, config: Config, messages: MessageSet) -> None:
         self._messages, self._period_ns = messages, config.period_ns
         self._periods = max(1, round(_NS / config.period_ns))
         self._rows: dict[tuple[int, bool], _Row] = {}
         self._activity: deque[BusActivity] = deque(maxlen=self._periods + 1)
-        # The nodes have no receivers for these messages whose state can be read, so the table checks the messages
-        # itself.
+        # The nodes have no receivers with a readable state for these messages, so the table itself checks the messages.
         specs = messages.speed.spec, messages.status.spec
         self._listeners = {spec.frame_id: E2eReceiver(spec, config.bus.e2e) for spec in specs}
         self._heard: dict[int, list[Frame]] = {frame_id: [] for frame_id in self._listeners}
@@ -76,8 +75,8 @@ class BusTable:
     def message(
         self, run: int, *, pressures: ReceiverState, commands: ReceiverState, nodes: Mapping[str, NodeErrors]
     ) -> LiveMessage:
-        """Return the message on the bus over the latest second of virtual time. `pressures` and `commands` are the
-        states of the receivers in ECU and vehicle."""
+        """Return the message for viewers about the bus traffic in the latest second of virtual time. `pressures` and
+        `commands` are the states of the receivers in ECU and vehicle."""
         first, last = self._activity[0], self._activity[-1]
         receivers = {
             self._messages.pressure.spec.frame_id: pressures,
@@ -85,7 +84,7 @@ class BusTable:
             **{frame_id: listener.state for frame_id, listener in self._listeners.items()},
         }
         passed_ns = last.now_ns - first.now_ns
-        # In the first period there is no earlier period for a difference.
+        # In the first period there is no earlier period to subtract.
         load = (last.busy_ns - first.busy_ns) / passed_ns if passed_ns else last.load
         chosen = sorted(self._rows)[:ROWS]
         return {

@@ -1,4 +1,4 @@
-"""One run of the live loop from a start of its plant, computed period by period, with disturbances and observation."""
+"""One run of the live loop, which starts in the plant's initial state and is computed period by period."""
 
 from collections import deque
 from collections.abc import Sequence
@@ -30,7 +30,7 @@ from wake.plant.sample import Sample
 from wake.truck.averages import over_cycles, over_last_cycles
 
 _NEEDS_A_RISE = (OperatingMode.INIT, OperatingMode.STANDBY, OperatingMode.FAULT)
-"""Modes that the ECU leaves only when the request rises."""
+"""Modes that the ECU leaves only when the request for control changes from low to high."""
 
 
 @dataclass(kw_only=True)
@@ -39,11 +39,11 @@ class ControlRequest:
 
     Attributes:
         lead_in: number of periods after which control is requested.
-        rearm_frames: number of good frames in a row that the ECU needs before a request clears a latched fault.
+        rearm_frames: number of consecutive good frames that the ECU needs before a request clears a latched fault.
         wanted: whether control is wanted.
-        waits: whether the lead-in is still under way; it ends early when a viewer asks for control.
-        rearming: whether the request stays low until the ECU will accept a rise.
-        helped_until: period up to which a new request clears latched faults without a viewer's action.
+        waits: whether the lead-in has not ended yet; it ends early when a viewer sets the request.
+        rearming: whether the request stays low until the ECU will accept a high request.
+        helped_until: before this period, latched faults are cleared by a new request without a viewer's action.
         first: period of the first request for control; None before this request.
     """
 
@@ -60,14 +60,14 @@ class ControlRequest:
         self.wanted, self.waits, self.rearming = wanted, False, False
 
     def rearm(self, fail_safe: FailSafe, *, given_up: bool) -> bool:
-        """Withdraw the request if only a new request restores control; returns whether it is withdrawn."""
+        """Withdraw the request if control returns only after a new request; return whether the request is withdrawn."""
         latched = given_up or fail_safe.mode in _NEEDS_A_RISE
         self.rearming = self.rearming or (self.first is not None and self.wanted and latched)
         return self.rearming
 
     def begins(self, k: int) -> bool:
-        """End the lead-in if period k is after it, and then request control; return whether the lead-in ended. Call
-        this once per period."""
+        """End the lead-in in period `lead_in`, and request control from then on; return whether the lead-in ended in
+        period k. Call this once per period."""
         if not (self.waits and k >= self.lead_in):
             return False
         self.wanted, self.waits = True, False
@@ -79,7 +79,7 @@ class ControlRequest:
         Args:
             fail_safe: state of the ECU's fail-safe after the previous period.
             is_up: whether the ECU has booted.
-            given_up: whether the vehicle has given up control; this ends when the vehicle's own request is low.
+            given_up: whether the vehicle has given up control, which lasts until its own request has been low.
         """
         if self.rearming and is_up and not given_up and self._may_rise(fail_safe):
             self.rearming = False
@@ -91,11 +91,11 @@ class ControlRequest:
         return requested
 
     def _may_rise(self, fail_safe: FailSafe) -> bool:
-        """Return whether the ECU has received a low request and will accept a rise."""
+        """Return whether the ECU has received a low request and will accept a high request."""
         if fail_safe.enable_request:
             return False
         if fail_safe.mode is OperatingMode.FAULT:
-            # The frame with the rising request counts as a good frame as well.
+            # The frame with the first high request also counts as a good frame.
             return fail_safe.good + 1 >= self.rearm_frames
         return fail_safe.mode is OperatingMode.ARMED
 
@@ -121,12 +121,12 @@ class DragMeans:
         self.now: float | None = None
 
     def add(self, sample: Sample) -> None:
-        """Add the sample at a period's start."""
+        """Add the sample taken at the start of a period."""
         self._samples.append((sample.t, sample.Cd, sample.Cl))
 
     def update(self, *, without_control: bool) -> None:
-        """Update the averages; with `without_control`, the stored samples are from the time without control, and their
-        mean is updated too."""
+        """Update the averages. With `without_control`, all stored samples are from the time without control, so the
+        mean without control is updated too."""
         if without_control:
             t, drag, lift = np.array(self._samples, dtype=float).T
             try:
@@ -138,7 +138,7 @@ class DragMeans:
         needed = int(1.0 / (self._frequency * self._period)) + 3
         latest = np.array([self._samples[at] for at in range(-min(needed, len(self._samples)), 0)], dtype=float)
         try:
-            # The data are shorter than two cycles, so the average is over one cycle.
+            # These data are shorter than two shedding cycles, so the average is over one cycle.
             self.now = float(over_last_cycles(latest[:, 0], self._frequency).mean(latest[:, 1]))
         except PlantError:
             self.now = None
@@ -171,8 +171,8 @@ class LivePeriod:
 
 
 class LiveRun:
-    """A run that begins at the plant's start. Raises StillwakeError if the plant lacks a sensor of the bundle, or the
-    bus cannot carry virtual time.
+    """A run from the plant's initial state. Raises StillwakeError if the plant lacks a sensor of the bundle, or the bus
+    does not work in virtual time.
 
     Args:
         wake: a plant at the start of a control period.
@@ -182,7 +182,7 @@ class LiveRun:
 
     Attributes:
         number, wake, ecu: values of these arguments; `exchange` replaces the ECU.
-        k: number of the next period, which lasts `period_ns` in virtual time.
+        k: number of the next period; each period lasts `period_ns` in virtual time.
         drag, bus_table: averages and bus table for viewers.
         view: limits of the pictures in W; empty for a plant without a flow field.
         raster: width and height of the pictures in pixels; empty for a plant without a flow field.
@@ -231,7 +231,7 @@ class LiveRun:
         self.state: EcuState = ecu.ecu.state
 
     def time_s(self, k: int) -> float:
-        """Return the start of period k in s of the run."""
+        """Return the time at the start of period k, in s from the start of the run."""
         return k * self.period_ns / 1e9
 
     def step(self) -> LivePeriod:
@@ -257,15 +257,15 @@ class LiveRun:
         return self.latest
 
     def exchange(self, ecu: LoopEcu) -> None:
-        """Continue with another ECU, from the state of the present ECU."""
+        """Replace the present ECU by another ECU, which continues from the present ECU's state."""
         self._loop.exchange_ecu(ecu.ecu, ecu.step_ns)
         self.ecu = ecu
 
     def help(self) -> bool:
-        """Clear latched faults, and faults that will latch because of earlier disturbances, with a new request. Returns
-        whether the request is withdrawn for this purpose.
+        """Clear latched faults with a new request for control, now and for the next periods, in which earlier
+        disturbances may still latch a fault. Returns whether the request is withdrawn for this purpose.
 
-        If the ECU has set a sensor aside, the ECU restarts, so that it uses the sensor again.
+        If the ECU ignores a sensor that it has found faulty, the ECU is restarted, so that it uses the sensor again.
         """
         if self.state.sensors.set_aside is not None and not self.is_off:
             self.power_on()
@@ -274,7 +274,7 @@ class LiveRun:
         return self.request.rearm(self.state.fail_safe, given_up=self.node.has_given_up)
 
     def power_on(self) -> None:
-        """Start the ECU. If the ECU is running, this interrupts its supply for a moment."""
+        """Start the ECU. If the ECU is running, its supply is interrupted for a moment, so that it restarts."""
         self._reset(round(BOOT_S * 1e9))
         self.is_off = False
 
@@ -287,7 +287,7 @@ class LiveRun:
         """Return the state after the latest period."""
         state, mode = self.state, self.state.fail_safe.mode.name
         aside = state.sensors.set_aside
-        # If the ECU did not step, its trace is from an earlier step and is ignored.
+        # An ECU that is off or booting makes no step; its trace is then from an earlier step and is ignored.
         gate = Intervention(0) if self.is_off or not self._loop.ecu_is_up else self.ecu.ecu.trace.interventions
         return SeenState(
             state=UNPOWERED if self.is_off else mode if self._loop.ecu_is_up else BOOT,
@@ -299,7 +299,8 @@ class LiveRun:
         )
 
     def set_disturbances(self, texts: tuple[str, ...]) -> None:
-        """Apply only these disturbances from the next period on. Faults that a new disturbance causes stay latched."""
+        """Apply only these disturbances from the next period on. If a new disturbance starts, latched faults are no
+        longer cleared without a viewer's action."""
         if self.disturbances.set(texts, self.k):
             self.request.helped_until = 0
 

@@ -1,4 +1,4 @@
-"""Texts for viewers on the changes in ECU, vehicle and bus from one period to the next, and the latest events."""
+"""Texts for viewers about changes in ECU, vehicle and bus from one period to the next, and a log of events."""
 
 from collections.abc import Iterator, Mapping
 from typing import Final, NamedTuple
@@ -37,7 +37,7 @@ class SeenState(NamedTuple):
 
     Attributes:
         state: name of an `OperatingMode`, or `UNPOWERED` or `BOOT`.
-        set_aside: sensors that the ECU has set aside.
+        set_aside: sensors that the ECU has found faulty and does not use.
         given_up: whether the vehicle has withdrawn its request without a viewer's command.
         nodes: state of each node's CAN controller.
     """
@@ -95,7 +95,7 @@ def _transition(before: SeenState, now: SeenState) -> str:
 KEPT: Final = 500
 """Largest number of events stored until they are fetched."""
 QUIET_S: Final = 1.0
-"""Virtual time in s for which repetitions of an event are only counted. Then one event states the number of
+"""Virtual time in s in which repetitions of an event are only counted. At its end, one event states the number of
 repetitions, and the time doubles."""
 _LONGEST_S: Final = 16.0
 
@@ -116,7 +116,7 @@ class EventLog:
         self._count = 0
 
     def add(self, kind: str, text: str, *, time_s: float, t: float) -> None:
-        """Add an event at this time of the run, in s and t_c."""
+        """Add an event at a time of the run, given in s (`time_s`) and in t_c (`t`)."""
         if kind != "set":
             if repeated := self._repeated.get(text):
                 self._repeated[text] = repeated._replace(more=repeated.more + 1)
@@ -125,7 +125,8 @@ class EventLog:
         self._publish(kind, text, time_s, t)
 
     def pass_to(self, time_s: float, t: float) -> None:
-        """Advance the time, and add an event for each repeated event whose time for counting has ended."""
+        """Advance the time. For each repeated event whose counting time has ended, add an event with the number of
+        repetitions."""
         for text, repeated in list(self._repeated.items()):
             if time_s - repeated.since_s < repeated.quiet_s:
                 continue
@@ -136,11 +137,11 @@ class EventLog:
                 self._repeated[text] = _Repeated(repeated.kind, time_s, min(2.0 * repeated.quiet_s, _LONGEST_S))
 
     def new_run(self) -> None:
-        """Forget repeated events, because the time starts again at 0."""
+        """Delete the counts of repeated events, because the time starts again at 0."""
         self._repeated = {}
 
     def new(self) -> list[LiveMessage]:
-        """Return the events since the last call, at most the newest `KEPT` events."""
+        """Return the events added since the last call, at most the newest `KEPT` events."""
         items, self._new = self._new, []
         return items
 

@@ -1,12 +1,12 @@
 """Disturbances that are switched on and off while the loop runs, each at the start of a control period.
 
-A disturbance that is switched on acts as in a run whose disturbance has the same text and begins at the same time. Each
-item is its own `firmware_sim.bench.disturbing.Disturbing`, whose random sequences are numbered after the sequences of
-all earlier items. The items of the transducers, and the items of each node's port, have the order in which the settings
-list them: when one item changes, all items after it end and begin again.
+A disturbance that is switched on acts as in a run with the same disturbance from the same time on. Each disturbance is
+an item with a separate `firmware_sim.bench.disturbing.Disturbing`, whose random sequences are numbered after those of
+all earlier items. The items of the transducers, and the items of each node's port, are in the order of the settings.
+When one item changes, all items after it end and start again.
 
-An item in a port that has ended passes frames on. It is removed `LINGER_S` later, so that frames that it still delays
-reach the node in order.
+An item in a port that has ended passes all frames on unchanged. It is removed `LINGER_S` later, so that frames that it
+still delays reach the node in order.
 """
 
 from collections import Counter
@@ -29,7 +29,7 @@ from firmware_sim.bench.run_faults import NODES, NodeFault
 
 
 class Plug:
-    """A bus that passes everything on to the bus `beneath`, which can be exchanged."""
+    """A bus that passes every call on to the bus `beneath`, which can be replaced while the loop runs."""
 
     def __init__(self, beneath: Bus) -> None:
         self.beneath = beneath
@@ -44,8 +44,8 @@ class Plug:
 
 
 class SwitchedPort(WrappedBus):
-    """A node's port with layers, which are added and removed while the bus runs; the first layer is closest to the
-    bus."""
+    """A node's port to which layers are added, and from which they are removed, while the bus runs. Frames from the bus
+    reach the first layer first."""
 
     def __init__(self, port: Bus) -> None:
         self._plugs: list[Plug] = []
@@ -56,7 +56,7 @@ class SwitchedPort(WrappedBus):
         return len(self._plugs)
 
     def put(self, layer: Callable[[Bus], Bus]) -> Plug:
-        """Add a layer around the present layers; return the plug with which `take_out` removes the layer."""
+        """Add a layer around the present layers. Returns the plug that `take_out` needs to remove the layer."""
         plug = Plug(self._top.beneath)
         self._top.beneath = layer(plug)
         self._plugs.append(plug)
@@ -88,10 +88,10 @@ class _Item:
 
 
 class SwitchedDisturbances:
-    """Disturbances of one run of the loop; implements `firmware_sim.bench.wiring.Disturbs`.
+    """The disturbances of one run of the loop; an implementation of `firmware_sim.bench.wiring.Disturbs`.
 
     Args:
-        sensors: names of the transducers' sensors, in order.
+        sensors: names of the sensors, in the order of the readings.
 
     Attributes:
         read: latest readings of the S transducers, shape (S,); NaN before the first readings.
@@ -132,8 +132,8 @@ class SwitchedDisturbances:
         return around
 
     def set(self, texts: Sequence[str], k: int) -> bool:
-        """Apply only these disturbances, given as texts without times, from control period k on, which the bus must not
-        have reached yet. Returns whether a disturbance begins. Raises ConfigError for a text that describes no
+        """Apply only these disturbances, given as texts without times, from control period k on, which must not have
+        started on the bus. Returns whether a disturbance starts. Raises ConfigError for a text that describes no
         disturbance."""
         assert self._bus is not None
         new: list[tuple[str, str]] = []
@@ -145,14 +145,14 @@ class SwitchedDisturbances:
             new += [(text, group) for text in here[same:]]
             for item in acting[same:]:
                 self._end(item, k)
-        # Events due at the start of the period run after the changed disturbances have ended and before new ones begin.
+        # Bus events at the period's start come after the end of old disturbances and before the start of new ones.
         self._bus.advance_to(k * self._config.period_ns)
         for text, group in new:
             self._begin(text, group, k)
         return bool(new)
 
     def period_over(self, k: int) -> None:
-        """Remove the ended items that delay no more frames after period k."""
+        """Remove the ended items whose removal is due after period k, because they delay no more frames."""
         linger = round(LINGER_S * NS / self._config.period_ns)
         for item in [one for one in self._lingering if one.end + linger <= k + 1]:
             self._lingering.remove(item)
@@ -177,8 +177,7 @@ class SwitchedDisturbances:
 
     def _end(self, item: _Item, k: int) -> None:
         item.end = k
-        # The running disturbance reads its end from this object. The object is frozen, and its end was unknown at its
-        # start.
+        # A running disturbance reads its end time from this object, which is frozen for all other uses.
         object.__setattr__(item.span, "end_s", k * self._config.period_ns / NS)
         self._items.remove(item)
         if item.plugs:

@@ -3,7 +3,7 @@
 var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
 
 (() => {
-  // Building an ECU in C takes a minute, so an answer may be late; a closed connection ends the wait immediately.
+  // The compilation of an ECU in C takes a minute, so ANSWER_MS is long; a closed connection ends the wait immediately.
   const [SHORTEST_MS, LONGEST_MS, ANSWER_MS] = [500, 8000, 300000];
 
   const OPEN_MS = 10000;
@@ -18,7 +18,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
     return url.href;
   };
 
-  /** Returns '?token=...' of this page, or ''. */
+  /** Returns '?token=...' with the page's token; '' if the page has none. */
   stillwake.tokenQuery = () => {
     const token = new URLSearchParams(location.search).get('token');
     return token ? `?${new URLSearchParams({token})}` : '';
@@ -53,12 +53,12 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
     }
   };
 
-  /** Requests on a separate channel, each with its answer. */
+  /** Sends requests on a separate channel and returns the answer to each. */
   stillwake.Requests = class {
     constructor(url) {
       this.next = 1;
       this.waiting = new Map();
-      /** Resolves when the channel has opened for the first time. */
+      /** A promise that resolves when the channel has opened for the first time. */
       this.opened = new Promise((resolve) => (this.isOpen = resolve));
       this.channel = new stillwake.Channel(url, (what, data) => {
         if (what === 'open') this.isOpen();
@@ -67,7 +67,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       });
     }
 
-    /** Resolves to the answer, or to one with `error`. On a new page, waits up to OPEN_MS for the channel. */
+    /** Resolves to the answer; its `error` states a failure. On a new page, waits up to OPEN_MS for the channel. */
     async ask(request) {
       if (!this.channel.ready) await Promise.race([this.opened, pause(OPEN_MS)]);
       if (!this.channel.ready) return {error: 'not connected to the loop'};

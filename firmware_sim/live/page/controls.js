@@ -27,9 +27,9 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
 
   stillwake.Controls = class {
     /**
-     * @param {Element} element for the settings; `goal` is the element for the weights.
-     * @param {object} hello with choices, bounds and settings.
-     * @param {Function} ask sends a request, such as {set: {...}} or {clear: true}.
+     * @param {Element} element is filled with the settings, and the element `goal` with the weights.
+     * @param {object} hello message with choices, bounds and settings.
+     * @param {Function} ask function that sends a request, such as {set: {...}} or {clear: true}.
      */
     constructor(element, goal, hello, ask) {
       this.hello = hello;
@@ -94,7 +94,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       return this.keep(name, new Slider(this.words(name), this.bounds(this.hello.sliders[name]), this.set(name)));
     }
 
-    /** Returns a slider's bounds with a short unit: 'ms', 'σ', or none for a share. */
+    /** Returns a slider's bounds with a short unit: 'ms', 'σ', or no unit for a share. */
     bounds(slider) {
       const unit = slider.unit.split(' ')[0];
       return {...slider, unit: unit === 'ms' ? 'ms' : unit === 'deviations' ? 'σ' : ''};

@@ -33,7 +33,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
     }
   };
 
-  /** A choice from [{name, label, missing}]; an entry with `missing`, a reason, cannot be chosen. */
+  /** A choice from [{name, label, missing}]; if `missing` states a reason, the entry cannot be chosen. */
   stillwake.Choice = class {
     constructor(words, choices, set) {
       this.input = make('select', {name: words.name});
@@ -53,7 +53,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
   };
 
   /**
-   * A number, passed on when the viewer releases the slider; while the viewer moves it, the loop's value is not shown.
+   * A slider for a number, which is sent when the viewer releases it; meanwhile the loop's value is not shown.
    * `scale` has two functions: `to` maps a value to the slider's position, `from` maps a position to the value.
    */
   stillwake.Slider = class {

@@ -5,7 +5,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
 (() => {
   const {make, write, format} = stillwake;
 
-  /** Describes the drag; null if it is unknown. */
+  /** Returns a text about the drag; null if the drag is unknown. */
   const drag = (percent) => {
     if (!format.is(percent)) return null;
     const size = format.number(Math.abs(percent), 0);
@@ -13,7 +13,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
     return `Drag is ${size} % ${percent > 0 ? 'below' : 'above'} the uncontrolled wake`;
   };
 
-  /** Returns {kind, text}: `kind` stays equal while only numbers in the text change. */
+  /** Returns {kind, text}. Texts that differ only in their numbers have the same `kind`. */
   const sentence = (hello, now) => {
     const count = hello.used.length;
     const reason = stillwake.reasonOf(hello, now);

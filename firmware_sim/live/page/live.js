@@ -63,7 +63,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       this.request();
     }
 
-    /** Shows the state of the loop's process other than running: the loop starts, builds a controller, or has ended. */
+    /** Shows that the loop's process is starting, is building a controller, or has ended. */
     wait({state, text}) {
       this.toolbar.loop(state, text);
       if (state !== 'starting' && state !== 'ended') return;
@@ -104,7 +104,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       if (items.length) this.headline.happened(items.at(-1));
     }
 
-    /** HOLD and DECAY may last only one period each, so they stay lit long enough to be seen. */
+    /** HOLD and DECAY may last only one period each, so they are lit for longer, to be visible. */
     passed(modes) {
       for (const [mode, state] of [[3, 'HOLD'], [4, 'DECAY']]) if (modes.includes(mode)) this.states.glow(state);
     }

@@ -3,7 +3,7 @@
 var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
 
 stillwake.Ring = class {
-  /** @param {number} kept number of rows to keep; up to a quarter more are stored before the oldest are deleted. */
+  /** @param {number} kept number of rows to store; up to a quarter more are stored before the oldest are deleted. */
   constructor(kept) {
     this.kept = Math.max(1, kept);
     this.clear();

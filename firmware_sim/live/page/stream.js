@@ -14,7 +14,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       this.periods = new stillwake.Ring(1);
     }
 
-    /** Takes a received message: JSON text, or the bytes of a picture. */
+    /** Stores a received message: JSON text, or the bytes of a picture. */
     take(data) {
       if (typeof data !== 'string') {
         this.picture = stillwake.unpackField(data);

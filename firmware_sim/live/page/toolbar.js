@@ -43,7 +43,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       write(at('loop'), text || '');
     }
 
-    /** Shows why a request failed; all other effects appear among the events and on the controls. */
+    /** Shows why a request failed; the effects of a request appear among the events and on the controls. */
     answer({error}) {
       at('toast').hidden = !error;
       if (error) write(at('answer'), `Not done: ${error}`);

@@ -1,8 +1,8 @@
-"""The server's answers: the page and its files, the two sockets, and the check of access.
+"""The server's request handlers: the page and its files, the two sockets, and the check of access.
 
-A browser sends requests to a server on this machine for any page that makes them. Two checks refuse the requests of
-foreign pages. The request's Origin must be this server. The request's Host must be this server too, because the owner
-of another host name may point this name to this machine (DNS rebinding).
+A browser sends requests to a server on this machine for any web page that makes them. Two checks refuse the requests of
+pages from other servers. The request's Origin must be this server. The request's Host must be this server too, because
+the owner of another host name may let this name resolve to this machine (DNS rebinding).
 """
 
 import asyncio
@@ -30,18 +30,17 @@ TOKEN_BYTES: Final = 24
 
 @dataclass(frozen=True, kw_only=True)
 class PageAccess:
-    """Rules of access to one server. Every request must contain the token, unless the server is on loopback, where it
-    has no token."""
+    """Rules of access to one server. Every request needs the token; a server on loopback has none."""
 
     token: str | None
 
     @classmethod
     def to(cls, address: str) -> Self:
-        """Create the access to a server at this address, with a new token unless the address is loopback."""
+        """Return the access rules of a server at this address, with a new token unless the address is loopback."""
         return cls(token=None if is_loopback(address) else token_urlsafe(TOKEN_BYTES))
 
     def refusal(self, *, host: str, origin: str | None, token: str | None) -> str | None:
-        """Return the reason for which a request is refused; None if it is allowed. `origin` is None if the request has
+        """Return the reason for refusing a request; None if the request is allowed. `origin` is None if the request has
         no Origin, as in a request from a program that is not a browser."""
         if self.token is None and not is_loopback(_name(host)):
             return "this server answers only to localhost"
@@ -101,7 +100,7 @@ MOST_VIEWERS: Final = 32
 BATCHES_A_SECOND: Final = 30.0
 """Largest number of message batches per second to a viewer; a person would not notice more."""
 SEND_BUFFER: Final = 256 * 1024
-"""Size in bytes of the operating system's send buffer for a viewer; the data in this buffer delay the view."""
+"""Size in bytes of the operating system's send buffer for a viewer. A larger buffer would delay the view more."""
 STALLED_S: Final = 30.0
 """Time in s after which the connection of a viewer that accepts no message is closed."""
 MOST_UNANSWERED: Final = 8
@@ -155,7 +154,7 @@ class Guarded(RequestHandler):
             self.set_header(name, value)
 
     def shown_token(self) -> str | None:
-        """Return the token of this request, from its address or from the cookie that the page's files set."""
+        """Return the token of this request, from its address or from the cookie that was set with the page's files."""
         return self.get_query_argument("token", None) or self.get_cookie(self.served.cookie)
 
     def prepare(self) -> None:
@@ -173,8 +172,8 @@ class Guarded(RequestHandler):
         self.finish(f"{status_code}: {self._reason}\n")
 
     def log_exception(self, typ: Any, value: Any, tb: Any) -> None:
-        # The log of tornado would contain the address with the token. Cancelled answers are normal when the server
-        # ends.
+        # This method replaces tornado's, whose log would contain the address with the token. Cancelled answers are
+        # normal when the server ends.
         if not isinstance(value, HTTPError | asyncio.CancelledError):
             _log.error("%s %s", self.request.method, self.request.path, exc_info=(typ, value, tb))
 
@@ -187,7 +186,7 @@ class PageFiles(Guarded, StaticFileHandler):
         StaticFileHandler.initialize(self, path, default_filename)
 
     def get_content_type(self) -> str:
-        # The file types are fixed here, because the operating system's table of file types may have any entries.
+        # The file types are fixed here, because the operating system's table of file types can be wrong.
         return _TYPES.get(Path(self.absolute_path or "").suffix.lower(), "application/octet-stream")
 
     def set_extra_headers(self, path: str) -> None:
@@ -200,7 +199,7 @@ class PageFiles(Guarded, StaticFileHandler):
 
 
 class Socket(Guarded, WebSocketHandler):
-    """The common part of both sockets."""
+    """The common base of both sockets."""
 
     def shown_token(self) -> str | None:
         # The cookie is not accepted here, because a browser sends it with the requests of any page.
@@ -235,8 +234,8 @@ class Socket(Guarded, WebSocketHandler):
 
 
 class StreamSocket(Socket):
-    """The stream from the loop to one viewer. Each message is sent when the previous message was accepted, and has the
-    newest data at that time."""
+    """The stream of the loop's messages to one viewer. A message is sent only when the previous message was accepted,
+    and contains the newest data at that time."""
 
     _sending: "asyncio.Task[None] | None" = None
 
@@ -277,7 +276,7 @@ class StreamSocket(Socket):
 
 
 class ControlSocket(Socket):
-    """The requests of one viewer, with an answer to each. While a viewer does not read its answers, the server reads no
+    """The requests of one viewer, and their answers. While a viewer does not read its answers, the server reads no
     requests."""
 
     def open(self, *_arguments: str) -> None:
@@ -292,7 +291,7 @@ class ControlSocket(Socket):
         if refusal is not None:
             await self._answer(refusal, number)
             return
-        # The task is not awaited here, because the connection's own messages would then wait for the loop as well.
+        # The task is not awaited here, because pings and closing of the WebSocket would then wait for the loop too.
         task = asyncio.create_task(self._ask(str(message), number))
         self._unanswered.add(task)
         task.add_done_callback(self._unanswered.discard)

@@ -1,4 +1,5 @@
-"""The loop in its own process, which never waits for the server; a thread of the server receives its messages.
+"""The loop in a separate process. It does not have to wait for the server, because a thread of the server always
+receives its messages.
 
 The process handles requests between two periods.
 """
@@ -26,12 +27,12 @@ if TYPE_CHECKING:
     from firmware_sim.live.session import LiveSession
 
 _IDLE_S: Final = 0.02
-"""Time in s between two steps of a session that computes no periods, for example a paused session."""
+"""Time in s between two steps of a session that computes no periods at present, for example a paused session."""
 
 
 MakeSession = Callable[[Callable[[str], None]], "LiveSession"]
-"""Function that creates the session in the loop's process; its argument is a function that shows viewers a line on the
-present work."""
+"""Function that creates the session in the loop's process. Its argument is a function that shows viewers a line of text
+about the present work."""
 
 
 def run(pipe: Connection, make: MakeSession, *, fast: bool) -> None:
@@ -41,11 +42,11 @@ def run(pipe: Connection, make: MakeSession, *, fast: bool) -> None:
     It receives pairs of a number and a request as JSON. `fast` states whether a period may take less time than on a
     vehicle.
     """
-    # The handler exits directly, because an exception that is raised within a callback of the interpreter would only be
+    # The handler exits directly: an exception that it raises while the interpreter runs a callback would only be
     # printed.
     signal.signal(signal.SIGTERM, lambda *_: os._exit(0))
-    # The process was started with SIGINT and SIGTERM blocked. SIGINT (Ctrl-C) stays blocked, because the server ends
-    # the process.
+    # The process was started with SIGINT and SIGTERM blocked. SIGINT (Ctrl-C) stays blocked: the server ends the
+    # process.
     signal.pthread_sigmask(signal.SIG_UNBLOCK, (signal.SIGTERM,))
     outbox = Outbox(pipe)
     try:
@@ -74,7 +75,7 @@ def _step(session: "LiveSession", pipe: Connection, outbox: "Outbox", *, fast: b
                 period_s = message["period_ms"] / 1e3
         has_stepped = any(not isinstance(message, bytes) and message["type"] == "periods" for message in new)
         now = time.monotonic()
-        # The loop does not catch up after a late period, because the wake would then appear to run faster.
+        # After a late period the loop does not catch up, because the wake would then appear to run faster.
         due = max(due + (0.0 if fast else period_s), now) if has_stepped else now + _IDLE_S
         requests.go_on()
         while pipe.poll(max(0.0, due - time.monotonic())):
@@ -83,7 +84,7 @@ def _step(session: "LiveSession", pipe: Connection, outbox: "Outbox", *, fast: b
 
 
 class Requests:
-    """Handles requests between two periods. If a request needs another ECU, a thread prepares this ECU first."""
+    """A handler of requests between two periods. If a request needs another ECU, a thread creates this ECU first."""
 
     def __init__(self, session: "LiveSession", outbox: "Outbox") -> None:
         self._session, self._outbox = session, outbox
@@ -91,7 +92,7 @@ class Requests:
         self._made: Queue[StillwakeError | None] = Queue()
 
     def take(self, number: int, request: Request) -> None:
-        """Take a request that has arrived."""
+        """Handle a request that has arrived, or start the thread that the request needs."""
         work = self._session.before(request)
         if work is None:
             self._answer(number, self._session.handle(request))
@@ -102,7 +103,7 @@ class Requests:
             Thread(target=self._make, args=(work,), name="making", daemon=True).start()
 
     def go_on(self) -> None:
-        """Handle the waiting request if its ECU is ready."""
+        """Handle the waiting request if its ECU has been created."""
         if self._waiting is None or self._made.empty():
             return
         (number, request), self._waiting = self._waiting, None
@@ -128,9 +129,9 @@ class Requests:
 
 
 class Outbox:
-    """A sender of messages to the server, from any thread. Sending does not wait for the server's work, because a
-    thread of the server only receives. If the server has ended, nothing is sent; the loop detects this when it reads
-    the pipe."""
+    """A sender of messages to the server, for use from any thread. Sending does not wait for the server's work, because
+    a thread of the server does nothing but receive. If the server has ended, messages are dropped; the loop detects the
+    end when it reads the pipe."""
 
     def __init__(self, pipe: Connection) -> None:
         self._pipe, self._lock = pipe, Lock()
@@ -159,18 +160,18 @@ def _that_travels(error: Exception) -> Exception:
 
 
 _LONGEST_END_S: Final = 3.0
-"""Time in s that the process has to end by itself, before it is terminated, and again before it is killed."""
+"""Time in s that the process gets to end by itself; then it is terminated and, after the same time again, killed."""
 
 
 class LoopProcess:
     """A session that runs in another process, from `start` to `end`.
 
     Args:
-        make: creates the session in the other process; can be pickled.
+        make: function that creates the session in the other process; it must be picklable.
         fast: whether a period may take less time than on a vehicle.
         hear: called with new messages, in a separate thread.
         answered: called with a request's number and its answer, in the thread of `hear`.
-        ended: called once, in the thread of `hear`, if the process ended without a request to end. Its argument is the
+        ended: called once, in the thread of `hear`, if the process ended without a call of `end`. Its argument is the
             reason: a StillwakeError, or another error of the session.
     """
 
@@ -184,8 +185,7 @@ class LoopProcess:
         ended: Callable[[Exception], None],
     ) -> None:
         self._hear, self._answered, self._ended = hear, answered, ended
-        # The process is spawned, not forked: a fork would copy this process's locks, some of which its threads may
-        # hold.
+        # The process is spawned, not forked: a fork would also copy locks that threads of this process may have locked.
         context = multiprocessing.get_context("spawn")
         self._pipe, theirs = context.Pipe()
         self._process = context.Process(
@@ -197,8 +197,7 @@ class LoopProcess:
 
     def start(self) -> None:
         """Start the process."""
-        # Starting the resource tracker unblocks SIGINT and SIGTERM, so the tracker starts before these signals are
-        # blocked.
+        # The resource tracker's start unblocks SIGINT and SIGTERM, so these signals are blocked only afterwards.
         resource_tracker.ensure_running()
         # Ctrl-C reaches all processes of a terminal, but the new process must end only when its pipe closes, even while
         # it starts.
@@ -219,13 +218,12 @@ class LoopProcess:
             raise StillwakeError("the loop has ended") from error
 
     def end(self) -> None:
-        """End the process, which may have ended already, and wait until it has ended. No messages are passed on
-        afterwards."""
+        """End the process if it has not ended already, and wait for its end. No messages are passed on afterwards."""
         if self._process.pid is None:
             return
         self._is_wanted = False
-        # Closing the pipe is not enough, because the reading thread has it open. The process ends when its pipe is shut
-        # down.
+        # Closing the pipe is not enough, because the receiving thread has the pipe open too. So the connection is shut
+        # down, which makes the process end.
         with suppress(OSError), socket.socket(fileno=os.dup(self._pipe.fileno())) as both:
             both.shutdown(socket.SHUT_RDWR)
         self._thread.join()

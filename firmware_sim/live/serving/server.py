@@ -37,12 +37,12 @@ PING_S: Final = 20.0
 _IDLE_S: Final = 10.0
 """Time in s after which a connection without a complete request is closed."""
 MOST_CONNECTIONS: Final = 128
-"""Largest number of connections: two for each viewer, and an equal number for loading files. It is half of the number
-of file descriptors that any system allows a process."""
+"""Largest number of connections: two for each viewer, and an equal number for loading files. This is half of the
+smallest limit of file descriptors that systems set for a process."""
 
 
 def application(supervisor: Supervisor, access: PageAccess, *, stalled_s: float = STALLED_S) -> Application:
-    """Return the web application with its addresses. `stalled_s` is the longest time in s that a viewer may take to
+    """Return the web application with its handlers. `stalled_s` is the longest time in s that a viewer may take to
     accept a message."""
     served = ServedPage(supervisor=supervisor, access=access, stalled_s=stalled_s)
     own: dict[str, Any] = {"served": served}
@@ -63,8 +63,8 @@ def application(supervisor: Supervisor, access: PageAccess, *, stalled_s: float 
 
 
 class BoundedServer(HTTPServer):
-    """A server that limits clients before they have shown a token: the number of connections, their time, and their
-    bytes."""
+    """A server that limits clients before they have sent a token: the number, duration and bytes of their
+    connections."""
 
     def initialize(self, application: Application, *, idle_s: float = _IDLE_S) -> None:  # type: ignore[override]
         super().initialize(
@@ -87,7 +87,7 @@ class BoundedServer(HTTPServer):
 
 
 class NotFound(Guarded):
-    """The handler of all other addresses."""
+    """The handler of all addresses that have no other handler."""
 
     def prepare(self) -> None:
         super().prepare()
@@ -112,7 +112,7 @@ async def serve(
         port: port number; 0 for any free port.
         fast: whether a period may take less time than on a vehicle.
         ready: called with the page's address as soon as the page can be opened.
-        report: called, from any thread, with each line on work for which viewers have to wait.
+        report: called, from any thread, with a line of text about any work for which viewers have to wait.
 
     Raises:
         StillwakeError: the port or the address cannot be used, or the loop fails shortly after its start.
@@ -127,7 +127,7 @@ async def serve(
     try:
         while not is_stopped() and not loop.done():
             await asyncio.wait([loop], timeout=LOOK_S)
-        # A stop signal may reach all processes of a service, so the loop may have ended shortly before `is_stopped` is
+        # A stop signal may reach all processes of a service, so the loop may end shortly before `is_stopped` becomes
         # true.
         await asyncio.sleep(0.0 if is_stopped() else LOOK_S)
     finally:
@@ -140,7 +140,7 @@ async def serve(
 
 
 def page_url(address: str, port: int, access: PageAccess) -> str:
-    """Return the address of the page for a browser."""
+    """Return the page's URL for a browser."""
     is_any = address in ("", "0.0.0.0", "::")
     host = socket.gethostname() if is_any else f"[{address}]" if ":" in address else address
     return f"http://{host}:{port}/" + ("" if access.token is None else f"?token={access.token}")

@@ -1,6 +1,6 @@
-"""The supervision of the loop for its viewers: its process, its messages, and the requests that wait for an answer.
+"""The supervisor: it runs the loop's process, stores its messages for all viewers, and passes on requests.
 
-The hub stores the newest value of each stream, and ring buffers of the periods and events, once for all viewers. A
+The hub stores the newest message of each stream, and ring buffers of the periods and events, once for all viewers. A
 `Viewer` stores only its position in the streams, so a slow viewer needs no more memory than a fast viewer.
 """
 
@@ -32,8 +32,8 @@ _OF_A_RUN: Final = ("now", "bus", PICTURE)
 
 
 class Hub:
-    """A store of the loop's messages, which several threads may use. It returns the messages that are newer than a
-    given count."""
+    """A store of the loop's messages, which several threads may use. It returns the content of a stream that is newer
+    than a given count."""
 
     def __init__(self) -> None:
         self._lock = Lock()
@@ -49,7 +49,7 @@ class Hub:
                 self._keep(message)
 
     def after(self, stream: str, count: int) -> tuple[LiveMessage | bytes | None, int]:
-        """Return the content of a stream that is newer than `count`, or None, and the stream's present count."""
+        """Return a stream's content that is newer than `count`, or None, and the stream's present count."""
         with self._lock:
             if stream == "periods":
                 rows, count = self._periods.after(count, MOST_ROWS)
@@ -93,12 +93,12 @@ class Viewer:
         """Return the content of a stream (one of `STREAMS`) that this viewer has not yet received; None if there is
         nothing new.
 
-        For a stream of latest values the content is the newest value. For periods and events it is the oldest
-        `MOST_ROWS` entries that the hub still has.
+        For a stream of latest values the content is the newest value. For periods and events it is at most `MOST_ROWS`
+        entries: the oldest new entries that the hub still has.
         """
         message, self._counts[stream] = self._hub.after(stream, self._counts[stream])
         if stream == "hello" and message is not None:
-            # A page starts again at a `hello`, so it also needs the data of the new run that it has already received.
+            # A page discards its data at a `hello`, so data of the new run that were already sent to it are sent again.
             self._counts |= dict.fromkeys(STREAMS[STREAMS.index("hello") + 1 :], 0)
         return message
 
@@ -138,20 +138,20 @@ def _periods(run: int, rows: list[tuple[float | None, ...]]) -> LiveMessage:
 
 
 SHORT_LIFE_S: Final = 20.0
-"""Shortest time in s for which a loop must have run to be started again; a loop that failed earlier would fail
-again."""
+"""Shortest time in s for which a loop must have run to be started again after a failure; a loop that fails earlier
+would probably fail again."""
 MOST_WAITING: Final = 32
 """Largest number of requests, of all viewers together, that the loop has not answered yet."""
 STARTING: Final = "the loop starts; the first time, the flow solver is compiled, which takes a minute"
 
 
 class Supervisor:
-    """The supervisor of one loop. Only `hub` may be used outside the event loop.
+    """The supervisor of one loop. Of its attributes, only `hub` may be used outside the event loop.
 
     Args:
         fast: whether a period may take less time than on a vehicle.
-        report: called, from any thread, with each line on work for which viewers have to wait, and with the reason if
-            the loop ends.
+        report: called, from any thread, with a line of text about any work for which viewers have to wait, and with
+            the reason if the loop ends.
     """
 
     def __init__(
@@ -249,13 +249,13 @@ class Supervisor:
             if message["type"] == "loop" and message["text"]:
                 self._report(message["text"])
             if message["type"] == "hello" and self._why:
-                # The stored events begin with this `hello`, so the event that the previous loop ended is added again
-                # for later viewers. Its number is below all numbers of the session, because a page expects increasing
-                # numbers.
+                # This `hello` has deleted the stored events, so the event that reports the end of the previous loop is
+                # added again for later viewers. Its number is below all numbers of the session, because a page expects
+                # increasing numbers.
                 item = {"n": -1, "time_s": 0.0, "t": 0.0, "kind": "loop", "text": self._why}
                 self.hub.put([{"type": "events", "run": message["run"], "items": [item]}])
                 self._why = ""
-        # At most one wake-up waits in the event loop, whatever the number of messages.
+        # At most one wake-up is queued in the event loop, even if many messages arrive.
         if not self._is_waking:
             self._is_waking = True
             self._later(self._wake)

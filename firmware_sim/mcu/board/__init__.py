@@ -1,1 +1,1 @@
-"""A whole board with an emulated Cortex-M7: its firmware runs from reset and uses only registers and memories."""
+"""A whole board with an emulated Cortex-M7. Its firmware runs from reset and accesses only registers and memories."""

@@ -1,9 +1,9 @@
-"""The board: a core with its memories and registers, from power-on to the loss of its supply, in virtual time.
+"""The board: a core with its memories and registers, from power-on to power-off, in virtual time.
 
 The firmware runs from its reset vector until it sleeps (`wfi`); then the caller advances the board's time. No interrupt
-handler runs: the firmware masks interrupts, and a pending interrupt ends its sleep. A board exists for one power cycle;
-its flash contents are given to the board of the next power cycle. The memory map is that of an STM32H743, with the
-registers of `flash_controller`, `can_controller` and `small_parts`.
+handler runs: the firmware masks interrupts, and a pending interrupt ends its sleep. A `Board` exists for one power
+cycle; the contents of its flash are passed to the `Board` of the next power cycle. The memory map is that of an
+STM32H743, with the registers of `flash_controller`, `can_controller` and `small_parts`.
 """
 
 import struct
@@ -33,29 +33,29 @@ BANK_BYTES: Final = SECTOR * SECTORS
 DTCM, DTCM_BYTES = 0x2000_0000, 128 * 1024
 SRAM, SRAM_BYTES = 0x2400_0000, 512 * 1024
 BACKUP, BACKUP_BYTES = 0x3880_0000, 4096
-"""Address and size in bytes of the SRAM that a battery supplies; its contents survive a power cycle."""
+"""Address and size in bytes of the battery-supplied SRAM, whose contents survive a power cycle."""
 _STACK_BYTES: Final = 16 * 1024
 _PAGE: Final = 4096
 _COUNTER, _RANDOM, _CAN, _FLASH, _CORE = 0x5C00_8000, 0x4802_1800, 0x4000_A000, 0x5200_2100, 0xE000_E000
 _READABLE: Final = unicorn_const.UC_PROT_READ
 _LONGEST_US: Final = 600_000_000
-"""Wall time in us after which a core that does not sleep counts as failed."""
+"""Wall time in us after which a core that has not gone to sleep is considered failed."""
 
 
 Part = Counter | RandomNumbers | CanController | FlashController | CoreRegisters
 
 
 class Board(EmulatedCore):
-    """A board that is switched on; `run` executes its firmware.
+    """A board that has been switched on; `run` executes its firmware.
 
     Args:
         firmware: program in the first bank of flash.
         bank: second bank of flash, changed in place; if None, an erased bank.
         now_ns: initial value of the counter in ns.
-        times: times of flash operations.
+        times: durations of flash operations.
         cut_at: number of the flash operation, counted from 1, in which the supply fails; 0 for never.
-        seed: seed of the random numbers and of the contents of a torn word.
-        backup: initial contents of the SRAM that the battery supplies.
+        seed: seed of the random numbers and of the contents of a partly programmed word.
+        backup: initial contents of the battery-supplied SRAM.
 
     Attributes:
         counter, can, flash: peripherals of the board.
@@ -104,8 +104,8 @@ class Board(EmulatedCore):
         self._core.reg_write(arm_const.UC_ARM_REG_SP, stack)
 
     def run(self) -> None:
-        """Execute until the firmware sleeps. Raises McuError if the core stopped, used a register that is not modelled,
-        or does not sleep; PowerCut or SystemReset if the power cycle has ended."""
+        """Execute the firmware until it sleeps. Raises McuError if the core stopped, used a register that is not
+        modelled, or does not sleep; PowerCut or SystemReset if the power cycle has ended."""
         self._exchange_pages()
         self._execute("firmware", self._at, 0xFFFF_FFFE, _LONGEST_US)
         self._at = int(self._core.reg_read(arm_const.UC_ARM_REG_PC))
@@ -122,7 +122,7 @@ class Board(EmulatedCore):
             raise self._raised.pop()
 
     def _guarded(self, work: Callable[[], object]) -> int:
-        """Call a register's function. Its exceptions stop the emulation, and `_execute` raises them again."""
+        """Call a register's function. Its exception stops the emulation; then `_execute` raises the exception again."""
         if self._raised:
             # The core executes a few more instructions before it stops; these instructions must have no effect.
             return 0
@@ -135,7 +135,8 @@ class Board(EmulatedCore):
             return 0
 
     def _registers_of(self, part: Part, shift: int) -> tuple[Any, ...]:
-        """Return the functions that Unicorn calls for a page of registers; the first register is at offset `shift`."""
+        """Return the functions that Unicorn calls for a page of registers, whose first register is at offset
+        `shift`."""
 
         def read(_core: Any, offset: int, size: int, _data: Any) -> int:
             if part is self.flash:
@@ -176,9 +177,9 @@ class Board(EmulatedCore):
                 self._core.mem_write(BANK + page, bytes(bank.content[page : page + _PAGE]))
 
     def _exchange_pages(self) -> None:
-        """Map each page with an unreadable word to functions of this class, and every other page to memory.
+        """Map each page that contains an unreadable word to functions of this class, and every other page to memory.
 
-        Hooks on every read of a memory would slow down the emulator. The mapping does not change during a flash
+        Hooks on every read of the memory would slow down the emulator. The mapping does not change during a flash
         operation.
         """
         if self.flash.is_at_work:
@@ -194,7 +195,7 @@ class Board(EmulatedCore):
         self._bad_pages = set(self._bad_wanted)
 
     def _close(self) -> None:
-        """Protect the bank against reads during a flash operation, so that such a read is detected."""
+        """Protect the bank against reads while a flash operation is in progress, so that such a read is detected."""
         if self.flash.is_at_work and not self._is_closed:
             self._is_closed = True
             self._protect(unicorn_const.UC_PROT_NONE)

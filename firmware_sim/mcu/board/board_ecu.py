@@ -1,9 +1,8 @@
-"""The whole firmware on the emulated board as an ECU: frames are received and sent through its CAN controller.
+"""The whole firmware on the emulated board as an ECU: it receives and sends frames through the board's CAN controller.
 
 The class has the interface of `ecu.ecu.Ecu` for a closed loop, and `advance` for diagnosis. The firmware itself decides
-when a step takes place: when the frames of the step include pressures, or otherwise at the deadline in its compare
-register; then the board's time advances to this deadline. Values for observers are read from the firmware's memory, as
-a debugger would read them.
+when it makes a step: immediately if the frames of the step include pressures, otherwise at the deadline in its compare
+register, to which the board's time is then advanced. Values for observers are read from the firmware's memory.
 """
 
 import struct
@@ -25,20 +24,20 @@ from firmware_sim.mcu.build import BUS_KEY, NO_COMPILER, compile_board
 from firmware_sim.mcu.elf import Firmware, read_elf
 
 _SCRATCH: Final = SRAM + SRAM_BYTES - 16384
-"""Address of the memory that the debugger uses, after all linked sections."""
+"""Start of the memory that is used for a debugger's data, after all linked sections."""
 
 
 class BoardEcu(CEcuState):
-    """A board that was just powered on. Raises LibraryError if the library has no ECU; McuError if the library does not
-    compile, or the compiler is missing.
+    """A board that has just been powered on. Raises LibraryError if the library has no ECU; McuError if the library
+    does not compile, or the compiler is missing.
 
     Args:
-        sources: `ecu.in_c.c_ecu.ecu_sources`.
+        sources: result of `ecu.in_c.c_ecu.ecu_sources`.
         clock_mhz: clock of the core in MHz.
         bank: flash that is written in the field; if None, an erased bank.
         own: files that replace the board's files (`compile_board`).
         firmware: firmware compiled earlier from these sources.
-        times: times of flash operations.
+        times: durations of flash operations.
         secret: key of the bus that production writes, with `bus.key`.
 
     Attributes:
@@ -81,8 +80,8 @@ class BoardEcu(CEcuState):
         self.power_on(bank or FlashBank(), now_ns, cut_at=cut_at)
 
     def power_on(self, bank: FlashBank, now_ns: int, *, cut_at: int = 0) -> None:
-        """Begin a new power cycle with the contents of the battery's SRAM. The supply fails in the flash operation with
-        the number `cut_at`, counted from 1; 0 for never."""
+        """Start a new power cycle, in which the battery-supplied SRAM keeps its contents. The supply fails in the flash
+        operation with the number `cut_at`, counted from 1; 0 for never."""
         before: Board | None = getattr(self, "board", None)
         self.board = Board(
             self.firmware,
@@ -99,7 +98,7 @@ class BoardEcu(CEcuState):
 
     @property
     def step_ns(self) -> int:
-        """Time of the latest step in ns: the wait for pressures plus the core's modelled cycles."""
+        """Duration of the latest step in ns: the wait for pressures plus the core's modelled cycles."""
         return self.waited_ns + round(self.cycles * 1e3 / self._clock_mhz)
 
     def step(
@@ -120,13 +119,13 @@ class BoardEcu(CEcuState):
         self.waited_ns = max(self.board.counter.now_ns - now_ns, 0)
         self.instructions, self.cycles = self.board.blocks.total()
         self._load()
-        # The loop's bus models the transmission, so the board passes its frames on without delay.
+        # The loop's bus models the transmission, so the board's frames are passed to this bus without delay.
         left, self._left = self._left, []
         return left + self.board.can.handed_over()
 
     def advance(self, until_ns: int, frames: Sequence[Frame] = ()) -> list[Frame]:
-        """Receive these frames now, let time pass until `until_ns`, and return the frames that were sent. Raises
-        McuError if the core stopped; PowerCut if the supply failed."""
+        """Receive these frames now, advance the time to `until_ns`, and return the frames that were sent meanwhile.
+        Raises McuError if the core stopped; PowerCut if the supply failed."""
         self._bring(frames)
         while self.board.counter.compare_ns <= until_ns:
             self.board.counter.now_ns = max(self.board.counter.compare_ns, self.board.counter.now_ns)
@@ -136,8 +135,8 @@ class BoardEcu(CEcuState):
         return left + self.board.can.taken(self.board.counter.now_ns)
 
     def _bring(self, frames: Sequence[Frame]) -> None:
-        """Give the frames to the controller, in groups that fit its FIFO; on a real bus the core wakes before the FIFO
-        is full."""
+        """Pass the frames to the CAN controller in groups that fit its FIFO, and run the firmware after each group; on
+        a real bus the core wakes before the FIFO is full."""
         waiting = list(frames)
         while True:
             board = self.board
@@ -167,14 +166,14 @@ class BoardEcu(CEcuState):
         return int(value)
 
     def _asked(self, function: str, packed: Any) -> int:
-        """Call a function of the ECU with a struct and return its result; then update the mirror of the ECU's state."""
+        """Call an ECU's function with a struct, update the copy of the ECU's state, and return the result."""
         self.board.poke(_SCRATCH, bytes(packed))
         answer = self.board.call(function, self._place, _SCRATCH)
         self._load()
         return answer
 
     def _load(self) -> None:
-        """Copy the ECU, without its workspace, from the board's memory to its mirror."""
+        """Copy the ECU's state, without its workspace, from the board's memory."""
         self.structs.ffi.buffer(self._ecu, self._mirrored)[:] = self.board.peek(self._place, self._mirrored)
 
     @property

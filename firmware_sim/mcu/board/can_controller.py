@@ -30,8 +30,7 @@ _RXF0S, _RXF0A, _TXFQS, _TXBRP, _TXBAR, _TXBCR, _TXBTO = 0xA4, 0xA8, 0xC4, 0xCC,
 _DBTP, _NBTP, _GFC, _SIDFC, _XIDFC, _XIDAM, _RXF0C, _TXBC = 0x0C, 0x1C, 0x80, 0x84, 0x88, 0x90, 0xA0, 0xC0
 _PLAIN: Final = {_DBTP, _NBTP, 0x20, 0x48, 0x54, 0x5C, _GFC, _SIDFC, _XIDFC, _XIDAM, _RXF0C, 0xBC, _TXBC, 0xC8}
 _PROTECTED: Final = _PLAIN - {0x54, 0x5C}
-"""Registers that store written values (`_PLAIN`), and the registers among them that can be written only while CCE is
-set (`_PROTECTED`)."""
+"""Registers that only store values (`_PLAIN`), and those that can be written only while CCE is set (`_PROTECTED`)."""
 _INIT, _CCE = 1, 2
 _RF0N, _RF0L, _BO = 1, 8, 1 << 25
 _XTD, _FDF, _BRS = 1 << 30, 1 << 21, 1 << 20
@@ -46,8 +45,8 @@ class CanController:
         clock: function that returns the board's time in ns.
 
     Attributes:
-        init_reads_late: number of reads of CCCR for which INIT still reads as set after the firmware cleared it. In the
-            hardware the change has to pass to another clock domain.
+        init_reads_late: number of reads of CCCR, after the firmware has cleared INIT, that still show INIT as set. In
+            the hardware the change must first pass to another clock domain.
     """
 
     def __init__(self, clock: Callable[[], int]) -> None:
@@ -74,15 +73,15 @@ class CanController:
         return min(self._kept[_RXF0C] >> 16 & 127, 64) - self._level
 
     def surround(self, health: BusHealth) -> None:
-        """Set the error counters that the bus reports; every new bus-off sets INIT."""
+        """Set the error counters to those that the bus reports; every new bus-off sets INIT."""
         self._went_off += max(health.bus_off - self._health.bus_off, 0)
         self._health = health
         self._go_off()
 
     def receive(self, frame: Frame) -> None:
         """Receive a frame from the bus. Drop the frame if no filter accepts it or FIFO 0 is full."""
-        # After a bus-off, INIT does not refuse a frame, because the bus delivers frames only before the bus-off or
-        # after the recovery.
+        # INIT that was set by a bus-off does not prevent reception here, because the bus delivers frames only before
+        # the bus-off or after the recovery.
         if (self._control & _INIT and not self._went_off) or not self._accepts(frame):
             return
         self._interrupts |= _RF0N
@@ -108,8 +107,8 @@ class CanController:
         return left
 
     def handed_over(self) -> list[Frame]:
-        """Return all waiting frames, each stamped with the time when the firmware sent it. Use this for a bus that is
-        modelled elsewhere."""
+        """Return all waiting frames as sent, each stamped with the time when the firmware requested its transmission.
+        Use this if the bus is modelled elsewhere."""
         self._sending.progress(_EVER_NS)
         left = [frame for frame, _ in self._sending.left]
         self._sending.left.clear()
@@ -122,7 +121,7 @@ class CanController:
         return self._read(offset)
 
     def write(self, offset: int, value: int) -> None:
-        """Write a register or a message RAM word; raises McuError for a register that is not modelled or is
+        """Write a register or a word of the message RAM; raises McuError for a register that is not modelled or is
         protected."""
         if offset >= MESSAGE_RAM:
             self._ram[offset - MESSAGE_RAM : offset - MESSAGE_RAM + 4] = value.to_bytes(4, "little")
@@ -176,7 +175,7 @@ class CanController:
         return self._went_off > 0 or self._health.state is BusState.BUS_OFF
 
     def _go_off(self) -> None:
-        """Set INIT if the controller went bus-off. The hardware sets INIT once per bus-off, before its recovery."""
+        """Set INIT if the controller has gone bus-off. The hardware sets INIT once per bus-off, before the recovery."""
         if self._went_off:
             self._control |= _INIT
             self._interrupts |= _BO
@@ -223,5 +222,5 @@ class CanController:
         return not self._kept[_GFC] >> 4 & 2
 
     def _time_stamp(self, at_ns: int) -> int:
-        """Return the 16-bit time stamp for a time in ns."""
+        """Return the 16-bit time stamp that corresponds to a time in ns."""
         return int(at_ns * self.bit_rates[0] // 1_000_000_000) & 0xFFFF if self._kept[_NBTP] else 0

@@ -2,15 +2,14 @@
 
 A sector of 128 KiB is erased as a whole. A word of 32 bytes is programmed once, by eight stores of four bytes that fill
 the write buffer. Each word has its own error-correcting code. A word becomes unreadable if it is programmed twice, or
-if the supply fails while it is programmed. After a second programming, a bit is set only if both writes left it set.
-After a failure of the supply, some bits that the write should have cleared may still be set. A read of an unreadable
-word finds an error that cannot be corrected. Such a read is a bus fault, unless the core ignores bus faults at that
-moment.
+if the supply fails while it is programmed. After a second programming, a bit is 1 only if both writes left it at 1.
+After a failure of the supply, some bits that the write should have cleared may still be 1. A read of an unreadable word
+finds an error that cannot be corrected. Such a read is a bus fault, unless the core ignores bus faults at that moment.
 
-During an operation SR2 shows BSY and QW. Time passes with each read of SR2, so that a core that polls SR2 makes
-progress. A core that reads the bank during an operation stalls until the operation has ended: the two banks work in
-parallel, but one bank does one operation at a time. Beginning an operation before the previous one has ended is an
-error.
+During an operation SR2 shows BSY and QW. The time advances with each read of SR2, so that a core that polls SR2 makes
+progress. A core that reads this bank during an operation stalls until the operation has ended. The core can read the
+other bank meanwhile, but each bank executes only one operation at a time. The start of an operation before the end of
+the previous one is an error.
 
 Modelled: KEYR2 (both keys), CR2 (LOCK, PG, SER, SNB, START), SR2 (BSY, WBNE, QW, WRPERR, PGSERR, STRBERR, INCERR,
 DBECCERR), CCR2, ECC_FA2R. Not modelled: erasing a bank.
@@ -31,19 +30,19 @@ _KEYS: Final = (0x4567_0123, 0xCDEF_89AB)
 _LOCK, _PG, _SER, _START = 1, 2, 4, 1 << 7
 _BSY, _WBNE, _QW = 1, 2, 4
 _LOOK_NS: Final = 5_000
-"""Time in ns that a read of SR2 takes during an operation. It is shorter than any operation, but long enough that few
-reads end a long operation."""
+"""Time in ns that a read of SR2 takes during an operation. It is shorter than any operation, but long enough that
+polling a long operation takes few reads."""
 _PGSERR, _STRBERR, _INCERR, _DBECCERR = (1 << bit for bit in (18, 19, 21, 26))
 _ERRORS: Final = 0x0FFF_0000
 
 
 class PowerCut(Exception):  # noqa: N818
-    """An error that ends a power cycle, because the supply failed in the middle of a flash operation."""
+    """An exception that ends a power cycle, because the supply failed in the middle of a flash operation."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class FlashTimes:
-    """Times of flash operations in ns. The defaults are typical values from the datasheet of an STM32H743 (DS12110,
+    """Durations of flash operations in ns. The defaults are typical values from the datasheet of an STM32H743 (DS12110,
     flash memory programming, parallelism of 64 bits); the largest values in the datasheet are at most twice as long."""
 
     erase_ns: int = 1_000_000_000
@@ -80,19 +79,19 @@ class FlashBank:
 
 
 class FlashController:
-    """The registers of a flash bank, and the bank.
+    """The registers of a flash bank's controller, and the bank.
 
     Args:
         bank: the bank, changed in place.
-        changed: called with the offset of changed bytes, and their number.
-        counter: counter whose time passes during operations.
-        times: times of the operations.
+        changed: called with the offset and the number of changed bytes.
+        counter: counter of the time, which advances during operations.
+        times: durations of the operations.
         cut_at: number of the operation, counted from 1, in which the supply fails; 0 for never.
-        seed: seed of the contents of a torn word.
+        seed: seed of the contents of a partly programmed word.
 
     Attributes:
-        operations: number of operations so far; an erased sector or a programmed word is one operation.
-        erasures: number of erased sectors so far.
+        operations: number of operations so far; erasing a sector or programming a word is one.
+        erasures: number of times that a sector was erased so far.
         stalled_ns: total time in ns for which the core stalled in reads of the bank.
     """
 
@@ -116,7 +115,7 @@ class FlashController:
         self.operations = 0
 
     def read(self, offset: int) -> int:
-        """Read a register of the controller of this bank."""
+        """Read a register of the bank's controller."""
         at_work = _BSY | _QW if self.is_at_work else 0
         known = {0x0C: self._control, 0x10: self._status | at_work | (_WBNE if self._buffer else 0), 0x60: self._fault}
         if offset not in known:
@@ -164,21 +163,21 @@ class FlashController:
 
     @property
     def is_at_work(self) -> bool:
-        """Whether an operation is under way."""
+        """Whether an operation is in progress."""
         return self._counter.now_ns < self._until_ns
 
     def stall(self) -> None:
-        """Advance the time to the end of the present operation, because the core reads the bank."""
+        """Advance the time to the end of the present operation, for which the core waits because it reads the bank."""
         self.stalled_ns += max(self._until_ns - self._counter.now_ns, 0)
         self._counter.now_ns = max(self._counter.now_ns, self._until_ns)
 
     def reset(self) -> None:
-        """Reset the core; if a sector was being erased, its contents are undefined afterwards."""
+        """Simulate a reset of the core, which leaves a sector that was being erased with undefined contents."""
         if self.is_at_work and self._erasing >= 0:
             self._change_sector(self._erasing, self._random.randbytes(SECTOR), 2)
 
     def is_bad(self, offset: int) -> bool:
-        """Return whether a read at this offset finds an error."""
+        """Return whether a read at this offset finds an error that cannot be corrected."""
         return self.bank.programmed[offset // WORD] == 2
 
     def found_bad(self, offset: int) -> None:
@@ -204,7 +203,7 @@ class FlashController:
             raise PowerCut
 
     def _begins(self, takes_ns: int) -> bool:
-        """Begin an operation of `takes_ns`; return whether the supply fails in this operation."""
+        """Start an operation of `takes_ns` ns; return whether the supply fails in this operation."""
         if self.is_at_work:
             raise McuError("flash controller: an operation begins before the last operation has ended")
         self._until_ns = self._counter.now_ns + takes_ns

@@ -1,4 +1,4 @@
-"""An emulated board on a real bus: the board's time follows the wall clock, and stops while a step is emulated."""
+"""An emulated board on a real bus. The board's time follows the wall clock, but stops while a step is emulated."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -30,12 +30,12 @@ def equipment_header(root: PublicKey, access_key: bytes, vehicle: bytes, hardwar
 
 
 LONGEST_UNSEEN_NS: Final = 20_000_000
-"""Longest time in ns by which the board's time advances between two reads of the bus, even if the emulation takes
-longer."""
+"""Longest time in ns by which the board's time advances between two reads of the bus; if the emulation takes longer,
+the board's time falls behind."""
 
 
 def read_bank(path: Path) -> FlashBank:
-    """Read the flash from a file, or return an erased bank if there is none. Raises McuError for an unreadable file."""
+    """Read the flash from a file; return an erased bank if there is no file. Raises McuError for an unreadable file."""
     try:
         return FlashBank.unpack(path.read_bytes()) if path.exists() else FlashBank()
     except OSError as error:
@@ -51,8 +51,8 @@ def serve(
     wait: Callable[[], None],
     is_stopped: Callable[[], bool],
 ) -> None:
-    """Run the board until it is stopped; whenever the flash has changed, write it to the file. Raises BusError if the
-    bus failed; McuError if the core stopped.
+    """Run the board until `is_stopped` is true; whenever the flash has changed, write it to the file. Raises BusError
+    if the bus failed; McuError if the core stopped.
 
     Args:
         wait: function that waits for a moment between two reads of the bus.
@@ -61,8 +61,7 @@ def serve(
     until_ns = ecu.board.counter.now_ns
     while not is_stopped():
         now_ns = clock_ns()
-        # `until_ns` follows the wall clock alone. Flash operations advance the board's own counter, so their time is
-        # not added here.
+        # `until_ns` advances only with the wall clock; flash operations advance only the board's own counter.
         until_ns, before_ns = until_ns + min(now_ns - before_ns, LONGEST_UNSEEN_NS), now_ns
         frames = [replace(frame, timestamp_ns=ecu.board.counter.now_ns) for frame in bus.receive_all()]
         for frame in ecu.advance(until_ns, frames):

@@ -1,4 +1,4 @@
-"""The counter, the random numbers and the core's own registers, as far as the firmware uses them."""
+"""The counter, the random number generator and the core's own registers, as far as the firmware uses them."""
 
 import random
 from typing import Final
@@ -10,12 +10,12 @@ _BFHFNMIGN: Final = 1 << 8
 
 
 class SystemReset(Exception):  # noqa: N818
-    """An error that ends a power cycle, because the firmware requested a reset."""
+    """An exception that ends a power cycle, because the firmware requested a reset."""
 
 
 class Counter:
-    """Arm's generic counter (CNTReadBase: CNTCV) at 1 GHz, followed by a compare register whose value ends the core's
-    sleep.
+    """Arm's generic counter (CNTReadBase: CNTCV) at 1 GHz, and after it a compare register. The core's sleep ends when
+    the counter reaches the compare value.
 
     Attributes:
         now_ns, compare_ns: values of the counter and of the compare register.
@@ -40,7 +40,7 @@ class Counter:
 
 
 class RandomNumbers:
-    """The random number generator of an STM32H743 (RNG: CR with RNGEN, SR with DRDY, DR), with a seed."""
+    """The random number generator of an STM32H743 (RNG: CR with RNGEN, SR with DRDY, DR); here with a seed."""
 
     def __init__(self, seed: int) -> None:
         self._random, self._control = random.Random(seed), 0

@@ -8,7 +8,7 @@ from can_bridge.wire.frame import Frame, priority
 
 
 class Left(NamedTuple):
-    """A sent frame, stamped with the time when the firmware sent it, and the end of its transmission."""
+    """A sent frame, stamped with the time of the request to send it, and the end of its transmission."""
 
     frame: Frame
     end_ns: int
@@ -21,18 +21,19 @@ class _OnWire(NamedTuple):
 
 
 class TransmitBuffers:
-    """The transmit elements by number; the FIFO's elements follow the dedicated buffers.
+    """The elements (buffers) of a CAN controller for frames to send. Elements are numbered; the FIFO's elements follow
+    the dedicated buffers.
 
     Args:
         element: function that returns the frame in an element.
-        duration_ns: function that returns the time in ns from the start of a frame until the next frame may begin.
+        duration_ns: function that returns the time in ns from the start of a frame until the next frame may start.
 
     Attributes:
         dedicated, size: numbers of dedicated buffers and of FIFO elements.
         pending: one bit per element that is set while the element waits to be sent.
         transmitted: one bit per element that is set if the element was sent since the last request to send it.
         put: number of the FIFO's next free element.
-        is_on: whether the controller takes part in the bus; if False, it begins no frame.
+        is_on: whether the controller takes part in the bus; if False, it starts no frame.
         left: sent frames, in order.
     """
 
@@ -69,14 +70,15 @@ class TransmitBuffers:
         self.transmitted &= ~bits
 
     def cancel(self, bits: int, now_ns: int) -> None:
-        """Cancel the elements in `bits`, except an element in transmission."""
+        """Cancel the requests for the elements in `bits`, except for an element in transmission."""
         self.progress(now_ns)
         if self._wire is not None:
             bits &= ~(1 << self._wire.element)
         self._drop(bits)
 
     def switch(self, now_ns: int, *, is_on: bool) -> None:
-        """Switch the controller on or off the bus. If it is switched off, a frame in transmission waits again."""
+        """Connect the controller to the bus, or disconnect it, after which a frame in transmission has to wait
+        again."""
         self.progress(now_ns)
         if is_on and not self.is_on:
             self._free_ns = max(self._free_ns, now_ns)

@@ -11,7 +11,7 @@ int mcu_push(void);
 int mcu_step(void);
 int mcu_longest_step(void);
 
-float mcu_row[SW_COLUMNS]; /* pressures Cp, and the action of the step before */
+float mcu_row[SW_COLUMNS]; /* pressures Cp, and the action of the previous step */
 sw_input mcu_input;
 sw_output mcu_output;
 static sw_workspace workspace;

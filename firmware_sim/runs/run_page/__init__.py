@@ -1,1 +1,1 @@
-"""The page of a run with the data for its script, the comparison of runs, and a run as a measurement file."""
+"""The page of a run and the data for its script, the page that compares runs, and a run as a measurement file."""

@@ -1,4 +1,4 @@
-"""The messages in a run's log of frames: number, rate, and results of the end-to-end checks."""
+"""The messages in a run's log of frames: numbers and rates of frames, and results of the end-to-end checks."""
 
 from typing import Final
 
@@ -10,14 +10,15 @@ from firmware_sim.runs.run_folder import RunFolder
 from firmware_sim.runs.run_log import RunLog
 
 _MOST_FRAMES: Final = 50_000
-"""Largest number of frames in a log for which a page shows the messages; reading them takes about ten seconds."""
+"""Largest number of frames in a log for which a page shows the messages; reading them takes ten seconds."""
 
 _Rows = list[tuple[str, ...]]
 BUS_HEADS: Final = ("identifier", "message", "frames", "per s", "lost", "end-to-end checks")
 
 
 def bus_rows(folder: RunFolder, log: RunLog) -> _Rows:
-    """Return a row for each identifier; none for a missing or too long log. Raises StillwakeError for a damaged log."""
+    """Return a row for each identifier; no rows if the log is missing or too long. Raises StillwakeError for a damaged
+    log."""
     if log.traffic.frames > _MOST_FRAMES or not folder.frames.is_file():
         return []
     bus = log.metadata.config.bus

@@ -18,10 +18,10 @@ from firmware_sim.runs.run_tables import headline
 from firmware_sim.runs.summary import summary
 
 _MOST: Final = 6
-"""Largest number of runs on a page; the curves of more runs could not be distinguished."""
+"""Largest number of runs on a page; with more runs the curves could not be distinguished."""
 NONE: Final = "\N{EN DASH}"
 _SAME: Final = "="
-"""Sign for a difference that the number format shows as zero."""
+"""Sign for a difference that is zero in the figure's number format."""
 
 _FIGURES: Final = (
     ("mean Cd (wall), uncontrolled", "Cd_uncontrolled", ".4f"),
@@ -114,8 +114,8 @@ def _made_with(log: RunLog) -> Mapping[str, str]:
 
 
 def write_comparison(folders: Sequence[RunFolder], target: Path) -> Path:
-    """Write the page and return its path. Raises StillwakeError if the runs cannot be compared, a folder does not hold
-    a run, or the page cannot be written."""
+    """Write the page and return its path. Raises StillwakeError if the runs cannot be compared, a folder contains no
+    run, or the page cannot be written."""
     names = names_of([folder.path for folder in folders])
     runs = [read_run(folder) for folder in folders]
     logs = [run.log for run in runs]

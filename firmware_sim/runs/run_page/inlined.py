@@ -1,4 +1,4 @@
-"""The styles, scripts and data inside a page: the page loads no other files and runs no other scripts."""
+"""The styles, scripts and data that are part of a page: the page loads no other files and runs no other scripts."""
 
 import base64
 import hashlib
@@ -29,8 +29,8 @@ _FORBIDDEN: Final = ("</script", "</style", "<!--")
 
 @dataclass(frozen=True, kw_only=True)
 class Inlined:
-    """The parts for a template. `policy` is the content security policy, which allows only these scripts and no other
-    address."""
+    """The parts of a page that a template needs. `policy` is the content security policy, which allows only these
+    scripts and no other address."""
 
     policy: str
     styles: Markup
@@ -50,7 +50,7 @@ def inlined(main: str) -> Inlined:
 
 
 def as_json(values: Any) -> Markup:
-    """Return values as JSON for a script element of type application/json, which no text in the values can end."""
+    """Return values as JSON for a script element of type application/json. No text in them can end the element."""
     text = json.dumps(values, allow_nan=False, separators=(",", ":"))
     return Markup(text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026"))
 

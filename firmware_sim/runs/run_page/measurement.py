@@ -1,5 +1,4 @@
-"""A run as a measurement file: frames and signals, the series that are in no frame, events, and pictures of the
-wake."""
+"""A run as a measurement file: frames and their signals, series that no frame contains, events, and wake pictures."""
 
 import io
 from collections import Counter
@@ -25,7 +24,7 @@ from wake.pictures.drawing import FIELD_COLOURS, outline
 from wake.pictures.level_picture import TOP
 
 RUN: Final = "Run"
-"""Name of the group of a run's series."""
+"""Name of the channel group with the series of a run."""
 _NO_UNIT: Final = {"1": "", "name": ""}
 _BODY: Final = (209, 209, 209)
 _QUALITY: Final = 90
@@ -33,8 +32,8 @@ _QUALITY: Final = 90
 
 
 def write_run(path: Path, folder: RunFolder) -> Counter[str]:
-    """Write a finished run as a measurement file; return the numbers of frames without channels, by name. Raises
-    StillwakeError if the folder does not hold a run, a file is damaged, or the measurement file cannot be written."""
+    """Write a finished run as a measurement file. Returns, by name, the number of frames for which the file has no
+    channels. Raises StillwakeError if there is no run, a file is damaged, or the measurement file cannot be written."""
     log = run_log.load(folder.series)
     return write_measurement(
         path,
@@ -46,7 +45,7 @@ def write_run(path: Path, folder: RunFolder) -> Counter[str]:
 
 
 def run_group(log: RunLog) -> ChannelGroup:
-    """Return the series of a run as channels; their times are the starts of the periods, in s of the run."""
+    """Return a run's series as channels, whose times are the periods' starts, in s from the start of the run."""
     point = log.metadata.config.operating_point
     channels = [
         NamedChannel(
@@ -70,7 +69,7 @@ def _seconds(log: RunLog, period: Any) -> Any:
 
 
 def _dated(folder: RunFolder, log: RunLog) -> Iterator[tuple[str, int, Any]]:
-    """Yield events and pictures, in the order of time, as Foxglove's messages."""
+    """Yield events and pictures in the order of time, as messages in Foxglove's formats."""
     from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
     from foxglove_schemas_protobuf.Log_pb2 import Log
 

@@ -1,4 +1,4 @@
-"""The report of a run as one self-contained HTML page: verdict, tables, series with the recorded wake, settings."""
+"""The report of a run as one self-contained HTML page: verdict, tables, series, recorded wake, settings."""
 
 from pathlib import Path
 from typing import NamedTuple
@@ -20,7 +20,7 @@ from wake.pictures.drawing import check_suffix
 
 
 class ReadRun(NamedTuple):
-    """The series of a run, and its pictures before and under control as PNG."""
+    """The series of a run, and the pictures of its wake before and under control, as PNG."""
 
     log: RunLog
     uncontrolled: bytes
@@ -37,9 +37,9 @@ def read_run(folder: RunFolder) -> ReadRun:
 
 
 def write_report(folder: RunFolder, target: Path | None = None) -> Path:
-    """Write the page of a run into its folder, or to `target`, and return its path. Raises StillwakeError if the folder
-    does not hold a run, one of its files is damaged, or the page cannot be written."""
-    # The import is inside the function, because this module imports all of python-can's readers, which takes a second.
+    """Write the page of a run into its folder, or to `target`, and return the page's path. Raises StillwakeError if the
+    folder contains no run, one of its files is damaged, or the page cannot be written."""
+    # This import is inside the function, because it imports all of python-can's readers, which takes a second.
     from firmware_sim.runs.run_page.bus_messages import BUS_HEADS, bus_rows
 
     run = read_run(folder)
@@ -74,13 +74,13 @@ def wake_of(folder: RunFolder, log: RunLog) -> WakeStills | None:
 def write_picture(folder: RunFolder, target: Path) -> None:
     """Write the run as one picture: the wake before and under control, and drag and action over time.
 
-    The file's description has the bundle's digest. Raises ConfigError if the target's suffix is not a picture format;
-    StillwakeError if the folder does not hold a run, or the target cannot be written.
+    The metadata of the picture contain the bundle's digest. Raises ConfigError if the target's suffix is not a picture
+    format; StillwakeError if the folder contains no run, or the target cannot be written.
     """
     check_suffix(target)
     run = read_run(folder)
     kind = target.suffix[1:].lower()
-    # PDF has a fixed set of metadata fields; PNG and SVG have a description.
+    # PDF has no metadata field for a description, so its field for the subject has the digest.
     described = {"Subject" if kind == "pdf" else "Description": f"stillwake bundle {run.log.metadata.digest}"}
     with replacing(target) as temporary:
         overview_figure(run.log, run.uncontrolled, run.controlled).savefig(temporary, format=kind, metadata=described)

@@ -1,4 +1,4 @@
-"""A run as plain values for the script of its page: constants, series, events, and the recorded wake."""
+"""A run as plain values for the script of the run's page: constants, series, events, and the recorded wake."""
 
 import base64
 import re
@@ -52,7 +52,8 @@ def disturbed(log: RunLog) -> Iterator[Disturbed]:
 
 
 def _period(log: RunLog, seconds: str) -> int | None:
-    """Return the first period at or after a time of the run; None if the text has no time."""
+    """Return the first period that starts at or after a time, given as text in s from the start of the run; None if the
+    text is not a time."""
     try:
         return max(0, int(-(-float(seconds) * 1e9 // log.metadata.config.period_ns)))
     except (ValueError, OverflowError):
@@ -60,7 +61,7 @@ def _period(log: RunLog, seconds: str) -> int | None:
 
 
 MOST_EVENTS: Final = 400
-"""Largest number of events on a page; on a bus that loses frames, the mode may change very often."""
+"""Largest number of events on a page; on a bus that loses frames, the mode can change very often."""
 
 _DOES: Final = {**DOES, SKIPPED: "the ECU was still computing, and skipped the period"}
 
@@ -70,7 +71,7 @@ class RunEvent(NamedTuple):
 
     Attributes:
         period: index of the period in the run's series.
-        kind: "set" for an event from outside, "state" for an event of the ECU.
+        kind: "set" for a change from outside the ECU, "state" for a change of the ECU's state.
     """
 
     period: int
@@ -79,7 +80,8 @@ class RunEvent(NamedTuple):
 
 
 def events(log: RunLog) -> list[RunEvent]:
-    """Return the first `MOST_EVENTS` events in order of time."""
+    """Return at most `MOST_EVENTS` events in order of time. If there are more events, the last returned event states
+    the number of events left out."""
     happened = sorted([*_set(log), *_states(log)], key=lambda event: event.period)
     if len(happened) <= MOST_EVENTS:
         return happened
@@ -113,13 +115,13 @@ def _states(log: RunLog) -> Iterator[RunEvent]:
 
 _COLUMNS: Final = ("t", "Cd", "Cl", "base_Cp", "action", "mode", "step_ms", "speed")
 _DIGITS: Final = 5
-"""Number of decimals, which is finer than any screen shows."""
+"""Number of decimals of the values; further decimals would not be visible on any screen."""
 _BINS: Final = 60
 
 
 def run_data(log: RunLog, wake: WakeStills | None, name: str) -> dict[str, Any]:
-    """Return the data for the scripts in `firmware_sim/runs/run_page/page`, as JSON without NaN; `wake` is None if no
-    stills were recorded."""
+    """Return the data for the scripts in `firmware_sim/runs/run_page/page`, as values for JSON without NaN. `wake` is
+    None if no stills were recorded."""
     config, means = log.metadata.config, averages(log)
     return {
         "name": name,
@@ -161,7 +163,7 @@ def _stills(wake: WakeStills) -> dict[str, Any]:
 
 
 def _latency(log: RunLog) -> dict[str, Any]:
-    """Return the histogram of the control steps' times in ms, which `latency_histogram.js` draws."""
+    """Return a histogram of the wall-clock times of the control steps, in ms, which `latency_histogram.js` draws."""
     budget, timing = log.metadata.budget_ms, latency(log)
     taken = log.series["step_ms"][planned_steps(log)]
     edges = np.linspace(0.0, max(budget, float(np.max(taken, initial=0.0))), _BINS + 1)
@@ -178,7 +180,7 @@ def _latency(log: RunLog) -> dict[str, Any]:
 
 
 def _numbers(values: Array) -> list[Any]:
-    """Return nested lists, with None for NaN."""
+    """Return an array as nested lists, with None for NaN."""
     rounded = np.round(values, _DIGITS).astype(object)
     rounded[~np.isfinite(np.asarray(values, dtype=float))] = None
     return list(rounded.tolist())

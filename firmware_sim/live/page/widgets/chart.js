@@ -11,7 +11,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
 
   stillwake.Chart = class {
     /**
-     * @param {Element} element to fill.
+     * @param {Element} element to fill with the chart.
      * @param {object} what title, series [{label, colour, dash, width, step, gaps}] (`gaps` 'join' draws across
      *   nulls), lines [{label, value, colour}], least and greatest of the axis (otherwise multiples of `snap` around
      *   the data), height, sync (charts with equal sync share a cursor), x (whether times are labelled), onPick.
@@ -162,7 +162,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
         this.stroke(ctx, [bbox.left, y], [bbox.left + bbox.width, y]);
         if (!label) continue;
         ctx.font = `${11 * fine}px system-ui, sans-serif`;
-        // The label is at the newest end, where a curve that began at the line has usually left it.
+        // The label is at the newest end of the line, because a curve that began at the line has usually left it there.
         ctx.textAlign = 'right';
         const end = bbox.left + bbox.width - 6 * fine;
         ctx.setLineDash([]);

@@ -4,7 +4,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
 
 (() => {
   const {make, format} = stillwake;
-  /** Shading of a span by its number in `can_bridge.wire.messages.Mode`. */
+  /** Shading of a span with a constant mode, by the mode's number in `can_bridge.wire.messages.Mode`. */
   const SHADED = {2: 'control', 3: 'hold', 4: 'hold', 5: 'fault'};
 
   /** Returns the first index with times[i] >= t. */

@@ -8,7 +8,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
   const KINDS = {set: 'set', state: 'ECU', vehicle: 'vehicle', bus: 'bus', loop: 'loop'};
 
   stillwake.EventLog = class {
-    /** @param {object} how kept: most lines; live: whether a screen reader reads new lines; onPick: called with t. */
+    /** @param {object} how kept: largest number of lines; live: whether it is read aloud; onPick: called with t. */
     constructor(element, {kept = 200, live = false, onPick = null} = {}) {
       this.kept = kept;
       this.onPick = onPick;

@@ -1,5 +1,5 @@
 'use strict';
-/** The ECU's states with the present one lit: a drawing on wide pages, a list on narrow ones. */
+/** The ECU's states, with the present state lit: a drawing on wide pages, a list on narrow pages. */
 var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
 
 (() => {
@@ -8,7 +8,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
   const BOX = [112, 34];
   const AFTERGLOW_MS = 1500;
 
-  /** Modes of `ecu.fail_safe.OperatingMode`, UNPOWERED and BOOT: upper left corner, and a description. */
+  /** Modes of `ecu.fail_safe.OperatingMode`, UNPOWERED and BOOT: upper left corner of the box, and a description. */
   const STATES = {
     UNPOWERED: [8, 20, 'The ECU has no supply. The jets are shut.'],
     BOOT: [8, 82, 'The ECU starts. The jets are shut.'],
@@ -22,7 +22,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
     FAULT: [238, 268, 'The jets are shut, and stay so until valid frames have arrived and the request rises again.'],
     UPDATE: [444, 268, 'A new release is being written. The jets are shut.'],
   };
-  /** States that EcuStatus reports as OFF; each other state has its own name on the bus, too. */
+  /** States that EcuStatus reports as OFF; every other state is reported with its own name. */
   const OFF = ['INIT', 'STANDBY', 'ARMED', 'UPDATE'];
   /** The main transitions; docs/reference/states.md has all of them. */
   const WAYS = [
@@ -88,7 +88,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       this.present = state;
     }
 
-    /** Lights a state briefly that has just been left. */
+    /** Lights for a short time a state that the ECU has just left. */
     glow(state) {
       for (const element of this.boxes.get(state) || []) {
         element.classList.remove('passed');

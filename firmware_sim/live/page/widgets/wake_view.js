@@ -16,7 +16,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
 
   stillwake.WakeView = class {
     /**
-     * @param {Element} element to fill.
+     * @param {Element} element to fill with the view.
      * @param {object} scene view [x0, x1, y0, y1] and outline of the body, in W; jets (upper, lower), sensors, names
      *   of the used sensors, action_limit.
      */
@@ -39,7 +39,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       this.show(scene);
     }
 
-    /** Begins the view of another plant; the drawing of the previous plant is cleared. */
+    /** Shows another plant; the drawing of the previous plant is cleared. */
     show(scene) {
       const end = Math.max(...scene.body.map(([x]) => x));
       this.scene = {...scene, view: scene.view.length ? scene.view : [end - 3, end + 9, -2.25, 2.25]};
@@ -56,7 +56,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       this.fit();
     }
 
-    /** Takes vorticity in levels -127..127, the first row at the top; null if there is no picture. */
+    /** Shows vorticity in levels -127..127, with the first row at the top; `levels` is null without a picture. */
     picture(levels, width, height) {
       if (!levels) {
         this.levels = null;
@@ -72,7 +72,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       this.request();
     }
 
-    /** Takes new values: action, cp of all sensors, read (readings of the used sensors), marks by sensor name, t. */
+    /** Shows new values: action, cp of all sensors, read (readings of the used sensors), marks by sensor name, t. */
     state(now) {
       Object.assign(this.now, now);
       this.request();
@@ -253,7 +253,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       context.textBaseline = 'alphabetic';
     }
 
-    /** Returns the reading of a used sensor's transducer if it differs from the wall pressure; otherwise ''. */
+    /** Returns a text with the reading of a used sensor if it differs from the wall pressure; otherwise ''. */
     misread(i, cp) {
       const read = this.now.read ? this.now.read[i] : null;
       return format.is(read) && format.is(cp) && Math.abs(read - cp) > 0.005 ? `reads ${format.number(read)}` : '';

@@ -12,7 +12,7 @@
     ['Action / (U∞ W)', 'action', {snap: 0.02, digits: 3}],
   ];
 
-  /** A run on the common time axis; `at` returns its period at a time: -1 before the run, `count` after its end. */
+  /** Runs on the common time axis; `at` returns the period at a time: -1 before the run, `count` after its end. */
   const lined = runs.map((run) => {
     const {t} = run.columns;
     const zero = t[run.requested ?? 0];
@@ -53,7 +53,7 @@
   });
   place('charts').append(make('p', {class: 'note axis'}, 'time since control was requested, t / (W / U∞)'));
 
-  /** Describes one run at a time. */
+  /** Returns a text about one run at an instant. */
   const words = ({run, count: periods, at}, view, time) => {
     const k = at(time);
     if (k < 0) return 'not begun yet';

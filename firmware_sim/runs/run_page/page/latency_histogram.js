@@ -1,5 +1,5 @@
 'use strict';
-/** The duration of the control step, and its budget. */
+/** A histogram of the durations of the control steps, with their budget. */
 var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
 
 (() => {
@@ -60,7 +60,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       context.fillRect(LEFT, floor, this.width - LEFT - RIGHT, 1);
       counts.forEach((count, i) => {
         if (!count) return;
-        // The least height makes a single slow step visible among thousands.
+        // Every bar has a smallest height, so that a single slow step is visible among thousands.
         const high = Math.max(2, (floor - TOP) * (count / most));
         context.fillStyle = stillwake.colour(edges[i + 1] > budget ? '--alarm' : '--second');
         context.fillRect(x(edges[i]), floor - high, Math.max(1, x(edges[i + 1]) - x(edges[i]) - 0.5), high);

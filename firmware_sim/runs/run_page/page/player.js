@@ -33,7 +33,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       this.slider.addEventListener('input', () => this.go(Number(this.slider.value)));
     }
 
-    /** Goes to a period; if the player is playing, it continues from there. */
+    /** Moves the player to a period; if it is playing, it continues from this period. */
     go(period) {
       this.since = null;
       this.show(period);

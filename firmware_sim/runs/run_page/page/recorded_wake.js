@@ -1,5 +1,5 @@
 'use strict';
-/** The still pictures of a recorded wake, decoded on request; if requests overlap, only the latest is shown. */
+/** The still pictures of a recorded wake, decoded on request. If requests overlap, only the latest still is shown. */
 var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
 
 (() => {

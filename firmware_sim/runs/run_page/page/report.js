@@ -7,7 +7,7 @@
   const count = t.length;
   const {requested} = run;
 
-  /** Returns the period at a time. */
+  /** Returns the number of the period at a time. */
   const at = (time) => Math.max(0, Math.min(count - 1, Math.floor((time - t[0]) / run.period + 0.5)));
 
   document.documentElement.classList.add('scripted');

@@ -1,5 +1,5 @@
 'use strict';
-/** A view of the wake of one run in one of its periods, with the other data of that period. */
+/** A view of the wake of one run in one control period, with the other data of this period. */
 var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
 
 (() => {
@@ -23,7 +23,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       return (this.run.spans.find(([, first, after]) => first <= k && k < after) || ['', 0, 0])[0];
     }
 
-    /** Describes a period in one line. */
+    /** Returns a text of one line about a period. */
     words(k) {
       const {t, Cd, action} = this.run.columns;
       const parts = [`t = ${format.number(t[k], 1)} W/U∞`, this.mode(k), `Cd ${format.number(Cd[k], 3)}`];
