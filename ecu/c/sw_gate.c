@@ -37,7 +37,7 @@ static double largest_change(double step_m2_per_s, int has_previous, int64_t pre
     return step_m2_per_s * share;
 }
 
-/* Returns whether the pressures are fresh; older pressures still allow a command between the previous one and zero. */
+/* Returns whether the pressures are fresh; older ones are allowed for a command between the previous one and zero. */
 static int is_fresh(double flow_m2_per_s, double previous_m2_per_s, int64_t pressure_ns, int64_t now_ns)
 {
     const int towards_zero = smaller(0.0, previous_m2_per_s) <= flow_m2_per_s &&
@@ -63,7 +63,7 @@ sw_gated sw_gate(double flow_m2_per_s, int enable, double previous_m2_per_s, int
     if (in_range != flow_m2_per_s) gated.interventions = SW_GATED_RANGE;
     if (gated.flow_m2_per_s != in_range) {
         gated.interventions = (uint8_t)(gated.interventions | SW_GATED_RATE);
-        /* The range is applied last, since the previous command may have been outside it. */
+        /* The range is applied last, since the previous command may have been outside the range. */
         gated.flow_m2_per_s = clamp(gated.flow_m2_per_s, -range, range);
     }
     return gated;

@@ -50,7 +50,7 @@ static int equals_r(const uint8_t signature[64], const uint8_t key[POINT], const
     ge_cached minus_a;
     u32 s[8];
     load32_le_buf(s, &signature[POINT], 8);
-    if (is_above_l(s) || ge_frombytes_neg_vartime(&work, key) != 0) return 0; /* s >= L, or the key is no point */
+    if (is_above_l(s) || ge_frombytes_neg_vartime(&work, key) != 0) return 0; /* s >= L, or the key is not a point */
     ge_cache(&minus_a, &work);
     ge_zero(&sum);
     for (int bit = SCALAR_BITS - 1; bit >= 0; bit--) {
