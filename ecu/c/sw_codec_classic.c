@@ -15,7 +15,7 @@
 #define PRESSURES 2  /* first byte of the pressures; two of 12 bits take three bytes */
 
 /* Constants of the message VehicleSpeedClassic. */
-#define DENSITY 3 /* the byte at which the signal begins, like the following names */
+#define DENSITY 3 /* first byte of this signal; the following names are first bytes, too */
 #define SPEED 4
 #define SPEED_AGE 6
 

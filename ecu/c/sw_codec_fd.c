@@ -16,7 +16,7 @@
 #define AGE 12
 
 /* Constants of the message VehicleSpeed. */
-#define DENSITY 3 /* the byte at which the signal begins, like the following names */
+#define DENSITY 3 /* first byte of this signal; the following names are first bytes, too */
 #define SPEED 4
 #define SPEED_AGE 6
 

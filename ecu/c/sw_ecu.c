@@ -62,7 +62,7 @@ static void after_silence(sw_memory *memory, const sw_timing *timing)
     }
 }
 
-/* Runs the sensor check: replaces an excluded sensor by its estimate. Returns the SW_REASON_ to shut the jets. */
+/* Runs the sensor check; an excluded sensor is replaced by its estimate. Returns the SW_REASON_ for a shut-off. */
 static uint8_t check_sensors(sw_ecu *ecu, const double *cp, const double *reading)
 {
     uint8_t fault = SW_REASON_NONE;
@@ -81,7 +81,7 @@ static uint8_t check_sensors(sw_ecu *ecu, const double *cp, const double *readin
     return fault;
 }
 
-/* Runs the benefit check, with an excluded sensor's estimate. Returns the SW_REASON_ to shut the jets, or NONE. */
+/* Runs the benefit check, with the estimate for an excluded sensor. Returns the SW_REASON_ for a shut-off. */
 static uint8_t check_benefit(sw_ecu_state *state, const sw_release *release, int usable)
 {
     uint8_t fault = SW_REASON_NONE;

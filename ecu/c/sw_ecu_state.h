@@ -167,7 +167,7 @@ typedef struct {
     double slow[SW_HYPOTHESES][SW_SENSORS];
     double noise[SW_HYPOTHESES][SW_SENSORS];
     double score[SW_HYPOTHESES][SW_SENSORS];
-    double estimates[SW_KEPT][SW_SENSORS]; /* estimate of each sensor from the others, in the latest periods */
+    double estimates[SW_KEPT][SW_SENSORS]; /* estimate of each sensor's pressure from the others; latest periods */
 } sw_sensors;
 
 /* The benefit check; suction and swing are divided by those of the release's own wake without jets. */

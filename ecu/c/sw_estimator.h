@@ -36,7 +36,7 @@ typedef struct sw_estimator_weights {
     SW_ALIGNED float spread[SW_SENSORS];
 } sw_estimator_weights;
 
-extern const sw_estimator_weights sw_own_estimator; /* compiled in */
+extern const sw_estimator_weights sw_own_estimator; /* the compiled-in weights */
 
 /* Scratch memory. The sums are those of the first layer, in integers: SW_ESTIMATOR_ONE is a reading or a flag of 1. */
 typedef struct {

@@ -39,7 +39,7 @@ typedef struct {
     uint16_t start; /* modes in which the row's transition may be taken, one bit each */
     uint8_t when;   /* condition of the transition */
     uint8_t to;     /* sw_operating_mode */
-    uint8_t reason; /* because: origin of the reason */
+    uint8_t reason; /* origin of the reason: a value of `because` */
 } transition;
 
 /* The data on which the conditions depend: one period's inputs, and the counts up to this period. */
@@ -100,7 +100,7 @@ static uint8_t missing(const period *now)
     return now->inputs->usable ? (uint8_t)SW_REASON_NONE : now->inputs->unusable_because;
 }
 
-/* Returns `reason`, or NOT_AUTHENTIC if no frame of the vehicle is authentic: its request is then ignored. */
+/* Returns `reason`; NOT_AUTHENTIC if no frame of the vehicle is authentic: the vehicle's request is then ignored. */
 static uint8_t unless_refused(const period *now, uint8_t reason)
 {
     return missing(now) == SW_REASON_NOT_AUTHENTIC ? (uint8_t)SW_REASON_NOT_AUTHENTIC : reason;

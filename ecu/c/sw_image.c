@@ -53,7 +53,7 @@ static int are_within(const void *values, const sw_limits *of)
     if (of->type == UINT8) return uint8_within((const uint8_t *)values, of->run, of->least, of->most);
     if (of->type == INT32) return int32_within((const int32_t *)values, of->run, of->least, of->most);
     if (of->type == FLOAT) return float_within((const float *)values, of->run, of->least, of->most);
-    return double_within((const double *)values, of->run, of->least, of->most); /* of the type DOUBLE */
+    return double_within((const double *)values, of->run, of->least, of->most); /* the values have the type DOUBLE */
 }
 
 /* --- Limits of several numbers together --- */

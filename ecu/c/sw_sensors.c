@@ -42,7 +42,7 @@ typedef struct {
     double bias[SW_SENSORS]; /* like `liar`, from the slow means */
     double swap;             /* evidence that two sensors are exchanged: the largest value of all pairs */
     double doubt;            /* evidence that the sensors in use contradict each other */
-    double drift;            /* like `doubt`, from the slow means: the smallest value over the left-out sensors */
+    double drift;            /* like `doubt`, from the slow means; the smallest value, whichever sensor is left out */
 } levels;
 
 static double square(double value) { return value * value; }

@@ -40,7 +40,7 @@ static uint32_t begin(void)
     return FLASH(CR) & CR_LOCK;
 }
 
-/* Returns 1 if the controller found an error. */
+/* Ends an operation. Returns 1 if the controller reports an error. */
 static int end(void)
 {
     __asm__ volatile("dsb" ::: "memory");

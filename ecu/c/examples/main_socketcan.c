@@ -32,7 +32,7 @@
 #define ROOM 64              /* largest number of frames read per period; further frames wait in the socket */
 #define GRACE 4              /* a step is skipped if it would begin late by more than a period divided by this number */
 #define LARGEST_SLEW 32      /* a deadline moves by at most a period divided by this number */
-#define SHUT_PERIODS 3       /* number of last periods with shut jets, since two frames may be lost */
+#define SHUT_PERIODS 3       /* number of periods with shut jets at the end, since two frames may be lost */
 #define SECOND INT64_C(1000000000)
 
 static sw_ecu ecu;

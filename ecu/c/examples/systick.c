@@ -154,7 +154,7 @@ void sw_board_power_on(void) {}
 void sw_board_main(void)
 {
     figures seen = {0, 0, 0, 0};
-    (void)sw_ecu_init(&ecu); /* if init refuses, the reason printed at the end is its reason */
+    (void)sw_ecu_init(&ecu); /* if init refuses, the summary shows its reason */
 #if SW_SECOC
     /* This key is only an example: on a vehicle no debugger can read it, and non-volatile memory counts the cycle. */
     const sw_authentication given = {PLAYED_KEY, 1, 0, 0};

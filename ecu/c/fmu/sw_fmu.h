@@ -62,7 +62,7 @@ typedef struct {
 typedef struct {
     double values[SW_FMU_VARIABLES]; /* values of the variables, by value reference; reference 0 is the time */
     double start;
-    int64_t next_ns; /* time of the ECU's next step after the start, in ns */
+    int64_t next_ns; /* time from the start to the ECU's next step, in ns */
     uint32_t mode;   /* mode in FMI's state machine */
     fmu_side side;
 } fmu_memory;

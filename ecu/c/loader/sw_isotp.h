@@ -81,7 +81,7 @@ int sw_isotp_is_full(const sw_isotp *end);
 uint8_t *sw_isotp_place(sw_isotp *end, uint32_t *room);
 
 /* Queues a message of `length` bytes that the caller has written into the buffer of sw_isotp_place; later calls of
- * sw_isotp_poll send the message. A message that is longer than its room, or that finds SW_ISOTP_QUEUE messages
+ * sw_isotp_poll send the message. A message that does not fit into the buffer, or that finds SW_ISOTP_QUEUE messages
  * waiting, is dropped and counted.
  */
 void sw_isotp_send(sw_isotp *end, uint32_t length);

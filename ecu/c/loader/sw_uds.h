@@ -56,7 +56,7 @@ typedef struct {
     uint8_t wants_reset; /* whether the ECU must be reset */
     uint8_t is_silent; /* a tester has silenced the frames of control; while a jet can run they are sent nevertheless */
     uint8_t is_quiet;  /* the tester has suppressed the positive answer */
-    uint8_t is_functional; /* the request goes to every ECU: it is not refused if other ECUs may support it */
+    uint8_t is_functional; /* the request goes to every ECU: refusals such as "not supported" are not sent */
     uint16_t waiting;      /* length in bytes of a request that waits for the end of an erasure; 0 if none waits */
     sw_access access;
     int64_t now_ns;   /* latest time; it never decreases, even if the clock goes back */

@@ -10,7 +10,7 @@ static int is_inside(uint32_t address, uint32_t length, uint32_t start, uint32_t
     return address >= start && address - start <= size && length <= size - (address - start);
 }
 
-/* Copies bytes from an address in the tool's memory, at most sizeof(sw_measured) bytes. */
+/* Copies at most sizeof(sw_measured) bytes from an address in the memory that the tool sees. */
 static uint8_t read(const sw_xcp_memory *memory, uint32_t address, uint32_t length, uint8_t *bytes)
 {
     if (is_inside(address, length, SW_XCP_MEASURED, sizeof(sw_measured))) {

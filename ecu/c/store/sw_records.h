@@ -28,7 +28,7 @@ typedef enum {
 
 /* The permitted ways to store a record. */
 typedef enum {
-    SW_RECORDS_WAIT = 0,  /* before control begins: the other sector may be erased, and the code waits for the end */
+    SW_RECORDS_WAIT = 0,  /* before control begins: the code may erase the other sector and wait until it is blank */
     SW_RECORDS_MOVE = 1,  /* records may also move from a full sector to a blank one */
     SW_RECORDS_APPEND = 2 /* while the jets run: records are only added after the last record */
 } sw_records_limit;

@@ -99,7 +99,7 @@ static int holds(const sw_slot_state *slot, const sw_slot_state *other)
 
 int sw_store_is_erasing(const sw_store *store) { return store->records.is_erasing; }
 
-/* Drops the work in progress; an erasure is completed first. */
+/* Drops the work in progress, but waits until an erasure of this work has ended. */
 static void drop_work(sw_store *store)
 {
     const int clears = store->work == SW_WORK_CLEAR;

@@ -103,7 +103,7 @@ typedef struct {
     uint8_t verdicts[2]; /* sw_verdict of the last boot; SW_VERDICT_NONE: slot not checked */
     uint8_t running;     /* the booted slot, until its image is overwritten; or SW_NO_SLOT */
     uint8_t announced;   /* the slot of the present transfer; or SW_NO_SLOT */
-    uint8_t verdict;     /* result of `finish` and `revert` */
+    uint8_t verdict;     /* verdict of the latest `finish` or `revert` */
     uint32_t wanted;     /* result of `announce`: offset of the next bytes to send */
     /* Long work, which is done in parts. */
     uint8_t work, slot;  /* sw_work, and its slot */

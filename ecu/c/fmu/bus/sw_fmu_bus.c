@@ -46,7 +46,7 @@ static uint32_t number_at(const uint8_t *place, uint32_t bytes)
     return value;
 }
 
-/* Appends an operation and returns the place of its arguments, or NULL if there is no room. */
+/* Appends an operation and returns the address of its arguments, or NULL if there is no room. */
 static uint8_t *put_operation(fmu_side *side, uint32_t code, uint32_t arguments)
 {
     if (arguments + HEADER > TX_BYTES - side->tx_bytes) {

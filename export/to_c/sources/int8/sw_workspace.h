@@ -12,7 +12,7 @@
 #error "constants of outputs stand in eights, and so do the loops over them"
 #endif
 
-/* A number of rows, rounded up to a multiple of the rows that sw_dots takes at a time. */
+/* A number of rows, rounded up to a multiple of the number of rows that sw_dots processes at a time. */
 #define SW_ROWS(n) (((n) + 3) / 4 * 4)
 
 #define SW_ROW_P SW_PADDED(SW_SENSORS + 1)

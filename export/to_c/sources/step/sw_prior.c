@@ -13,7 +13,7 @@ enum { ONE, SLOWER, FASTER, EFFORT, LIFT, LIMIT };
 #error "six weights of a unit on an input are added up here"
 #endif
 
-/* Returns the square root of a cost weight / `dearest`, the largest weight that the prior supports; at most 1. */
+/* Returns the square root of weight / dearest, at most 1; dearest is the largest weight that the prior supports. */
 static float root_of(float weight, float dearest)
 {
     if (weight < dearest) return sw_sqrt(weight / dearest);
@@ -66,7 +66,7 @@ static void take_past(sw_prior_scratch *prior, const float window[SW_WINDOW][SW_
     for (int c = 0; c < SW_PRIOR_ROW; c++) prior->rows[0][c] = prior->rows[1][c];
 }
 
-/* Returns the sum of weights times values; the values are `apart` numbers apart. Two partial sums are independent. */
+/* Returns the sum of weights times values that are `apart` numbers apart; computes it as two independent sums. */
 static float product(const float *weights, const float *values, int apart, int count)
 {
     float sum = 0.0f, other = 0.0f;
@@ -164,7 +164,7 @@ static float wanted(sw_prior_scratch *prior)
     return sw_tanh(sum + other);
 }
 
-/* Predicts the pressure differences that follow the past that begins at the row `begin`; adds up in two sums. */
+/* Predicts the pressure differences that follow the past from the row `begin` on; computes two independent sums. */
 static void predict(sw_prior_scratch *prior, const sw_weights *w, int begin)
 {
     const float *values = prior->rows[begin];
