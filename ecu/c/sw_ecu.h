@@ -58,7 +58,7 @@ int sw_ecu_calibrate(sw_ecu *ecu, const sw_calibration *values);
 
 /* Continues from a saved state: `state` of an sw_ecu with the same release, settings and calibration. Returns 0, or 1
  * for a state that no ECU can reach, for example after a memory failure; the ECU is then unchanged. Only values that
- * would lead outside an array or a number's range are checked. A checksum is the task of the caller.
+ * would lead outside an array or a number's range are checked; the caller may add a checksum.
  */
 int sw_ecu_restore(sw_ecu *ecu, const sw_ecu_state *state);
 

@@ -269,7 +269,7 @@ typedef struct {
 typedef struct {
     double action; /* sent action, in U_inf W */
     uint8_t interventions;
-    uint8_t planned; /* whether `output` belongs to this step; its actions are relative to the present speed */
+    uint8_t planned; /* whether `output` belongs to this step; its actions are divided by the present speed */
 } sw_trace;
 
 /* Scratch memory of parts that never run at the same time. */

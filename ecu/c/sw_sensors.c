@@ -1,5 +1,5 @@
 /* The sensor check: whether the pressures are plausible. This file corresponds to ecu/sensor_check.py, which explains
- * the criteria. Sums run from left to right, as in NumPy for so few numbers.
+ * the criteria. Sums are computed from left to right, as NumPy computes sums of so few numbers.
  */
 #include "sw_counts.h"
 #include "sw_ecu_parts.h"
@@ -191,8 +191,8 @@ static double sound_deviation(const sw_release *release)
     return mean_of(sound);
 }
 
-/* Returns whether the median of the other sensors' ranges is large, which shows a flow, in the periods in which this
- * sensor was stuck. Rows before row `first` are taken to be equal to row `first`.
+/* Returns whether the other sensors' pressures moved in the periods in which this sensor was stuck: the median of their
+ * ranges then shows a flow. Rows before row `first` are taken to be equal to row `first`.
  */
 static int others_move(const sw_release *release, int resting, const double window[SW_WINDOW][SW_COLUMNS], int first)
 {
@@ -225,7 +225,7 @@ static int any_alike(const sw_release *release, const double window[SW_WINDOW][S
     return alike;
 }
 
-/* Returns the sensor with the most evidence, the first of equal ones; -1 if no sensor has enough evidence. */
+/* Returns the sensor with the most evidence, the first if several have as much; -1 if no sensor has enough evidence. */
 static int liar_of(const levels *found)
 {
     int liar = -1;

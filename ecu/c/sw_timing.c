@@ -53,7 +53,7 @@ void sw_timing_next(sw_timing *timing, int64_t now_ns)
         return;
     }
     const int64_t lag_ns = timing->lag_ns + now_ns - timing->step_ns - SW_PERIOD_NS;
-    const int64_t whole = floor_divided(2 * lag_ns + SW_PERIOD_NS, 2 * SW_PERIOD_NS); /* rounded to the nearest */
+    const int64_t whole = floor_divided(2 * lag_ns + SW_PERIOD_NS, 2 * SW_PERIOD_NS); /* to the nearest period */
     const uint32_t off_time = ((timing->off_time << 1) | (whole != 0 ? 1u : 0u)) & JUDGED;
     const int too_often = whole != 0 && sw_bit_count(off_time) >= SW_DEADLINE_MISSES;
     /* True if the ECU made no step for longer than pressures may be missing: the vehicle then shuts the jets. */

@@ -34,7 +34,7 @@ static void abort_reception(sw_isotp *end)
     end->wanted = 0;
 }
 
-/* Copies a message in a single frame. Returns its length, or 0. */
+/* Copies the message of a single frame. Returns the message's length, or 0 for an invalid frame. */
 static uint32_t single_of(const sw_frame *frame, uint8_t *message)
 {
     const uint32_t low = frame->data[0] & 0xfu;

@@ -63,8 +63,8 @@ int sw_node_step(sw_node *node, int64_t now_ns, const sw_frame *frames_in, int c
                  sw_frame frames_out[SW_NODE_FRAMES]);
 
 /* The two parts of sw_node_step, for callers that run them separately. Diagnosis processes at most SW_MOST_FRAMES
- * frames per call. It returns at most `room` frames, the number of free places in the CAN controller; the remaining
- * frames follow in a call a millisecond later.
+ * frames per call. It returns at most `room` frames; `room` is the number of free places in the CAN controller. The
+ * remaining frames follow in a call a millisecond later.
  */
 int sw_node_control(sw_node *node, int64_t now_ns, const sw_frame *frames_in, int count,
                     sw_frame frames_out[SW_FRAMES_OUT]);

@@ -84,7 +84,7 @@ typedef struct {
 /* Replaces a record, like sw_records_keep, with a record that consists of several parts. */
 int sw_records_keep_parts(sw_records *records, sw_record_kind kind, const sw_part *parts, uint32_t count);
 
-/* Returns zlib's CRC-32 of this data after earlier data whose CRC is `before`; 0 if there is no earlier data. */
+/* Returns zlib's CRC-32 of these data after earlier data whose CRC is `before`; `before` is 0 without earlier data. */
 uint32_t sw_crc32(uint32_t before, const uint8_t *data, uint32_t length);
 
 #endif

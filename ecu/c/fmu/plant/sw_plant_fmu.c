@@ -1,5 +1,5 @@
 /* The front end of the plant's FMU, which is written in Python. It checks the order of calls, references, numbers and
- * times. Only valid calls reach pythonfmu3's binary in the same folder, where every error in Python is fatal.
+ * times. Only valid calls reach pythonfmu3's binary in the same folder: in this binary every error in Python is fatal.
  */
 #define _GNU_SOURCE /* for dladdr */
 #include <dlfcn.h>

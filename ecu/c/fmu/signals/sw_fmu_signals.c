@@ -1,4 +1,4 @@
-/* The simulated vehicle of an FMU whose inputs are signals: it sends them as protected frames, once a period. */
+/* The simulated vehicle of the FMU with signals: it sends the FMU's inputs as protected frames, once a period. */
 #include <string.h>
 
 #include "sw_codec_bytes.h"

@@ -59,8 +59,8 @@ static inline sw_fine sw_fine_of(float bound, float top)
 /* Returns the bits of a number that is not negative; for a negative number, those of its magnitude minus 1. */
 static inline uint32_t sw_bits_of(int32_t value) { return (uint32_t)(value ^ (value >> 31)); }
 
-/* Computes dJ/du times the scales of the matrix rows before the norm, as int16 for the transposed product, from dJ/dh,
- * which is in `sums` in units of `unit`. Overwrites `sums`; returns the factor for the transposed product's sums.
+/* Computes dJ/du from dJ/dh, which is in `sums` in units of `unit`; writes dJ/du times the scales of the matrix rows
+ * before the norm, as int16 for the transposed product. Overwrites `sums`; returns the factor for the product's sums.
  */
 SW_ONCE float sw_norm_adjoint(int32_t *restrict sums, float unit, int16_t *restrict vector,
                               const sw_tape_eight *restrict tape, const int32_t channel[][2][8],

@@ -10,7 +10,7 @@
 
 #include "sw_workspace.h"
 
-/* Tables: position of the argument 0, and distance between points, in integers of the argument. */
+/* Tables: position of the argument 0, and distance between points, in units of the tables' integer argument. */
 #define SW_ELU_START (SW_ELU_RANGE * SW_ELU_ARGUMENT_ONE)
 #define SW_ELU_STEP (SW_ELU_ARGUMENT_ONE / SW_POINTS_PER_UNIT)
 #define SW_LOGISTIC_START (SW_LOGISTIC_RANGE * SW_LOGISTIC_ONE)
