@@ -7,7 +7,7 @@
 #define WORD SW_FLASH_WORD
 #define WORDS (SW_FLASH_SECTOR / WORD)
 #define TRIES 3u            /* number of places at which a write is attempted */
-#define FILLED (WORDS / 2u) /* maintenance may change to the other sector once this number of words is written */
+#define FILLED (WORDS / 2u) /* number of written words above which maintenance may blank or use the other sector */
 
 /* The first byte of a word states the word's type; it is 0xFF in a blank word. */
 #define IS_SECTOR 0xc3u
