@@ -1,13 +1,13 @@
 /* The benefit check: whether control reduces the suction on the base and the pressure differences of mirrored sensors,
- * compared with the wake while the jets are shut (reasons: ecu/benefit_check.py).
+ * relative to the wake while the jets are shut (reasons: ecu/benefit_check.py).
  */
 #include "sw_ecu_parts.h"
 
 #if SW_BENEFIT_CHECK
 
 typedef struct {
-    double suction; /* mean pressure on the base */
-    double swing;   /* mean magnitude of the pressure differences of mirrored sensors */
+    double suction; /* mean pressure on the base, in Cp or relative to the release's wake */
+    double swing;   /* mean magnitude of mirrored sensors' pressure differences, likewise */
 } measured;
 
 static double magnitude(double value) { return value < 0.0 ? -value : value; }
@@ -30,7 +30,7 @@ static measured stated_at(const sw_release *release, double speed)
     return last;
 }
 
-/* Measures suction and swing in units of the release's wake without jets at this speed. */
+/* Measures suction and swing, divided by those of the release's wake without jets at this speed. */
 static measured measure(const sw_release *release, const double *cp, double speed)
 {
     const measured stated = stated_at(release, speed);
@@ -46,7 +46,7 @@ static measured measure(const sw_release *release, const double *cp, double spee
 
 static uint32_t at_most(uint32_t count, uint32_t most) { return count < most ? count : most; }
 
-/* Returns a mean without control; while it has too few periods, the release's value if that is larger. */
+/* Returns a mean without control; while it covers too few periods, at least 1, the value of the release's wake. */
 static double resting(const sw_benefit *benefit, double mean)
 {
     return benefit->rested < SW_PROVEN_PERIODS && mean < 1.0 ? 1.0 : mean;
@@ -109,7 +109,7 @@ static void drive(sw_benefit *benefit, const sw_release *release, const double *
     if (benefit->doubt >= SW_BENEFIT_DOUBT) benefit->tested_at = speed;
 }
 
-/* Runs a period of a test, which compares control with the mean of the wake since the jets were shut. */
+/* Runs a period of a test. It compares the means under control with the mean wake since the jets were shut. */
 static uint8_t test(sw_benefit *benefit, const sw_release *release, const double *cp, double speed)
 {
     if (cp == NULL) return SW_REASON_NONE;

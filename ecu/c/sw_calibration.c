@@ -1,5 +1,5 @@
-/* The calibration: the values of a release that may be changed between two control periods, their limits, and the
- * bounds of the command gate that follow from them. This file corresponds to ecu/calibrating.py.
+/* The calibration: the values of a release that may be changed between two control periods, the limits of these values,
+ * and the bounds of the command gate that follow from them. This file corresponds to ecu/calibrating.py.
  */
 #include "sw_ecu_parts.h"
 
@@ -42,7 +42,7 @@ sw_gate_limits sw_calibration_limits(const sw_calibration *values)
 {
     sw_gate_limits limits = {SW_GATE_FLOW, SW_GATE_STEP}; /* the vehicle's bounds, as doubles */
     if (values->action_limit < greatest.action_limit) {
-        /* The range ends on a step of the message; 1e-6 keeps rounding from lowering a limit that is itself a step. */
+        /* The range is a multiple of the resolution; 1e-6 keeps a multiple from being rounded to the next lower one. */
         const double steps = (double)values->action_limit * SW_FLOW_SCALE / SW_FLOW_RESOLUTION + 1e-6;
         limits.flow_m2_per_s = (double)(int32_t)steps * SW_FLOW_RESOLUTION;
     }

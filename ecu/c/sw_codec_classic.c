@@ -11,11 +11,11 @@
 
 /* Constants of the message PressureClassic. */
 #define ENABLE_REQUEST 0x10u
-#define AGE_LIMIT 7u /* this value means this age or a greater one */
-#define PRESSURES 2  /* first byte; two pressures of 12 bits take three bytes */
+#define AGE_LIMIT 7u /* largest value: this age or a greater one */
+#define PRESSURES 2  /* first byte of the pressures; two of 12 bits take three bytes */
 
 /* Constants of the message VehicleSpeedClassic. */
-#define DENSITY 3 /* the signal's byte in the message, like the following names */
+#define DENSITY 3 /* first byte of this signal; the following names are first bytes, too */
 #define SPEED 4
 #define SPEED_AGE 6
 
@@ -24,7 +24,7 @@
 #define COUNTER_VALID 0x01u
 #define NEXT_PERIOD 0x02u
 
-/* Returns pressure i in units of the message's resolution. */
+/* Returns the pressure of sensor i in units of the message's resolution. */
 static int32_t steps_of(const uint8_t *data, int i)
 {
     const uint32_t word = sw_word(&data[PRESSURES + 3 * i / 2]);

@@ -12,11 +12,11 @@
 /* Constants of the message Pressure. */
 #define VALID 0x0fu
 #define ENABLE_REQUEST 0x10u
-#define PRESSURES 4 /* first byte */
+#define PRESSURES 4 /* first byte of the pressures */
 #define AGE 12
 
 /* Constants of the message VehicleSpeed. */
-#define DENSITY 3 /* the signal's byte in the message, like the following names */
+#define DENSITY 3 /* first byte of this signal; the following names are first bytes, too */
 #define SPEED 4
 #define SPEED_AGE 6
 

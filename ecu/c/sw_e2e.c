@@ -1,7 +1,7 @@
 /* AUTOSAR end-to-end protection (PRS_E2EProtocol) of the messages in use: profile 5 for CAN FD, profile 2 for classic
  * CAN, where the 16 data IDs of a message are equal to each other.
  *
- * The CRCs are computed half byte by half byte: the table has only 16 entries, and no branch depends on the data.
+ * The CRCs are computed half byte by half byte, so that the table has only 16 entries; no branch depends on the data.
  */
 #include "sw_ecu_parts.h"
 
@@ -10,7 +10,7 @@
 #define HEADER 3 /* header: CRC-16 with its low byte first, then the counter */
 #define COUNTER 2
 
-/* CRC-16 of 0 to 15: polynomial 0x1021, not reflected. */
+/* CRC-16 of the half bytes 0 to 15: polynomial 0x1021, not reflected. */
 static const uint16_t table[16] = {
     0x0000, 0x1021, 0x2042, 0x3063, 0x4084, 0x50a5, 0x60c6, 0x70e7,
     0x8108, 0x9129, 0xa14a, 0xb16b, 0xc18c, 0xd1ad, 0xe1ce, 0xf1ef,
@@ -48,7 +48,7 @@ uint8_t sw_e2e_counter(const uint8_t *data) { return data[COUNTER]; }
 #define HEADER 2 /* header: CRC-8, then a byte: counter in the lower half, bits of the message in the upper */
 #define COUNTER 1
 
-/* CRC-8 of 0 to 15: polynomial 0x2F, not reflected. */
+/* CRC-8 of the half bytes 0 to 15: polynomial 0x2F, not reflected. */
 static const uint8_t table[16] = {
     0x00, 0x2f, 0x5e, 0x71, 0xbc, 0x93, 0xe2, 0xcd,
     0x57, 0x78, 0x09, 0x26, 0xeb, 0xc4, 0xb5, 0x9a,

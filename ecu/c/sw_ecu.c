@@ -1,5 +1,5 @@
-/* The ECU's control period: it checks the pressure stream, updates the fail-safe, extends the window, plans, passes the
- * first free action through the command gate, and writes the frames to send. This file corresponds to ecu/ecu.py.
+/* The ECU's control period: it checks the stream of pressures, updates the fail-safe, extends the window, plans, passes
+ * the first free action through the command gate, and writes the frames to send. This file corresponds to ecu/ecu.py.
  */
 #include "sw_ecu.h"
 
@@ -8,7 +8,7 @@
 #include "sw_counts.h"
 #include "sw_ecu_parts.h"
 
-/* Largest number of periods without pressures that the window, and the jets, may bridge. */
+/* Largest number of consecutive periods without pressures that the window bridges and the jets may run. */
 #define LONGEST_GAP (SW_HOLD_PERIODS + SW_DECAY_PERIODS)
 
 /* The action that the ECU requests from the command gate in one period. */
@@ -54,7 +54,7 @@ static void after_silence(sw_memory *memory, const sw_timing *timing)
         sw_memory_emptied(memory);
         return;
     }
-    /* More skipped periods change nothing further: the window is empty and the jets follow the last command. */
+    /* More rows change nothing: the window is then empty, and all actions in transit are the last command. */
     const int most = LONGEST_GAP > (int)memory->frozen ? LONGEST_GAP : (int)memory->frozen;
     for (int k = 0; k <= most && k < timing->skipped; k++) {
         sw_memory_bridged(memory);
@@ -62,7 +62,7 @@ static void after_silence(sw_memory *memory, const sw_timing *timing)
     }
 }
 
-/* Runs the sensor check: replaces an excluded sensor by its estimate, and returns why the jets must shut. */
+/* Runs the sensor check; an excluded sensor is replaced by its estimate. Returns the SW_REASON_ for a shut-off. */
 static uint8_t check_sensors(sw_ecu *ecu, const double *cp, const double *reading)
 {
     uint8_t fault = SW_REASON_NONE;
@@ -81,7 +81,7 @@ static uint8_t check_sensors(sw_ecu *ecu, const double *cp, const double *readin
     return fault;
 }
 
-/* Runs the benefit check, with the estimate for an excluded sensor, and returns why the jets must shut. */
+/* Runs the benefit check, with the estimate for an excluded sensor. Returns the SW_REASON_ for a shut-off. */
 static uint8_t check_benefit(sw_ecu_state *state, const sw_release *release, int usable)
 {
     uint8_t fault = SW_REASON_NONE;
@@ -97,7 +97,7 @@ static uint8_t check_benefit(sw_ecu_state *state, const sw_release *release, int
     return fault;
 }
 
-/* Returns BUS_OFF while the CAN controller is bus-off, and in the next step: no node received the frames. */
+/* Returns BUS_OFF if the CAN controller is bus-off, or has been since the last step: no node received the frames. */
 static uint8_t bus_fault(const sw_bus_health *before, const sw_bus_health *now)
 {
     const int off = now->is_bus_off || now->bus_off > before->bus_off;
@@ -187,7 +187,7 @@ static void told_by_the_gate(sw_fail_safe *fail_safe, uint8_t interventions)
     if ((interventions & SW_GATED_STALE) != 0) fail_safe->reason = SW_REASON_STALE;
 }
 
-/* Takes the period's pressures into state and memory, and fills in the inputs of the fail-safe. */
+/* Copies the period's pressures to state and memory, and fills in the inputs of the fail-safe. */
 static void receive(sw_ecu *ecu, sw_period_inputs *inputs, const sw_frame *frames, int count, int64_t now_ns)
 {
     sw_ecu_state *state = &ecu->state;
@@ -246,7 +246,7 @@ static sw_gated act(sw_ecu *ecu, const sw_timing *before, int64_t now_ns)
     return passed;
 }
 
-/* Checks this build against the exporter's known answer, in the ECU's memory, which is not in use yet. */
+/* Checks this build against the exporter's known answer. The check uses the ECU's memory, which is not in use yet. */
 static uint8_t judged(sw_ecu *ecu, const sw_numbers *numbers)
 {
 #ifdef SW_WITHOUT_KNOWN_ANSWER
@@ -264,7 +264,7 @@ int sw_ecu_init_of(sw_ecu *ecu, const sw_numbers *numbers)
     sw_calibration own;
     const uint8_t unfit = judged(ecu, numbers);
     unsigned char *bytes = (unsigned char *)ecu;
-    for (size_t i = 0; i < sizeof *ecu; i++) bytes[i] = 0; /* padding too: states are compared as bytes */
+    for (size_t i = 0; i < sizeof *ecu; i++) bytes[i] = 0; /* padding is cleared, too: states are compared as bytes */
     ecu->numbers = *numbers;
     sw_calibration_own(numbers->release, &own);
     (void)sw_ecu_calibrate(ecu, &own);
@@ -387,7 +387,7 @@ int sw_ecu_step(sw_ecu *ecu, int64_t now_ns, const sw_frame *frames_in, int coun
     command.flow = steps;
     command.mode = sw_mode_on_wire(state->fail_safe.mode);
     command.enable = passed.enable;
-    /* The counter sent is that of this period's frame, or of the frame on which the held command is based. */
+    /* The counter sent is that of this period's pressures, or of those from which the held command was planned. */
     command.has_counter = state->has_pressures && (inputs.usable || sw_drives_jets(state->fail_safe.mode));
     command.pressure_counter = state->pressure_counter;
     return sw_write_frames(state, &command, ecu->numbers.release->bundle_hash, now_ns,

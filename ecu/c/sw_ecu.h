@@ -22,10 +22,10 @@
 extern "C" {
 #endif
 
-/* Initialises the ECU as at power-on: nothing is received or sent, the jets are shut, and the release's own calibration
- * is in force. Memory filled with zeros is not an initialised ECU: the zeros would mean that the request was seen low,
- * and that a sensor is excluded. Returns SW_REASON_NONE, or SW_REASON_INTERNAL if this build, or the present mode of
- * the processor, does not compute as exactly as the decisions need (sw_inexact). Every step repeats
+/* Initialises the ECU as at power-on: nothing has been received or sent, the jets are shut, and the release's own
+ * calibration is in force. Memory filled with zeros is not an initialised ECU: the zeros would mean that the request
+ * was seen low, and that a sensor is excluded. Returns SW_REASON_NONE, or SW_REASON_INTERNAL if this build, or the
+ * present mode of the processor, does not compute as exactly as the decisions need (sw_inexact). Every step repeats
  * this check and shuts the jets while it fails. The jets stay shut until the next init if a control step on a known
  * window differs from the exporter's (sw_known_answer). The check with the known window takes as long as the longest
  * step; a build with SW_WITHOUT_KNOWN_ANSWER omits it.
@@ -42,7 +42,7 @@ int sw_ecu_init_of(sw_ecu *ecu, const sw_numbers *numbers);
  * first step. Without a key the ECU sends nothing and refuses every frame. Returns 0, or 1 for a key of zeros or a trip
  * of 0; the ECU then has no key.
  *
- * The caller overwrites `given` afterwards. The caller also stores the newest values of state.pressures.verifier and
+ * The caller must then overwrite `given`. The caller must also store the newest values of state.pressures.verifier and
  * state.speed.receiver.verifier in non-volatile memory, because a restarted node accepts every frame that is newer than
  * the stored values.
  */
@@ -51,14 +51,14 @@ int sw_ecu_authenticate(sw_ecu *ecu, const sw_authentication *given);
 
 /* Changes the calibration from the next step on; call it between two steps. Returns 0, or the number of the first value
  * outside the limits of release and vehicle, counted from 1 in the structure's order; the calibration is then
- * unchanged. Actions already sent stay as they are; a narrower range limits the next command. A state that is restored
- * later must have been saved with the present delay.
+ * unchanged. Actions already sent stay as they are; a narrower range limits the next command. A state can be restored
+ * later only if it was saved with the delay then in force.
  */
 int sw_ecu_calibrate(sw_ecu *ecu, const sw_calibration *values);
 
 /* Continues from a saved state: `state` of an sw_ecu with the same release, settings and calibration. Returns 0, or 1
  * for a state that no ECU can reach, for example after a memory failure; the ECU is then unchanged. Only values that
- * would lead outside an array or a number's range are checked. A checksum is the task of the caller.
+ * would lead outside an array or a number's range are checked; the caller may add a checksum.
  */
 int sw_ecu_restore(sw_ecu *ecu, const sw_ecu_state *state);
 

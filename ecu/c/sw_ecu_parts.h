@@ -21,7 +21,7 @@ uint8_t sw_inexact(void);
 
 /* --- sw_timing.c --- */
 
-/* Advances the timing to the step at now_ns. */
+/* Updates the check of the steps' times with the step at now_ns. */
 void sw_timing_next(sw_timing *timing, int64_t now_ns);
 
 /* --- sw_e2e.c: the profile of the messages in use, SW_E2E_PROFILE --- */
@@ -79,19 +79,19 @@ typedef struct {
 void sw_parse_speed(const uint8_t *data, sw_speed *speed);
 #endif
 
-/* Write SW_COMMAND_BYTES and SW_STATUS_BYTES bytes with an empty header; SW_PLAN_AHEAD is the signal NextPeriod. */
+/* Write SW_COMMAND_BYTES and SW_STATUS_BYTES bytes with an empty header; SW_PLAN_AHEAD is the value of NextPeriod. */
 void sw_emit_command(uint8_t *data, const sw_jet_command *command);
 void sw_emit_status(uint8_t *data, const sw_ecu_status *status);
 
 /* --- sw_receiver.c --- */
 
-/* A received message. */
+/* The properties of a message that is received. */
 typedef struct {
     uint32_t id;
-    int bytes; /* length of the part that E2E protects, in bytes */
+    int bytes; /* number of the bytes that E2E protects */
     uint16_t data_id;
 #if SW_SECOC
-    int secured; /* length including freshness and MAC, in bytes */
+    int secured; /* number of bytes including freshness and MAC */
 #endif
 } sw_message;
 
@@ -103,14 +103,14 @@ const sw_frame *sw_receive(sw_receiver *receiver, const sw_message *message, con
 
 typedef struct {
     uint8_t usable;
-    uint8_t has_request; /* whether a frame with a valid request arrived */
+    uint8_t has_request; /* whether a frame that may change the request arrived */
     uint8_t enable_request;
     uint8_t unusable_because; /* SW_REASON_ */
     uint8_t counter;          /* E2E counter of the frame with the usable pressures */
     int64_t sampled_ns;       /* time at which the usable pressures were sampled */
-    double cp[SW_SENSORS];    /* the usable pressures */
+    double cp[SW_SENSORS];    /* the usable pressures, as Cp */
 #if SW_PAST > 0
-    double reading[SW_SENSORS]; /* pressures divided by the design speed's dynamic pressure */
+    double reading[SW_SENSORS]; /* pressures divided by the dynamic pressure at the design speed */
 #endif
 } sw_received;
 
@@ -121,7 +121,7 @@ void sw_reception(sw_received *received, sw_receiver *receiver, const sw_frame *
 /* Returns whether the content of a frame was sampled at most oldest_ns before now_ns, and not after now_ns. */
 int sw_is_fresh(int64_t timestamp_ns, int64_t age_ns, int64_t now_ns, int64_t oldest_ns);
 
-/* Advances the detection to the step at step_ns. Commands and statuses among the frames come from another ECU. */
+/* Updates the detection of another ECU at step_ns. Commands and statuses among the frames come from another ECU. */
 void sw_other_ecu_next(sw_other_ecu *other, const sw_frame *frames, int count,
                        int64_t step_ns SW_BY_KEY(const sw_secoc *secoc));
 
@@ -135,11 +135,11 @@ void sw_speed_next(sw_speed_state *speed, const sw_release *release, const sw_fr
 /* Returns the pressure of Cp = 1, in Pa; 0 without a speed. */
 double sw_speed_dynamic_pressure(const sw_speed_state *speed, const sw_release *release);
 
-/* Returns the speed in design speeds, limited to the release's range; 1 if it is unknown or too far out of range. */
+/* Returns the speed divided by the design speed, within the release's range; 1 if it is unknown or too far outside. */
 double sw_speed_present(const sw_speed_state *speed, const sw_release *release);
 #endif
 
-/* --- sw_past.c: rows of past periods, resampled at steps of the present speed --- */
+/* --- sw_past.c: rows of past periods, resampled at equal distances travelled --- */
 
 /* Returns the value after a period in which the value moves from `before` by a share of the way to `to`. */
 double sw_followed(double before, double to, double share);
@@ -150,20 +150,20 @@ void sw_past_extend(sw_past *past, const double row[SW_COLUMNS], double speed);
 
 void sw_past_empty(sw_past *past);
 
-/* Resamples the window at steps of the present speed. Returns the number of its rows that have data. */
+/* Resamples the window at equal distances travelled. Returns the number of its rows that have data. */
 uint32_t sw_past_read(const sw_past *past, double window[SW_WINDOW][SW_COLUMNS], int first, int last);
 #endif
 
 /* --- sw_memory.c: window, plan and actions in transit --- */
 
-/* Add a row for this period (speed in design speeds), bridge a period without pressures, and empty the window. */
+/* Add a row for this period (speed / design speed), bridge a period without pressures, and empty the window. */
 void sw_memory_observed(sw_memory *memory, const double cp[SW_SENSORS], double speed);
 void sw_memory_bridged(sw_memory *memory);
 void sw_memory_emptied(sw_memory *memory);
 void sw_memory_commanded(sw_memory *memory, double action);
 void sw_memory_without_plan(sw_memory *memory);
 
-/* Returns the speed of the newest row, in design speeds. */
+/* Returns the speed of the newest row, divided by the design speed. */
 double sw_memory_speed(const sw_memory *memory);
 
 /* Changes the actuator's delay: `frozen` actions are in transit, fewer than SW_HORIZON. */
@@ -192,8 +192,8 @@ uint8_t sw_sensors_next(sw_sensors *sensors, const sw_numbers *numbers, sw_estim
 
 #if SW_BENEFIT_CHECK
 /* Checks whether control helps, after a period with the pressures `cp`; `cp` is NULL if there are no pressures. `speed`
- * is the vehicle's speed in design speeds, and `drives` states whether the jets could run until now. Returns the
- * SW_REASON_ for which the ECU must switch itself off, or SW_REASON_NONE.
+ * is divided by the design speed; `drives` states whether the jets were allowed to run during the past period. Returns
+ * the SW_REASON_ for which the ECU must switch itself off, or SW_REASON_NONE.
  */
 uint8_t sw_benefit_next(sw_benefit *benefit, const sw_release *release, const double *cp, double speed, int drives);
 #endif

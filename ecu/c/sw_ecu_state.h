@@ -27,12 +27,12 @@
 #define SW_KEPT SW_WINDOW
 #endif
 
-/* Valid times are 0 to this limit (73 years), in ns, of one clock that never goes back; others are clock faults. */
+/* Valid times are 0 to this limit (73 years), in ns, of a clock that never goes back; others are clock faults. */
 #define SW_LATEST_NS ((int64_t)1 << 61)
 
 /* A CAN frame; bytes beyond `length` are not read. */
 typedef struct {
-    int64_t timestamp_ns; /* time of reception, or of hand-over for sending; on the clock of now_ns */
+    int64_t timestamp_ns; /* time of reception, or of hand-over for sending, on the clock of now_ns */
     uint32_t id;
     uint8_t is_extended; /* has a 29-bit identifier */
     uint8_t is_fd;
@@ -96,7 +96,7 @@ typedef struct {
     uint8_t stream;       /* sw_stream */
     uint8_t has_counter;  /* whether a frame with a valid CRC has arrived */
     uint8_t last_counter; /* counter of the latest frame with a valid CRC */
-    uint8_t checks;       /* number of checks in `window`, oldest first */
+    uint8_t checks;       /* number of checks in `window`, whose oldest check comes first */
     uint8_t window[SW_E2E_WINDOW];
     uint32_t counts[SW_CHECKS];
 #if SW_SECOC
@@ -116,7 +116,7 @@ typedef struct {
 typedef struct {
     uint8_t has_step;
     uint8_t fault; /* SW_REASON_, or SW_REASON_NONE */
-    uint32_t off_time; /* steps that were off time among the latest SW_DEADLINE_WINDOW: one bit each */
+    uint32_t off_time; /* bit i: whether the step i steps before the latest was early or late */
     int64_t step_ns;
     int64_t lag_ns;
     int64_t skipped;
@@ -126,14 +126,14 @@ typedef struct {
 /* The rows of the latest control periods with their speeds; the last `count` rows have data, the others are zero. */
 typedef struct {
     uint32_t count;
-    double rows[SW_PAST][SW_COLUMNS]; /* rows as in the window; each row is in units of the speed in its period */
-    double speeds[SW_PAST];           /* speed of each row, in design speeds */
+    double rows[SW_PAST][SW_COLUMNS]; /* rows as in the window, each made dimensionless with its period's speed */
+    double speeds[SW_PAST];           /* speed of each row, divided by the design speed */
 } sw_past;
 
 /* The vehicle's speed through the air. */
 typedef struct {
     sw_receiver receiver; /* receiver of VehicleSpeed */
-    uint8_t known;        /* whether a speed is accepted that is not too old */
+    uint8_t known;        /* whether the latest accepted speed is not too old */
     uint8_t is_off;       /* whether the speed left the range by more than the margin and has not yet returned */
     double ratio;         /* speed divided by the design speed; 0 if unknown */
     double density;       /* density of the air in kg/m3, from the same frame */
@@ -167,10 +167,10 @@ typedef struct {
     double slow[SW_HYPOTHESES][SW_SENSORS];
     double noise[SW_HYPOTHESES][SW_SENSORS];
     double score[SW_HYPOTHESES][SW_SENSORS];
-    double estimates[SW_KEPT][SW_SENSORS]; /* estimate of each sensor from the others, in the latest periods */
+    double estimates[SW_KEPT][SW_SENSORS]; /* estimate of each sensor's pressure from the others; latest periods */
 } sw_sensors;
 
-/* The benefit check; suction and swing are in units of the release's own wake without jets. */
+/* The benefit check; suction and swing are divided by those of the release's own wake without jets. */
 typedef struct {
     uint32_t waking; /* number of periods with shut jets that are still needed until the wake has recovered */
     uint32_t rested; /* number of periods in the means without control, up to SW_PROVEN_PERIODS */
@@ -181,14 +181,14 @@ typedef struct {
     double resting_swing;
     double suction;
     double swing;
-    double tested_at; /* speed at the beginning of the test, in design speeds; 0 if no test runs */
+    double tested_at; /* speed / design speed at the beginning of the test; 0 if no test runs */
 } sw_benefit;
 
 /* The detection of another ECU on the bus. */
 typedef struct {
     uint8_t is_there;
     uint32_t frames;  /* number of the other ECU's frames so far */
-    int64_t until_ns; /* time at which the other ECU counts as gone */
+    int64_t until_ns; /* time from which the other ECU counts as gone if it sends no more frames */
 } sw_other_ecu;
 
 /* The whole state from one control period to the next. */
@@ -218,10 +218,10 @@ typedef struct {
 
 /* The parameters of a release except those of its controller and its sensor estimator; read in place. */
 typedef struct {
-    double fast_deviation[SW_SENSORS][SW_SENSORS]; /* [i][j]: deviation of healthy sensor i's residual without j, Cp */
+    double fast_deviation[SW_SENSORS][SW_SENSORS]; /* [j][i]: deviation of healthy sensor i's residual without j, Cp */
     double slow_deviation[SW_SENSORS][SW_SENSORS]; /* as fast_deviation, for the slow means of the residuals */
-    double resting[SW_RESTING_SPEEDS][3]; /* the wake without jets: speed, base and swing in Cp */
-    double slowest;                       /* lowest speed in the release's range, in design speeds */
+    double resting[SW_RESTING_SPEEDS][3]; /* wake without jets: speed / design speed, suction, swing (Cp) */
+    double slowest;                       /* lowest speed in the release's range, divided by the design speed */
     double fastest;
     double design_speed;     /* in m/s */
     double design_density;   /* density of the air, in kg/m3 */
@@ -245,7 +245,7 @@ typedef struct {
 typedef struct {
     float weights[SW_TERMS]; /* weights of the cost terms */
     float action_limit;      /* largest magnitude of an action, in the plan and after the gate, in U_inf W */
-    float command_step;      /* largest change in a control period, in U_inf W */
+    float command_step;      /* largest change of a command in a control period, in U_inf W */
     uint32_t delay_steps;    /* compensated delay of the actuator, in control periods */
 } sw_calibration;
 
@@ -255,7 +255,7 @@ typedef struct {
     uint8_t key[SW_AES_BYTES];
     uint32_t trip;           /* number of power cycles, including this one; already counted in non-volatile memory */
     uint64_t heard_pressure; /* freshness value of a Pressure accepted in earlier power cycles; 0 if there is none */
-    uint64_t heard_speed;    /* freshness value of a VehicleSpeed, if the release needs the message */
+    uint64_t heard_speed;    /* freshness value of a VehicleSpeed, likewise; used if the release needs it */
 } sw_authentication;
 #endif
 
@@ -269,7 +269,7 @@ typedef struct {
 typedef struct {
     double action; /* sent action, in U_inf W */
     uint8_t interventions;
-    uint8_t planned; /* whether `output` belongs to this step; `output` is in units of the present speed */
+    uint8_t planned; /* whether `output` belongs to this step; its actions are divided by the present speed */
 } sw_trace;
 
 /* Scratch memory of parts that never run at the same time. */
@@ -285,7 +285,7 @@ typedef struct {
     sw_surroundings surroundings;
     sw_calibration calibration; /* values in force; only sw_ecu_calibrate changes these values */
     sw_gate_limits limits;      /* bounds of the gate that follow from the calibration */
-    uint8_t unfit;              /* SW_REASON_ why the jets have stayed shut since power-on, or SW_REASON_NONE */
+    uint8_t unfit;              /* SW_REASON_ for which the jets stay shut until the next init, or SW_REASON_NONE */
     sw_trace trace;
     sw_input input;
     sw_output output;

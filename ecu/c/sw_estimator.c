@@ -32,7 +32,7 @@
 #define ONCE
 #endif
 
-/* Rounds the window to work->readings. Rows before row `first` are set equal to row `first`. */
+/* Rounds the window into work->readings. Rows before row `first` are set equal to row `first`. */
 static void take_readings(sw_estimator_work *work, const double window[SW_WINDOW][SW_COLUMNS], int first)
 {
     for (int r = 0; r < SW_ESTIMATOR_ROWS; r++) {

@@ -36,12 +36,12 @@ typedef struct sw_estimator_weights {
     SW_ALIGNED float spread[SW_SENSORS];
 } sw_estimator_weights;
 
-extern const sw_estimator_weights sw_own_estimator; /* compiled in */
+extern const sw_estimator_weights sw_own_estimator; /* the compiled-in weights */
 
-/* Scratch memory. Sums are those of the first layer, in integers: a reading or a flag of 1 is SW_ESTIMATOR_ONE. */
+/* Scratch memory. The sums are those of the first layer, in integers: SW_ESTIMATOR_ONE is a reading or a flag of 1. */
 typedef struct {
     const sw_estimator_weights *weights;         /* the network in use */
-    int32_t all[SW_ESTIMATOR_WIDTH];             /* sum of all columns' products, each in its own place, no flags */
+    int32_t all[SW_ESTIMATOR_WIDTH];             /* sum of all columns' products, each in its place; without flags */
     int32_t crossed[SW_ESTIMATOR_WIDTH];         /* `all` with two readings exchanged, or without a sensor */
     int32_t out[SW_SENSORS][SW_ESTIMATOR_WIDTH]; /* change of the sum without a sensor: flag minus column */
     int32_t crossed_out[SW_SENSORS][SW_ESTIMATOR_WIDTH]; /* change of the sum `crossed` if a sensor is left out */

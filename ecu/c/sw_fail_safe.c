@@ -9,8 +9,8 @@
 typedef enum {
     ALWAYS,
     UPDATING,  /* a new release is being written */
-    OWN_FAULT, /* a fault of clock, deadline, bus, sensors or controller, or another ECU */
-    REARMED,   /* the request rises with usable pressures, SW_REARM_FRAMES or more in a row */
+    OWN_FAULT, /* a fault of clock, deadline, bus, sensors or controller; or another ECU is on the bus */
+    REARMED,   /* the request rises, and SW_REARM_FRAMES or more consecutive periods have usable pressures */
     REARMED_FILLING,
     LOW,            /* control is not requested */
     NEVER_YET,      /* no usable pressures, and the request does not rise */
@@ -21,7 +21,7 @@ typedef enum {
     TOO_MANY,       /* SW_LOSS_LIMIT of the latest SW_LOSS_WINDOW periods missing, including this one */
     FILLING,        /* the window is not full, the speed is out of the release's range, or a test runs */
     USABLE,         /* usable pressures */
-    SHORT           /* the number of consecutive missing periods is at most that of hold periods */
+    SHORT           /* no more consecutive periods missing than hold periods */
 } condition;
 
 typedef enum {
@@ -39,14 +39,14 @@ typedef struct {
     uint16_t start; /* modes in which the row's transition may be taken, one bit each */
     uint8_t when;   /* condition of the transition */
     uint8_t to;     /* sw_operating_mode */
-    uint8_t reason; /* because: origin of the reason */
+    uint8_t reason; /* origin of the reason: a value of `because` */
 } transition;
 
-/* The data that the conditions need: one period's inputs, and the counts up to this period. */
+/* The data on which the conditions depend: one period's inputs, and the counts up to this period. */
 typedef struct {
     const sw_period_inputs *inputs;
     uint8_t request;
-    uint8_t rises; /* the request was low before this period and is high now */
+    uint8_t rises; /* whether the request was low before this period and is high now */
     uint8_t kept;  /* reason of the previous state */
     uint32_t misses;
     uint32_t good;
@@ -100,7 +100,7 @@ static uint8_t missing(const period *now)
     return now->inputs->usable ? (uint8_t)SW_REASON_NONE : now->inputs->unusable_because;
 }
 
-/* Returns `reason`, or NOT_AUTHENTIC if no frame of the vehicle is authentic: its request is then ignored. */
+/* Returns `reason`; NOT_AUTHENTIC if no frame of the vehicle is authentic: the vehicle's request is then ignored. */
 static uint8_t unless_refused(const period *now, uint8_t reason)
 {
     return missing(now) == SW_REASON_NOT_AUTHENTIC ? (uint8_t)SW_REASON_NOT_AUTHENTIC : reason;
@@ -242,7 +242,7 @@ void sw_fail_safe_next(sw_fail_safe *fail_safe, const sw_period_inputs *inputs)
     now.request = inputs->has_request ? inputs->enable_request : fail_safe->enable_request;
     now.rises = now.request && !fail_safe->enable_request;
     if (inputs->usable) {
-        /* Good frames count for re-arming only from the latest period with a fault of the ECU itself on. */
+        /* After a fault of the ECU itself, good frames count for re-arming only from the fault's latest period on. */
         now.good = inputs->fault == SW_REASON_NONE ? sw_counted(fail_safe->good, 1) : 1u;
     } else {
         now.misses = sw_counted(fail_safe->misses, 1);
@@ -251,7 +251,7 @@ void sw_fail_safe_next(sw_fail_safe *fail_safe, const sw_period_inputs *inputs)
     now.lost = sw_bit_count(lost);
     const transition *row = taken(fail_safe->mode, &now);
     if (row->to == SW_FAULT && fail_safe->mode != SW_FAULT) {
-        /* The request must be seen low from now on, as at power-on; otherwise an unnoticed rise would end the fault. */
+        /* The request must first be seen low again, as at power-on; otherwise an unnoticed rise would end the fault. */
         now.request = !inputs->has_request || inputs->enable_request;
     }
     fail_safe->mode = row->to;

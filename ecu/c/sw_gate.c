@@ -2,8 +2,8 @@
  *
  * The jets are shut immediately in four cases, checked in this order: there is no permission, the command is not a
  * finite number, the clock has not advanced, or there is no fresh pressure. Otherwise the command is limited to its
- * range, and then to one step from the previous command. Zero is the safe state, so the step limit never slows down a
- * shut-off. This file corresponds to can_bridge/command_gate.py.
+ * range, and its change from the previous command to one step. Zero is the safe state, so the step limit never slows
+ * down a shut-off. This file corresponds to can_bridge/command_gate.py.
  */
 #include <float.h>
 
@@ -37,7 +37,7 @@ static double largest_change(double step_m2_per_s, int has_previous, int64_t pre
     return step_m2_per_s * share;
 }
 
-/* Returns whether the pressures are fresh; older pressures still allow a command between the previous one and zero. */
+/* Returns whether the pressures are fresh enough; for a command between the previous one and zero they may be older. */
 static int is_fresh(double flow_m2_per_s, double previous_m2_per_s, int64_t pressure_ns, int64_t now_ns)
 {
     const int towards_zero = smaller(0.0, previous_m2_per_s) <= flow_m2_per_s &&
@@ -63,7 +63,7 @@ sw_gated sw_gate(double flow_m2_per_s, int enable, double previous_m2_per_s, int
     if (in_range != flow_m2_per_s) gated.interventions = SW_GATED_RANGE;
     if (gated.flow_m2_per_s != in_range) {
         gated.interventions = (uint8_t)(gated.interventions | SW_GATED_RATE);
-        /* The range is applied last, since the previous command may have been outside it. */
+        /* The range is applied last, since the previous command may have been outside the range. */
         gated.flow_m2_per_s = clamp(gated.flow_m2_per_s, -range, range);
     }
     return gated;

@@ -53,12 +53,12 @@ static int are_within(const void *values, const sw_limits *of)
     if (of->type == UINT8) return uint8_within((const uint8_t *)values, of->run, of->least, of->most);
     if (of->type == INT32) return int32_within((const int32_t *)values, of->run, of->least, of->most);
     if (of->type == FLOAT) return float_within((const float *)values, of->run, of->least, of->most);
-    return double_within((const double *)values, of->run, of->least, of->most); /* the type DOUBLE */
+    return double_within((const double *)values, of->run, of->least, of->most); /* the values have the type DOUBLE */
 }
 
 /* --- Limits of several numbers together --- */
 
-/* Checks that filters end within the past, and have the right total number of weights. */
+/* Checks that every filter ends within the past, and that all filters together have the right number of weights. */
 static int filters_fit(const sw_weights *weights)
 {
     int fit = 1;
@@ -75,7 +75,7 @@ static int filters_fit(const sw_weights *weights)
     return fit;
 }
 
-/* Checks that speeds rise, and that the past is long enough for the window at the slowest speed. */
+/* Checks that the speeds are in rising order, and that the past suffices for the window at the slowest speed. */
 static int speeds_fit(const sw_release *release)
 {
     int fit = 1;

@@ -2,7 +2,7 @@
  *
  * The window's row at period k is (Cp_k, a_{k-1}): the present pressures, and the action in force when they were
  * sampled. In a release for a range of speeds the window is resampled from a record of past periods; pressures, actions
- * and plan are in units of the present speed, while actions that were sent or are in transit are in units of the design
+ * and plan are made dimensionless with the present speed, but actions that were sent or are in transit with the design
  * speed. This file corresponds to ecu/controller_memory.py.
  */
 #include "sw_ecu_parts.h"
@@ -88,7 +88,7 @@ void sw_memory_commanded(sw_memory *memory, double action)
  */
 void sw_memory_freeze(sw_memory *memory, int frozen)
 {
-    double sent[SW_WINDOW + SW_HORIZON]; /* actions of the rows, then those in transit, without a gap */
+    double sent[SW_WINDOW + SW_HORIZON]; /* actions of the rows, then actions in transit: a series without a gap */
     float plan[SW_HORIZON];
     const int later = frozen - (int)memory->frozen;
     for (int k = 0; k < SW_WINDOW; k++) sent[k] = memory->window[k][SW_SENSORS];

@@ -17,7 +17,7 @@ int sw_is_fresh(int64_t timestamp_ns, int64_t age_ns, int64_t now_ns, int64_t ol
 }
 
 #if SW_SECOC
-/* Returns whether a pressure frame arrived. If frames arrived and none was accepted, none was authentic. */
+/* Returns whether a pressure frame arrived. If frames arrived and no frame was accepted, no frame was authentic. */
 static int came(const sw_frame *frames, int count)
 {
     int any = 0;
@@ -55,7 +55,7 @@ void sw_reception(sw_received *received, sw_receiver *receiver, const sw_frame *
     if (frame == NULL) return;
     sw_parse_pressure(frame->data, &pressure);
     if (receiver->stream != SW_VALID) {
-        /* Only a trusted stream can request control; any frame with a good check can end the request. */
+        /* Only a trusted stream can request control; every frame with a good check can withdraw the request. */
         received->has_request = (uint8_t)!pressure.enable_request;
         return;
     }
@@ -90,7 +90,7 @@ static int is_sound(const sw_frame *frame, int bytes, uint16_t data_id)
 }
 
 #if SW_SECOC
-/* Returns whether a frame is authentic; a repeated old frame is authentic, too. */
+/* Returns whether a frame is authentic. A recorded frame that is sent again is authentic, too. */
 static int is_authentic(const sw_secoc *secoc, const sw_frame *frame)
 {
     const int is_command = frame->id == SW_COMMAND_ID;

@@ -1,5 +1,5 @@
 /* The sensor check: whether the pressures are plausible. This file corresponds to ecu/sensor_check.py, which explains
- * the criteria. Sums run from left to right, as in NumPy for so few numbers.
+ * the criteria. Sums are computed from left to right, as NumPy computes sums of so few numbers.
  */
 #include "sw_counts.h"
 #include "sw_ecu_parts.h"
@@ -40,9 +40,9 @@ void sw_sensors_start(sw_sensors *sensors)
 typedef struct {
     double liar[SW_SENSORS]; /* evidence that this sensor reads wrongly and the others do not */
     double bias[SW_SENSORS]; /* like `liar`, from the slow means */
-    double swap;             /* evidence that two sensors are exchanged: the largest of all pairs */
-    double doubt;            /* evidence that the sensors in use disagree */
-    double drift;            /* like `doubt`, from the slow means: the smallest value over the left-out sensors */
+    double swap;             /* evidence that two sensors are exchanged: the largest value of all pairs */
+    double doubt;            /* evidence that the sensors in use contradict each other */
+    double drift;            /* like `doubt`, from the slow means; the smallest value, whichever sensor is left out */
 } levels;
 
 static double square(double value) { return value * value; }
@@ -67,10 +67,10 @@ static double others_mean(const double values[SW_SENSORS], int own)
     return (sum - values[own]) / (double)(SW_SENSORS - 1);
 }
 
-/* Returns a hypothesis's row of deviations: for an exchange the sensor's own, since all other sensors estimate it. */
+/* Returns a hypothesis's row of deviations: the sensor's own for an exchange, which leaves out only this sensor. */
 static int row_of(int hypothesis, int sensor) { return hypothesis < SW_SENSORS ? hypothesis : sensor; }
 
-/* Repeats the newest estimates in one more row for this period, and in one row for each skipped period. */
+/* Repeats the newest estimates in new rows: one row for this period, and one row for each skipped period. */
 static void prolong(sw_sensors *sensors, int64_t skipped)
 {
     const int rows = skipped < SW_KEPT ? (int)skipped + 1 : SW_KEPT;
@@ -110,8 +110,8 @@ static void average(sw_sensors *sensors, const sw_release *release, int h, const
     }
 }
 
-/* Updates all hypotheses: each sensor may read wrongly, and each pair may be exchanged, in which case its readings are
- * compared crosswise.
+/* Updates the running means of all hypotheses: each sensor may read wrongly, and each pair may be exchanged, in which
+ * case its readings are compared crosswise.
  */
 static void average_all(sw_sensors *sensors, const sw_release *release, const double cp[SW_SENSORS],
                         const sw_estimator_work *work)
@@ -131,7 +131,7 @@ static void average_all(sw_sensors *sensors, const sw_release *release, const do
     sensors->judged = 1;
 }
 
-/* Returns a sensor's entry in a row of values, relative to the entries of the other sensors. */
+/* Returns a sensor's value divided by 1 plus the mean of the other sensors' values. */
 static double alone_in(const double values[SW_SENSORS], int own)
 {
     return values[own] / (1.0 + others_mean(values, own));
@@ -191,8 +191,8 @@ static double sound_deviation(const sw_release *release)
     return mean_of(sound);
 }
 
-/* Returns whether the median of the other pressures moved, which shows a flow, in the periods in which this sensor was
- * stuck. Rows before row `first` are taken to be equal to row `first`.
+/* Returns whether the other sensors' pressures moved in the periods in which this sensor was stuck: the median of their
+ * ranges then shows a flow. Rows before row `first` are taken to be equal to row `first`.
  */
 static int others_move(const sw_release *release, int resting, const double window[SW_WINDOW][SW_COLUMNS], int first)
 {
@@ -205,7 +205,7 @@ static int others_move(const sw_release *release, int resting, const double wind
     return median >= SW_MOVING * sound_deviation(release);
 }
 
-/* Returns whether two sensors in use have equal readings over a whole window while the readings change. */
+/* Returns whether two sensors in use have nearly equal readings over a whole window while the readings change. */
 static int any_alike(const sw_release *release, const double window[SW_WINDOW][SW_COLUMNS], int set_aside)
 {
     const double sound = sound_deviation(release);
@@ -225,7 +225,7 @@ static int any_alike(const sw_release *release, const double window[SW_WINDOW][S
     return alike;
 }
 
-/* Returns the sensor with the most evidence, the first of several; -1 if no sensor has enough evidence. */
+/* Returns the sensor with the most evidence, the first if several have as much; -1 if no sensor has enough evidence. */
 static int liar_of(const levels *found)
 {
     int liar = -1;
@@ -240,7 +240,7 @@ static int liar_of(const levels *found)
     return liar;
 }
 
-/* Returns the count of periods in doubt minus periods without doubt. */
+/* Returns the count of doubt: one more after a period in doubt, one less after a period without doubt. */
 static uint32_t counted_doubt(uint32_t doubt, int doubted)
 {
     uint32_t next = doubt;

@@ -1,5 +1,5 @@
-/* The vehicle's speed through the air, which turns pressures into coefficients and actions into flow rates. While no
- * new speed is accepted, the last one stays in force for a limited time. This file corresponds to
+/* The vehicle's speed through the air, with which pressures are converted to coefficients and actions to flow rates.
+ * While no new speed is accepted, the last one stays in force for a limited time. This file corresponds to
  * ecu/speed_reception.py.
  */
 #include "sw_ecu_parts.h"
@@ -12,7 +12,7 @@ static uint64_t age_of(const sw_speed_state *speed, int64_t now_ns)
     return now_ns > speed->measured_ns ? (uint64_t)now_ns - (uint64_t)speed->measured_ns : 0u;
 }
 
-/* Returns whether a vehicle can change from the last speed to this one in the elapsed time. */
+/* Returns whether a vehicle can change from the last accepted speed to this one in the elapsed time. */
 static int is_plausible(const sw_speed_state *speed, const sw_release *release, double speed_m_per_s, int64_t now_ns)
 {
     const double elapsed_s = (double)age_of(speed, now_ns) * 1e-9;
@@ -22,7 +22,7 @@ static int is_plausible(const sw_speed_state *speed, const sw_release *release, 
     return !speed->known || (change <= most && change >= -most);
 }
 
-/* Takes the speed of a frame, unless it is old, unknown or implausible. */
+/* Accepts the speed of a frame, unless it is old, unknown or implausible. */
 static void believe(sw_speed_state *speed, const sw_release *release, const sw_frame *frame, int64_t now_ns)
 {
     sw_speed stated;

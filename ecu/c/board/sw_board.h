@@ -1,7 +1,7 @@
 /* The properties of this board: addresses of registers, clocks, bit timing, sectors. For another board with the same
  * kinds of peripherals, change only this file and the memories in sw_board.ld. Addresses are those of an STM32H743
- * (RM0433), except the counter, which is Arm's (CNTReadBase). The board's maker writes the setup of the clock tree and
- * the pins, in sw_board_power_on.
+ * (RM0433), except the counter's, which is Arm's (CNTReadBase). The board's maker implements sw_board_power_on, which
+ * sets up the clock tree and the pins.
  */
 #ifndef SW_BOARD_H
 #define SW_BOARD_H
@@ -18,8 +18,8 @@
 #define SW_BOARD_RANDOM 0x48021800u
 #define SW_BOARD_CAN 0x4000a000u     /* registers of M_CAN */
 #define SW_BOARD_CAN_RAM 0x4000ac00u /* message RAM of M_CAN */
-#define SW_BOARD_CAN_INTERRUPT 19u   /* line 0 of M_CAN; the interrupt only ends the core's sleep */
-#define SW_BOARD_TIMER_INTERRUPT 30u /* compare value of the counter; the interrupt only ends sleep */
+#define SW_BOARD_CAN_INTERRUPT 19u   /* interrupt number of M_CAN's line 0; the interrupt only ends the core's sleep */
+#define SW_BOARD_TIMER_INTERRUPT 30u /* interrupt number of the compare value; the interrupt only ends sleep */
 #define SW_BOARD_CAN_NS 2000u        /* resolution of receive time stamps: one nominal bit */
 /* The clock of M_CAN is 80 MHz. A nominal bit has 160 quanta (500 kbit/s) and is sampled at 80 %; a data bit has 40
  * quanta (2 Mbit/s) and is sampled at 75 %.
@@ -31,14 +31,14 @@
 #define SW_BOARD_FLASH_BANK 0x08100000u
 #define SW_BOARD_FLASH_SECTORS 8u
 #define SW_BOARD_BACKUP 0x38800000u /* SRAM that survives a loss of the supply; sw_board_power_on enables it */
-#define SW_BOARD_ERASE_NS INT64_C(5000000000) /* limit of an erasure; the chip needs at most 4 s (DS12110) */
+#define SW_BOARD_ERASE_NS INT64_C(5000000000) /* erasures fail after this time; the chip needs at most 4 s (DS12110) */
 
 /* --- Declarations that are the same for every board --- */
 
 #define SW_BOARD_REGISTER(address) (*(volatile uint32_t *)(uintptr_t)(address))
 
-/* Feeds a watchdog; does nothing on the emulated board. The program calls it in each turn of its loop (at most one and
- * a half control periods) and after start-up, which may erase a sector.
+/* Feeds a watchdog; does nothing on the emulated board. The program calls this function in each pass of its loop, at
+ * most one and a half control periods apart, and after the start-up, which may erase a sector.
  */
 void sw_board_alive(void);
 
@@ -59,16 +59,16 @@ void sw_board_reset(void);
 
 #define SW_BOARD_EXTENDED 0x80000000u /* marks a 29-bit identifier */
 
-/* Starts the reception of frames with these identifiers; frames with other identifiers are refused. */
+/* Starts the reception of frames with these identifiers; frames with other identifiers are discarded. */
 void sw_board_can_start(const uint32_t *ids, uint32_t count);
 
-/* Copies all received frames, oldest first, up to `room` frames; returns their number. */
+/* Copies the received frames, oldest first, at most `room` frames; returns the number of copied frames. */
 int sw_board_can_receive(sw_frame *frames, int room);
 
-/* Hands a control frame to the CAN controller. Each place holds one frame; a frame with a lower identifier is sent
- * before a frame with a greater one. An older frame that is still in the place is outdated and is cancelled. Returns 1
- * if the controller is bus-off or is sending the older frame: the new frame is then lost. sw_board_lost counts lost and
- * cancelled frames.
+/* Hands a control frame to the CAN controller, in its transmit buffer number `place`. Of the frames in the buffers, the
+ * frame with the lowest identifier is sent first. An older frame that is still in the same buffer is outdated and is
+ * cancelled. Returns 1 if the controller is bus-off or is sending the older frame: the new frame is then lost.
+ * sw_board_lost counts lost and cancelled frames.
  */
 int sw_board_can_send(const sw_frame *frame, uint32_t place);
 extern volatile uint32_t sw_board_lost;
@@ -82,12 +82,12 @@ int sw_board_can_is_idle(void);
 
 #if SW_SECOC
 /* Writes the bus key and the freshness values of earlier power cycles to `found`, and counts this power cycle in memory
- * that survives a loss of the supply. Returns 0, or 1 if it cannot count; the ECU then has no key and sends nothing.
+ * that survives a loss of the supply. Returns 0, or 1 if the cycle cannot be counted; the ECU then has no key.
  */
 int sw_board_authentication(sw_authentication *found);
 
-/* Stores the newest accepted freshness values. It must be called after every step: a frame whose value is stored late
- * could be replayed once after a restart.
+/* Stores the freshness values of the newest accepted frames. It must be called after every step: a frame could be
+ * replayed once after a restart if its value had not been stored.
  */
 void sw_board_keep_freshness(const sw_ecu_state *state);
 #endif

@@ -40,12 +40,12 @@
 #define CCCR_FD_AND_BRS 0x300u
 #define PSR_BUS_OFF 0x80u
 #define IR_NEW_IN_FIFO_0 1u
-#define IR_BUS_OFF 0x2000000u /* the bus-off state has changed since the bit was cleared */
+#define IR_BUS_OFF 0x2000000u /* set when the bus-off state changes */
 #define MOST_BUS_OFFS 8u      /* largest number of bus-off events counted per call */
 #define REFUSE_REMOTE_AND_OTHERS 0x2bu             /* GFC: refuses remote frames and frames that match no filter */
-#define FILTER_TO_FIFO_0 ((2u << 30) | (1u << 27)) /* classic filter: identifier and mask */
+#define FILTER_TO_FIFO_0 ((2u << 30) | (1u << 27)) /* filter type "classic": identifier and mask */
 #define EXTENDED_TO_FIFO_0 (1u << 29)              /* first word of a 29-bit filter, with the identifier */
-#define EXTENDED_MASK ((2u << 30) | 0x1fffffffu)   /* second word of a 29-bit filter: classic, with the mask */
+#define EXTENDED_MASK ((2u << 30) | 0x1fffffffu)   /* second word of a 29-bit filter: type "classic", and the mask */
 #define ELEMENT_64_BYTES 7u
 #define STANDARD_SHIFT 18u
 #define XTD 0x40000000u
@@ -116,7 +116,7 @@ static void read_element(sw_frame *frame, uint32_t at)
         const uint32_t word = RAM(at + 2u + i / 4u);
         for (uint32_t j = 0; j < 4u; j++) frame->data[i + j] = (uint8_t)(word >> (8u * j));
     }
-    /* The counter has 16 bits, so a frame must be read before the counter has counted 65,536 bits since its arrival. */
+    /* The counter has 16 bits, so a frame must be read within 65,536 bit times after its arrival. */
     const uint32_t age = (CAN(TSCV) - second) & 0xffffu;
     frame->timestamp_ns = sw_board_now_ns() - (int64_t)age * (int64_t)SW_BOARD_CAN_NS;
 }
@@ -183,8 +183,8 @@ int sw_board_can_is_idle(void) { return CAN(TXBRP) == 0u || is_off(); }
 
 void sw_board_can_health(sw_bus_health *health)
 {
-    /* A bus-off sets INIT; clearing INIT begins the recovery of 128 times eleven recessive bits. The loop detects
-     * another bus-off in IR, because INIT changes late: INIT belongs to another clock domain.
+    /* A bus-off sets INIT; clearing INIT begins the recovery of 128 times eleven recessive bits. The loop looks for
+     * further bus-offs in IR, because INIT, which belongs to another clock domain, changes late.
      */
     for (uint32_t i = 0; i < MOST_BUS_OFFS && (CAN(IR) & IR_BUS_OFF) != 0u; i++) {
         CAN(IR) = IR_BUS_OFF;
@@ -196,6 +196,6 @@ void sw_board_can_health(sw_bus_health *health)
     const uint32_t errors = CAN(ECR);
     health->is_bus_off = (uint8_t)is_off();
     health->tx_errors = errors & 0xffu;
-    /* RP is set from 128 receive errors on, which the 7-bit counter cannot show. */
+    /* RP is set if there are 128 receive errors or more, a number that the 7-bit counter cannot show. */
     health->rx_errors = ((errors >> 15) & 1u) != 0u ? 128u : (errors >> 8) & 0x7fu;
 }

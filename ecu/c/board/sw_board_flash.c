@@ -16,7 +16,7 @@
 #define CR_ERASE_SECTOR 4u
 #define CR_64_BITS (3u << 4)
 #define CR_START (1u << 7)
-#define SR_AT_WORK 7u /* bits BSY, WBNE and QW */
+#define SR_AT_WORK 7u /* bits BSY, WBNE and QW, which are set while the controller works */
 #define SR_DOUBLE_ERROR (1u << 26)
 #define SR_ERRORS 0x0eee0000u
 #define CORE_CONFIGURATION SW_BOARD_REGISTER(0xe000ed14u)
@@ -40,7 +40,7 @@ static uint32_t begin(void)
     return FLASH(CR) & CR_LOCK;
 }
 
-/* Returns 1 if the controller found an error. */
+/* Ends an operation. Returns 1 if the controller reports an error. */
 static int end(void)
 {
     __asm__ volatile("dsb" ::: "memory");
@@ -50,7 +50,7 @@ static int end(void)
     return errors != 0u;
 }
 
-static int64_t begun_ns; /* time at which the erasure began */
+static int64_t begun_ns; /* time at which the latest erasure began */
 
 static int erase(void *context, uint32_t sector)
 {
@@ -87,7 +87,7 @@ static int program(void *context, uint32_t address, const uint8_t *word)
     return end();
 }
 
-/* Reads bytes. An uncorrectable word causes a bus fault, which the core ignores with fault mask and BFHFNMIGN set. */
+/* Reads bytes. Uncorrectable words cause bus faults, which the core ignores while FAULTMASK and BFHFNMIGN are set. */
 static int read(void *context, uint32_t address, uint8_t *data, uint32_t length)
 {
     const uint32_t size = SW_FLASH_SECTOR * SW_BOARD_FLASH_SECTORS;

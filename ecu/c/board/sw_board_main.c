@@ -143,7 +143,7 @@ static void receive(sw_board_period *period)
     }
 }
 
-/* Removes the new frames of diagnosis, which control does not use. */
+/* Removes the diagnostic frames from number `first` on, because control does not use them. */
 static void drop_requests(sw_board_period *period, int first)
 {
     int kept = first;

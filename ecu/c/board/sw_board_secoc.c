@@ -1,4 +1,4 @@
-/* The bus key and the freshness values on this board. The key is compiled into a firmware that is never shipped; a
+/* The bus key and the freshness values on this board. The key is compiled in, so this firmware must not be shipped; a
  * board for sale must read the key from memory that no debugger can read.
  *
  * Freshness values are in the backup SRAM, which survives a reset, and a loss of the supply while a battery supplies

@@ -3,12 +3,12 @@
  *     cc -std=c99 -O2 -ffp-contract=off -I. sw_*.c examples/main_socketcan.c -o ecu
  *     chrt -f 50 ./ecu can0
  *
- * If frames are authenticated (SW_SECOC), the command is `./ecu can0 bus.key freshness`, with the key as `stillwake
- * keygen --secret` writes it, and a file in which the program stores freshness values.
+ * If frames are authenticated (SW_SECOC), the command is `./ecu can0 bus.key freshness`: bus.key is the key file that
+ * `stillwake keygen --secret` writes, and the program stores freshness values in the file freshness.
  *
  * The ECU steps at absolute deadlines on CLOCK_MONOTONIC, a fixed time after the arrival of the pressures, and each
  * frame has the kernel's time of arrival. SIGTERM and SIGINT end the program, whose last commands shut the jets. The
- * status is 1 if the interface cannot be used, or fails.
+ * exit status is 1 if the program cannot start, or if the interface fails.
  */
 #define _GNU_SOURCE /* for mlockall, and recvmsg's control messages */
 
@@ -29,10 +29,10 @@
 
 #include "sw_ecu.h"
 
-#define ROOM 64              /* most frames read per period; the other frames wait in the socket and get old */
-#define GRACE 4              /* a step that would begin later than a period divided by this is skipped */
-#define LARGEST_SLEW 32      /* a deadline moves by at most a period divided by this */
-#define SHUT_PERIODS 3       /* periods with shut jets at the end, since two frames may be lost */
+#define ROOM 64              /* largest number of frames read per period; further frames wait in the socket */
+#define GRACE 4              /* a step is skipped if it would begin late by more than a period divided by this number */
+#define LARGEST_SLEW 32      /* a deadline moves by at most a period divided by this number */
+#define SHUT_PERIODS 3       /* number of periods with shut jets at the end, since two frames may be lost */
 #define SECOND INT64_C(1000000000)
 
 static sw_ecu ecu;
@@ -92,7 +92,7 @@ static int open_bus(const char *interface)
     return -1;
 }
 
-/* Returns the kernel's arrival time, converted from the settable clock to CLOCK_MONOTONIC, or the present time. */
+/* Returns the kernel's arrival time, converted to CLOCK_MONOTONIC; the present time if the kernel gives none. */
 static int64_t arrival_ns(struct msghdr *message)
 {
     const int64_t now_ns = clock_ns(CLOCK_MONOTONIC), date_ns = clock_ns(CLOCK_REALTIME);
@@ -188,7 +188,7 @@ static int64_t used_arrival_ns(int count, uint32_t missed_before)
     return found;
 }
 
-/* Returns the next deadline that can be met, moved slightly towards the intended time after the pressures. */
+/* Returns the next deadline that can be met, moved slightly towards the intended time after the pressures' arrival. */
 static int64_t next_due(int64_t due_ns, int64_t arrived_ns)
 {
     const int64_t late_ns = clock_ns(CLOCK_MONOTONIC) - due_ns - SW_PERIOD_NS / GRACE;

@@ -7,8 +7,8 @@
  *
  * The program simulates the vehicle with the frames of the generated pressures.h. The request for control begins low,
  * since the ECU ignores a request that is present from the start. The program prints each JetCommand, then a summary,
- * and ends. On a vehicle, a CAN driver replaces `vehicle` and the printing. The interrupt only counts. The step runs in
- * the main loop, so that it does not delay other interrupts, above all those of the CAN controller.
+ * and ends. On a vehicle, a CAN driver replaces `vehicle` and the printing. The interrupt only counts periods. The step
+ * runs in the main loop, where it does not delay other interrupts, above all those of the CAN controller.
  */
 #include "pressures.h"
 #include "sw_board_start.h"
@@ -72,7 +72,7 @@ static void print_frame(const char *name, const sw_frame *frame)
 
 void sw_board_tick(void) { periods++; }
 
-/* Returns the ns since the start: whole periods, and the part of this period, as SysTick counts down. */
+/* Returns the ns since the start: the whole periods, and the elapsed part of this one, as SysTick counts down. */
 static int64_t now_ns(void)
 {
     uint32_t before, value;
@@ -87,11 +87,11 @@ static void start_clock(void)
 {
     SYSTICK_RELOAD = (uint32_t)(RELOAD - 1);
     SYSTICK_VALUE = 0;
-    SYSTICK_CONTROL = 7; /* core clock, interrupt on, counter on */
+    SYSTICK_CONTROL = 7; /* clock source: the core; interrupt and counter on */
 }
 
-/* Waits for a new period and returns its number. Interrupts are masked between check and sleep, because an interrupt
- * between both could be missed; a pending interrupt still ends the sleep.
+/* Waits for a new period and returns its number. Interrupts are masked from the check until the sleep: an interrupt
+ * between the two would be missed, whereas a pending interrupt ends the sleep.
  */
 static uint32_t next_period(uint32_t done)
 {
@@ -154,7 +154,7 @@ void sw_board_power_on(void) {}
 void sw_board_main(void)
 {
     figures seen = {0, 0, 0, 0};
-    (void)sw_ecu_init(&ecu); /* the reason at the end shows whether init refused */
+    (void)sw_ecu_init(&ecu); /* if init refuses, the summary shows its reason */
 #if SW_SECOC
     /* This key is only an example: on a vehicle no debugger can read it, and non-volatile memory counts the cycle. */
     const sw_authentication given = {PLAYED_KEY, 1, 0, 0};

@@ -1,5 +1,5 @@
-/* The calls and numbers that an instance may receive, according to FMI 3.0's state machine of a co-simulation. Every
- * other call returns fmi3Error with a message, and changes nothing.
+/* The calls and numbers that an instance accepts, according to FMI 3.0's state machine of a co-simulation. Every other
+ * call returns fmi3Error with a message, and changes nothing.
  */
 #ifndef SW_FMI3_CALLS_H
 #define SW_FMI3_CALLS_H
@@ -13,7 +13,7 @@
 #pragma GCC diagnostic ignored "-Wunused-parameter"
 #endif
 
-/* Modes as bits, so that they can be combined. */
+/* The modes of an instance, as bits that can be combined. */
 enum { INSTANTIATED = 1, INITIALISING = 2, STEPPING = 4, TERMINATED = 8, EVENT = 16 };
 
 typedef struct {
@@ -58,7 +58,7 @@ static inline fmi3String fmu_wrong_times(double start, fmi3Boolean has_stop, dou
     return NULL;
 }
 
-/* Returns the error in a step of an instance whose time is `stands`, or NULL. */
+/* Returns the error in a step from `point` on, or NULL; `stands` is the instance's present time. */
 static inline fmi3String fmu_wrong_step(double stands, double point, double size)
 {
     const double behind_s = point - stands;

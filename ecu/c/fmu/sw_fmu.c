@@ -1,9 +1,9 @@
 /* The ECU as an FMU for co-simulation, FMI 3.0.
  *
- * The FMU contains the ECU of sw_ecu.h, bit for bit. The ECU receives only frames: those of a vehicle inside the FMU,
- * whose pressures and speed are inputs, or those of a bus terminal. With a vehicle the ECU steps at start, start +
- * period, and so on, with the inputs at the time of the step; a communication step of any length includes the ECU's
- * steps that begin in it.
+ * The FMU contains the ECU of sw_ecu.h, bit for bit. The ECU receives only frames. They come from a simulated vehicle
+ * inside the FMU, whose pressures and speed are the FMU's inputs, or from a bus terminal. With a vehicle the ECU steps
+ * at start, start + period, and so on, with the inputs at the time of the step; a communication step of any length
+ * includes the ECU's steps that begin in it.
  *
  * This file is for a computer, not a vehicle: the standard requires an FMU to allocate its instances and saved states.
  */
@@ -131,7 +131,7 @@ SW_EXPORT fmi3Status fmi3Terminate(fmi3Instance fmu)
 SW_EXPORT fmi3Status fmi3Reset(fmi3Instance fmu)
 {
     if (fmu == NULL) return fmi3Error;
-    (void)power_on(fmu); /* if sw_ecu_init refuses, each step returns the reason */
+    (void)power_on(fmu); /* if sw_ecu_init refuses, every EcuStatus has the reason */
     return fmi3OK;
 }
 

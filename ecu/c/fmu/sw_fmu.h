@@ -1,5 +1,5 @@
-/* The parts of the ECU's FMU: instances, variables and states (sw_fmu.c), and one of two sides: a vehicle behind
- * signals (signals/sw_fmu_signals.c), or a bus terminal as in FMI-LS-BUS (bus/sw_fmu_bus.c).
+/* The parts of the ECU's FMU: instances, variables and states (sw_fmu.c), and one of two sides: a simulated vehicle
+ * whose inputs are signals (signals/sw_fmu_signals.c), or a bus terminal as in FMI-LS-BUS (bus/sw_fmu_bus.c).
  */
 #ifndef SW_FMU_H
 #define SW_FMU_H
@@ -14,13 +14,13 @@ typedef enum { FLOAT32, FLOAT64, INT8, UINT8, INT16, UINT16, INT32, UINT32, INT6
 typedef enum { OUTPUT, INPUT, PARAMETER } causality;
 enum { NO_MESSAGE, PRESSURE, SPEED, COMMAND, STATUS };
 
-/* A variable, and its signal in the DBC. */
+/* A variable of the FMU, and its signal in the DBC. */
 typedef struct {
     kind type; /* type of its get and set functions */
     causality direction;
     double first; /* value at the start */
     int message;
-    int start; /* first bit */
+    int start; /* first bit of the signal in its message */
     int bits;
     int is_signed;
     double scale;
@@ -38,7 +38,7 @@ typedef struct {
     int64_t reached_ns;
     int64_t off_until_ns;
     int64_t answer_ns; /* time at which `answers` are to be sent */
-    int32_t waiting;   /* number of answers that are not in `tx` yet; sent answers stay for a repetition */
+    int32_t waiting;   /* number of answers that are not in `tx` yet; sent answers stay stored, to be repeated */
     int32_t received;
     uint8_t status; /* status last reported to the bus simulation */
     uint8_t has_lost;
@@ -62,7 +62,7 @@ typedef struct {
 typedef struct {
     double values[SW_FMU_VARIABLES]; /* values of the variables, by value reference; reference 0 is the time */
     double start;
-    int64_t next_ns; /* time of the ECU's next step after the start, in ns */
+    int64_t next_ns; /* time from the start to the ECU's next step, in ns */
     uint32_t mode;   /* mode in FMI's state machine */
     fmu_side side;
 } fmu_memory;
@@ -83,10 +83,10 @@ fmi3String fmu_begun(fmu_memory *kept);
 /* Returns whether the ECU's next step belongs to a communication step that ends at `until_ns`. */
 int fmu_is_due(const fmu_memory *kept, double until_ns);
 
-/* Writes the frames that the ECU receives in its next step, and its surroundings; returns the number of frames. */
+/* Writes the ECU's surroundings, and the frames that the ECU receives in its next step; returns their number. */
 int fmu_received(fmu_memory *kept, sw_frame frames[FMU_MOST_FRAMES], sw_surroundings *around);
 
-/* Takes the frames that the ECU sends in this step. */
+/* Processes the frames that the ECU sends in this step. */
 void fmu_sent(fmu_memory *kept, const sw_frame *frames, int count);
 
 /* Ends a communication step; returns whether frames have to be sent. */

@@ -6,7 +6,7 @@
 #define LABEL "stillwake access"
 #define LABEL_BYTES 16u
 
-/* Returns the place of a level. A level has the number of its seed request: 1, 3, .. */
+/* Returns the index of a level in arrays. A level has the number of its seed request: 1, 3, .. */
 static uint32_t place_of(uint8_t level) { return (level - 1u) / 2u; }
 
 static void close(sw_access *access, uint32_t place, int64_t now_ns)
@@ -64,7 +64,7 @@ uint8_t sw_access_seed(sw_access *access, int64_t now_ns, uint8_t level, sw_rand
         access->seed[i] = seed[i];
         any |= seed[i];
     }
-    if (any == 0u) return SW_NRC_CONDITIONS_NOT_CORRECT; /* a seed of zeros would state that the level is unlocked */
+    if (any == 0u) return SW_NRC_CONDITIONS_NOT_CORRECT; /* zeros would mean that the level is unlocked */
     access->asked = level;
     return 0;
 }

@@ -21,7 +21,7 @@ typedef struct {
     sw_calibration release; /* the release's own values */
 #if SW_XCP
     uint8_t page;     /* page in force: SW_PAGE_ */
-    uint8_t begun_at; /* place of the value that is partly written */
+    uint8_t begun_at; /* offset of the value that is partly written, in bytes */
     uint8_t begun;    /* number of written bytes of that value */
     uint8_t begun_bytes[sizeof(float)];
 #endif

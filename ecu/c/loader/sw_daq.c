@@ -10,7 +10,7 @@ enum { NOTHING, FREED, LISTS, ODTS, ENTRIES };
 
 #define MOST_IN_ODT (SW_XCP_MAX_CTO - 1u)
 #define NO_BITS 0xffu
-#define STOP 0u /* modes of START_STOP_DAQ_LIST, and of START_STOP_SYNCH for selected lists */
+#define STOP 0u /* modes of START_STOP_DAQ_LIST, and of START_STOP_SYNCH for the selected lists */
 #define START 1u
 #define SELECT 2u
 #define STOP_SELECTED 2u
@@ -120,7 +120,7 @@ static uint8_t set_pointer(sw_daq *daq, const uint8_t *data)
     return SW_XCP_DONE;
 }
 
-/* Returns the number of bytes in the other entries of the ODT to which the pointer points. */
+/* Returns the number of bytes of the ODT's entries except the entry to which the tool's pointer points. */
 static uint32_t beside(const sw_daq *daq)
 {
     uint32_t bytes = 0;
@@ -157,7 +157,7 @@ static uint8_t set_mode(const sw_daq *daq, const uint8_t *data)
 
 static uint8_t get_mode(const sw_daq *daq, const uint8_t *data, sw_answer *answer)
 {
-    static const uint8_t plain[] = {0, 0, 0, 0, 1, 0}; /* the list has the only event, without a prescaler */
+    static const uint8_t plain[] = {0, 0, 0, 0, 1, 0}; /* the only event, and no prescaler */
     if (number(&data[2]) >= daq->lists) return SW_XCP_ERROR_OUT_OF_RANGE;
     sw_answer_byte(answer, (daq->is_selected ? SELECTED : 0u) | (daq->is_running ? RUNNING : 0u));
     sw_answer_bytes(answer, plain, sizeof plain);

@@ -15,7 +15,7 @@
 
 #if SW_XCP
 
-/* The readable and measurable values of a control period, in their memory layout: little-endian. */
+/* The values of a control period that a tool can read or measure, in their memory layout: little-endian. */
 typedef struct {
     float pressures[SW_SENSORS]; /* Cp in the row from which the controller planned */
     float command;               /* sent action, in U_inf W */
@@ -27,8 +27,8 @@ typedef struct {
 } sw_measured;
 
 typedef struct {
-    uint8_t at;    /* offset of the entry in sw_measured */
-    uint8_t bytes; /* length of the entry; 0 if it is not written yet */
+    uint8_t at;    /* offset of the value in sw_measured */
+    uint8_t bytes; /* length of the value in bytes; 0 if the entry is not written yet */
 } sw_daq_entry;
 
 typedef struct {
@@ -51,7 +51,7 @@ typedef struct {
 /* Stops and deletes the list, at the end of a connection. */
 void sw_daq_free(sw_daq *daq);
 
-/* Takes the values of a control period that has ended. */
+/* Copies the values of a control period that has ended. */
 void sw_daq_sample(sw_daq *daq, const sw_ecu *ecu, uint8_t mode);
 
 /* Writes the next packet of the period, of at most SW_XCP_MAX_CTO bytes. Returns its length; 0 if none is due. */

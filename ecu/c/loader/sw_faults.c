@@ -82,7 +82,7 @@ static void packed(const sw_faults *faults, uint8_t record[RECORD_BYTES])
     for (uint32_t i = 0; i < SW_FAULT_COUNT; i++) {
         const sw_fault *fault = &faults->faults[i];
         uint8_t *at = &record[MAGIC + i * FAULT_BYTES];
-        /* The next power-on changes these bits in any case, so they are not stored. */
+        /* The next power-on changes the following bits in any case, so they are not stored. */
         uint32_t status = fault->status & ~TEST_FAILED;
         if ((status & (PENDING | CONFIRMED)) == 0u) status |= NOT_COMPLETED_THIS_CYCLE;
         at[0] = (uint8_t)status;
@@ -153,7 +153,7 @@ static void take(sw_faults *faults, uint8_t reason, const uint8_t snapshot[SW_SN
     faults->is_changed = 1;
 }
 
-/* Takes a test result. While `is_off` is set, the result only replaces the waiting one (take_waiting). */
+/* Records a test result; while `is_off` is set, stores the result in place of the waiting one (take_waiting). */
 static void note(sw_faults *faults, uint8_t reason)
 {
     if (faults->is_off) {
@@ -164,7 +164,7 @@ static void note(sw_faults *faults, uint8_t reason)
     }
 }
 
-/* Takes the result that waited for the end of `is_off`. */
+/* Records the result that waited for the end of `is_off`. */
 static void take_waiting(sw_faults *faults)
 {
     if (!faults->has_latest || faults->is_off) return;

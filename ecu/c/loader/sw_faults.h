@@ -24,7 +24,7 @@ typedef struct {
     sw_store *store;
     const sw_vehicle_request *request;
     sw_fault faults[SW_FAULT_COUNT]; /* in the order of SW_FAULT_CODES */
-    uint8_t is_off;                  /* a tester has switched off the setting of faults */
+    uint8_t is_off;                  /* whether a tester has switched off the recording of faults */
     uint8_t is_changed;              /* whether a fault has changed since the record was last compared */
     uint8_t has_latest;              /* whether a result waits for the end of `is_off` */
     uint8_t latest;                  /* reason of the failed test; SW_REASON_NONE: all tests passed */
@@ -43,7 +43,7 @@ void sw_faults_open(sw_faults *faults);
 void sw_faults_before(sw_faults *faults);
 void sw_faults_after(sw_faults *faults, int64_t now_ns);
 
-/* Takes a waiting result, and stores changes if storing is allowed now. A failed write is not attempted again. */
+/* Records a waiting result, and stores changes if storing is allowed now. A failed write is not attempted again. */
 void sw_faults_settle(sw_faults *faults);
 
 /* Services 0x14, 0x19 and 0x85. Each returns SW_UDS_DONE or the SW_NRC_ of the refusal. */

@@ -15,7 +15,7 @@ enum { IDLE, READY, WAITING, SENDING };
 #define NUMBERS 16u   /* sequence numbers have four bits */
 #define MS INT64_C(1000000)
 #define LONGEST_MS 0x7fu
-#define SHORTEST_CODE 0xf1u /* first of the codes for 100 us to 900 us */
+#define SHORTEST_CODE 0xf1u /* first of the separation-time codes for 100 us to 900 us */
 #define LONGEST_CODE 0xf9u
 #if SW_FRAMES_FD
 #define FRAME_LENGTH 64u
@@ -34,7 +34,7 @@ static void abort_reception(sw_isotp *end)
     end->wanted = 0;
 }
 
-/* Copies a message in a single frame. Returns its length, or 0. */
+/* Copies the message of a single frame. Returns the message's length, or 0 for an invalid frame. */
 static uint32_t single_of(const sw_frame *frame, uint8_t *message)
 {
     const uint32_t low = frame->data[0] & 0xfu;
@@ -83,8 +83,8 @@ static void first(sw_isotp *end, int64_t now_ns, const sw_frame *frame)
     sw_bytes_copy(end->message, &data[2], end->received);
 }
 
-/* Takes a consecutive frame. Only the last frame may be shorter than the first. A shorter frame before the last is
- * ignored; the frame after it then has the wrong sequence number.
+/* Processes a consecutive frame. Only the last frame may be shorter than the first frame. Another frame that is shorter
+ * is ignored; the frame after it then has the wrong sequence number.
  */
 static uint32_t consecutive(sw_isotp *end, int64_t now_ns, const sw_frame *frame)
 {
@@ -138,14 +138,14 @@ static void wait_for_flow(sw_isotp *end, int64_t now_ns)
     end->flow_until_ns = now_ns + SW_ISOTP_WAIT_NS;
 }
 
-/* Returns the least time between two frames that a code demands; reserved codes mean the longest time. */
+/* Returns the least time in ns between two frames for a separation-time code; the longest for a reserved code. */
 static int64_t separation_ns(uint32_t code)
 {
     if (code >= SHORTEST_CODE && code <= LONGEST_CODE) return (int64_t)(code - SHORTEST_CODE + 1u) * (MS / 10);
     return (code < LONGEST_MS ? code : LONGEST_MS) * MS;
 }
 
-/* Takes the receiver's flow control; ignores it if no flow control is due. */
+/* Processes the receiver's flow control; ignores it if no flow control is due. */
 static void flow(sw_isotp *end, int64_t now_ns, const sw_frame *frame)
 {
     if (frame->length < 3u || end->state != WAITING) return;

@@ -1,5 +1,5 @@
-/* One endpoint of an ISO-TP connection (ISO 15765-2:2016), as a state machine of time and frames. This file corresponds
- * to can_bridge/isotp/endpoint.py. Messages have 1 to SW_ISOTP_MOST bytes, one at a time in each direction.
+/* One endpoint of an ISO-TP connection (ISO 15765-2:2016): a state machine of time and frames. This file corresponds to
+ * can_bridge/isotp/endpoint.py. Messages have 1 to SW_ISOTP_MOST bytes; each direction transfers one message at a time.
  *
  * Times are in ns, from 0 to 2^61.
  */
@@ -23,7 +23,7 @@ typedef struct {
 
 typedef struct {
     uint8_t *message; /* the caller's SW_ISOTP_MOST bytes, for a message of several frames */
-    uint8_t *whole;   /* place of the latest complete message */
+    uint8_t *whole;   /* address of the latest complete message */
     uint8_t is_held;  /* `message` is still being read: another message of several frames is refused */
     /* Reception. */
     uint8_t frame_length; /* length of the message's first frame */
@@ -55,14 +55,14 @@ void sw_isotp_init(sw_isotp *end, uint8_t *message);
 /* Returns whether a frame comes from the tester, addressed to this ECU alone or to every ECU. */
 int sw_isotp_is_request(const sw_frame *frame);
 
-/* Takes a request to every ECU. Such a request has only one frame, since several frames would need flow control. The
- * request is independent of the conversation with this ECU, and does not interrupt that conversation. Returns the
+/* Processes a request to every ECU. Such a request has only one frame, since several frames would need flow control.
+ * The request is independent of the conversation with this ECU, and does not interrupt that conversation. Returns the
  * length of the request in `message`, or 0.
  */
 uint32_t sw_isotp_functional(const sw_frame *frame, uint8_t message[SW_FRAME_BYTES]);
 
-/* Takes a frame from the bus; frames for others are ignored. Returns the length of a message that is now complete, or
- * 0. `whole` points to the message: in `single` after a single frame, otherwise in `message`. The pointer is valid
+/* Processes a frame from the bus; frames for others are ignored. Returns the length of a message that is now complete,
+ * or 0. `whole` points to the message: in `single` after a single frame, otherwise in `message`. The pointer is valid
  * until the next call, or as long as `is_held` is 1.
  */
 uint32_t sw_isotp_receive(sw_isotp *end, int64_t now_ns, const sw_frame *frame, uint8_t single[SW_FRAME_BYTES]);
@@ -74,14 +74,14 @@ int sw_isotp_is_sending(const sw_isotp *end);
 /* Returns whether the waiting messages leave too little room for a message of the greatest length. */
 int sw_isotp_is_occupied(const sw_isotp *end);
 
-/* Returns whether only the SW_ISOTP_KEPT places reserved for the request in progress are free for messages. */
+/* Returns whether all places for messages are used except the SW_ISOTP_KEPT places of the request in progress. */
 int sw_isotp_is_full(const sw_isotp *end);
 
 /* Returns the buffer for the next message to send, and stores the number of its free bytes in `room`. */
 uint8_t *sw_isotp_place(sw_isotp *end, uint32_t *room);
 
 /* Queues a message of `length` bytes that the caller has written into the buffer of sw_isotp_place; later calls of
- * sw_isotp_poll send the message. A message that is longer than its room, or that finds SW_ISOTP_QUEUE messages
+ * sw_isotp_poll send the message. A message that does not fit into the buffer, or that finds SW_ISOTP_QUEUE messages
  * waiting, is dropped and counted.
  */
 void sw_isotp_send(sw_isotp *end, uint32_t length);

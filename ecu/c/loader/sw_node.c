@@ -65,14 +65,14 @@ static int64_t clipped(int64_t now_ns)
     return now_ns < SW_LATEST_NS ? now_ns : SW_LATEST_NS;
 }
 
-/* Runs a control period without a release, or with an overwritten one, of which it reads nothing: the jets are shut,
- * the reason is sent, and the counts advance. This function corresponds to ecu/flashable/shut_ecu.py.
+/* Runs a control period while no release is booted, or while the booted release is overwritten: reads nothing of a
+ * release, shuts the jets, sends the reason and advances the counters. It corresponds to ecu/flashable/shut_ecu.py.
  */
 static int shut_step(sw_node *node, int64_t now_ns, sw_frame frames_out[SW_FRAMES_OUT])
 {
     sw_ecu_state *state = &node->ecu.state;
     sw_jet_command command = {0};
-    const int updating = node->ecu.surroundings.updating; /* once true, it stays true until a reset */
+    const int updating = node->ecu.surroundings.updating; /* once true, `updating` stays true until a reset */
     state->fail_safe.mode = updating ? SW_UPDATE : SW_FAULT;
     state->fail_safe.reason = updating ? SW_REASON_UPDATING : SW_REASON_NO_RELEASE;
     state->health = node->ecu.surroundings.health;
@@ -114,7 +114,7 @@ int sw_node_control(sw_node *node, int64_t now_ns, const sw_frame *frames_in, in
 
 /* --- Diagnosis --- */
 
-/* Takes at most SW_ISOTP_QUEUE requests, and returns their number. A request without a place for its answer is lost. */
+/* Processes at most SW_ISOTP_QUEUE requests; returns their number. A request is lost if its answer finds no place. */
 static uint32_t take_requests(sw_node *node, int64_t now_ns, const sw_frame *frames_in, int count)
 {
     uint8_t single[SW_FRAME_BYTES];
@@ -157,7 +157,7 @@ static void care_for_records(sw_node *node)
 }
 
 #if SW_XCP
-/* Takes the calibration tool's frames. A requested store waits until UDS and the flash memory are idle. */
+/* Processes the calibration tool's frames. A requested write to the store waits until UDS and flash memory are idle. */
 static void hear_tool(sw_node *node, int64_t now_ns, const sw_frame *frames_in, int count)
 {
     const int may_store = !sw_uds_is_busy(&node->services.uds) && !sw_store_is_erasing(&node->store);

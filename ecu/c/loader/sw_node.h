@@ -8,7 +8,7 @@
  *     sw_node_init(&node, &equipment, &flash, message);
  *     every control period:
  *         count = sw_node_step(&node, now_ns, frames_in, n, frames_out);   send frames_out[0 .. count - 1]
- *     in between, whenever there is time and a frame for diagnosis or sw_node_is_busy:
+ *     in between, whenever there is time and either a frame for diagnosis or sw_node_is_busy:
  *         count = sw_node_service(&node, now_ns, frames_in, n, room, frames_out);
  *     whenever all frames have been sent and sw_node_wants_reset: reset the microcontroller.
  *
@@ -17,7 +17,7 @@
  * would have to wait. A transfer may overwrite the image that is running on trial. From the announcement of a transfer
  * until a reset, the ECU therefore sends unchanged counts and pressure counters, and refuses the self-test.
  *
- * A call executes at most one part of long work (hash, signature, erasure). It must not interrupt a call for its node.
+ * A call executes at most one part of long work (hash, signature, erasure). No call for a node may interrupt another.
  */
 #ifndef SW_NODE_H
 #define SW_NODE_H
@@ -45,7 +45,7 @@ typedef struct {
 #endif
     uint32_t bundle_hash; /* short hash of the booted release; 0 if none is booted */
     uint8_t is_sending;
-    uint8_t is_full;   /* whether frames wait because there was no room */
+    uint8_t is_full;   /* whether frames wait because the CAN controller had no room */
     uint8_t has_begun; /* whether sw_node_service has run since power-on; its first run was at begun_ns */
     int64_t begun_ns;
     sw_ecu ecu; /* last member; the caller writes `ecu.surroundings.health` as for sw_ecu_step */
@@ -63,8 +63,8 @@ int sw_node_step(sw_node *node, int64_t now_ns, const sw_frame *frames_in, int c
                  sw_frame frames_out[SW_NODE_FRAMES]);
 
 /* The two parts of sw_node_step, for callers that run them separately. Diagnosis processes at most SW_MOST_FRAMES
- * frames per call. It returns at most `room` frames, the number of free places in the CAN controller; the remaining
- * frames follow in a call a millisecond later.
+ * frames per call. It returns at most `room` frames; `room` is the number of free places in the CAN controller. The
+ * remaining frames follow in a call a millisecond later.
  */
 int sw_node_control(sw_node *node, int64_t now_ns, const sw_frame *frames_in, int count,
                     sw_frame frames_out[SW_FRAMES_OUT]);

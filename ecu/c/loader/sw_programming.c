@@ -49,7 +49,7 @@ uint8_t sw_programming_download(const sw_programming *programming, uint32_t offs
 /* Sine and cosine of a period's phase angle: a shedding cycle of 2 pi takes 25 periods. */
 #define SINE 0.2486898872f
 #define TWICE_COSINE 1.9371663222f
-#define SLACK 1e-5f /* amount by which a plan in float32 may exceed the action limit */
+#define SLACK 1e-5f /* float32 rounding may let an action exceed the limit by this amount */
 
 /* Fills in pressures of a shedding wake, with opposite signs at neighbouring sensors; zeros if `amplitude` is 0. */
 static void fill(sw_input *input, float amplitude)
@@ -106,7 +106,7 @@ static uint8_t test_piece(sw_programming *programming)
 
 /* --- Routines: long work of the store begins here and continues in sw_programming_go_on --- */
 
-/* Writes the answer with the store's result: the missing part of an announced image, or the result of a check. */
+/* Writes the answer with the store's result: the offset of an image's first missing byte, or a check's verdict. */
 static uint8_t ended(const sw_programming *programming, sw_store_result result, sw_answer *answer)
 {
     const sw_store *store = programming->store;
@@ -118,7 +118,7 @@ static uint8_t ended(const sw_programming *programming, sw_store_result result, 
     } else if (store->verdict != SW_VERDICT_GOOD) {
         return SW_NRC_CONDITIONS_NOT_CORRECT; /* the earlier release is no longer allowed to run */
     } else {
-        /* A revert has no other data to report. */
+        /* A revert reports no data. */
     }
     return SW_UDS_DONE;
 }
@@ -133,8 +133,8 @@ static uint8_t announce(sw_programming *programming, const uint8_t *option, sw_a
     return ended(programming, sw_store_announce(programming->store, sw_number(option, 4), &option[4]), answer);
 }
 
-/* Confirms the release on trial, if it has passed its self-test since this boot. Without a release on trial, the
- * function refuses: the tester then means another release.
+/* Confirms the release on trial if it has passed its self-test. If the running release is not on trial, the tester
+ * means another release: the function refuses, unless the request repeats an accepted confirmation.
  */
 static uint8_t confirm(sw_programming *programming)
 {

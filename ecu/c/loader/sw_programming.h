@@ -1,4 +1,4 @@
-/* Programming through UDS: key lists, downloads and routines over the store of releases. This file corresponds to
+/* Programming through UDS: key lists, downloads and routines that use the store of releases. This file corresponds to
  * can_bridge/uds/ecu_services.py.
  *
  * Each function returns SW_UDS_DONE, which is 0, or the SW_NRC_ of the refusal; functions that begin long work may
@@ -25,7 +25,7 @@ typedef struct {
     uint8_t has_keys;      /* whether a key list was accepted */
     uint8_t keys_digest[SW_SHA256_BYTES]; /* SHA-256 of the accepted list, to acknowledge a repeated list */
     uint16_t routine;                     /* routine that was begun last */
-    uint8_t piece;                        /* next part of a self-test */
+    uint8_t piece;                        /* number of parts of the self-test that have begun */
 } sw_programming;
 
 /* Returns whether an image is booted and has not been overwritten. */

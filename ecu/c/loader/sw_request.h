@@ -21,7 +21,7 @@ typedef struct {
     int64_t now_ns;   /* time of the latest call of diagnosis */
 } sw_vehicle_request;
 
-/* Returns the SW_NRC_ for which nothing may be flashed now, or 0. */
+/* Returns the SW_NRC_ with which flashing is refused now, or 0. */
 static inline uint8_t sw_request_refusal(const sw_vehicle_request *request)
 {
     const int asks = request->has_asked && request->now_ns - request->asked_ns < SW_REMEMBERED_NS;

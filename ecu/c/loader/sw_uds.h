@@ -1,4 +1,4 @@
-/* The ECU's side of UDS (ISO 14229-1): it takes requests and returns answers, with time as an argument. This file
+/* The ECU's side of UDS (ISO 14229-1): it processes requests and returns answers; the time is an argument. This file
  * corresponds to can_bridge/uds/server.py, job.py and sessions.py. The caller gives the table of services.
  *
  * Every request is checked in the order of the standard's figures: service, session, length, sub-function and its
@@ -35,7 +35,7 @@ typedef struct {
     uint8_t has_sub_function;
     uint8_t writes; /* needs the flash memory: the service waits while a sector is erased for later use */
     uint8_t (*handle)(sw_services *services, const uint8_t *body, uint32_t length, sw_answer *answer);
-    uint8_t (*go_on)(sw_services *services, sw_answer *answer); /* executes a further part; NULL: there is only one */
+    uint8_t (*go_on)(sw_services *services, sw_answer *answer); /* executes a further part; NULL if there is none */
 } sw_service;
 
 typedef struct {
@@ -56,7 +56,7 @@ typedef struct {
     uint8_t wants_reset; /* whether the ECU must be reset */
     uint8_t is_silent; /* a tester has silenced the frames of control; while a jet can run they are sent nevertheless */
     uint8_t is_quiet;  /* the tester has suppressed the positive answer */
-    uint8_t is_functional; /* the request goes to every ECU: it is not refused if other ECUs may support it */
+    uint8_t is_functional; /* the request goes to every ECU: refusals such as "not supported" are not sent */
     uint16_t waiting;      /* length in bytes of a request that waits for the end of an erasure; 0 if none waits */
     sw_access access;
     int64_t now_ns;   /* latest time; it never decreases, even if the clock goes back */
@@ -73,8 +73,8 @@ int sw_uds_is_busy(const sw_uds *uds);
  */
 void sw_uds_look(sw_uds *uds, int64_t now_ns);
 
-/* Takes a complete physical or functional request of at least 1 byte, and executes its first part. A request that
- * arrives while a long answer is still being sent is refused: the tester has to repeat it.
+/* Processes a complete physical or functional request of at least 1 byte, and executes its first part. A request is
+ * refused while another is in progress or a long answer is still being sent: the tester has to repeat the request.
  */
 void sw_uds_request(sw_uds *uds, int64_t now_ns, uint8_t *request, uint32_t length, int is_functional);
 

@@ -8,7 +8,7 @@
 typedef struct {
     uint8_t number;
     uint8_t shortest;     /* least number of bytes of the command */
-    uint8_t is_protected; /* the command needs the unlocked calibration */
+    uint8_t is_protected; /* whether the command needs the unlocked calibration */
 } xcp_command;
 
 static void to_tool(sw_xcp *xcp, const sw_answer *packet)
@@ -178,7 +178,7 @@ void sw_xcp_look(sw_xcp *xcp, int64_t now_ns, int may_store)
     end_if_idle(xcp, now_ns);
     if (!xcp->has_to_store || !may_store || xcp->waiting.count == SW_XCP_PLACES) return;
     const uint8_t code = sw_calibrating_store(xcp->memory.calibrating, &xcp->to_store);
-    if (code == SW_NRC_CONDITIONS_NOT_CORRECT) return; /* waits until the jets are shut */
+    if (code == SW_NRC_CONDITIONS_NOT_CORRECT) return; /* the request waits until the jets are shut */
     /* Storing is not attempted again: an attempt in every period would wear out a failing memory. */
     xcp->has_to_store = 0;
     if (code == SW_UDS_DONE) to_tool(xcp, &stored);

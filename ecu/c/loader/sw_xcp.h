@@ -1,5 +1,5 @@
-/* The ECU's side of XCP on CAN (ASAM MCD-1 XCP 1.x): it takes and returns packets, with time as an argument. This file
- * corresponds to can_bridge/calibration/xcp.py and xcp_slave.py; it is compiled in if SW_XCP is 1.
+/* The ECU's side of XCP on CAN (ASAM MCD-1 XCP 1.x): it processes and returns packets; the time is an argument. This
+ * file corresponds to can_bridge/calibration/xcp.py and xcp_slave.py; it is compiled in if SW_XCP is 1.
  *
  * A tool reads and writes the same calibration as UDS (sw_calibrating), and reads or measures the latest control period
  * (sw_daq). The tool must wait for each answer: at most SW_XCP_PLACES packets wait to be sent, and a command is lost if
@@ -29,14 +29,14 @@ typedef struct {
     int64_t last_ns; /* time of the latest command */
     uint8_t is_connected;
     uint8_t has_to_store;
-    sw_calibration to_store; /* values that were in force when the tool requested to store them */
+    sw_calibration to_store; /* values in force when the tool requested the store */
     sw_xcp_access access;
     sw_xcp_memory memory;
     sw_xcp_packets waiting;
     sw_daq daq;
 } sw_xcp;
 
-/* Initialises the slave at power-on, in memory of zeros. All arguments must stay valid as long as the slave is used. */
+/* Initialises the slave at power-on; its memory must be zero before. All arguments must stay valid during use. */
 void sw_xcp_init(sw_xcp *xcp, sw_calibrating *calibrating, const uint8_t *access_key, sw_random random, void *context);
 
 /* Returns whether a frame comes from the tool. */

@@ -1,4 +1,4 @@
-/* Seed and key of XCP, in pieces of a packet's size. */
+/* Seed and key of XCP, in parts that fit into one packet. */
 #include "sw_xcp_access.h"
 
 #if SW_XCP

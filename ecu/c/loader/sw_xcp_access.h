@@ -1,4 +1,4 @@
-/* The unlocking of the calibration by seed and key of XCP, as XcpAccess in can_bridge/calibration/xcp.py. */
+/* The unlocking of the calibration with XCP's seed and key, like XcpAccess in can_bridge/calibration/xcp.py. */
 #ifndef SW_XCP_ACCESS_H
 #define SW_XCP_ACCESS_H
 

@@ -10,7 +10,7 @@ static int is_inside(uint32_t address, uint32_t length, uint32_t start, uint32_t
     return address >= start && address - start <= size && length <= size - (address - start);
 }
 
-/* Copies bytes from an address in the tool's memory, at most sizeof(sw_measured) bytes. */
+/* Copies at most sizeof(sw_measured) bytes from an address in the memory that the tool sees. */
 static uint8_t read(const sw_xcp_memory *memory, uint32_t address, uint32_t length, uint8_t *bytes)
 {
     if (is_inside(address, length, SW_XCP_MEASURED, sizeof(sw_measured))) {
@@ -31,7 +31,7 @@ void sw_xcp_memory_text(sw_xcp_memory *memory, const char *text, uint32_t bytes)
 static uint8_t get_id(sw_xcp_memory *memory, const uint8_t *data, sw_answer *answer)
 {
     static const char name[] = SW_XCP_A2L_NAME;
-    sw_xcp_memory_text(memory, name, data[1] <= 1u ? sizeof name - 1u : 0u); /* the name as text, or as a file name */
+    sw_xcp_memory_text(memory, name, data[1] <= 1u ? sizeof name - 1u : 0u); /* types 0 and 1: text and file name */
     for (uint32_t i = 0; i < 3u; i++) sw_answer_byte(answer, 0);
     sw_answer_little_u32(answer, memory->text_bytes);
     return SW_XCP_DONE;

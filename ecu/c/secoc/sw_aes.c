@@ -32,7 +32,7 @@ static void substitute(uint32_t planes[SW_AES_PLANES])
 {
     const uint32_t x0 = planes[7], x1 = planes[6], x2 = planes[5], x3 = planes[4];
     const uint32_t x4 = planes[3], x5 = planes[2], x6 = planes[1], x7 = planes[0];
-    /* The change to a basis in which the inverse is short. */
+    /* The change to a basis in which the inverse needs few operations. */
     const uint32_t y14 = x3 ^ x5, y13 = x0 ^ x6, y9 = x0 ^ x3, y8 = x0 ^ x5, t0 = x1 ^ x2;
     const uint32_t y1 = t0 ^ x7, y4 = y1 ^ x3, y12 = y13 ^ y14, y2 = y1 ^ x0, y5 = y1 ^ x6;
     const uint32_t y3 = y5 ^ y8, t1 = x4 ^ y12, y15 = t1 ^ x5, y20 = t1 ^ x1, y6 = y15 ^ x7;
@@ -50,7 +50,7 @@ static void substitute(uint32_t planes[SW_AES_PLANES])
     const uint32_t z0 = t44 & y15, z1 = t37 & y6, z2 = t33 & x7, z3 = t43 & y16, z4 = t40 & y1, z5 = t29 & y7;
     const uint32_t z6 = t42 & y11, z7 = t45 & y17, z8 = t41 & y10, z9 = t44 & y12, z10 = t37 & y3, z11 = t33 & y4;
     const uint32_t z12 = t43 & y13, z13 = t40 & y5, z14 = t29 & y2, z15 = t42 & y9, z16 = t45 & y14, z17 = t41 & y8;
-    /* The change back, and the affine map. */
+    /* The change back to the first basis, and the affine map. */
     const uint32_t t46 = z15 ^ z16, t48 = z5 ^ z13, t53 = z0 ^ z3, t54 = z6 ^ z7, t57 = z2 ^ z12 ^ t53;
     const uint32_t t58 = z4 ^ t46, t59 = z3 ^ t54, t60 = t46 ^ t57, t61 = z14 ^ t57, t62 = z7 ^ z8 ^ t58;
     const uint32_t t63 = z9 ^ z10 ^ t58, t64 = z4 ^ t59, t65 = t61 ^ t62, t66 = z1 ^ t63, s3 = t53 ^ t66;

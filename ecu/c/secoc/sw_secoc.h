@@ -34,7 +34,7 @@ typedef struct {
 /* Prepares a key. Returns 0, or 1 for a key of zeros, because an empty memory contains zeros; no key is then in use. */
 int sw_secoc_begin(sw_secoc *secoc, const uint8_t key[SW_AES_BYTES]);
 
-/* Returns whether a frame of `bytes` bytes is authentic for a message of `length` bytes, and its freshness value. */
+/* Returns whether a frame of `bytes` bytes is an authentic message of `length` bytes; stores the frame's freshness. */
 int sw_secoc_is_authentic(const sw_secoc *secoc, const uint8_t *data, uint32_t bytes, uint32_t length, uint16_t data_id,
                           uint64_t *freshness);
 

@@ -1,4 +1,4 @@
-/* The cryptography of the store: SHA-256 (FIPS 180-4) of data in pieces, and Ed25519 (RFC 8032). */
+/* The cryptography of the store: SHA-256 (FIPS 180-4), also of data that come in parts, and Ed25519 (RFC 8032). */
 #ifndef SW_CRYPTO_H
 #define SW_CRYPTO_H
 
@@ -22,7 +22,7 @@ void sw_sha256_of(const uint8_t *data, uint32_t length, uint8_t digest[SW_SHA256
 /* Returns whether a public key is of small order: anyone can forge signatures that such a key accepts. */
 int sw_key_is_weak(const uint8_t key[32]);
 
-/* Returns whether this key signed these bytes; never for a key of small order. */
+/* Returns whether this key signed these bytes; 0 for every key of small order. */
 int sw_signature_is_good(const uint8_t signature[64], const uint8_t key[32], const uint8_t *data, uint32_t length);
 
 #endif

@@ -35,7 +35,7 @@ typedef struct {
     int (*erase)(void *context, uint32_t sector);                         /* begins an erasure */
     sw_flash_state (*erased)(void *context);                              /* state of the erasure */
     int (*program)(void *context, uint32_t address, const uint8_t *word); /* programs an erased word completely */
-    int (*read)(void *context, uint32_t address, uint8_t *data, uint32_t length); /* 1: uncorrectable word */
+    int (*read)(void *context, uint32_t address, uint8_t *data, uint32_t length); /* 1 also for an uncorrectable word */
 } sw_flash;
 
 #endif

@@ -7,9 +7,9 @@
 #define WORD SW_FLASH_WORD
 #define WORDS (SW_FLASH_SECTOR / WORD)
 #define TRIES 3u            /* number of places at which a write is attempted */
-#define FILLED (WORDS / 2u) /* number of written words from which on maintenance may change the sector */
+#define FILLED (WORDS / 2u) /* number of written words above which maintenance may blank or use the other sector */
 
-/* First byte of a word: its type. A blank word has 0xFF. */
+/* The first byte of a word states the word's type; it is 0xFF in a blank word. */
 #define IS_SECTOR 0xc3u
 #define IS_FIRST 0xa5u
 #define IS_FURTHER 0x5au
@@ -98,7 +98,7 @@ static int is_record(const sw_records *records, uint32_t word, const uint8_t fir
     return crc == sw_big_u32(&first[CRC]);
 }
 
-/* Returns whether a sector is valid, and its sequence number. */
+/* Returns whether a sector is valid, and writes its sequence number. */
 static int is_valid(const sw_records *records, uint32_t sector, uint32_t *sequence)
 {
     uint8_t data[WORD];
@@ -228,7 +228,7 @@ typedef struct {
 /* Copies bytes of the record from `offset` on. Returns 1 if a stored part cannot be read. */
 static int gathered(const sw_records *records, const record *of, uint32_t offset, uint8_t *data, uint32_t length)
 {
-    uint32_t begin = 0; /* first byte of a part */
+    uint32_t begin = 0; /* offset of the part's first byte in the record */
     for (uint32_t i = 0; i < of->count; i++) {
         const sw_part *part = &of->parts[i];
         const uint32_t from = begin > offset ? begin : offset;

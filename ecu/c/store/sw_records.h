@@ -28,9 +28,9 @@ typedef enum {
 
 /* The permitted ways to store a record. */
 typedef enum {
-    SW_RECORDS_WAIT = 0,  /* before control begins: the other sector may be erased, and the code waits for the end */
-    SW_RECORDS_MOVE = 1,  /* a full sector may be left if the other sector is blank */
-    SW_RECORDS_APPEND = 2 /* while the jets run: only append to the last record */
+    SW_RECORDS_WAIT = 0,  /* before control begins: the code may erase the other sector and wait until it is blank */
+    SW_RECORDS_MOVE = 1,  /* records may also move from a full sector to a blank one */
+    SW_RECORDS_APPEND = 2 /* while the jets run: records are only added after the last record */
 } sw_records_limit;
 
 /* The known state of the sector that is not in use. */
@@ -43,8 +43,8 @@ typedef struct {
     uint8_t other;                     /* sw_records_other */
     uint32_t sector;                   /* the valid sector; SW_RECORD_SECTORS: none */
     uint32_t sequence;                 /* sequence number of the valid sector; the later number is newer */
-    uint32_t end;                      /* word after the last written word */
-    uint32_t words[SW_RECORD_KINDS];   /* first word of the newest record of each kind; 0: none */
+    uint32_t end;                      /* number of the word after the last written word */
+    uint32_t words[SW_RECORD_KINDS];   /* number of the first word of each kind's newest record; 0: none */
     uint32_t lengths[SW_RECORD_KINDS]; /* lengths of the newest records of each kind, in bytes */
 } sw_records;
 
@@ -84,7 +84,7 @@ typedef struct {
 /* Replaces a record, like sw_records_keep, with a record that consists of several parts. */
 int sw_records_keep_parts(sw_records *records, sw_record_kind kind, const sw_part *parts, uint32_t count);
 
-/* Returns zlib's CRC-32 of this data after earlier data whose CRC is `before`; 0 if there is no earlier data. */
+/* Returns zlib's CRC-32 of these data after earlier data whose CRC is `before`; `before` is 0 without earlier data. */
 uint32_t sw_crc32(uint32_t before, const uint8_t *data, uint32_t length);
 
 #endif

@@ -51,7 +51,7 @@ typedef struct {
                                 action limit, number of sensors */
 } sw_rules;
 
-/* The facts about a valid image that the store saves. */
+/* The data about a valid image that the store saves. */
 typedef struct {
     uint32_t security_version;
     uint8_t digest[32]; /* digest of the release */
@@ -70,7 +70,7 @@ sw_verdict sw_release_judge(const uint8_t header[SW_HEADER_BYTES], uint32_t leng
 /* Returns the length of a name of printable ASCII characters, padded with zeros; 0 if the name is invalid. */
 uint32_t sw_name_length(const uint8_t field[SW_NAME_BYTES]);
 
-/* Reads the facts from a header whose verdict is GOOD. */
+/* Reads these data from the header of an image whose verdict is GOOD. */
 void sw_release_read(const uint8_t header[SW_HEADER_BYTES], sw_release_facts *facts);
 
 #endif

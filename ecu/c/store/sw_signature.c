@@ -1,5 +1,5 @@
-/* Ed25519 signatures (R, s) of a key A (RFC 8032), verified like OpenSSL, which verifies the same images in Python:
- * Monocypher's arithmetic computes the point sB - hA, whose encoding is compared with R byte by byte.
+/* Ed25519 signatures (R, s) of a key A (RFC 8032), verified as OpenSSL verifies the same images in Python: Monocypher's
+ * arithmetic computes the point sB - hA, whose encoding is compared with R byte by byte.
  *
  * Monocypher's own check allows a difference of small order between both sides of the equation, and its tables take
  * half a KiB of the stack. This code processes both scalars bit by bit, with one table entry for each point.
@@ -50,7 +50,7 @@ static int equals_r(const uint8_t signature[64], const uint8_t key[POINT], const
     ge_cached minus_a;
     u32 s[8];
     load32_le_buf(s, &signature[POINT], 8);
-    if (is_above_l(s) || ge_frombytes_neg_vartime(&work, key) != 0) return 0; /* s >= L, or the key is no point */
+    if (is_above_l(s) || ge_frombytes_neg_vartime(&work, key) != 0) return 0; /* s >= L, or the key is not a point */
     ge_cache(&minus_a, &work);
     ge_zero(&sum);
     for (int bit = SCALAR_BITS - 1; bit >= 0; bit--) {

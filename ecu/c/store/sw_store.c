@@ -25,7 +25,7 @@ static uint32_t begin_again(const sw_store *store, uint32_t slot)
     if (standing->received == standing->length) return standing->received;
     for (uint32_t at = begin; at < standing->length; at += WORD) {
         if (!is_blank(store, sw_slots_address(slot) + at)) {
-            /* A word is written only once, so a sector that contains an unknown word must be erased. */
+            /* A word can be written only once, so a sector that contains an unknown word must be erased. */
             const uint32_t sector = standing->received / SW_FLASH_SECTOR * SW_FLASH_SECTOR;
             return sector > 0u ? sector : SW_NO_OFFSET;
         }
@@ -82,7 +82,7 @@ static uint32_t writable_slot(const sw_store *store)
     return 1u - running;
 }
 
-/* Returns the state in which this slot is empty; a confirmed release in the other slot is then active. */
+/* Drafts the state in which the slot is empty; the other slot is then active if its release is confirmed. */
 static sw_store_state *without(sw_store *store, uint32_t slot)
 {
     sw_store_state *next = sw_state_draft(store);
@@ -99,7 +99,7 @@ static int holds(const sw_slot_state *slot, const sw_slot_state *other)
 
 int sw_store_is_erasing(const sw_store *store) { return store->records.is_erasing; }
 
-/* Drops the work in progress; an erasure is completed first. */
+/* Drops the work in progress, but waits until an erasure of this work has ended. */
 static void drop_work(sw_store *store)
 {
     const int clears = store->work == SW_WORK_CLEAR;
@@ -149,7 +149,7 @@ sw_store_result sw_store_announce(sw_store *store, uint32_t length, const uint8_
         next->received = wanted;
         return announced(store);
     }
-    /* The stored state counts only the bytes that stay, before the other bytes are erased. */
+    /* Before the erasure, the stored state is changed: it then counts only the bytes that stay. */
     sw_store_state *state = without(store, slot);
     if (wanted != SW_NO_OFFSET) {
         next->received = wanted;
@@ -161,8 +161,8 @@ sw_store_result sw_store_announce(sw_store *store, uint32_t length, const uint8_
     return SW_STORE_MORE;
 }
 
-/* Appends a part of the bytes. The draft of the state in the scratch memory counts them; the draft is stored, so that
- * the bytes count as received, when the last part is written.
+/* Appends a part of the bytes, and counts them in the state's draft in the scratch memory. The draft is stored when the
+ * last part is written; only then do the bytes count as received.
  */
 static sw_store_result appended(sw_store *store)
 {

@@ -103,11 +103,11 @@ typedef struct {
     uint8_t verdicts[2]; /* sw_verdict of the last boot; SW_VERDICT_NONE: slot not checked */
     uint8_t running;     /* the booted slot, until its image is overwritten; or SW_NO_SLOT */
     uint8_t announced;   /* the slot of the present transfer; or SW_NO_SLOT */
-    uint8_t verdict;     /* result of `finish` and `revert` */
+    uint8_t verdict;     /* verdict of the latest `finish` or `revert` */
     uint32_t wanted;     /* result of `announce`: offset of the next bytes to send */
     /* Long work, which is done in parts. */
     uint8_t work, slot;  /* sw_work, and its slot */
-    uint32_t at, until;  /* sectors to erase, or bytes to read or append: finished number, and total */
+    uint32_t at, until;  /* number of finished sectors or bytes (to erase, read or append), and total */
     const uint8_t *data; /* bytes to append */
     sw_scratch scratch;
 } sw_store;
@@ -124,7 +124,7 @@ const uint8_t *sw_store_image(const sw_store *store);
 /* Copies the first `length` bytes of the booted image. Returns 1 if the bytes cannot be read. */
 int sw_store_read_image(const sw_store *store, uint8_t *data, uint32_t length);
 
-/* Makes room for an image. Afterwards store->wanted is the offset of the next bytes to send: more than 0 if an
+/* Prepares a slot for an image. Afterwards store->wanted is the offset of the next bytes to send: more than 0 if an
  * interrupted transfer of this image can continue. Errors: OUT_OF_RANGE, OUT_OF_ORDER, BAD_MEMORY.
  */
 sw_store_result sw_store_announce(sw_store *store, uint32_t length, const uint8_t sha256[32]);
@@ -149,7 +149,7 @@ void sw_store_drop(sw_store *store);
 sw_store_result sw_store_activate(sw_store *store); /* errors: OUT_OF_ORDER, BAD_MEMORY */
 sw_store_result sw_store_confirm(sw_store *store);  /* errors: OUT_OF_ORDER, BAD_MEMORY */
 
-/* Reverts at the next reset. Afterwards store->verdict is GOOD, or states why the earlier release may not run. */
+/* Reverts at the next reset. Afterwards store->verdict is GOOD, or the reason why the earlier release may not run. */
 sw_store_result sw_store_revert(sw_store *store); /* errors: OUT_OF_ORDER, BAD_MEMORY */
 
 /* Replaces the key list by a list that the root key signed. Errors: BAD_KEYS, BAD_MEMORY. */

@@ -20,7 +20,7 @@ void sw_judge_begin(sw_store *store, uint32_t slot)
 static void take(sw_store *store, const uint8_t *data, uint32_t length)
 {
     sw_sha256_add(&store->scratch.image.whole, data, length);
-    /* READ divides the header's length without a remainder. */
+    /* The header's length is a multiple of READ. */
     if (store->at < SW_HEADER_BYTES) {
         sw_bytes_copy(&store->scratch.image.header[store->at], data, length);
     } else {
@@ -57,7 +57,7 @@ sw_verdict sw_judge_end(sw_store *store)
     const sw_verdict verdict = sw_release_judge(store->scratch.image.header, standing->length, payload, store->keys,
                                                 store->rules, store->state.least_security_version);
     if (verdict != SW_VERDICT_GOOD) return verdict;
-    /* The image is read in place, as it will run: all words of the image were readable before. */
+    /* The image is now read in place, as it will run; all its words were readable for the hash above. */
     const uint8_t *image = &store->flash->memory[sw_slots_address(store->slot)];
     return store->opens(image) ? SW_VERDICT_GOOD : SW_VERDICT_WRONG_BUILD;
 }
@@ -66,7 +66,7 @@ static sw_verdict judged(sw_store *store, uint32_t slot)
 {
     sw_judge_begin(store, slot);
     while (sw_judge_go_on(store)) {
-        /* Before control begins, all pieces follow without a pause. */
+        /* Before control begins, no pause is needed between the parts. */
     }
     return sw_judge_end(store);
 }

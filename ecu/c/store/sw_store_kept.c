@@ -67,7 +67,7 @@ static int is_sound_slot(const sw_slot_state *slot)
     const uint32_t most_boots = phase == SW_PHASE_TRIAL ? SW_TRIAL_BOOTS : 0u;
     const int is_filling = phase == SW_PHASE_FILLING;
     const int is_named = slot->facts.name_length > 0u;
-    sw_slot_state nameless; /* this slot without facts of its image */
+    sw_slot_state nameless; /* copy of this slot's entry without the data about its image */
     sw_state_empty_slot(&nameless);
     if (phase != SW_PHASE_EMPTY) {
         if (phase > SW_PHASE_BAD || slot->length == 0u || slot->length > SW_SLOT_BYTES) return 0;
@@ -91,7 +91,7 @@ static int is_sound(const sw_store_state *state)
     return state->active == SW_NO_SLOT || (state->active < 2u && state->slots[state->active].phase == SW_PHASE_CONFIRMED);
 }
 
-/* Reads a record; returns 0 if it is invalid. It is checked because an accepted state decides which image boots. */
+/* Reads a record; returns 0 if it is invalid. The record is checked because it decides which image boots. */
 static int decoded(const uint8_t *data, uint32_t length, sw_store_state *state)
 {
     uint32_t at = MAGIC;
@@ -236,7 +236,7 @@ static int is_before(const uint8_t one[DIGEST], const uint8_t other[DIGEST])
     return one[i] < other[i];
 }
 
-/* Returns the length of a release's calibration, and writes its place; 0 if it is missing or the record invalid. */
+/* Returns the length of a release's calibration, and writes its offset; 0 if it is missing or the record is invalid. */
 static uint32_t found(const sw_store *store, const uint8_t digest[DIGEST], uint32_t *place)
 {
     uint8_t data[ENTRY], before[DIGEST];
@@ -289,7 +289,7 @@ static void fill_head(uint8_t head[ENTRY], const uint8_t digest[DIGEST], uint32_
     head[DIGEST + 1u] = (uint8_t)length;
 }
 
-/* The record has the calibrations of the stored releases. Each calibration has its release's digest. */
+/* The record has the calibrations of the stored releases, each with the digest of its release. */
 sw_store_result sw_store_keep_calibration(sw_store *store, const uint8_t *data, uint32_t length)
 {
     uint8_t head[HEAD], own_head[ENTRY], other_head[ENTRY];
@@ -339,7 +339,7 @@ sw_store_result sw_store_keep_failed_attempts(sw_store *store, uint8_t level, ui
     if (place > 1u) return SW_STORE_OUT_OF_RANGE;
     const uint8_t before = store->state.attempts[place];
     if (attempts == before) return SW_STORE_DONE;
-    /* The state is changed directly, not through the scratch memory, which other work may be using. */
+    /* The state is changed directly, because other work may be using the scratch memory. */
     store->state.attempts[place] = attempts;
     if (sw_state_keep(store, &store->state) == 0) return SW_STORE_DONE;
     store->state.attempts[place] = before;

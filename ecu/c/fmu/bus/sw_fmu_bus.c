@@ -30,7 +30,7 @@ enum { BIT_ERROR = 1, ACK_ERROR = 5, BROKEN_ERROR_FRAME = 6 };
 enum { PRIMARY = 1, SECONDARY = 2 };
 
 #define HEADER 8u
-#define SAME_NS 100 /* times that differ by less count as equal; 100 ns are less than a bit at 8 Mbit/s */
+#define SAME_NS 100 /* times that differ by less are treated as equal; 100 ns is shorter than a bit at 8 Mbit/s */
 
 /* --- Operations to be sent --- */
 
@@ -46,7 +46,7 @@ static uint32_t number_at(const uint8_t *place, uint32_t bytes)
     return value;
 }
 
-/* Appends an operation and returns the place of its arguments, or NULL if there is no room. */
+/* Appends an operation and returns the address of its arguments, or NULL if there is no room. */
 static uint8_t *put_operation(fmu_side *side, uint32_t code, uint32_t arguments)
 {
     if (arguments + HEADER > TX_BYTES - side->tx_bytes) {
@@ -67,7 +67,7 @@ static void put_frame(fmu_side *side, const sw_frame *frame)
     if (place == NULL) return;
     put_number(place, frame->id, 4);
     place[4] = frame->is_extended;
-    place[5] = frame->is_fd; /* CAN FD: bit rate switch on; CAN: no remote frame */
+    place[5] = frame->is_fd; /* bit rate switch on (CAN FD), or no remote frame (CAN) */
     if (frame->is_fd) place[6] = side->status == ERROR_PASSIVE;
     put_number(place + before - 2, frame->length, 2);
     (void)memcpy(place + before, frame->data, frame->length);
@@ -125,7 +125,7 @@ static void recover(fmu_side *side, int64_t now_ns)
     update_status(side);
 }
 
-/* Repeats the frames with an identifier, unless frames of the next step wait already. */
+/* Repeats the frames with this identifier, unless frames of the next step are already waiting. */
 static void repeat(fmu_side *side, uint32_t id)
 {
     if (side->waiting > 0 || side->health.is_bus_off) return;
@@ -140,7 +140,7 @@ static void count_error(fmu_side *side, const uint8_t *arguments)
     const int is_passive = side->status == ERROR_PASSIVE;
     if (health->is_bus_off) return;
     if (arguments[6] != 0) {
-        /* The counter of an error-passive controller without an acknowledgement does not change. */
+        /* An error-passive controller does not count a missing acknowledgement. */
         if (!(is_passive && arguments[4] == ACK_ERROR)) health->tx_errors += 8;
     } else {
         health->rx_errors += arguments[5] == PRIMARY ? 9 : 1;
@@ -160,7 +160,7 @@ static int is_length(uint32_t length, int is_fd)
     return length <= 8 || (is_fd && is_coded);
 }
 
-/* Takes a transmitted frame; returns 0 for an impossible frame. `bytes` is the length of the arguments. */
+/* Processes a transmitted frame; returns 0 for an impossible frame. `bytes` is the length of the arguments. */
 static int take_frame(fmu_side *side, const uint8_t *arguments, uint32_t bytes, int is_fd)
 {
     const uint32_t before = is_fd ? 9 : 8;
@@ -174,7 +174,7 @@ static int take_frame(fmu_side *side, const uint8_t *arguments, uint32_t bytes, 
     uint32_t *errors = &side->health.rx_errors;
     if (*errors > 0) *errors = *errors > 127 ? 127 : *errors - 1;
     update_status(side);
-    if (side->received >= FMU_MOST_FRAMES) return 1; /* the newest frame is lost */
+    if (side->received >= FMU_MOST_FRAMES) return 1; /* the new frame is lost */
     sw_frame *frame = &side->frames[side->received++];
     (void)memset(frame, 0, sizeof *frame);
     frame->timestamp_ns = side->reached_ns;
@@ -186,7 +186,7 @@ static int take_frame(fmu_side *side, const uint8_t *arguments, uint32_t bytes, 
     return 1;
 }
 
-/* Takes an operation; returns 0 if its format is wrong. */
+/* Processes an operation; returns 0 if its format is wrong. */
 static int take_operation(fmu_memory *kept, uint32_t code, const uint8_t *arguments, uint32_t bytes)
 {
     fmu_side *side = &kept->side;
@@ -212,12 +212,12 @@ static int take_operation(fmu_memory *kept, uint32_t code, const uint8_t *argume
     case STATUS_OPERATION: return bytes == 1;
     case WAKEUP: return bytes == 0;
     case CONFIGURATION: return bytes >= 2;
-    case FORMAT_ERROR: return 1; /* is never answered; otherwise two nodes could answer each other for ever */
+    case FORMAT_ERROR: return 1; /* a format error gets no answer: two nodes could answer each other for ever */
     default: return 0;
     }
 }
 
-/* Takes all operations. An operation with a wrong length makes the following operations unreadable. */
+/* Processes all operations. An operation with a wrong length makes the following operations unreadable. */
 void fmu_take_operations(fmu_memory *kept)
 {
     fmu_side *side = &kept->side;
@@ -268,7 +268,7 @@ int fmu_received(fmu_memory *kept, sw_frame frames[FMU_MOST_FRAMES], sw_surround
 void fmu_sent(fmu_memory *kept, const sw_frame *frames, int count)
 {
     fmu_side *side = &kept->side;
-    put_answers(side); /* sends the answers of the previous step, if both steps belong to one communication step */
+    put_answers(side); /* sends the previous step's frames if both steps are in one communication step */
     if (side->health.is_bus_off) return;
     (void)memcpy(side->answers, frames, (size_t)count * sizeof *frames);
     side->waiting = count;

@@ -14,7 +14,7 @@ typedef int fmi2Integer;
 typedef int fmi2Boolean;
 typedef const char *fmi2String;
 typedef char fmi2Byte;
-typedef fmi3Status fmi2Status; /* the same numbers; fmi2Pending is never returned */
+typedef fmi3Status fmi2Status; /* the numbers are those of FMI 2.0; fmi2Pending is never returned */
 typedef enum { fmi2ModelExchange, fmi2CoSimulation } fmi2Type;
 
 typedef struct {
@@ -214,7 +214,7 @@ SW_EXPORT fmi2Status fmi2SetBoolean(REFERENCES, const fmi2Boolean values[])
     return status;
 }
 
-/* Functions that a binary must have, but that this one does not support. */
+/* Functions that every binary must have, but that this binary does not support. */
 #define NONE_OF(NAME, ...) \
     SW_EXPORT fmi2Status fmi2##NAME(REFERENCES, __VA_ARGS__) { return count == 0 ? fmi3OK : fmi3Error; }
 #define REFUSED(NAME, ...) \

@@ -1,5 +1,5 @@
 /* The front end of the plant's FMU, which is written in Python. It checks the order of calls, references, numbers and
- * times, and passes valid calls on to pythonfmu3's binary in the same folder, where every error in Python is fatal.
+ * times. Only valid calls reach pythonfmu3's binary in the same folder: in this binary every error in Python is fatal.
  */
 #define _GNU_SOURCE /* for dladdr */
 #include <dlfcn.h>
@@ -12,7 +12,7 @@
 #define BEHIND "pythonfmu.so"
 #define TIME 0u
 
-/* The binary's functions, with their names from the standard. */
+/* The functions of pythonfmu3's binary, with their names from the FMI standard. */
 #define FUNCTIONS(OF)                                                                                                     \
     OF(fmi3Instance, InstantiateCoSimulation, fmi3String, fmi3String, fmi3String, fmi3Boolean, fmi3Boolean, fmi3Boolean,  \
        fmi3Boolean, const fmi3ValueReference[], size_t, fmi3InstanceEnvironment, fmi3LogMessageCallback,                  \

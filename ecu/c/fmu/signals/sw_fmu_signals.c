@@ -1,4 +1,4 @@
-/* The vehicle inside the FMU with signals. It sends the inputs as protected frames, once a control period. */
+/* The simulated vehicle of the FMU with signals: it sends the FMU's inputs as protected frames, once a period. */
 #include <string.h>
 
 #include "sw_codec_bytes.h"
@@ -6,7 +6,7 @@
 
 fmi3String fmu_begun(fmu_memory *kept) { return NULL; }
 
-/* A period that begins less than a microsecond before the end of a communication step belongs to the next one. */
+/* A period that begins less than 1 us before the end of a communication step belongs to the next communication step. */
 int fmu_is_due(const fmu_memory *kept, double until_ns) { return (double)kept->next_ns < until_ns - 1e3; }
 
 /* The FMU has no bus: the outputs show everything that the ECU sends. */
@@ -37,8 +37,8 @@ static int32_t nearest(double value, int32_t least, int32_t most, int32_t otherw
     return found >= least && found <= most ? found : otherwise;
 }
 
-/* Converts an age to units of its signal, rounding to the nearest; in the classic set, which has few values, rounding
- * up, so that no pressure looks fresher than it is. An age out of range, or NaN, becomes the last value.
+/* Converts an age in s to units of its signal, rounding to the nearest; in the classic set, whose units are coarse,
+ * rounding up, so that no pressure looks fresher than it is. An age out of range, or NaN, becomes the largest value.
  */
 static int32_t age_steps(double seconds)
 {

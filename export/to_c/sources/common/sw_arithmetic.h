@@ -1,4 +1,4 @@
-/* The check that a build computes floats as C99 and IEEE 754 define: a known answer.
+/* The check that a build computes floats as C99 and IEEE 754 define: it compares results with a known answer.
  *
  * The check detects sums and products in another order, divisions replaced by products, more digits than the type has,
  * small numbers taken as zero, the assumption that numbers are never NaN or infinite, zeros without a sign, and
@@ -23,7 +23,7 @@ static inline uint32_t sw_other(float value, uint32_t bits) { return sw_to_bits(
 /* Returns 0 if the number is within a few units in the last place of these bits, as fused operations may cause. */
 static inline uint32_t sw_far(float value, uint32_t bits) { return (sw_to_bits(value) - bits + 4u) & ~7u; }
 
-/* Returns whether a product is added without rounding: a product that rounds to 1, minus 1, is then not 0. */
+/* Returns whether products are added without rounding: a product that rounds to 1, minus 1, is then not 0. */
 static inline int sw_float_fused(void)
 {
     const float one = sw_unknown(1.0f), above = sw_unknown(1.00012207f), below = sw_unknown(0.99987793f);

@@ -1,5 +1,5 @@
-/* This header rejects arithmetic that makes control wrong, as far as macros show it; a known answer detects the other
- * cases (sw_arithmetic.h). GCC and Clang each predefine some of these macros.
+/* This header rejects arithmetic that would make control wrong, if macros show this arithmetic; a known answer detects
+ * the other cases (sw_arithmetic.h). GCC and Clang each predefine some of these macros.
  */
 #ifndef SW_COMPILER_H
 #define SW_COMPILER_H

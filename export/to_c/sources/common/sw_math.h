@@ -1,5 +1,5 @@
-/* Tests for finite numbers; exp, tanh, the logistic function and the square root, without branches, so that compilers
- * can vectorise loops over them. Tests check the stated error bounds over all arguments that occur in a controller.
+/* Tests for finite numbers; exp, tanh, the logistic function and the square root, which have no branches, so that
+ * compilers can vectorise loops over them. Tests check the stated error bounds over all arguments in a controller.
  */
 #ifndef SW_MATH_H
 #define SW_MATH_H
@@ -42,12 +42,12 @@ static inline int sw_all_finite(const float *values, int count)
     return finite;
 }
 
-/* Returns exp(x) with a relative error of at most 1.5e-7 for -87 <= x <= 88; outside these limits, the value at the
- * limit. x = n ln 2 + r with |r| <= ln 2 / 2; exp(r) = 1 + r + r^2 q(r), with q fitted for the smallest maximum error.
+/* Returns exp(x) with a relative error of at most 1.5e-7 for -87 <= x <= 88; outside these limits, exp of the limit. x
+ * = n ln 2 + r with |r| <= ln 2 / 2; exp(r) = 1 + r + r^2 q(r), with q fitted for the smallest maximum error.
  */
 static inline float sw_exp(float x)
 {
-    const float magic = 12582912.0f; /* 1.5 2^23: adding it rounds to an integer, in the low bits */
+    const float magic = 12582912.0f; /* 1.5 * 2^23: adding it rounds the sum to an integer, in its low bits */
     const float held = sw_min(sw_max(x, -87.0f), 88.0f);
     const float shifted = held * 1.44269504f + magic;
     const float n = shifted - magic;

@@ -9,10 +9,10 @@ struct sw_workspace;
 /* Computes the latent state, work->z, from a window. */
 void sw_encode(struct sw_workspace *work, const float window[SW_WINDOW][SW_COLUMNS]);
 
-/* Computes work->latents, which follow from work->z under work->plan; writes the tape, which the adjoint reads. */
+/* Computes work->latents, the states that follow from work->z under work->plan; writes the tape for the adjoint. */
 void sw_roll_out(struct sw_workspace *work);
 
-/* Computes work->forces from work->latents; writes the tape, which the adjoint reads. */
+/* Computes work->forces from work->latents; writes the tape for the adjoint. */
 void sw_decode(struct sw_workspace *work);
 
 /* Computes work->d_latents, dJ/d(latent states) through the forces alone, from work->d_forces. */

@@ -12,16 +12,16 @@
 
 #if SW_PRIOR_UNITS > 0
 
-/* Inputs of the units are the filtered rows; inputs of the units' gates are the filtered sums of the sensors' pairs. */
+/* Numbers of inputs: the filtered rows for the units, the filtered sums of the sensors' pairs for the units' gates. */
 #define SW_PRIOR_INPUTS (SW_PRIOR_FILTERS * SW_PRIOR_ROW)
 #define SW_PRIOR_SUMS (SW_PRIOR_FILTERS * (SW_PRIOR_ROW - 1))
 /* The number of units, padded with zeros to a multiple of eight. */
 #define SW_PRIOR_OUTPUTS ((SW_PRIOR_UNITS + 7) / 8 * 8)
 
-/* Members of sw_weights. prior_filter_rows: the first row of the past that a filter reads, and the number of rows.
- * prior_filter: the rows' weights, filter by filter. prior_first: a unit's weights on its inputs, one for each
- * scheduling variable. prior_sums: the weights of a unit's gate on the sums. The matrices prior_first and prior_sums
- * must be multiplied by their scales, which are 1 in a float32 library.
+/* The prior's members of sw_weights. prior_filter_rows: number of the first row of the past that a filter reads, and
+ * number of rows. prior_filter: the rows' weights, filter by filter. prior_first: a unit's weights on its inputs, one
+ * for each scheduling variable. prior_sums: a gate's weights on the sums. The matrices prior_first and prior_sums must
+ * be multiplied by their scales, which are 1 in a float32 library.
  */
 #define SW_PRIOR_NUMBERS                                                                        \
     SW_ALIGNED int32_t prior_filter_rows[SW_PRIOR_FILTERS][2];                                  \
@@ -42,10 +42,10 @@
 #endif
 
 typedef struct {
-    float rows[SW_PRIOR_MEMORY + SW_HORIZON][SW_PRIOR_ROW]; /* oldest first: the past, then the prediction */
+    float rows[SW_PRIOR_MEMORY + SW_HORIZON][SW_PRIOR_ROW]; /* oldest row first: the past, then the prediction */
     float schedule[SW_SCHEDULED];
     float inputs[SW_PRIOR_INPUTS];
-    float weight[SW_PRIOR_INPUTS + 1][SW_PRIOR_OUTPUTS]; /* this control step's weights; the last row is read ahead */
+    float weight[SW_PRIOR_INPUTS + 1][SW_PRIOR_OUTPUTS]; /* this step's weights; the last row is loaded, not used */
     float outputs[SW_PRIOR_OUTPUTS];
     float gated[SW_PRIOR_OUTPUTS]; /* the last layer's weights multiplied by the gates */
 } sw_prior_scratch;

@@ -1,5 +1,5 @@
-/* The three products that take nearly all the time. Compilers vectorise them without reordering a sum, because every
- * inner loop runs over independent sums.
+/* The three products that take nearly all the time of a step. Compilers vectorise them without reordering a sum,
+ * because every inner loop runs over independent sums.
  *
  * Vectors are padded to whole registers (SW_LANES) with zeros. Matrices are rows of such vectors. Forward pass and
  * adjoint use a single copy of a matrix: one of them through sw_combine, the other through sw_dots.
@@ -33,7 +33,7 @@ static inline void sw_combine(float *restrict y, const float *restrict start, co
 #error "sw_lane_sum adds up 16 numbers"
 #endif
 
-/* Returns the sum of SW_LANES numbers, by halves. */
+/* Returns the sum of SW_LANES numbers; repeatedly adds one half of them to the other half. */
 static inline float sw_lane_sum(float lanes[SW_LANES])
 {
     for (int j = 0; j < 8; j++) lanes[j] += lanes[j + 8];

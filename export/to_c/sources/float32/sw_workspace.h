@@ -12,7 +12,7 @@
 #define SW_DYN2_P SW_PADDED(SW_DYN2)
 #define SW_HORIZON_P SW_PADDED(SW_HORIZON)
 
-/* Numbers of the forward pass that the adjoint needs (sw_norm.h), and the inputs of the forward pass. */
+/* Numbers of the forward pass that the adjoint needs (sw_norm.h), and the forward pass's inputs. */
 typedef struct {
     float xhat1[SW_HORIZON][SW_DYN1_P];
     float slope1[SW_HORIZON][SW_DYN1_P];
@@ -22,7 +22,7 @@ typedef struct {
     float hidden2[SW_DYN2_P];
 } sw_dynamics_tape;
 
-/* The decoder works on the whole horizon at once: the step is the last index of every array. */
+/* The decoder processes all steps of the horizon together: the step is the last index of every array. */
 typedef struct {
     float xhat[SW_BLOCKS][SW_DECODER][SW_HORIZON_P];
     float slope[SW_BLOCKS][SW_DECODER][SW_HORIZON_P];

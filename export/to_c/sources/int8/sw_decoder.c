@@ -29,7 +29,7 @@ static CALLED void multiply(sw_decoder_scratch *s, const int8_t *matrix, int row
     }
 }
 
-/* Saturates a layer's input. A layer with the widest range can also take the most negative integer. */
+/* Saturates a layer's input. With the widest range of integers the most negative integer is allowed, too. */
 static inline int16_t held(int32_t value)
 {
     const int32_t qmax = SW_QMAX(SW_DECODER_P);
@@ -94,7 +94,7 @@ static CALLED void decode_steps(sw_workspace *work, int first, int count)
     }
 }
 
-/* Writes x + sums to both arrays, and returns their new unit: four times the coarser one, so that nothing overflows. */
+/* Writes x + sums to both arrays, and returns their new unit, four times the coarser unit, to avoid overflow. */
 static float add_adjoints(int32_t *restrict x, float unit, int32_t *restrict sums, float unit_of_sums)
 {
     const float coarser = 4.0f * sw_fmax(unit, unit_of_sums);

@@ -8,7 +8,7 @@
 /* Largest magnitude of an activation or adjoint in a vector of n numbers, so that no product can overflow 32 bits. */
 #define SW_QMAX(n) ((n) <= SW_FULL_RANGE_WIDTH ? SW_INT16_QMAX : SW_SUM_QMAX / (n))
 
-/* Returns the nearest integer of a number between -32768 and 32767; ties go to the even one. */
+/* Returns the nearest integer to a number between -32768 and 32767; a tie goes to the even integer. */
 static inline int16_t sw_rounded(float value)
 {
     const float magic = 12582912.0f; /* as in sw_exp; the integer is in the low bits of the sum */
@@ -18,7 +18,7 @@ static inline int16_t sw_rounded(float value)
 /* Returns the sum of two integers modulo 2^32; no exported program has numbers that overflow. */
 static inline int32_t sw_sum(int32_t a, int32_t b) { return (int32_t)((uint32_t)a + (uint32_t)b); }
 
-/* Return the larger and the smaller of two numbers; both return the second number if the first is NaN. */
+/* Return the larger and the smaller of two numbers; if the first is NaN, both functions return the second number. */
 #if defined(__ARM_FEATURE_NUMERIC_MAXMIN) || defined(__ARM_FPV5__)
 static inline float sw_fmax(float a, float b) { return __builtin_fmaxf(a, b); }
 static inline float sw_fmin(float a, float b) { return __builtin_fminf(a, b); }
@@ -35,13 +35,13 @@ static inline int32_t sw_held(int32_t value, int32_t least, int32_t most)
     return value < least ? least : value > most ? most : value;
 }
 
-/* Returns value factor / 2^32, rounded, ties upwards: one instruction of a Cortex-M with the DSP extension. */
+/* Returns value * factor / 2^32, rounded, ties upwards: one instruction of a Cortex-M with the DSP extension. */
 static inline int32_t sw_scaled(int32_t value, int32_t factor)
 {
     return (int32_t)(((int64_t)value * factor + 0x80000000LL) >> 32);
 }
 
-/* Returns start + value factor / 2^16, rounded down: also one instruction. */
+/* Returns start + value * factor / 2^16, rounded down: also one instruction. */
 static inline int32_t sw_scaled_on(int32_t start, int32_t factor, int16_t value)
 {
     return sw_sum(start, (int32_t)(((int64_t)factor * value) >> 16));

@@ -38,7 +38,7 @@ static inline float sw_norm_elu(int32_t *restrict sums, sw_tape_eight *restrict 
     return r;
 }
 
-/* A scale for rounding numbers up to a bound: `factor` scales the bound to `top`; `scaled` is this factor for
+/* A scale with which numbers up to a bound are rounded: `factor` scales the bound to `top`; `scaled` is this factor for
  * sw_scaled, after a number was shifted left by `shift` so that no digit is lost.
  */
 typedef struct {
@@ -56,11 +56,11 @@ static inline sw_fine sw_fine_of(float bound, float top)
     return fine;
 }
 
-/* Returns the bits of a number that is not negative, otherwise those of its magnitude minus 1. */
+/* Returns the bits of a number that is not negative; for a negative number, those of its magnitude minus 1. */
 static inline uint32_t sw_bits_of(int32_t value) { return (uint32_t)(value ^ (value >> 31)); }
 
-/* Computes dJ/du times the scales of the matrix rows before the norm, as int16 for the transposed product, from dJ/dh,
- * which is in `sums` in units of `unit`. Overwrites `sums`; returns the factor for the transposed product's sums.
+/* Computes dJ/du from dJ/dh, which is in `sums` in units of `unit`; writes dJ/du times the scales of the matrix rows
+ * before the norm, as int16 for the transposed product. Overwrites `sums`; returns the factor for the product's sums.
  */
 SW_ONCE float sw_norm_adjoint(int32_t *restrict sums, float unit, int16_t *restrict vector,
                               const sw_tape_eight *restrict tape, const int32_t channel[][2][8],
@@ -81,10 +81,10 @@ SW_ONCE float sw_norm_adjoint(int32_t *restrict sums, float unit, int16_t *restr
             bits |= sw_bits_of(value);
         }
     }
-    /* A unit of xhat is SW_XHAT_QMAX / sqrt(n) as an integer, so this is mean(t xhat) for xhat in integers. */
+    /* A unit of xhat is SW_XHAT_QMAX / sqrt(n) as an integer, so `project` is mean(t xhat) for xhat in integers. */
     const float project = sw_float_of(along) * (1.0f / (SW_XHAT_QMAX * SW_XHAT_QMAX));
     const float mean = sw_float_of(sum) / (float)width;
-    /* This bound on every result for any xhat costs a bit or two of precision, and saves a pass over the numbers. */
+    /* This bound on every result for any xhat costs one or two bits of precision, but saves a pass over the numbers. */
     const sw_fine fine = sw_fine_of((float)bits + sw_abs(mean) + SW_XHAT_QMAX * sw_abs(project), top);
     const int32_t centre = (int32_t)(-mean * fine.factor), slant = (int32_t)(-project * fine.factor * 65536.0f);
     for (int c = 0; c < SW_PADDED(width); c += 8) {

@@ -27,7 +27,7 @@ static inline int16_t sw_elu(int32_t y)
 static inline uint8_t sw_slope_of(int16_t h) { return (uint8_t)sw_held((h + SW_ELU_ONE) >> SW_SLOPE_SHIFT, 0, 255); }
 
 /* Returns 1 / (1 + exp(-x)) in units of 1 / SW_LOGISTIC_QMAX; the argument is x in units of 1 / SW_LOGISTIC_ONE, plus
- * SW_LOGISTIC_START. Interpolation between points 1 / 32 apart errs by at most 5e-5. It is constant beyond -16 and 16.
+ * SW_LOGISTIC_START. Interpolation between points 1 / 32 apart errs by at most 5e-5. For |x| > 16 the value is fixed.
  */
 static inline int32_t sw_table_logistic(int32_t x)
 {

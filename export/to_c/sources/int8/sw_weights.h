@@ -10,7 +10,7 @@
 
 #include "sw_workspace.h"
 
-/* Tables: position of the argument 0, and distance between points, in integers of the argument. */
+/* Tables: position of the argument 0, and distance between points, in units of the tables' integer argument. */
 #define SW_ELU_START (SW_ELU_RANGE * SW_ELU_ARGUMENT_ONE)
 #define SW_ELU_STEP (SW_ELU_ARGUMENT_ONE / SW_POINTS_PER_UNIT)
 #define SW_LOGISTIC_START (SW_LOGISTIC_RANGE * SW_LOGISTIC_ONE)
@@ -79,7 +79,7 @@ typedef struct sw_weights {
     SW_ALIGNED int8_t decoder_rows[SW_DECODER_P * SW_LATENT_P + SW_AHEAD];
     SW_ALIGNED int8_t decoder_adjoint_rows[SW_LATENT_P * SW_DECODER_P + SW_AHEAD];
     SW_ALIGNED float decoder_channel[SW_DECODER_P / 8][2][8];
-    SW_ALIGNED int32_t decoder_scale[SW_DECODER_P]; /* scale over the largest scale, in units of 1 / 2^31 */
+    SW_ALIGNED int32_t decoder_scale[SW_DECODER_P]; /* an output's scale / the largest scale, in units of 1 / 2^31 */
     SW_ALIGNED float decoder_largest;
     SW_ALIGNED int8_t block_rows[SW_BLOCKS][SW_DECODER_P * SW_DECODER_P + SW_AHEAD];
     SW_ALIGNED int8_t block_adjoint_rows[SW_BLOCKS][SW_DECODER_P * SW_DECODER_P + SW_AHEAD];

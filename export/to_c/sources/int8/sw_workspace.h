@@ -12,7 +12,7 @@
 #error "constants of outputs stand in eights, and so do the loops over them"
 #endif
 
-/* A number of rows, rounded up to a multiple of the rows that sw_dots takes at a time. */
+/* A number of rows, rounded up to a multiple of the number of rows that sw_dots processes at a time. */
 #define SW_ROWS(n) (((n) + 3) / 4 * 4)
 
 #define SW_ROW_P SW_PADDED(SW_SENSORS + 1)
@@ -58,13 +58,13 @@ typedef struct {
     int16_t vector[SW_MAX(SW_LSTM_P, SW_HEAD_P)];
 } sw_encoder_scratch;
 
-/* The distance between the vectors, and the sums, of the two steps that the decoder computes together. */
+/* The distance between the vectors, and between the sums, of the two steps that the decoder computes together. */
 #define SW_APART SW_MAX(SW_DECODER_P, SW_LATENT_P)
 
 typedef struct {
     int16_t vector[2][SW_APART];
     int32_t sums[2][SW_APART];
-    int32_t x[2][SW_DECODER_P]; /* the sum of residuals, or the derivative of J by it */
+    int32_t x[2][SW_DECODER_P]; /* the sum of residuals, or the derivative of J with respect to it */
     int16_t hidden[SW_DECODER_P];
 } sw_decoder_scratch;
 

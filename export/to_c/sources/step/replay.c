@@ -8,8 +8,8 @@
  * has an answer of four numbers: the planned action, the predicted mean Cd and Cl, and the cost.
  *
  * With one file, the program prints each answer and uses its plan in the next step, as on a vehicle. With a second
- * file, each answer starts from a plan of zeros and is compared with a line of that file. The last line states how many
- * answers agree; the status is 1 if an answer differs by more than different compilers do.
+ * file, each answer starts from a plan of zeros and is compared with a line of that file. The last line printed states
+ * how many answers agree; the exit status is 1 if an answer differs by more than different compilers cause.
  */
 #include <stdio.h>
 
@@ -20,10 +20,10 @@ static sw_workspace workspace;
 static sw_input input;
 static sw_output output;
 
-/* Compilers round in different orders. This may change the sign of a gradient near zero, and Adam makes a step of its
- * learning rate, 1e-3, for every sign. The effect of such steps on the forces depends on the plant, so forces are
- * compared in units of their standard deviation in training. Plans are not used in the next step, since a sequence of
- * control steps can amplify any such difference.
+/* Compilers round in different orders. This may change the sign of a gradient near zero, and a step of Adam then has
+ * the other direction; its size is the learning rate, 1e-3. The effect of such steps on the forces depends on the
+ * plant, so forces are compared in units of their standard deviation in training. Plans are not used in the next step,
+ * since a sequence of control steps can amplify any such difference.
  */
 static const double tolerance = 5e-3, force_tolerance = 3e-2;
 

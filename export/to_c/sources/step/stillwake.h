@@ -35,10 +35,10 @@ extern "C" {
 /* The input of a control step. Actions are jet flow rates in U_inf W, pressures are Cp. */
 typedef struct {
     float window[SW_WINDOW][SW_COLUMNS]; /* oldest row first; row k: Cp at step k, action commanded at step k - 1 */
-    float plan[SW_HORIZON];  /* plan that the previous step returned, unchanged; the step shifts it by one period */
+    float plan[SW_HORIZON];  /* plan that the previous step returned, unchanged; this step shifts it by one period */
     float free[SW_HORIZON];  /* 1 if the action of the shifted plan may change, 0 if it is committed */
     float weights[SW_TERMS]; /* weights of the cost terms */
-    float speed;             /* the vehicle's speed, relative to the design speed */
+    float speed;             /* the vehicle's speed divided by the design speed */
     float limit;             /* bound on the actions at every speed; the program's own bound also applies */
 } sw_input;
 
@@ -53,7 +53,7 @@ typedef struct {
 typedef enum {
     SW_OK = 0,
     SW_NOT_FINITE = 1,      /* an input or a result is NaN or infinite: do not command the plan */
-    SW_WRONG_ARITHMETIC = 2 /* this build, or the processor's present mode, computes differently; the plan is zeros */
+    SW_WRONG_ARITHMETIC = 2 /* this build or the processor's present mode does not follow IEEE 754; the plan is zeros */
 } sw_status;
 
 /* Checks with a known answer whether sums, divisions and small numbers follow IEEE 754; returns SW_OK or
@@ -62,8 +62,8 @@ typedef enum {
  */
 sw_status sw_arithmetic(void);
 
-/* Resets the input: an empty window, no plan, every action free; the cost weights and the action limit are the
- * program's, and the speed is the design speed. Returns the result of sw_arithmetic.
+/* Resets the input: an empty window, no plan, every action free, the program's cost weights and action limit, and the
+ * design speed. Returns the result of sw_arithmetic.
  */
 sw_status sw_input_reset(sw_input *input);
 
@@ -73,10 +73,10 @@ void sw_input_push(sw_input *input, const float pressures[SW_SENSORS], float pre
 /* Runs a control step. The workspace needs no preparation and holds no state between steps. */
 sw_status sw_control_step(sw_workspace *work, const sw_input *input, sw_output *output);
 
-/* Runs a control step with all iterations on a window that comes from the program, and compares the result with the
- * exporter's answer; call it once at the start. Returns SW_WRONG_ARITHMETIC if result and answer differ in any bit; in
- * a build that fuses operations, if they differ by more than fusing explains. Returns SW_OK also if the exporter wrote
- * no answer. Resets `input` as sw_input_reset does.
+/* Runs a control step with all iterations on a window that is computed from the program, and compares the result with
+ * the exporter's answer; call it once at the start. Returns SW_WRONG_ARITHMETIC if result and answer differ in any bit
+ * or, in a build that fuses operations, by more than fusing explains. Returns SW_OK also if the exporter wrote no
+ * answer. Resets `input` as sw_input_reset does.
  */
 sw_status sw_known_answer(sw_workspace *work, sw_input *input, sw_output *output);
 

@@ -1,5 +1,5 @@
-/* A control step: it takes the initial plan, encodes the window, optimises the plan, and predicts its effects. The file
- * also has the functions of the input: its reset, and the row that is added to the window.
+/* A control step: it computes the initial plan, encodes the window, optimises the plan, and predicts the plan's
+ * effects. The file also has the functions of the input: its reset, and the addition of a row to the window.
  */
 #include "stillwake.h"
 #include "sw_cost.h"
@@ -51,8 +51,8 @@ static void adam_step(sw_workspace *work, const float free_actions[SW_HORIZON], 
     }
 }
 
-/* Computes the iterations' weights, and returns whether any is not 0. The prior's plan is already the best for the
- * terms with which the prior was trained (contract/controller/goal.py), so their weights become 0.
+/* Computes the weights for the iterations, and returns whether any of them is not 0. The prior's plan is already the
+ * best for the terms with which the prior was trained (contract/controller/goal.py), so their weights become 0.
  */
 static int asked_of_iterations(float asked[SW_TERMS], const float weights[SW_TERMS])
 {
@@ -66,12 +66,12 @@ static int asked_of_iterations(float asked[SW_TERMS], const float weights[SW_TER
 #endif
     for (int i = 0; i < SW_TERMS; i++) any |= asked[i] > 0.0f || asked[i] < 0.0f;
 #else
-    any = 1; /* without a prior, the initial plan may exceed the limit */
+    any = 1; /* without a prior, the initial plan may exceed the limit; iterations reduce it */
 #endif
     return any;
 }
 
-/* Writes an output of zeros. */
+/* Writes an output of zeros, and returns SW_WRONG_ARITHMETIC. */
 static sw_status refused(sw_output *output)
 {
     for (int k = 0; k < SW_HORIZON; k++) {

@@ -1,4 +1,4 @@
-/* The cost's terms and gradient. Steps with equal largest or smallest Cd share the slope; |Cl| has slope 0 at 0. */
+/* The cost's terms and gradient. Steps that tie for largest or smallest Cd share the slope; |Cl| has slope 0 at 0. */
 #include "sw_cost.h"
 
 #include "sw_math.h"

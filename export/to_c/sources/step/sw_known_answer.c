@@ -1,5 +1,5 @@
 /* The known answer of a whole control step. Correct sums and divisions (sw_arithmetic.h) do not guarantee a correct
- * network: a compiler may build a product wrongly, a linker may omit parameters, and memory ages.
+ * network: a compiler may translate a product wrongly, a linker may omit parameters, and memory may fail with age.
  */
 #include "stillwake.h"
 #include "sw_arithmetic.h"

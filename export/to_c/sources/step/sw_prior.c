@@ -1,4 +1,4 @@
-/* The optimiser's initial plan: a feedback on past pressure differences, which are predicted over the horizon. */
+/* The optimiser's initial plan: a feedback on pressure differences, past ones and ones predicted over the horizon. */
 #include "sw_prior.h"
 
 #include "sw_math.h"
@@ -13,14 +13,14 @@ enum { ONE, SLOWER, FASTER, EFFORT, LIFT, LIMIT };
 #error "six weights of a unit on an input are added up here"
 #endif
 
-/* Returns the square root of a cost weight's share of the greatest weight that the prior supports; at most 1. */
+/* Returns the square root of weight / dearest, at most 1; dearest is the largest weight that the prior supports. */
 static float root_of(float weight, float dearest)
 {
     if (weight < dearest) return sw_sqrt(weight / dearest);
     return weight > 0.0f ? 1.0f : 0.0f;
 }
 
-/* Computes the schedule from speed and goal, as in contract/controller/goal.py. */
+/* Computes the scheduling variables from the speed and the goal, as in contract/controller/goal.py. */
 static void take_schedule(float schedule[SW_SCHEDULED], const sw_workspace *work, const sw_input *input)
 {
     const float *weights = input->weights, share = work->limit / work->program.weights->action_limit;
@@ -33,10 +33,10 @@ static void take_schedule(float schedule[SW_SCHEDULED], const sw_workspace *work
     schedule[LIMIT] = sw_min(sw_max((1.0f - share) / (1.0f - SW_NARROWEST), 0.0f), 1.0f);
 }
 
-/* Computes the weights of the units on their inputs at the present speed and goal. */
+/* Computes, for the present speed and goal, the weights by which the units multiply their inputs. */
 static void take_weights(sw_prior_scratch *prior, const sw_weights *w)
 {
-    /* One of the two is zero. */
+    /* One of FASTER and SLOWER is zero. */
     const int speed = prior->schedule[FASTER] > 0.0f ? FASTER : SLOWER;
     for (int u = 0; u < SW_PRIOR_OUTPUTS; u++) prior->weight[SW_PRIOR_INPUTS][u] = 0.0f;
     for (int u = 0; u < SW_PRIOR_OUTPUTS; u++) {
@@ -51,8 +51,8 @@ static void take_weights(sw_prior_scratch *prior, const sw_weights *w)
     }
 }
 
-/* Takes the rows before the present row, and the present row's pressure differences. The window does not contain the
- * oldest row; a copy of the second-oldest row stands in for it.
+/* Copies the rows before the present row, and computes the present row's pressure differences. The window does not
+ * contain the oldest row; a copy of the second-oldest row replaces it.
  */
 static void take_past(sw_prior_scratch *prior, const float window[SW_WINDOW][SW_COLUMNS])
 {
@@ -66,7 +66,7 @@ static void take_past(sw_prior_scratch *prior, const float window[SW_WINDOW][SW_
     for (int c = 0; c < SW_PRIOR_ROW; c++) prior->rows[0][c] = prior->rows[1][c];
 }
 
-/* Returns the sum of weights times values that are `apart` numbers apart, as two independent sums. */
+/* Returns the sum of weights times values that are `apart` numbers apart; computes it as two independent sums. */
 static float product(const float *weights, const float *values, int apart, int count)
 {
     float sum = 0.0f, other = 0.0f;
@@ -79,7 +79,7 @@ static float product(const float *weights, const float *values, int apart, int c
     return sum + other;
 }
 
-/* Filters the past that begins at the row `begin`, in the first `columns` columns of the rows. */
+/* Filters the first `columns` columns of the past that begins at the row `begin`. */
 static void filter_past(sw_prior_scratch *prior, const sw_weights *w, int begin, int columns)
 {
     const float *weight = w->prior_filter;
@@ -112,7 +112,7 @@ static void take_gates(sw_prior_scratch *prior, const sw_weights *w, const float
     }
 }
 
-/* Computes the products of weights and inputs. Eight units at a time share the loads; their sums are independent. */
+/* Computes the products of weights and inputs. Eight units at a time share the loads; each unit has its own sum. */
 static void multiply(float *outputs, const float *weights, const float *inputs)
 {
     for (int first = 0; first < SW_PRIOR_OUTPUTS; first += 8) {
@@ -152,7 +152,7 @@ static void multiply(float *outputs, const float *weights, const float *inputs)
     }
 }
 
-/* Returns the feedback's action, before it is scaled by the jets' limit. */
+/* Returns the feedback's action as a share of its bound, from -1 to 1. */
 static float wanted(sw_prior_scratch *prior)
 {
     float sum = 0.0f, other = 0.0f;
@@ -164,7 +164,7 @@ static float wanted(sw_prior_scratch *prior)
     return sw_tanh(sum + other);
 }
 
-/* Predicts the differences that follow the past that begins at a row, as two independent sums. */
+/* Predicts the pressure differences that follow the past from the row `begin` on; computes two independent sums. */
 static void predict(sw_prior_scratch *prior, const sw_weights *w, int begin)
 {
     const float *values = prior->rows[begin];

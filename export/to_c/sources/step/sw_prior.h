@@ -1,4 +1,4 @@
-/* Computes the optimiser's initial plan, work->plan: the prior's, or without a prior the shifted previous plan. */
+/* Computes the optimiser's initial plan, work->plan: the prior's plan; without a prior, the shifted previous plan. */
 #ifndef SW_PRIOR_H
 #define SW_PRIOR_H
 
