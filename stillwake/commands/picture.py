@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 _USUAL_DURATION: Final = 25.0
 """Default duration in t_c, about five shedding cycles."""
 _MOVING: Final = (".gif", ".webp")
-"""Endings of the names of animations."""
+"""File name endings that select an animation."""
 FORCINGS: Final = {
     "none": (),
     "sine": ("amplitude", "frequency"),
@@ -33,7 +33,7 @@ FORCINGS: Final = {
     "chirp": (),
     "extended_chirp": (),
 }
-"""The forcings of the jets, with their parameters."""
+"""The forcings of the jets, with the names of their parameters."""
 _FREQUENCY: Final = 0.2
 """Default frequency in 1/t_c, about the frequency of the shedding."""
 
@@ -171,7 +171,8 @@ def actions_of(config: Config, duration: float | None, forcing: str) -> npt.NDAr
     if forcing.partition(":")[0] in FORCINGS:
         usual = round(_USUAL_DURATION / config.flow.control_period)
         return _signal(config, usual if asked is None else asked, forcing)
-    # Row k holds the action reached at t_k, to which the plant ramps from the action of row k - 1.
+    # Row k holds the action reached at t_k, to which the plant ramps from the action in row k - 1. So the commands are
+    # the actions from row 1 on.
     recorded: npt.NDArray[np.float64] = _run_log(Path(forcing)).series["action"][1:]
     steps = len(recorded) if asked is None else asked
     if steps > len(recorded):
