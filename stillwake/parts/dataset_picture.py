@@ -1,4 +1,4 @@
-"""A picture of a data set: the positions of its sensors, and the beginning of its first series."""
+"""A picture of a data set: the positions of its sensors, and the start of its first time series."""
 
 from pathlib import Path
 from typing import Final
