@@ -216,8 +216,7 @@ def _verify(where: Path, trusted: PublicKey | None) -> None:
 
 
 def _first_step(release: Bundle) -> Check:
-    """Run one step of each ONNX graph in bounded time and memory; check that its inputs and outputs are the
-    manifest's."""
+    """Run one step of each ONNX graph in bounded time and memory; check its inputs and outputs against the manifest."""
     # ONNX Runtime is imported here, because its import takes a while and leaves a file in the temporary folder.
     from contract.runtime.onnx_estimator import OnnxEstimator
     from contract.runtime.onnx_session import OnnxController
@@ -277,8 +276,8 @@ def keylist(
 
 
 def _opened_list(path: Path, root: PublicKey | None) -> tuple[KeyList, PublicKey]:
-    """Return the key list in a file, and the key that signed the list. If `root` is given, only this key may have
-    signed it."""
+    """Return the key list in a file, and the key that signed it. If `root` is given, the list must be signed by this
+    key."""
     try:
         raw = path.read_bytes()
     except OSError as error:

@@ -1,5 +1,5 @@
-"""The command `stillwake campaign`, which runs the closed loop under every disturbance of a test plan, in parallel, and
-writes one report."""
+"""The command `stillwake campaign`, which runs the closed loop under every disturbance of a test plan and reports on
+it."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -110,8 +110,7 @@ def campaign(
 def _planned(
     release: Bundle, config: Config, files: Sequence[Path], only: Sequence[str], spans: dict[str, float], seed: int
 ) -> "Campaign":
-    """Return the requested campaign after its checks, so that every error in the request is raised before the first
-    run."""
+    """Return the requested campaign after its checks; every error in the request is raised before the first run."""
     from contract.config.body_sensors import layout_of
     from ecu.fit import check_flow, check_sensors
     from firmware_sim.bench.spans import Spans
@@ -166,8 +165,7 @@ def _conducted(planned: "Campaign", folder: "CampaignFolder", spread: Mapping[st
 
 
 def _print(result: "Result") -> None:
-    """Print the table of the scenarios, and the headline last, because the end of the output stays visible on a
-    terminal."""
+    """Print the table of the scenarios, and last the headline: on a terminal the end of the output stays visible."""
     from firmware_sim.campaign.matrix_words import MATRIX_HEADS, cells, headline
 
     table = Table(*MATRIX_HEADS)

@@ -243,8 +243,7 @@ def _refuse(why: str, **given: Any) -> None:
 
 
 def _needed(what: str, **given: Path | None) -> dict[str, Path]:
-    """Return the files and folders without which the option `what` does not work; raises ConfigError for the first
-    missing one."""
+    """Return the paths without which the option `what` does not work; raises ConfigError for the first missing one."""
     found = {}
     for name, value in given.items():
         if value is None:

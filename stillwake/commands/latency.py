@@ -33,11 +33,9 @@ if TYPE_CHECKING:
 _NOT_PASSED: Final = 3
 """Exit status of a complete run in which the latency budget was exceeded, or the ECU left control."""
 LEAD_IN_S: Final = 2.0
-"""Time in s from the vehicle's start to its request for control. By then the ECU's deadlines follow the vehicle's
-sampling."""
+"""Time in s from the start to the request for control; by then the ECU's deadlines follow the vehicle's sampling."""
 SPARE_PERIODS: Final = 25
-"""Number of control periods that are run but not counted: those before the first plan, and those after the last counted
-period."""
+"""Number of control periods that are run but not counted, before the first plan and after the last counted period."""
 INTERFACE: Final = "udp_multicast"
 USES: Final = ("operating_point", "flow.control_period", "flow.action_limit", *REAL_BUS, "ecu", "vehicle")
 
@@ -202,8 +200,8 @@ _STILLWAKE: Final = (sys.executable, "-m", "stillwake")
 
 
 def _given(loaded: Loaded) -> list[Any]:
-    """Return the sections with only the settings that the user gave; all other settings have the same defaults in both
-    processes."""
+    """Return the sections with only the settings that the user gave; both processes have the same defaults for the
+    rest."""
     listed = (
         replace(section, settings=tuple(one for one in section.settings if one.name in loaded.given))
         for section in sections(loaded.config)

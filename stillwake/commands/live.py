@@ -27,8 +27,7 @@ USES: Final = (
     "vehicle",
     COST_WEIGHTS,
 )
-"""The settings of `run`, except that of the section `mpc` only the weights are used: a release accepts no other
-changes."""
+"""The settings of `run`, but only the weights of section `mpc`, because a release accepts no other changes there."""
 
 Host = Annotated[str, typer.Option(help="Address to listen at; only localhost needs no token in the link.")]
 Port = Annotated[int, typer.Option(help="Port to listen at; 0: any that is free.", min=0, max=65535)]

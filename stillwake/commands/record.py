@@ -140,8 +140,7 @@ def _check_round(
     paper: bool,
     overwrite: bool,
 ) -> None:
-    """Raise an error for options that only forced episodes have, or only the other kind of round (--under or
-    --from-steady)."""
+    """Raise an error for options of forced episodes, and for options of the other of --under and --from-steady."""
     option, own = ("--under", "controlled") if steady is None else ("--from-steady", "calm")
     if paper:
         raise StillwakeError(f"{option} and --paper are two recordings: give one of them")
@@ -260,8 +259,7 @@ def _continued(output: Path) -> Iterator[None]:
 
 @contextmanager
 def _progress(episodes: int) -> Iterator[dict[str, Any]]:
-    # Steps are counted only when their whole block is complete, which takes seconds, so the rate is averaged over many
-    # blocks.
+    # Steps are counted when their block is complete, after seconds, so the rate is averaged over many blocks.
     with progress("steps", estimate_over=600.0) as report:
         done: dict[str, tuple[int, int]] = {}
 

@@ -95,8 +95,7 @@ def _of_log(sources: list[Path], outputs: list[Path]) -> None:
 
 
 def _writer(run: "RunFolder", output: Path) -> "Callable[[], object]":
-    """Return the function that writes an output. Raises ConfigError if no format has the ending of the output's
-    name."""
+    """Return the function that writes an output. Raises ConfigError if no format has the ending of its name."""
     from can_bridge.tools.measurement import MEASUREMENTS
     from firmware_sim.runs.run_log import load
     from firmware_sim.runs.run_page.measurement import write_run

@@ -148,8 +148,7 @@ def _write_frames(path: Path | None, folder: "RunFolder") -> None:
 
 
 def ecu_of(text: str) -> tuple[str, float]:
-    """Return the kind and the clock frequency in MHz of an ECU that is named as in mcu@300. Raises ConfigError for
-    another text."""
+    """Return kind and clock frequency in MHz of an ECU named as in mcu@300. Raises ConfigError for another text."""
     kind, at, clock = text.partition("@")
     if kind not in ECUS or (at and kind != "mcu"):
         raise ConfigError(f"--ecu {text}: must be one of {', '.join(ECUS)}, or a clock in MHz as in mcu@300")
@@ -180,8 +179,7 @@ def _spans(
     *,
     averages: bool,
 ) -> "Spans":
-    """Return the times of a run's phases. They are checked here, so that an error in them is raised before a C library
-    is made."""
+    """Return the times of a run's phases; an error in them is raised here, before a C library is made."""
     from firmware_sim.bench.spans import Spans
 
     if controlled is None:
@@ -280,8 +278,7 @@ def _ecu_in_c(kind: str, clock_mhz: float, library: Path | None, release: Bundle
 
 
 def _print(log: "RunLog") -> None:
-    """Print a failure and the tables, and the headline last, because the end of the output stays visible on a
-    terminal."""
+    """Print a failure and the tables, and last the headline: on a terminal the end of the output stays visible."""
     from firmware_sim.runs.control import trouble
     from firmware_sim.runs.run_tables import drag_rows, headline, service_rows
 

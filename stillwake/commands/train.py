@@ -73,8 +73,7 @@ def train(
 
     from train.pipeline import train_all
 
-    # Ten iterations of the longer unroll may take half a minute on a busy machine, so the rate is averaged over five
-    # minutes.
+    # Ten iterations of the longer unroll may take half a minute on a busy machine, so the averaging time is long.
     with continued(checkpoints), progress("iterations", estimate_over=300.0) as report:
         show = TrainingProgress(report)
         trained = train_all(

@@ -48,7 +48,7 @@ def shortage(command: str) -> str | None:
 
 
 def check_memory(words: Sequence[str]) -> None:
-    """Raise MemoryError if the command in `words` needs more memory than the limits allow, but not if `words` ask for
+    """Raise MemoryError if the command in `words` needs more memory than the limits allow, unless `words` ask for
     help."""
     if words and not {"--help", "-h"} & set(words) and (missing := shortage(words[0])) is not None:
         raise MemoryError(missing)

@@ -8,8 +8,7 @@ from typing import Any, Final
 from contract.errors import ConfigError
 
 _LONGEST: Final = 1e5
-"""Longest time in t_c that an option accepts. Its simulation takes days on any machine, but its arrays still fit into
-memory."""
+"""Longest time in t_c that an option accepts. Its simulation takes days, but its arrays still fit into memory."""
 
 
 def steps_of(option: str, duration: float, period: float, *, least: int = 1) -> int:

@@ -1,5 +1,4 @@
-"""Checks of a command's outputs before its work. The path of an output is locked, and an existing output is replaced
-only on request."""
+"""Checks of outputs before a command's work: their paths are locked, and a file is replaced only on request."""
 
 from collections import Counter
 from collections.abc import Mapping
@@ -53,8 +52,7 @@ def check_json(path: Path | None) -> None:
 
 
 def check_frames(path: Path | None) -> None:
-    """Check that a measurement can be written, lock its path, and check that the package for its format is
-    installed."""
+    """Check that a measurement can be written and that its format's package is installed; lock its path."""
     if path is not None:
         from can_bridge.tools.measurement import check_measurement
 
@@ -63,8 +61,7 @@ def check_frames(path: Path | None) -> None:
 
 
 def print_written(path: Path, result: object) -> None:
-    """Print that a file was written. For a measurement, also print how many frames of each name have no signals in
-    it."""
+    """Print that a file was written; for a measurement also how many frames of each name have no signals in it."""
     skipped = listed(result) if isinstance(result, Counter) else ""
     console.print(f"wrote {path}{f'; frames without signals: {skipped}' if skipped else ''}")
 

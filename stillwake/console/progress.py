@@ -79,8 +79,8 @@ class ProgressLines(Progress):
         self._heart = Thread(target=self._beat, name="progress", daemon=True)
 
     def start(self) -> None:
-        """Start a thread that prints lines at times when no update arrives: one step of the work may take longer than
-        the interval."""
+        """Start a thread that prints lines between updates, because one step of the work may take longer than the
+        interval."""
         self._heart.start()
 
     def stop(self) -> None:
@@ -153,8 +153,7 @@ class Report:
         still_wanted()
         now, changes = self._clock(), {"completed": done, "total": total, "note": note}
         if task not in self._tasks:
-            # Steps that an earlier call of the command has done must not count for the speed. (rich accepts fractions
-            # of a step.)
+            # Steps that an earlier call of the command did must not count for the speed. (rich accepts fractions.)
             self._tasks[task] = self._bar.add_task(task, total=total, completed=done, note=note, unit=unit)  # type: ignore[arg-type]
             self._begin(task)
             self._latest[task] = now

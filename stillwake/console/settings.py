@@ -23,8 +23,7 @@ _BUS: Final = ("bus.interface", "bus.channel")
 
 
 def read_settings(given: Sequence[str], *, base: Config | None = None) -> Loaded:
-    """Read the settings with the changes of `--set`; one of its values may be a file. Raises ConfigError as `load`
-    does."""
+    """Read the settings with the changes of `--set`, one of which may be a file. Raises ConfigError as `load` does."""
     files = [text for text in given if "=" not in text and text.endswith(".toml")]
     if len(files) > 1:
         raise ConfigError(f"--set {files[1]}: is the second file; give one file, and changes as section.key=value")

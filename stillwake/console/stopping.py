@@ -1,5 +1,4 @@
-"""The end of a command by Ctrl-C or by SIGTERM, which have the same effect: the command stops, and a line states how to
-continue."""
+"""The end of a command by Ctrl-C or by SIGTERM: with both, the command stops and a line states how to continue."""
 
 import signal
 import sys
@@ -71,8 +70,7 @@ def until_stopped() -> Iterator[Callable[[], bool]]:
 
     def stop(number: int, _frame: Any) -> None:
         came.append(number)
-        # If the work is not complete, its command raises KeyboardInterrupt; the signal's name then gives the exit
-        # status.
+        # If the work is incomplete, its command raises KeyboardInterrupt; the signal's name gives the exit status.
         _asked.append(signal.Signals(number).name)
         signal.signal(number, before[signal.Signals(number)])
 

@@ -124,8 +124,7 @@ def write_image(
 
 @contextmanager
 def library_folder(given: Path | None) -> Iterator[Path]:
-    """Yield the given folder, or else a temporary folder with the shipped bundle's library, which is deleted at the end
-    of the block."""
+    """Yield the given folder, or else a temporary folder with the shipped bundle's library, deleted after the block."""
     if given is not None:
         yield given
         return

@@ -1,5 +1,4 @@
-"""The parts of a live loop by name: its plants and its ECUs. A part that takes seconds to make is made only when the
-user selects it."""
+"""The plants and the ECUs of a live loop, by name. If they take seconds to make, they are made only when selected."""
 
 import importlib.util
 from collections.abc import Callable
@@ -113,13 +112,12 @@ class Ecus:
         return LoopEcu(ecu=ecu, kind="python", computed_by=self._graph.description)
 
     def ahead(self, name: str) -> Callable[[], None] | None:
-        """Return a function that makes an ECU in C, to be called while the loop runs; None if there is nothing to
-        make."""
+        """Return a function that makes an ECU in C while the loop runs; None if there is nothing to make."""
         return partial(self.prepare, name) if name in COMPILING and name not in self._in_c else None
 
     def prepare(self, name: str) -> None:
-        """Make an ECU in C, which takes seconds, unless it was made before. Raises StillwakeError if it is not
-        available."""
+        """Make an ECU in C, which takes seconds, if it was not made before. Raises StillwakeError if this is not
+        possible."""
         from can_bridge.secoc.key import read_secret
         from firmware_sim.bench.ecus import loop_ecu
 

@@ -1,4 +1,4 @@
-"""The opening of a release bundle for a command: its path, the signature that it must have, its description and its
+"""The opening of a release bundle for a command: path, signature that the command requires, description,
 calibration."""
 
 from dataclasses import asdict
@@ -29,8 +29,8 @@ def open_release(path: Path | None, trust: str | None = None) -> Bundle:
 
 
 def describe(release: Bundle) -> list[Text]:
-    """Return lines on an opened bundle: its name, its sensors and the signer, with a warning if the signer is not
-    trusted."""
+    """Return lines on an opened bundle: its name, its sensors and the signer, with a warning about a signer without
+    trust."""
     manifest = release.manifest
     vouched_for = release.is_trusted or release.signer == signing.project_key()
     return [

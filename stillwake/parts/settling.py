@@ -18,8 +18,7 @@ def settle_into(output: Path, config: Config) -> "tuple[SteadyWake, tuple[int, i
     from wake.truck.state import save_state
 
     wake = truck_wake.TruckWake(config.flow, body=config.body)
-    # The progress is the number of decades by which the rates of change have fallen, because these rates fall
-    # exponentially.
+    # The rates of change fall exponentially, so the progress is the number of decades by which they have fallen.
     decades = -log10(steady.TOLERANCE)
     with progress("decades") as report:
 

@@ -16,8 +16,7 @@ from train.fitting.progress import Phase, Stopwatch
 
 
 class TrainingProgress:
-    """A `train.fitting.progress.Progress` that shows the progress of each phase. `watch` measures the duration of every
-    phase."""
+    """A `train.fitting.progress.Progress` that shows each phase's progress; `watch` measures each phase's duration."""
 
     def __init__(self, report: Report) -> None:
         self.watch = Stopwatch()

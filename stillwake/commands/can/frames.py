@@ -189,8 +189,7 @@ def decode(
 
 
 def _line(traffic: "Traffic", first: str) -> str:
-    """Describe the newest frame. The text states the frame's channel if it is not `first`, the first channel of the
-    log."""
+    """Describe the newest frame. The frame's channel is stated if it is not `first`, the first channel of the log."""
     from can_bridge.tools.raw_bus import id_text
 
     frame, decoded = traffic.latest, traffic.decoded

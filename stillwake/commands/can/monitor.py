@@ -127,8 +127,7 @@ def _follow(
 def _hear(bus: "RawBus", summary: "Summary", wait_s: float) -> None:
     """Add the frames that have arrived to the summary; wait at most `wait_s` for the first frame.
 
-    Each frame is stamped with the time at which it is read from the bus, because interfaces have different clocks,
-    which may jump.
+    Each frame is stamped with the time of its reading, because interfaces have different clocks, which may jump.
     """
     for i in range(MOST_AT_ONCE):
         message = bus.receive_message(wait_s if i == 0 else 0.0)

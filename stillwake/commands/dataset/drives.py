@@ -347,8 +347,7 @@ def _room(series: "LogSeries", fill: int) -> dict[str, float]:
 
 
 def _counted(path: Path, messages: "Iterable[can.Message]", progress: Callable[[str], None]) -> "Iterator[can.Message]":
-    """Yield the messages and report how many were read, because the half million messages of an hour take ten
-    seconds."""
+    """Yield the messages and report how many were read: an hour has half a million messages, which take ten seconds."""
     progress(f"{path}")
     for number, message in enumerate(messages, 1):
         yield message
