@@ -1,4 +1,4 @@
-"""The hand-written sources in C of the ECU, its loader, its board and its FMUs, from this folder."""
+"""The hand-written C sources of the ECU, its loader, its board and its FMUs, which are in this folder."""
 
 from importlib.resources import files
 from typing import Final
@@ -6,12 +6,13 @@ from typing import Final
 from contract.controller.c_folder import c_files
 
 MONOCYPHER: Final = "4.0.3"
-"""Version of Monocypher in `store/vendor`. Monocypher's release has this version in the place of `__git__`."""
+"""Version of Monocypher in `store/vendor`. Its published sources state this version where the repository has
+`__git__`."""
 
 
 def sources_in(folder: str = "") -> dict[str, bytes]:
-    """Return the sources, headers and linker scripts in a subfolder of this folder, or in this folder itself, by
-    name."""
+    """Return the sources, headers and linker scripts in a subfolder of this folder, by name; an empty name stands for
+    this folder."""
     return c_files(files("ecu.c").joinpath(folder))
 
 
@@ -21,8 +22,8 @@ def control_sources() -> dict[str, bytes]:
 
 
 def firmware_sources() -> dict[str, bytes]:
-    """Return the sources of the ECU around a control step, which are the same for every program and vehicle; `board/`
-    and `loader/` have the sources of the firmware around the ECU.
+    """Return the sources of the ECU around a control step, which are the same for every program and vehicle. The
+    sources of the firmware around the ECU are in `board/` and `loader/`.
 
     The generated `sw_ecu_settings.h` (`ecu.in_c.c_settings`) is not included.
     """
@@ -31,10 +32,11 @@ def firmware_sources() -> dict[str, bytes]:
 
 
 def loader_sources() -> dict[str, bytes]:
-    """Return the sources of loader, store and diagnosis, which are the same for every program and vehicle and are
+    """Return the sources of loader, store and diagnosis. They are the same for every program and vehicle, and are
     compiled together with a library's sources.
 
-    Monocypher's sources have names that end in `_c.h`, because another source includes them and they are not compiled.
+    Monocypher's sources have names that end in `_c.h`: another source includes them, so they are not compiled by
+    themselves.
     """
     foreign = sources_in("store/vendor")
     return (

@@ -276,8 +276,7 @@ def keylist(
 
 
 def _opened_list(path: Path, root: PublicKey | None) -> tuple[KeyList, PublicKey]:
-    """Return the key list in a file, and the key that signed it. If `root` is given, the list must be signed by this
-    key."""
+    """Return the key list in a file, and the key that signed it: `root`, or any key if `root` is None."""
     try:
         raw = path.read_bytes()
     except OSError as error:

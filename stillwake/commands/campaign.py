@@ -1,5 +1,4 @@
-"""The command `stillwake campaign`, which runs the closed loop under every disturbance of a test plan and reports on
-it."""
+"""The command `stillwake campaign`, which runs the closed loop under every disturbance of a test plan."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace

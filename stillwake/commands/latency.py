@@ -187,8 +187,7 @@ def vehicle_command(subject: Subject, chosen: Path, *, periods: int, lead_in: fl
 
 
 def figures(runs: "Sequence[MeasuredRun]") -> dict[str, Any]:
-    """Return the figures of a results file: counts over all runs, and each run's figures under its controller's
-    name."""
+    """Return the figures of a results file: counts over all runs, and each run's figures by its controller's name."""
     from firmware_sim.latency.budget import COUNTS
 
     own = {run.name: run.figures() for run in runs}
@@ -200,8 +199,8 @@ _STILLWAKE: Final = (sys.executable, "-m", "stillwake")
 
 
 def _given(loaded: Loaded) -> list[Any]:
-    """Return the sections with only the settings that the user gave; both processes have the same defaults for the
-    rest."""
+    """Return the sections with only the settings that the user gave; the rest has the same defaults in both
+    processes."""
     listed = (
         replace(section, settings=tuple(one for one in section.settings if one.name in loaded.given))
         for section in sections(loaded.config)

@@ -140,7 +140,7 @@ def _check_round(
     paper: bool,
     overwrite: bool,
 ) -> None:
-    """Raise an error for options of forced episodes, and for options of the other of --under and --from-steady."""
+    """Raise an error for options that do not belong to the requested round (--under or --from-steady)."""
     option, own = ("--under", "controlled") if steady is None else ("--from-steady", "calm")
     if paper:
         raise StillwakeError(f"{option} and --paper are two recordings: give one of them")

@@ -48,8 +48,8 @@ def shortage(command: str) -> str | None:
 
 
 def check_memory(words: Sequence[str]) -> None:
-    """Raise MemoryError if the command in `words` needs more memory than the limits allow, unless `words` ask for
-    help."""
+    """Raise MemoryError if the command in `words` needs more memory than the limits allow. Calls for help are
+    accepted."""
     if words and not {"--help", "-h"} & set(words) and (missing := shortage(words[0])) is not None:
         raise MemoryError(missing)
 

@@ -74,7 +74,7 @@ def names_in(text: str) -> tuple[str, ...] | None:
 
 
 def pairs(texts: list[str], example: str, names: tuple[str, ...] = ()) -> list[tuple[str, str]]:
-    """Split each text NAME=VALUE. Raises ConfigError for a text of another form, or if `names` are given and lack
+    """Split each text NAME=VALUE. Raises ConfigError for a text of another form, or if `names` lists names without
     NAME."""
     found = []
     for text in texts:

@@ -79,7 +79,7 @@ class ProgressLines(Progress):
         self._heart = Thread(target=self._beat, name="progress", daemon=True)
 
     def start(self) -> None:
-        """Start a thread that prints lines between updates, because one step of the work may take longer than the
+        """Start a thread that prints lines between updates, because a step of the work may take longer than the
         interval."""
         self._heart.start()
 

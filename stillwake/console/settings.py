@@ -1,5 +1,4 @@
-"""The settings of a command: the release's settings with the changes of `--set`. A setting that has no effect on the
-command is refused."""
+"""The settings of a command: the release's settings with the changes of `--set`, which must have an effect."""
 
 from collections.abc import Sequence
 from pathlib import Path

@@ -10,8 +10,7 @@ from rich.table import Column, Table
 from rich.text import Text
 
 _WIDE: Final = 10_000
-"""Width in characters if there is no terminal. A file, a pipe or a log has no right edge, so lines with paths and
-hashes are not broken."""
+"""Width in characters if there is no terminal: a file, a pipe or a log has no right edge at which to break lines."""
 
 
 def make_console(*, stderr: bool = False) -> Console:

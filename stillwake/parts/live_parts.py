@@ -77,8 +77,7 @@ class LiveParts:
             from wake.recorded_wake import RecordedWake
 
             dataset = read(recording())
-            # An episode without actions is preferred, so that the recorded wake does not show the effect of jets that
-            # are not in the live loop.
+            # An episode without actions is preferred, because the effect of recorded jets would not fit the live ones.
             calm = (episode for episode in dataset.episodes if not episode.series["action"].any())
             return RecordedWake(next(calm, dataset.episodes[0]), dataset.layout, self.config.flow)
         from wake.plants import own_wake
@@ -116,8 +115,8 @@ class Ecus:
         return partial(self.prepare, name) if name in COMPILING and name not in self._in_c else None
 
     def prepare(self, name: str) -> None:
-        """Make an ECU in C, which takes seconds, if it was not made before. Raises StillwakeError if this is not
-        possible."""
+        """Make an ECU in C, which takes seconds, if it was not made before. Raises StillwakeError if it cannot be
+        made."""
         from can_bridge.secoc.key import read_secret
         from firmware_sim.bench.ecus import loop_ecu
 

@@ -1,5 +1,4 @@
-"""The opening of a release bundle for a command: path, signature that the command requires, description,
-calibration."""
+"""The opening of a release bundle for a command: its path, the required signature, its description, its calibration."""
 
 from dataclasses import asdict
 from pathlib import Path
@@ -29,8 +28,7 @@ def open_release(path: Path | None, trust: str | None = None) -> Bundle:
 
 
 def describe(release: Bundle) -> list[Text]:
-    """Return lines on an opened bundle: its name, its sensors and the signer, with a warning about a signer without
-    trust."""
+    """Return lines on an opened bundle: name, sensors and signer, with a warning if the signer is not trusted."""
     manifest = release.manifest
     vouched_for = release.is_trusted or release.signer == signing.project_key()
     return [
@@ -62,8 +60,7 @@ def locate(path: Path | None, trust: str | None) -> tuple[Path, PublicKey | None
 
 def asked_calibration(loaded: Loaded, release: Bundle) -> Calibration:
     """Return the release's calibration in this vehicle, with the cost weights that the user gave. Raises ConfigError
-    for a weight out of its limits, or if the user gave another setting of the optimiser, because the bundle fixes these
-    settings."""
+    for a weight out of its limits, or if the user gave another setting of the optimiser: the bundle fixes these."""
     from ecu.calibrating import limits_of, release_calibration
 
     built, given = asdict(release.manifest.mpc), asdict(loaded.config.mpc)

@@ -62,8 +62,8 @@ def load(
 
 
 def figures(found: "BusLoad") -> dict[str, Any]:
-    """Return the figures for `--json`: loads as shares of the bus's time, times in ms, None for an unbounded response
-    time."""
+    """Return the figures for `--json`: loads as shares of the bus's time, times in ms, None for times without a
+    bound."""
     return {
         "load_mean": found.mean,
         "load_worst": found.worst,

@@ -21,8 +21,8 @@ Channel = Annotated[
 ]
 
 _LONGEST_S: Final = 1e7
-"""Longest time in s that an option accepts: four months. A longer time is certainly a mistake; clocks count up to this
-time without rounding."""
+"""Longest time in s that an option accepts: four months. A longer time is certainly a mistake; this time is not
+rounded."""
 
 UNCHECKED: Final = "MAC not checked: name the key with --set bus.key=FILE"
 """Note for the user that secured messages got only the end-to-end check, because no key was given."""

@@ -133,8 +133,8 @@ def _pair(text: str, logs: Sequence[Path]) -> tuple[Path | None, Path]:
 
 
 def names_of(logs: Sequence[Path]) -> dict[Path, str]:
-    """Return the name of each log's episodes: the log's file name, with the folder's name before it if two logs share
-    the file name."""
+    """Return the name of each log's episodes: the file name, or the folder and file name if two logs share the file
+    name."""
     from can_bridge.logs.log_reader import stem_of
 
     stems = [stem_of(log) for log in logs]
