@@ -33,8 +33,7 @@ from ecu.fit import positions_of
 _ON_BASE: Final = "base_"
 """Prefix of the names of sensors on a body's base."""
 MOVED: Final = 0.1
-"""Change of the speed, in design speeds, that ends a test, because the test is not valid for the wake at the new
-speed."""
+"""Change of the speed, in design speeds, that ends a test, because the test is valid for its own speed only."""
 PATIENCE: Final = 6
 """Total duration of the tests after which the fault latches, as a multiple of `wake_periods`. It is 18 s with shut
 jets; in this time the vehicle may leave a speed at which control does harm."""
@@ -162,8 +161,8 @@ class BenefitCheck:
     def _tested(
         self, state: BenefitCheckState, cp: Array | None, speed: float
     ) -> tuple[BenefitCheckState, Reason | None]:
-        """Do `next` during a test: compare the means under control with the wake since the jets were shut. The means of
-        this wake cover more cycles than the means under control, because a wrong verdict by chance would resume harmful
+        """Do `next` during a test: compare the means under control with the wake since the jets were shut. This wake's
+        means cover more cycles than those under control, because a wrong verdict by chance would resume harmful
         control."""
         if cp is None:
             return state, None
@@ -212,8 +211,8 @@ class BenefitCheck:
         return base / len(self.base) / resting_base, swing / len(self.pairs) / resting_swing
 
     def _stated(self, speed: float) -> tuple[float, float]:
-        """Return the base pressure and the swing of the release's wake without jets, in Cp, interpolated at this
-        speed."""
+        """Return the base pressure in Cp and the swing in Cp of the release's wake without jets at this speed,
+        interpolated."""
         before = self.resting[0]
         for after in self.resting:
             if speed < after[0]:
@@ -230,8 +229,7 @@ def resting_of(manifest: Manifest) -> tuple[tuple[float, float, float], ...]:
 
 
 def mirrored_pairs(manifest: Manifest) -> tuple[tuple[int, int], ...]:
-    """Return the pairs of indices of a release's mirrored sensors; empty if the positions of the sensors are
-    unknown."""
+    """Return the pairs of indices of a release's mirrored sensors; empty if the sensors' positions are unknown."""
     positions = positions_of(manifest)
     if positions is None:
         return ()

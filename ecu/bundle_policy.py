@@ -63,6 +63,5 @@ class BundlePolicy:
 
 
 def _packed(memory: ControllerMemory) -> Array:
-    """Return the memory as an array: the number of rows, the window (L, S + 1), the plan (H,); shape (1 + L (S + 1) +
-    H,)."""
+    """Return a memory as an array (1 + L (S + 1) + H,): the number of rows, the window (L, S + 1), the plan (H,)."""
     return np.concatenate([[memory.rows], memory.window.ravel(), memory.plan])

@@ -22,8 +22,7 @@ would in effect switch the control off, which is the task of the enable request.
 
 
 def release_calibration(bundle: Bundle, config: Config) -> Calibration:
-    """Return the values at power-on: the cost weights of a verified release, and the bounds and the delay of the
-    vehicle."""
+    """Return the values at power-on: a verified release's cost weights, and the vehicle's bounds and delay."""
     return Calibration(
         weights=bundle.manifest.mpc.weights,
         action_limit=config.flow.action_limit,

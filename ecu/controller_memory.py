@@ -86,8 +86,8 @@ class Past(ArrayValue):
         return replace(self, rows=rows)
 
     def read(self, length: int) -> tuple[Array, int]:
-        """Return the window of L rows, (L, S + 1), interpolated at equal distances of travel, and the number of its
-        rows with data."""
+        """Return the window (L, S + 1), interpolated at L equal steps of travelled distance, and its number of rows
+        with data."""
         window, first = np.zeros((length, self.rows.shape[1])), len(self.rows) - self.count
         if not self.count:
             return window, 0
@@ -145,8 +145,8 @@ class ControllerMemory(ArrayValue):
 
     @property
     def sizes(self) -> tuple[int, int, int, int]:
-        """The number of rows L of the window, of sensors S, of steps H of the plan, and of periods of the actuator's
-        delay; equal in all memories of a controller."""
+        """The number of rows L, sensors S, steps H of the plan, and periods of delay; equal in all memories of a
+        controller."""
         return len(self.window), self.window.shape[1] - 1, len(self.plan), len(self.under_way.pending)
 
     @property
@@ -198,8 +198,7 @@ class ControllerMemory(ArrayValue):
         The sent actions stay, but take effect at other times: the latest `delay` actions are under way, and each row of
         the window gets the action that would have been in force with the new delay. Actions older than the window are
         unknown; the action of the window's oldest row, which is zero before the first row, is used for them. The plan
-        is shifted by the change of the delay, so that its action for the next period stays. The rows in `past` are
-        dropped.
+        is shifted by the change of the delay, so that its action for the next period stays. `past` loses its rows.
         """
         later = delay - len(self.under_way.pending)
         if not later:

@@ -6,13 +6,12 @@ from typing import Final
 from contract.controller.c_folder import c_files
 
 MONOCYPHER: Final = "4.0.3"
-"""Version of Monocypher in `store/vendor`. Its published sources state this version where the repository has
-`__git__`."""
+"""Version of Monocypher in `store/vendor`. The published release states it where the repository has `__git__`."""
 
 
 def sources_in(folder: str = "") -> dict[str, bytes]:
-    """Return the sources, headers and linker scripts in a subfolder of this folder, by name; an empty name stands for
-    this folder."""
+    """Return the sources, headers and linker scripts in a subfolder, or without a name in this folder itself, by file
+    name."""
     return c_files(files("ecu.c").joinpath(folder))
 
 
@@ -35,8 +34,8 @@ def loader_sources() -> dict[str, bytes]:
     """Return the sources of loader, store and diagnosis. They are the same for every program and vehicle, and are
     compiled together with a library's sources.
 
-    Monocypher's sources have names that end in `_c.h`: another source includes them, so they are not compiled by
-    themselves.
+    Monocypher's sources have names that end in `_c.h`, because they are included by another source and not compiled
+    alone.
     """
     foreign = sources_in("store/vendor")
     return (

@@ -22,11 +22,10 @@ from ecu.real_time.privileges import step_back
 
 FIRST_PAUSE_S: Final = 0.1
 LONGEST_PAUSE_S: Final = 5.0
-"""Longest pause in s between two attempts to open a bus again. The pause doubles after each attempt, up to this
-length."""
+"""Longest pause in s between two attempts to open a bus again. Each pause is twice as long as the one before."""
 SEND_TIMEOUT_S: Final = 0.003
-"""Longest time in s to send a frame. A period sends two frames, so two thirds of a period of 20 ms remain even if both
-sends time out."""
+"""Longest time in s to send a frame. A period has two frames, so two thirds of its 20 ms remain if both sends time
+out."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -91,7 +90,7 @@ class Connection:
         self._bus = None
 
     def look(self) -> Lost | Back | None:
-        """Return whether the bus was lost or has returned since the last call. Call this method once a period; it never
+        """Return whether the bus was lost or has returned since the last call. Call this once a period; it never
         waits."""
         if self._bus is None:
             if not self._opened:
@@ -102,8 +101,7 @@ class Connection:
         return None if fault is None else self._lose(self._bus, str(fault))
 
     def health(self) -> BusHealth:
-        """Return the state and the counters of the CAN controller since the process started; a lost bus counts as
-        bus-off."""
+        """Return state and counters of the CAN controller since the process started; a lost bus counts as bus-off."""
         if self._bus is not None:
             now = self._bus.bus.health()
             self._health = replace(now, bus_off=self._before.bus_off + now.bus_off)
@@ -114,8 +112,8 @@ class Connection:
         return {} if self._bus is None else self._bus.bus.rejected
 
     def send(self, frames: Sequence[Frame]) -> bool:
-        """Send frames; return whether the bus accepted all of them. If another thread is sending, the call waits for
-        one of its frames."""
+        """Send frames; return whether the bus accepted all of them. Threads that send at the same time take turns frame
+        by frame."""
         sent = True
         for frame in frames:
             with self._sending:

@@ -31,8 +31,7 @@ from ecu.stepped import SteppedEcu
 GRACE: Final = 4
 """Divisor of the period: a step may begin late by up to a period / GRACE. A step that would begin later is left out."""
 SHUT_FRAMES: Final = 3
-"""Number of periods, before the process ends, in which the ECU sends commands to shut the jets; one frame may be
-lost."""
+"""Number of periods at the end in which the ECU sends commands to shut the jets, because a frame may be lost."""
 _PASSING: Final = (Mode.HOLD, Mode.DECAY)
 """Modes that last too briefly to be reported in the log."""
 
@@ -108,8 +107,7 @@ class ControlLoop:
         if self._stages is not None:
             self._note(self._stages, pressures, due_ns, woke_ns, began_ns, ended_ns, sent_ns if sent else 0)
         if self._ecu.state.missed == before.missed:
-            # Only pressures that the ECU used move the deadlines, so that another node's frames have no influence on
-            # them.
+            # Only pressures that the ECU used move the deadlines; frames of another node have no influence.
             counters = [self._counter(frame) for frame in pressures]
             if (used := self._ecu.state.pressure_counter) in counters:
                 self._used += 1

@@ -43,8 +43,8 @@ class ProcessOptions:
 
 
 def freshness_file(options: ProcessOptions) -> Path:
-    """Return the file that stores freshness values over a power cycle. Raises ConfigError if neither the options nor
-    systemd state it."""
+    """Return the file that stores freshness values over a power cycle. Raises ConfigError if there is neither the
+    option nor systemd's state directory."""
     if options.freshness is not None:
         return options.freshness
     folder = options.environment.get("STATE_DIRECTORY", "").partition(":")[0]
@@ -54,7 +54,7 @@ def freshness_file(options: ProcessOptions) -> Path:
 
 
 def authentication_of(config: Config, options: ProcessOptions) -> tuple[FreshnessStore | None, Authentication | None]:
-    """Return the freshness store and the node's authentication data for a new power cycle; None for both without
+    """Return the freshness store and the node's authentication data for a new power cycle, or (None, None) without
     `bus.key`. Raises KeyFileError if the key cannot be read, and the errors of `FreshnessStore.begin`."""
     if not config.bus.key:
         return None, None

@@ -1,6 +1,6 @@
 """Reports to systemd: datagrams to the socket that systemd states, as in sd_notify(3), without systemd's library.
 
-Only completed control steps feed the watchdog, so that systemd restarts a process whose loop hangs.
+The watchdog is signalled only after completed control steps, so that systemd restarts a process whose loop hangs.
 """
 
 import socket
@@ -37,7 +37,7 @@ class Notifier:
         self._tell(f"STATUS={' '.join(text.split())}")
 
     def came_through(self, now_ns: int) -> None:
-        """Note a completed control step; report it to the watchdog when a report is due."""
+        """Note a completed control step at `now_ns`, and signal the watchdog if a signal is due."""
         if self._interval_ns and now_ns >= self._due_ns:
             self._due_ns = now_ns + self._interval_ns
             self._tell("WATCHDOG=1")
@@ -56,6 +56,7 @@ class Notifier:
         if self._socket is None:
             return
         address = "\0" + self._address[1:] if self._address.startswith("@") else self._address
-        # A failed notification must not affect the control loop; without signals systemd restarts the process.
+        # A failed notification must not affect the control loop; if the watchdog gets no signals, systemd restarts the
+        # process.
         with suppress(OSError):
             self._socket.sendto(text.encode(), address)
