@@ -211,8 +211,8 @@ class BenefitCheck:
         return base / len(self.base) / resting_base, swing / len(self.pairs) / resting_swing
 
     def _stated(self, speed: float) -> tuple[float, float]:
-        """Return the base pressure in Cp and the swing in Cp of the release's wake without jets at this speed,
-        interpolated."""
+        """Return the base pressure and the swing of the release's wake without jets at this speed, interpolated, in
+        Cp."""
         before = self.resting[0]
         for after in self.resting:
             if speed < after[0]:

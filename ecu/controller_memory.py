@@ -86,7 +86,7 @@ class Past(ArrayValue):
         return replace(self, rows=rows)
 
     def read(self, length: int) -> tuple[Array, int]:
-        """Return the window (L, S + 1), interpolated at L equal steps of travelled distance, and its number of rows
+        """Return the window (L, S + 1), interpolated at L equal steps of travelled distance, and the number of rows
         with data."""
         window, first = np.zeros((length, self.rows.shape[1])), len(self.rows) - self.count
         if not self.count:
@@ -145,8 +145,8 @@ class ControllerMemory(ArrayValue):
 
     @property
     def sizes(self) -> tuple[int, int, int, int]:
-        """The number of rows L, sensors S, steps H of the plan, and periods of delay; equal in all memories of a
-        controller."""
+        """The number of rows L, sensors S, steps H of a plan, and periods of delay; equal in all of a controller's
+        memories."""
         return len(self.window), self.window.shape[1] - 1, len(self.plan), len(self.under_way.pending)
 
     @property

@@ -181,8 +181,8 @@ class Ecu:
         health: BusHealth = HEALTHY,
         **around: Unpack[Surroundings],
     ) -> StepOutcome:
-        """Compute a control period from any state, without storing the result. This method is a pure function if the
-        controller is one."""
+        """Compute a control period from any state, without storing the result; a pure function if the controller is
+        one."""
         received, inputs = self._receive(state, now_ns, frames, health, around)
         decided = replace(received, fail_safe=received.fail_safe.next(inputs, self._config.ecu))
         acted, passed, forces = self._act(decided, state.timing, now_ns)
@@ -239,8 +239,7 @@ class Ecu:
         other_ecu = state.other_ecu.next(heard, timing.step_ns or 0)
         memory = self._after_silence(state.memory, timing)
         if speed_state.is_off:
-            # The window is emptied, because pressures at a speed outside the range must not be used for control within
-            # it.
+            # The window is emptied: pressures at a speed outside the range must not be used for control within it.
             received, memory = received._replace(cp=None), memory.emptied()
         elif received.cp is None:
             memory = memory.bridged(self._longest_gap)
@@ -296,13 +295,11 @@ class Ecu:
     def _after_silence(self, memory: ControllerMemory, timing: StepTiming) -> ControllerMemory:
         """Return the memory with one row for each skipped period, in which the last command stayed in force.
 
-        If the clock is wrong, the length of the time step is unknown and the rows are useless, so the window is
-        emptied.
+        If the clock is wrong, the length of the step is unknown and the rows are useless: the window is emptied.
         """
         if timing.fault is Reason.CLOCK:
             return memory.emptied()
-        # After this number of periods the window is empty and the last command is in force; more periods change
-        # nothing.
+        # After this number of periods the window is empty and the last command in force; more periods change nothing.
         for _ in range(min(timing.skipped, max(self._longest_gap, len(memory.under_way.pending)) + 1)):
             memory = memory.bridged(self._longest_gap).commanded(memory.under_way.newest)
         return memory
@@ -310,7 +307,7 @@ class Ecu:
     def _checked(
         self, state: SensorCheckState, memory: ControllerMemory, received: Received, skipped: int
     ) -> tuple[SensorCheckState, ControllerMemory, Reason | None]:
-        """Return the state of the sensor check, the memory with a faulty sensor's estimate, and a reason to shut the
+        """Return the state of the sensor check, the memory with a faulty sensor's estimate, and a reason for shut
         jets."""
         if self._sensor_check is None:
             return state, memory, None
@@ -324,8 +321,8 @@ class Ecu:
     def _judged(
         self, state: EcuState, memory: ControllerMemory, speed: float, *, usable: bool
     ) -> tuple[BenefitCheckState, Reason | None]:
-        """Return the state of the benefit check and a reason to shut the jets. The check uses the estimate of a sensor
-        that is set aside."""
+        """Return the state of the benefit check, which uses the estimate of a faulty sensor, and a reason for shut
+        jets."""
         if self._benefit_check is None:
             return state.benefit, None
         cp = memory.window[-1, :-1] if usable else None
@@ -355,15 +352,13 @@ class Ecu:
 
 
 def _bus_fault(before: BusHealth, now: BusHealth) -> Reason | None:
-    """Return BUS_OFF while the CAN controller is bus-off, and in the step after it, because no node received the
-    frames."""
+    """Return BUS_OFF while the CAN controller is bus-off, and in the step after it: no node received the frames."""
     off = now.state is BusState.BUS_OFF or now.bus_off > before.bus_off
     return Reason.BUS_OFF if off else None
 
 
 def _told_by_the_gate(fail_safe: FailSafe, passed: GatedCommand) -> FailSafe:
-    """Return the fail-safe after the command gate; if the gate shut the jets, with the reason that is sent on the
-    bus."""
+    """Return the fail-safe after the command gate; if the gate shut the jets, with the reason to send on the bus."""
     if Intervention.NOT_FINITE in passed.interventions:
         return fail_safe.latch(Reason.INTERNAL)
     if Intervention.STALE in passed.interventions:

@@ -97,8 +97,7 @@ class EcuState:
         )
 
     def authenticated(self, authentication: Authentication | None, messages: MessageSet) -> Self:
-        """Return the state at power-on with the data for authentication with `bus.key`; without a key it is
-        unchanged."""
+        """Return the state at power-on with the data for authentication with `bus.key`, or without a key this state."""
         if authentication is None:
             return self
         speed = replace(self.speed, verifier=authentication.verifier(messages.speed.spec))
@@ -156,8 +155,7 @@ class Trace:
 
     Attributes:
         action: action that was sent, in U_inf W.
-        forces: predicted (Cd, Cl) over the H steps of the horizon, (H, 2), in units of the design speed; None if there
-            is none.
+        forces: predicted (Cd, Cl) over the H steps of the horizon, (H, 2), in units of the design speed; or None.
     """
 
     mode: Mode

@@ -10,8 +10,7 @@ MONOCYPHER: Final = "4.0.3"
 
 
 def sources_in(folder: str = "") -> dict[str, bytes]:
-    """Return the sources, headers and linker scripts in a subfolder, or without a name in this folder itself, by file
-    name."""
+    """Return the sources, headers and linker scripts in a subfolder, or without a name in this folder, by file name."""
     return c_files(files("ecu.c").joinpath(folder))
 
 
@@ -34,8 +33,7 @@ def loader_sources() -> dict[str, bytes]:
     """Return the sources of loader, store and diagnosis. They are the same for every program and vehicle, and are
     compiled together with a library's sources.
 
-    Monocypher's sources have names that end in `_c.h`, because they are included by another source and not compiled
-    alone.
+    Monocypher's sources have names that end in `_c.h`: they are included by another source, not compiled alone.
     """
     foreign = sources_in("store/vendor")
     return (

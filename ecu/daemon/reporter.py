@@ -1,7 +1,6 @@
 """The thread for reports: log lines as text or as JSON, the file of counters, the freshness file.
 
-The control loop never waits for this thread, because writing may block on a slow disk or a full pipe, or fail on a full
-disk.
+The control loop never waits for this thread, because writing may block on a slow disk or a full pipe, or fail.
 """
 
 import json
@@ -52,8 +51,8 @@ INTERVAL_S: Final = 1.0
 
 
 class Reporter:
-    """A thread that writes the control loop's counters and log lines while its `with` block runs, and the remaining
-    lines at its end.
+    """A thread that writes the control loop's counters and log lines while its `with` block runs, and the rest at its
+    end.
 
     Args:
         write: writes one line of the log; may raise OSError or ValueError, which loses that line.

@@ -38,8 +38,7 @@ _ROOM: Final = 1024
 """Largest number of waiting frames: seven requests of the largest length on CAN FD. If more arrive, the oldest are
 dropped."""
 PAUSE_S: Final = 0.05
-"""Largest time in s between two calls of `service` if no frame arrives. A timeout is detected late by at most this
-time."""
+"""Largest time in s between two calls of `service` if no frame arrives, and so the longest delay of a timeout."""
 SENDING_S: Final = 0.001
 """Time in s between two calls of `service` during a long operation, a long answer, or a tool's measurement."""
 
@@ -93,8 +92,8 @@ class DiagnosisThread:
 
 
 SWITCH_INTERVAL_S: Final = 0.0005
-"""Longest time in s that the control, after its waking, waits for another thread to release Python's interpreter; by
-default 5 ms."""
+"""Longest time in s that the control, once awake, waits until another thread releases the interpreter; default: 5
+ms."""
 NO_RELEASE: Final = "none"
 
 _Fields = str | int | float

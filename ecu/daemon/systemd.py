@@ -56,7 +56,6 @@ class Notifier:
         if self._socket is None:
             return
         address = "\0" + self._address[1:] if self._address.startswith("@") else self._address
-        # A failed notification must not affect the control loop; if the watchdog gets no signals, systemd restarts the
-        # process.
+        # A failed notification must not affect the control loop; without signals systemd restarts the process.
         with suppress(OSError):
             self._socket.sendto(text.encode(), address)
