@@ -22,8 +22,7 @@ SILENCE_NS: Final = 1_000_000_000
 
 @dataclass(frozen=True, kw_only=True)
 class OtherEcu:
-    """The state after a control period. `until_ns` is the time in ns until which another ECU counts as present, or
-    None."""
+    """The state after a control period. `until_ns` is the time until which another ECU counts as present, or None."""
 
     frames: int = 0
     until_ns: int | None = None

@@ -73,8 +73,7 @@ class PressureReception:
 
         Args:
             verifier, receiver: states of the authentication and of the E2E receiver before the period.
-            dynamic_pressure: dynamic pressure in Pa at the present speed, for which Cp = 1; None if the speed is
-                unknown.
+            dynamic_pressure: dynamic pressure in Pa at the present speed, for which Cp = 1; None without a speed.
         """
         spec = self.message.spec
         verifier, frames, none_authentic = verified(verifier, frames, spec=spec, key=self.key)

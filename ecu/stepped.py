@@ -27,7 +27,7 @@ class SteppedEcu(Protocol):
         """The number of received pressure frames that were not accepted."""
 
     def restore(self, state: EcuState) -> None:
-        """Continue from a state."""
+        """Continue from a state of an ECU with the same release and settings."""
 
     def step(self, now_ns: int, frames: Sequence[Frame], health: BusHealth = ...) -> list[Frame]:
         """Do one control period and return the frames to be sent."""
@@ -58,10 +58,10 @@ class LoopEcu:
 
     Attributes:
         kind: kind of the ECU: python, c or mcu.
-        computed_by: description of the code that computes the control step, for people.
-        step_ns: returns the duration of the latest step in virtual time, in ns; if None, the loop uses
+        computed_by: description of the code that computes the control step, in words.
+        step_ns: returns the duration in ns of the latest step, in virtual time; if None, the loop uses
             `ecu.compute_time_ms`.
-        clock_mhz: clock frequency of the core to which `step_ns` refers, in MHz.
+        clock_mhz: clock frequency in MHz of the core to which `step_ns` refers.
     """
 
     ecu: CalibratedEcu

@@ -1,8 +1,7 @@
 """The ECU in C, compiled for this machine, with the interface of the ECU in Python.
 
 The sources come from a folder that `stillwake export --c` writes (`contract.controller.c_folder`). cffi connects them
-to Python in its ABI mode: it reads functions and structs from the library's header, and needs no compiled code of its
-own.
+to Python in its ABI mode: it reads functions and structs from the library's header, without compiled glue code.
 """
 
 import re
@@ -180,8 +179,7 @@ class CEcu(CEcuState):
 
 
 def _why(error: Exception) -> str:
-    """Return the cause in one line; cffi's own message is long, with the file twice and every path that was
-    searched."""
+    """Return the cause in one line; cffi's own message has the file twice and every path that was searched."""
     symbol = _UNDEFINED.search(str(error))
     return str(error).splitlines()[0] if symbol is None else f"its sources lack {symbol.group(1)}"
 

@@ -13,11 +13,9 @@ from contract.config.tree import Config
 
 PLAYED: Final = "examples/pressures.h"
 MOST_PERIODS: Final = 100
-"""Largest number of periods in a table: two seconds at 20 ms, with 1600 bytes of flash memory for pressures and 800 for
-speeds."""
+"""Largest number of periods in a table: two seconds at 20 ms. Pressures need 1600 bytes of flash memory, speeds 800."""
 PLAYED_KEY: Final = bytes.fromhex("2b7e151628aed2a6abf7158809cf4f3c")
-"""Key of the frames if `bus.key` is set: the public key of RFC 4493's examples, so that no secret is written to a
-file."""
+"""Key of the frames if `bus.key` is set: the public key of RFC 4493's examples, so that no file has a secret."""
 ASKED_FROM: Final = 5
 """Number of periods before the vehicle requests control: the ECU ignores a request that is present from the start."""
 

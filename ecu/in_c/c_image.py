@@ -23,8 +23,7 @@ from ecu.in_c.c_settings import release_numbers
 
 
 def read_packed(folder: Path) -> dict[str, bytes]:
-    """Read a library's weights and estimator in packed form from its folder; raise LibraryError if they cannot be
-    read."""
+    """Read the packed weights and the packed estimator in a library's folder; raise LibraryError if this fails."""
     try:
         return {
             name: (folder / name).read_bytes() for name in (WEIGHTS_PART, ESTIMATOR_PART) if (folder / name).is_file()

@@ -46,13 +46,12 @@ _COUNTED: Final = (
 _MOST: Final = {"ecu.loss_window": 64, "ecu.deadline_window": 32, "bus.e2e.window": 255} | dict.fromkeys(
     _COUNTED, 2**29
 )
-"""Largest values, in periods, of settings that the ECU in C counts up to; their sums in the C code fit into an int."""
+"""Largest values, in periods, for which the state of the ECU in C has space; their sums in the C code fit into an
+int."""
 _GREATEST_WEIGHTS: Final = CostWeights(**dict.fromkeys(TERMS, LARGEST_WEIGHT))
-"""The largest cost weights of a calibration. If the release's own weight is larger, the C code allows that weight
-too."""
+"""The largest cost weights of a calibration; the C code also allows the release's own weight if it is larger."""
 _LONGEST_PERIOD_NS: Final = 2**53
-"""Longest control period in ns. A double is exact up to this number, so the command gate gives equal results in both
-languages."""
+"""Longest control period in ns. A double is exact up to this number, so the command gate is equal in both languages."""
 
 
 def ecu_settings(bundle: Bundle, config: Config) -> bytes:
@@ -155,8 +154,7 @@ def _definitions(bundle: Bundle, config: Config) -> dict[str, int | float | str]
 
 
 def _named(prefix: str, owner: object, *names: str) -> dict[str, int | float | str]:
-    """Return attributes of `owner` by their names in C: `prefix`, an underscore, and the attribute's name in
-    capitals."""
+    """Return attributes of `owner` by their names in C: `prefix`, an underscore, and the name in capitals."""
     return {f"{prefix}_{name.upper()}": getattr(owner, name) for name in names}
 
 

@@ -35,8 +35,7 @@ from ecu.timing import StepTiming
 
 _HEADER: Final = "sw_ecu.h"
 _LARGEST: Final = {"int64": 2**63 - 1, "uint64": 2**64 - 1, "uint32": 2**32 - 1}
-# The scratch memory is the last member of the ECU. So an opaque type of any size can replace it: the members before it
-# stay where they are.
+# The scratch memory is the last member of the ECU, so an opaque type can replace it: no other member moves.
 _STANDING_IN: Final = {
     "sw_workspace.h": b"typedef struct { char not_shown; } sw_workspace;\n",
     "sw_estimator.h": b"typedef struct { char not_shown; } sw_estimator_work;\n",
@@ -79,8 +78,7 @@ class Structs:
         return int(self.ffi.offsetof("sw_ecu", "work") if ecu else self.ffi.sizeof(name))
 
     def frames(self, frames: Sequence[Frame]) -> Any:
-        """Return an array of `sw_frame`. A time that is out of C's range is replaced by the nearest time in this
-        range."""
+        """Return an array of `sw_frame`. A time out of C's range is replaced by the nearest time in this range."""
         found = self.ffi.new("sw_frame[]", len(frames))
         for place, frame in zip(found, frames, strict=True):
             place.timestamp_ns = min(frame.timestamp_ns, _LARGEST["int64"])
@@ -111,8 +109,7 @@ class Structs:
         """Return the trace of a `sw_ecu`."""
         forces = self._array(ecu.output.forces, np.float32) if ecu.trace.planned else None
         if forces is not None and self._serves_speeds:
-            # The plan and its forces were computed in units of the newest row's speed; the trace is in units of the
-            # design speed.
+            # The plan's forces are in units of the newest row's speed; the trace is in units of the design speed.
             forces = forces * list(ecu.state.memory.past.speeds)[-1] ** 2
         return Trace(
             mode=_MODES[ecu.state.fail_safe.mode].on_wire,
@@ -384,6 +381,5 @@ def _count(value: int) -> int:
 
 
 def c_time(value: int) -> int:
-    """Return a time within the range of C. A time out of this range is an error of the clock; the nearest time in the
-    range replaces it."""
+    """Return a time in the range of C: the nearest one, if the time is out of this range because the clock is wrong."""
     return max(-_LARGEST["int64"] - 1, min(value, _LARGEST["int64"]))

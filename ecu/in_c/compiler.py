@@ -38,16 +38,15 @@ def host_compiler() -> list[str]:
 
 
 def zig_compiler() -> list[str] | None:
-    """Return the command of the `ziglang` package's compiler, which also compiles for other processors; None without
-    it."""
+    """Return the command of `ziglang`'s compiler, which also compiles for other processors; None if it is not
+    installed."""
     if importlib.util.find_spec("ziglang") is None:
         return None
     return [sys.executable, "-m", "ziglang", "cc"]
 
 
 def compiler_version(compiler: Sequence[str]) -> str:
-    """Return the first line that a compiler prints about its version; raise LibraryError if the compiler does not
-    run."""
+    """Return the first line that a compiler prints about its version; raise LibraryError if it does not run."""
     return next(iter(_run([*compiler, "--version"], None).stdout.splitlines()), compiler[0]).strip()
 
 

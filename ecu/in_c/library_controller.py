@@ -1,5 +1,4 @@
-"""The controller of a release as its C99 library, which is the library that a vehicle's ECU would run, compiled for
-this machine."""
+"""The controller of a release as its C99 library, which runs on a vehicle's ECU, here compiled for this machine."""
 
 from collections.abc import Sequence
 from pathlib import Path

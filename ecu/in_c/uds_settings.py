@@ -1,5 +1,4 @@
-"""The generator of `sw_uds_settings.h`: the UDS server in C gets its constants from the server in Python, without a
-copy."""
+"""The generator of `sw_uds_settings.h`, which gives the UDS server in C the constants of the server in Python."""
 
 from collections.abc import Mapping
 from enum import IntEnum
@@ -104,8 +103,7 @@ def _of_xcp() -> dict[str, int]:
 
 
 def _command(one: xcp.Command) -> str:
-    """Return a row of the C table: the command's number, the number of bytes that it needs at least, and whether it
-    needs a key."""
+    """Return a row of the C table: the command's number, its least length in bytes, and whether it needs a key."""
     return f"{{{one:#x}u, {xcp.SHORTEST_COMMAND.get(one, 1)}u, {int(one in xcp.PROTECTED)}u}}"
 
 

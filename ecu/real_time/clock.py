@@ -15,8 +15,7 @@ from typing import Any, Final
 TIMER_ABSTIME: Final = 1
 """Flag of time.h: the time is an instant, not a duration."""
 LONGEST_NAP_NS: Final = 100_000_000
-"""Longest single sleep in ns on a system where a sleep needs a duration. It limits the delay after the computer was
-suspended."""
+"""Longest sleep in ns where a sleep needs a duration; it limits the delay after the computer was suspended."""
 
 
 class _Timespec(ctypes.Structure):
@@ -24,7 +23,7 @@ class _Timespec(ctypes.Structure):
 
 
 def now_ns() -> int:
-    """Return the time of CLOCK_MONOTONIC in ns. The clock started before the process; setting the date does not change
+    """Return the time of CLOCK_MONOTONIC in ns, which started before the process; setting the date does not change
     it."""
     return time.monotonic_ns()
 

@@ -14,9 +14,8 @@ LARGEST_SLEW: Final = 32
 from which `ecu.timing` counts periods as left out. The largest phase error, half a period, is corrected in 16 periods.
 """
 REMEMBERED: Final = 15
-"""Number of arrivals whose median is the expected arrival, so that a few late frames in a burst do not move the
-expected arrival. The middle one is 7 periods old; in this time two clocks whose rates differ by 100 ppm drift apart by
-14 us at 20 ms."""
+"""Number of arrivals whose median is the expected arrival, so that a few late frames in a burst do not move it. The
+middle arrival is 7 periods old; in 7 periods of 20 ms, clocks whose rates differ by 100 ppm drift apart by 14 us."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,8 +27,7 @@ class Deadlines:
         due_ns: deadline at which the period begins.
         number: number of the period; omitted periods are counted too.
         left_out: number of periods so far that were omitted, because the work of an earlier period took too long.
-        grace_ns: largest time by which a period may begin after its deadline; a period that would begin later is
-            omitted.
+        grace_ns: largest time from a deadline to the start of its period; a period that would start later is omitted.
     """
 
     period_ns: int
@@ -57,8 +55,8 @@ class Deadlines:
         )
 
     def slewed(self, target_ns: int) -> Self:
-        """Return the deadline moved towards the phase of `target_ns`: the shorter way, by a period / LARGEST_SLEW at
-        most."""
+        """Return the deadline moved by at most a period / LARGEST_SLEW, the shorter way, to the phase of
+        `target_ns`."""
         most = self.period_ns // LARGEST_SLEW
         error_ns = wrapped(target_ns - self.due_ns, self.period_ns)
         return replace(self, due_ns=self.due_ns + min(max(error_ns, -most), most))

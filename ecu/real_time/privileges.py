@@ -19,8 +19,7 @@ PRIORITY: Final = 50
 interrupt threads (50), so that the threads of the CAN driver still run."""
 LOWEST_PRIORITY: Final = 1
 TIMER_SLACK_NS: Final = 1
-"""Timer slack in ns. By default, Linux may wake an ordinary process up to 50 us late, to wake several processes
-together."""
+"""Timer slack in ns. By default, Linux wakes ordinary processes up to 50 us late, to wake several of them together."""
 
 _MCL_CURRENT, _MCL_FUTURE = 1, 2
 _PR_SET_TIMERSLACK, _PR_GET_TIMERSLACK = 29, 30
@@ -83,8 +82,7 @@ def step_back() -> None:
     """Give this thread a lower priority than its starting thread, if the starting thread has a real-time priority.
 
     This thread gets the lowest real-time priority, not an ordinary one: while an ordinary thread holds the
-    interpreter's lock, any process could take the processor from this thread and so delay the control loop, which waits
-    for the lock.
+    interpreter's lock, for which the control loop waits, any process could take the processor from this thread.
     """
     if hasattr(os, "sched_getscheduler") and os.sched_getscheduler(0) == os.SCHED_FIFO:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(LOWEST_PRIORITY))

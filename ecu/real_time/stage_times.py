@@ -103,8 +103,7 @@ class StageTimes:
 
 
 def load(path: Path, stages: type[IntEnum]) -> NDArray[np.int64]:
-    """Return the rows of a saved table, (rows, stages). Raises StillwakeError if the file is not a table of this
-    node."""
+    """Return the rows of a saved table, (rows, stages). Raises StillwakeError if the file is not this node's table."""
     try:
         file = read_npz(path)
         columns, rows = file["columns"].tolist(), file["rows"]
@@ -117,8 +116,7 @@ def load(path: Path, stages: type[IntEnum]) -> NDArray[np.int64]:
 
 
 class PlanTimes:
-    """Start and end of the latest control step, shared by all controllers that run one after another; 0 after
-    `forget`."""
+    """Start and end of the latest control step, shared by controllers that run one after another; 0 after `forget`."""
 
     def __init__(self) -> None:
         self.forget()
