@@ -86,9 +86,8 @@ class BenefitCheck:
     Attributes:
         base: (B,) indices of the release's B sensors on the base.
         pairs: (P, 2) indices of the P pairs of mirrored sensors.
-        resting: (K, 3) the release's wake without jets at K rising speeds, one row each: the speed in design speeds,
-            the mean base pressure (below zero) and the mean magnitude of the differences of mirrored sensors, both in
-            Cp.
+        resting: (K, 3) the release's wake without jets at K rising speeds, one row for each speed: the speed in design
+            speeds, the mean base pressure (below zero) in Cp, and the swing in Cp (see `BenefitCheckState`).
     """
 
     base: tuple[int, ...]

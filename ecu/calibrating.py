@@ -32,7 +32,7 @@ def release_calibration(bundle: Bundle, config: Config) -> Calibration:
 
 
 def limits_of(bundle: Bundle, config: Config) -> CalibrationLimits:
-    """Return the smallest and largest allowed values for a release in a vehicle."""
+    """Return the smallest and the largest values to which a release may be calibrated in a vehicle."""
     own = release_calibration(bundle, config)
     least = Calibration(
         weights=CostWeights(**dict.fromkeys(TERMS, 0.0)),

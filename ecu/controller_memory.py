@@ -22,7 +22,7 @@ from contract.controller.resampling import followed, places
 
 @dataclass(frozen=True)
 class DelayLine:
-    """The latest `delay + 1` values, oldest first, with `delay` in control periods. `values` has shape (delay + 1,)."""
+    """The latest `delay + 1` values, oldest first, with a delay in control periods. `values` has shape (delay + 1,)."""
 
     values: tuple[float, ...]
 
@@ -203,7 +203,7 @@ class ControllerMemory(ArrayValue):
         later = delay - len(self.under_way.pending)
         if not later:
             return self
-        # Together, the actions in the window's rows and in the delay line are all sent actions, without a gap.
+        # The actions in the window's rows and those in the delay line together are all sent actions, without a gap.
         sent = np.concatenate([self.window[:, -1], self.under_way.values])
         length, first = len(self.window), len(self.window) - self.rows
         in_force = sent[np.maximum(np.arange(length) - later, 0)]

@@ -334,7 +334,7 @@ class Ecu:
         return round(flow_m2_per_s / FLOW_RESOLUTION_M2_PER_S) * FLOW_RESOLUTION_M2_PER_S / self._flow_scale
 
     def _decide(self, mode: OperatingMode, memory: ControllerMemory) -> _Decision:
-        """Decide on the action in a period of this mode, with this period's row in the memory."""
+        """Return the request to the command gate in this mode; the memory already has this period's row."""
         latest = memory.under_way.newest
         if mode is OperatingMode.CONTROL:
             try:

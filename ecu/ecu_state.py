@@ -81,7 +81,7 @@ class EcuState:
 
     @classmethod
     def power_on(cls, *, window: int, sensors: int, horizon: int, delay: int, past: int = 0) -> Self:
-        """Return the state before any frame is received or sent; see `ControllerMemory.empty` for the sizes."""
+        """Return the state before any frame was received or sent; `ControllerMemory.empty` explains the sizes."""
         return cls(
             memory=ControllerMemory.empty(length=window, sensors=sensors, horizon=horizon, delay=delay, past=past),
             fail_safe=FailSafe(),

@@ -26,7 +26,8 @@ def check_flow(bundle: Bundle, flow: FlowConfig, *, owner: str = "flow") -> None
 
 
 def check_vehicle(bundle: Bundle, config: Config) -> None:
-    """Raise BundleError if the controller was built for another vehicle, bus or actuator delay."""
+    """Raise BundleError if the controller was built for another vehicle, another bus or another delay of the
+    actuator."""
     manifest = bundle.manifest
     points = (_values(point) for point in (manifest.operating_point, config.operating_point))
     _check_equal(bundle, "operating point", *points, owner="vehicle")

@@ -1,4 +1,4 @@
-"""The interface of an ECU for a closed loop: the ECU in Python, the ECU in C, or an emulated core."""
+"""The interface that a closed loop needs of an ECU: the ECU in Python, in C, or on an emulated core."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -37,14 +37,14 @@ class SteppedEcu(Protocol):
 
 
 class CalibratedEcu(SteppedEcu, Protocol):
-    """An ECU that runs a release, and whose goal and bounds can be changed between two steps."""
+    """An ECU that runs a release, and whose cost weights and bounds can be changed between two steps."""
 
     @property
     def calibration(self) -> Calibration:
         """The values in force."""
 
     def calibrate(self, calibration: Calibration) -> None:
-        """Put other values in force from the next step on; raises ConfigError."""
+        """Put other values in force from the next step on; raises ConfigError for a value out of its limits."""
 
     def step(
         self, now_ns: int, frames: Sequence[Frame], health: BusHealth = ..., **around: Unpack[Surroundings]

@@ -124,7 +124,7 @@ class ControlLoop:
             self._deadlines = self._deadlines.slewed(expected_ns + self._offset_ns)
 
     def shut(self) -> None:
-        """Send the last frames, in which the jets are at zero and not enabled, as at power-on."""
+        """Send the last frames, in which the jet flow is zero and the jets are not enabled, as at power-on."""
         self._ecu.restore(replace(self._ecu.state, fail_safe=FailSafe()))
         for _ in range(SHUT_FRAMES):
             self._clock.sleep_until(self._deadlines.due_ns)
@@ -177,7 +177,8 @@ class ControlLoop:
         )
 
     def _counter(self, frame: Frame) -> int:
-        """Return the counter in a pressure frame's E2E header; NOTHING if the frame has another length."""
+        """Return the counter in a pressure frame's E2E header; NOTHING if the frame does not have the message's
+        length."""
         if len(frame.data) != self._pressure.length:
             return NOTHING
         return profile_of(self._pressure).counter_of(frame.data)

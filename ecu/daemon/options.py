@@ -55,7 +55,7 @@ def freshness_file(options: ProcessOptions) -> Path:
 
 def authentication_of(config: Config, options: ProcessOptions) -> tuple[FreshnessStore | None, Authentication | None]:
     """Return the freshness store and the node's authentication data for a new power cycle, or (None, None) without
-    `bus.key`. Raises KeyFileError if the key cannot be read, and the errors of `FreshnessStore.begin`."""
+    `bus.key`. Raises KeyFileError if the key cannot be read; also the errors of `FreshnessStore.begin`."""
     if not config.bus.key:
         return None, None
     key = read_key(Path(config.bus.key))

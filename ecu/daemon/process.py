@@ -35,8 +35,8 @@ class ServedEcu:
     """An ECU and the further parts of its process.
 
     Attributes:
-        hears: functions that receive frames of other identifiers than the ECU's, by identifier; called by the thread
-            that reads the bus.
+        hears: functions that receive the frames of further identifiers, by identifier; called by the thread that reads
+            the bus.
         beside: context that is active while the bus is open, in parallel with the control.
     """
 

@@ -1,4 +1,4 @@
-"""The service of an ECU from a release and settings. Everything is opened and tested before the first frame is sent."""
+"""The process of an ECU that runs one release. Everything is opened and tested before the first frame is sent."""
 
 from collections.abc import Callable
 from typing import Final

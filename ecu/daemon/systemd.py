@@ -13,8 +13,8 @@ PER_INTERVAL: Final = 4
 
 
 class Notifier:
-    """A sender of notifications. It sends nothing unless systemd asked for notifications by NOTIFY_SOCKET,
-    WATCHDOG_USEC and WATCHDOG_PID in the environment."""
+    """A sender of notifications. It sends nothing unless systemd has set NOTIFY_SOCKET, WATCHDOG_USEC and WATCHDOG_PID
+    in the environment to request them."""
 
     def __init__(self, environment: Mapping[str, str], pid: int) -> None:
         self._address = environment.get("NOTIFY_SOCKET", "")

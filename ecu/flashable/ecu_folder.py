@@ -33,7 +33,7 @@ _LOCK: Final = "lock"
 
 @dataclass(frozen=True, kw_only=True)
 class EcuFolder:
-    """The folder after provisioning.
+    """An ECU's folder after its provisioning.
 
     Attributes:
         root: public key that verifies key lists.

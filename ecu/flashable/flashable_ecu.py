@@ -118,7 +118,7 @@ class FlashableEcu:
         return self._wants_reset or self._serviced.is_updating
 
     def restore(self, state: EcuState) -> None:
-        """Continue the control from a state of an ECU with the same release and settings; the store stays unchanged."""
+        """Continue the control from a state of an ECU with the same release and settings; the store is not changed."""
         self._ecu.restore(state)
 
     def status(self) -> EcuStatus:

@@ -44,7 +44,7 @@ def isotp_settings(config: BusConfig, *, is_tester: bool = False) -> IsoTpSettin
 
 
 class DiagnosticLink:
-    """The link to the server of diagnosis, just after power-on.
+    """The link between a tester and the server of diagnosis, just after power-on.
 
     Args:
         config: settings of the bus: CAN FD or classic frames, identifiers.

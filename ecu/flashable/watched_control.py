@@ -1,4 +1,5 @@
-"""The data for diagnosis from the control periods: whether the vehicle wants control, and which faults occurred."""
+"""Data that diagnosis takes from the control periods: whether the vehicle requests control, and which faults
+occurred."""
 
 import struct
 from dataclasses import dataclass, replace

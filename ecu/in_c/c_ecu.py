@@ -145,7 +145,7 @@ class CEcu(CEcuState):
         self._room = ffi.new("char[]", sizes[1] + _ALIGNMENT)
         start = -int(ffi.cast("uintptr_t", self._room)) % _ALIGNMENT
         self.ecu = ecu = ffi.cast("sw_ecu *", self._room + start)
-        # The function returns nothing in older versions of the library.
+        # In older versions of the library this function returns nothing, which counts as success.
         if self.lib.sw_ecu_init(ecu):
             raise LibraryError(
                 f"the compiled ECU refuses: {' '.join(flags)}, or this process's floating-point mode, changes "

@@ -196,7 +196,8 @@ def _of_release(numbers: Numbers) -> dict[str, int | float | str]:
 
 
 def _of_diagnosis(config: DiagnosisConfig, period_ns: int) -> dict[str, int | float | str]:
-    """Return the settings of diagnosis. SW_FUNCTIONAL or SW_XCP is 0 if functional requests or XCP are disabled."""
+    """Return the settings of diagnosis. SW_FUNCTIONAL is 0 if functional requests are disabled, SW_XCP if XCP is
+    disabled."""
     cycle, unit = cycle_of(period_ns)
     return {
         "SW_DIAGNOSIS_EXTENDED": int(config.request.is_extended),

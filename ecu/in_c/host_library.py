@@ -59,7 +59,7 @@ class CController(NeverCopied):
                 self._step, reset = self._library.sw_control_step, self._library.sw_input_reset
             except (OSError, AttributeError) as error:
                 raise LibraryError(f"the compiled library does not load: {error}") from error
-        # Libraries of older versions do not have the function that checks the arithmetic.
+        # Older versions of the library do not have this function, which checks the arithmetic.
         if (looks := getattr(self._library, "sw_arithmetic", None)) is not None and (status := looks()) != _OK:
             raise LibraryError(f"the compiled library refuses: {REFUSALS[status]} ({' '.join(flags)})")
         self.description = f"{compiler_version(command)}, {' '.join(flags)}"

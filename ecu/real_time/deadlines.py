@@ -43,7 +43,7 @@ class Deadlines:
             raise ValueError(f"grace_ns = {self.grace_ns}: must be in 0..{self.period_ns - 1}")
 
     def after(self, now_ns: int) -> Self:
-        """Return the next deadline that can still be met, after the work for the present deadline."""
+        """Return the next deadline that can still be met if the work for the present deadline ends at `now_ns`."""
         late_ns = now_ns - self.grace_ns - (self.due_ns + self.period_ns)
         missed = max(0, -(-late_ns // self.period_ns))
         steps = 1 + missed

@@ -29,7 +29,7 @@ _USES: Final = (
     "flow.action_limit",
     *REAL_BUS,
     "bus.key",
-    # The setting of the compute time is left out, because in real time a step takes as long as it actually takes.
+    # The setting of the compute time is left out, because in real time a step's duration is not simulated.
     *(f"ecu.{item.name}" for item in fields(EcuConfig) if item.name != "compute_time_ms"),
     COST_WEIGHTS,
 )

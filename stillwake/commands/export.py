@@ -261,7 +261,7 @@ def _export_model(
 
 
 def _library(folder: Path, config: Config) -> "CLibrary":
-    """Return the C library to write into a folder, with the ECU of its release."""
+    """Return the C library, with the ECU of its release, that is to be written into a folder."""
     from ecu.in_c.host_library import CController
     from export.release.pipeline import CLibrary
     from export.release.sbom import folder_bom

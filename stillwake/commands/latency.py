@@ -216,8 +216,8 @@ def _subjects(
     both: bool,
     stack: ExitStack,
 ) -> list[Subject]:
-    """Return the controllers to time. A C library that is made here is deleted when the stack is closed. Raises
-    LibraryError if both controllers are requested for a user's bundle without its C library."""
+    """Return the controllers to time. A C library that is made here is deleted when `stack` is closed. Raises
+    LibraryError if both controllers are requested for a user's bundle and its C library is not given."""
     path, _ = locate(bundle, None)
     name = f"{release.manifest.name} {release.digest[:12]}"
     onnx = Subject(name="onnx", about=f"{name}, ONNX Runtime", bundle=path.absolute())

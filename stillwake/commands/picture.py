@@ -62,7 +62,7 @@ def picture(
 
     A still picture shows the state. For --field mean and for an animation, the wake is simulated from the state:
     without control, with the jets forced, or with the actions of a run folder. The forcings are none, sine, training
-    (training:seed=2), chirp and extended_chirp; without parameters a sine has the action's limit as amplitude and the
+    (training:seed=2), chirp and extended_chirp. A sine without parameters has the action limit as amplitude and the
     frequency 0.2 / t_c. With --field mean the command also reports the length of the recirculation bubble and the mean
     forces. The sensors of --sensors are coloured by Cp; by default they are the run's sensors, or all sensors.
     """

@@ -54,7 +54,7 @@ def train(
     and `export` starts from them. If --sensors names sensors, the method does not choose them. docs/how-to/train.md
     describes the steps.
     """
-    # A missing extra is reported before a missing file; a vehicle's computer has no HDF5.
+    # If an extra is missing, this is reported before a missing file; a vehicle's computer has no HDF5.
     from contract.recording.dataset import read
 
     config = settings("train", given, uses=USES, base=training_settings(quick=quick)).config
@@ -116,7 +116,7 @@ def _save(path: Path | None, trained: "TrainedModel", show: TrainingProgress, co
 
 
 def _check_recording(recording: "Dataset", path: Path, config: Config, chosen: Sequence[str] | None) -> None:
-    """Check the recording as far as possible without torch, before torch is loaded."""
+    """Check the recording before torch is loaded, as far as this is possible without torch."""
     from contract.recording.findings import findings, refuse_unfit
 
     if chosen is not None:

@@ -40,7 +40,7 @@ errors = make_console(stderr=True)
 
 
 def status_of(command: Callable[[], object]) -> int:
-    """Run a command to its end; return its exit status, after one line to stderr if the command failed.
+    """Run a command to its end; return its exit status. If the command failed, one line is printed to stderr.
 
     An exception that no user should be able to cause is printed with its traceback, followed by a line that asks the
     user to report it.
@@ -88,7 +88,7 @@ def _status_of(command: Callable[[], object]) -> int:
 
 
 def missing(module: str, command: str = "") -> str:
-    """Return a line on how to install a module that this command could not import."""
+    """Return a line that tells the user how to install a module that this command could not import."""
     top = module.partition(".")[0]
     loaded = sys.modules.get(top)
     place = None if loaded is None else getattr(loaded, "__file__", None)

@@ -1,4 +1,4 @@
-"""Checks of numbers in options, whose errors state the option's name, and counts in words."""
+"""Checks of the numbers in options, and texts with counts. An error states the option's name."""
 
 import os
 from collections.abc import Mapping

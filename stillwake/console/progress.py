@@ -211,7 +211,7 @@ def progress(
 
 @contextmanager
 def phases(name: str, names: Sequence[str]) -> Iterator[tuple[Report, Callable[[str], None]]]:
-    """Yield a report on a task with named phases, and a function to call at the beginning of each phase."""
+    """Yield a report on a task with named phases, and a function to call with a phase's name at its beginning."""
     with progress("phases") as report:
         yield report, lambda begun: report(name, names.index(begun), len(names), begun)
         report(name, len(names), len(names))
@@ -263,7 +263,7 @@ def _count(number: float) -> str:
 
 @dataclass(frozen=True)
 class _Line:
-    """The time at which a task's last line was printed, and the count at that time."""
+    """The time at which a task's last line was printed, and the count in this line."""
 
     at: float
     completed: float

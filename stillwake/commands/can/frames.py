@@ -89,7 +89,7 @@ def send(
 def _frames(
     name: str, values: list[str], counter: int, trip: int | None, config: "BusConfig"
 ) -> "Callable[[float], can.Message]":
-    """Return a function that takes a time in s and builds the next frame of the stream, stamped with this time."""
+    """Return a function that builds the next frame of the stream, stamped with the function's argument, a time in s."""
     from can_bridge.bus.conversion import to_message
     from can_bridge.e2e.profiles import profile_of
     from can_bridge.e2e.sender import E2eSender, SenderState

@@ -74,7 +74,7 @@ def figures(found: "BusLoad") -> dict[str, Any]:
 
 
 def facts(config: Config) -> dict[str, Any]:
-    """Return the settings and versions on which the figures depend, and the hash of the background's file."""
+    """Return the settings and versions on which the figures depend, and the hash of the other nodes' DBC file."""
     bus = config.bus
     file = Path(bus.background.dbc) if bus.background.dbc else None
     return {

@@ -95,8 +95,8 @@ def zone_of(text: str) -> tzinfo | None:
 
 
 def forces_of(logs: Sequence[Path], forces: Sequence[str]) -> dict[Path, Path]:
-    """Return the file of forces of every log. Raises DatasetError for a log with no file or two files, or if two files
-    are given without a log's name."""
+    """Return the file of forces of every log. Raises DatasetError if a log has no file or two files, or if two files
+    are given without the name of a log."""
     found: dict[Path, Path] = {}
     general: list[Path] = []
     for text in forces:

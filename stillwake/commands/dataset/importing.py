@@ -169,7 +169,7 @@ def _facts(loaded: Loaded) -> "PlantFacts":
 
 @dataclass(frozen=True, kw_only=True)
 class _Import:
-    """The files to read and their options; `notes` collects notes for the user."""
+    """The files to read and their options. `notes` collects the notes that are printed for the user."""
 
     roles: "list[tuple[Path, Role]]"
     facts: "PlantFacts"

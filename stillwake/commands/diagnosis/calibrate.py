@@ -73,7 +73,7 @@ def calibrate(
 
 
 def parsed(texts: list[str]) -> dict[str, float]:
-    """Read values by name; raises ConfigError for a text that is not a value, or a name given twice."""
+    """Read the values to set, by name; raises ConfigError for a text that is not NAME=NUMBER, or a name given twice."""
     changes: dict[str, float] = {}
     for name, value in shared.pairs(texts, "lift=0.4", CALIBRATION_NAMES):
         if name in changes:
