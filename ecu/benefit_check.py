@@ -33,7 +33,7 @@ from ecu.fit import positions_of
 _ON_BASE: Final = "base_"
 """Prefix of the names of sensors on a body's base."""
 MOVED: Final = 0.1
-"""Change of the speed, in design speeds, that ends a test, because the test is valid for its own speed only."""
+"""Change of the speed, relative to the design speed, that ends a test: a test is valid for its own speed only."""
 PATIENCE: Final = 6
 """Total duration of the tests after which the fault latches, as a multiple of `wake_periods`. It is 18 s with shut
 jets; in this time the vehicle may leave a speed at which control does harm."""
@@ -57,7 +57,7 @@ class BenefitCheckState:
         suction, swing: mean suction on the base and mean swing under control, divided by the values of the release's
             own wake without jets.
         doubt: number of periods in which control did not help minus the number in which it helped, at least 0.
-        tested_at: speed at which the present test began, in design speeds; 0 if there is no test.
+        tested_at: ratio of the speed at which the present test began to the design speed; 0 if there is no test.
         spent: number of periods in tests minus the number of periods in which control helped, 0 to
             `BenefitCheck.patience`.
     """
@@ -123,7 +123,7 @@ class BenefitCheck:
         Args:
             cp: (S,) pressures of this period at the S sensors, as Cp; None if there are none.
             drives: whether the jets were allowed to run in the period before.
-            speed: speed of the vehicle, in design speeds.
+            speed: ratio of the vehicle's speed to the design speed.
         """
         if state.tests:
             return self._tested(state, cp, speed)

@@ -53,12 +53,12 @@ class DelayLine:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Past(ArrayValue):
-    """The rows of the latest N control periods with their speeds; a value with read-only arrays.
+    """The rows of the latest N control periods with their speeds; an immutable value with read-only arrays.
 
     Attributes:
         rows: (N, S + 1) rows as in the window, with S sensors, each made dimensionless with the speed of its period;
             zero before the first row.
-        speeds: (N,) speed of each period, in design speeds.
+        speeds: (N,) speed of each period, as a ratio to the design speed.
         count: number of rows with data, up to N.
     """
 
@@ -151,11 +151,12 @@ class ControllerMemory(ArrayValue):
 
     @property
     def speed(self) -> float:
-        """The speed of the newest row, in design speeds."""
+        """The speed of the newest row, as a ratio to the design speed."""
         return 1.0 if self.past is None or not self.past.count else float(self.past.speeds[-1])
 
     def observed(self, cp: Array, speed: float = 1.0) -> "ControllerMemory":
-        """Return the memory with a row for this period: pressures `cp`, (S,), measured at `speed` in design speeds."""
+        """Return the memory with this period's row: pressures `cp`, (S,), and the ratio `speed` of the speed to the
+        design speed."""
         return self._extended(cp, speed, gap=0)
 
     def bridged(self, longest_gap: int) -> "ControllerMemory":
@@ -188,7 +189,7 @@ class ControllerMemory(ArrayValue):
         return replace(self, window=window)
 
     def commanded(self, action: float) -> "ControllerMemory":
-        """Return the memory after `action` was sent in this period, in U_inf W."""
+        """Return the memory after `action`, in U_inf W, was sent in this period."""
         return replace(self, under_way=self.under_way.pushed(action))
 
     def with_delay(self, delay: int) -> "ControllerMemory":

@@ -307,8 +307,8 @@ class Ecu:
     def _checked(
         self, state: SensorCheckState, memory: ControllerMemory, received: Received, skipped: int
     ) -> tuple[SensorCheckState, ControllerMemory, Reason | None]:
-        """Return the state of the sensor check, the memory with a faulty sensor's estimate, and a reason for shut
-        jets."""
+        """Return the state of the sensor check, the memory with a faulty sensor's estimate, and the reason to shut the
+        jets, or None."""
         if self._sensor_check is None:
             return state, memory, None
         after, fault = self._sensor_check.next(
@@ -321,8 +321,8 @@ class Ecu:
     def _judged(
         self, state: EcuState, memory: ControllerMemory, speed: float, *, usable: bool
     ) -> tuple[BenefitCheckState, Reason | None]:
-        """Return the state of the benefit check, which uses the estimate of a faulty sensor, and a reason for shut
-        jets."""
+        """Return the state of the benefit check, and the reason to shut the jets, or None. The check uses a faulty
+        sensor's estimate."""
         if self._benefit_check is None:
             return state.benefit, None
         cp = memory.window[-1, :-1] if usable else None
@@ -352,7 +352,7 @@ class Ecu:
 
 
 def _bus_fault(before: BusHealth, now: BusHealth) -> Reason | None:
-    """Return BUS_OFF while the CAN controller is bus-off, and in the step after it: no node received the frames."""
+    """Return BUS_OFF during bus-off and in the first step after it, because no node received the frames."""
     off = now.state is BusState.BUS_OFF or now.bus_off > before.bus_off
     return Reason.BUS_OFF if off else None
 

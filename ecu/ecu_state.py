@@ -97,7 +97,8 @@ class EcuState:
         )
 
     def authenticated(self, authentication: Authentication | None, messages: MessageSet) -> Self:
-        """Return the state at power-on with the data for authentication with `bus.key`, or without a key this state."""
+        """Return the power-on state with the data for authentication with `bus.key`; without a key, the state
+        itself."""
         if authentication is None:
             return self
         speed = replace(self.speed, verifier=authentication.verifier(messages.speed.spec))

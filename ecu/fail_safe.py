@@ -288,7 +288,7 @@ class FailSafe:
         rises = request and not self.enable_request
         usable = inputs.usable
         misses = 0 if usable else self.misses + 1
-        # Good frames count for the end of a fault only from the last period on in which the ECU itself had a fault.
+        # Good frames before the latest fault of the ECU itself do not count for the end of a fault.
         good = (self.good + 1 if inputs.fault is None else 1) if usable else 0
         lost = 0
         if (
@@ -309,8 +309,8 @@ class FailSafe:
         )
 
     def latch(self, reason: Reason) -> "FailSafe":
-        """Return the state after a fault of the ECU itself that is found in this period; no good frame counts any
-        more."""
+        """Return the state after a fault of the ECU itself that is found in this period; the count of good frames
+        becomes 0."""
         inputs = PeriodInputs(
             usable=False, enable_request=None, unusable_because=reason, window_full=False, fault=reason
         )

@@ -53,7 +53,7 @@ class SpeedReception:
     Attributes:
         key: key of the bus; None without authentication.
         design: the operating point of the release.
-        speeds: range of speeds of the release, in design speeds.
+        speeds: range of speeds of the release, as ratios to the design speed.
     """
 
     message: Message[VehicleSpeed]
@@ -96,13 +96,13 @@ class SpeedReception:
         return replace(state, is_off=is_off)
 
     def dynamic_pressure(self, state: SpeedState) -> float | None:
-        """Return the dynamic pressure in Pa, for which Cp = 1, at the present speed; None if no speed is in force."""
+        """Return the dynamic pressure in Pa at the present speed, for which Cp = 1; None if no speed is in force."""
         through_air = self.present(state) * self.design.speed
         return None if state.ratio is None else 0.5 * state.density * through_air * through_air
 
     def present(self, state: SpeedState) -> float:
-        """Return the speed in design speeds, limited to the release's range; 1 if it is unknown or too far out of
-        range."""
+        """Return the ratio of the speed to the design speed, limited to the release's range; 1 if unknown or too far
+        outside."""
         if state.ratio is None or state.is_off:
             return 1.0
         return min(max(state.ratio, self.speeds.slowest), self.speeds.fastest)

@@ -24,7 +24,7 @@ FIRST_PAUSE_S: Final = 0.1
 LONGEST_PAUSE_S: Final = 5.0
 """Longest pause in s between two attempts to open a bus again. Each pause is twice as long as the one before."""
 SEND_TIMEOUT_S: Final = 0.003
-"""Longest time in s to send a frame. A period of 20 ms has two frames; if both time out, two thirds of it remain."""
+"""Longest time in s to send a frame. A period of 20 ms has two frames; if both time out, 14 ms of the period remain."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -111,7 +111,7 @@ class Connection:
         return {} if self._bus is None else self._bus.bus.rejected
 
     def send(self, frames: Sequence[Frame]) -> bool:
-        """Send frames; return whether the bus accepted all of them. Threads that send at the same time alternate by
+        """Send frames; return whether the bus accepted all of them. Two threads that send take turns after each
         frame."""
         sent = True
         for frame in frames:

@@ -18,7 +18,8 @@ from ecu.real_time.stage_times import TimedController
 __all__ = ["WARM_UP_STEPS", "ProcessOptions", "freshness_file", "serve"]
 
 WARM_UP_STEPS: Final = 50
-"""Number of warm-up steps of the controller on zeros, and of the ECU without frames: half a second together."""
+"""Number of warm-up steps of the controller on zeros, and of the ECU without frames; together they take half a
+second."""
 
 
 def serve(

@@ -27,8 +27,8 @@ from ecu.flashable.equipment import Equipment
 from ecu.stepped import CalibratedEcu
 
 XCP_PLACES: Final = 4
-"""Largest number of packets that wait to be sent to a tool. A tool waits for each answer before its next command. If
-the answer to a command has no free place, the command is lost."""
+"""Largest number of packets that wait to be sent to a tool. A tool waits for each answer before its next command. A
+command is lost if no place is free for its answer."""
 MOST_FRAMES: Final = 128
 """Largest number of frames that the ECU processes in one call; further frames are lost. In one control period, a CAN FD
 bus at 2 Mbit/s carries at most a third of this number."""
@@ -77,7 +77,7 @@ class DiagnosticLink:
         self._server.look(now_ns, in_transit=self._endpoint.is_receiving or self._endpoint.is_sending)
         was_busy, requests = self._server.is_busy, 0
         for request, is_functional in self._requests(now_ns, frames):
-            # If too many requests arrive, those are lost for whose answers there is no free place.
+            # If too many requests arrive, a request is lost for whose answer no place is free.
             if requests < self._settings.queue and not self._endpoint.is_full:
                 is_occupied = self._endpoint.occupied > BESIDE
                 answers = self._server.request(now_ns, request, is_functional=is_functional, is_occupied=is_occupied)

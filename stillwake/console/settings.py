@@ -1,4 +1,5 @@
-"""The settings of a command: the release's settings with the changes of `--set`, which must have an effect."""
+"""The settings of a command: the release's settings with the changes of `--set`; a single change without effect is
+refused."""
 
 from collections.abc import Sequence
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""The opening of a release bundle for a command: its path, the required signature, its description, its calibration."""
+"""The opening of a release bundle for a command: the bundle's path, required signature, description and calibration."""
 
 from dataclasses import asdict
 from pathlib import Path
