@@ -46,7 +46,7 @@ _NO_BUNDLE: Final = (
 )
 
 USES: Final = ("mpc", "operating_point", "ecu.compute_time_ms")
-"""Settings of a release that are not stored in its model."""
+"""Settings of a release that may differ from the settings that its model stores."""
 USES_IN_C: Final = ("bus", "ecu")
 """Further settings, which are compiled into the ECU of a C library."""
 USES_FOR_TESTERS: Final = (

@@ -1,5 +1,5 @@
-"""The command `stillwake record`, which records forced episodes, by default or in the paper's numbers, or adds a round
-of episodes under a controller or from the steady wake."""
+"""The command `stillwake record`, which records forced episodes (with --paper those of the paper's data set), or adds a
+round of episodes under a controller or from the steady wake."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager

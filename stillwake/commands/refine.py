@@ -42,13 +42,12 @@ def refine(
     json_file: shared.JsonFile = None,
     given: shared.Settings = [],  # noqa: B006
 ) -> None:
-    """Train a model's prior, which gives the plan from which the controller's optimiser starts, with gradients through
-    the flow solver.
+    """Train a model's prior with gradients through the flow solver.
 
-    The prior is a small feedback. It runs in closed loop with the flow solver, and learns by the exact gradient of the
-    drag. The command can be stopped at any time; the same command continues. docs/explanation/through-the-flow.md
-    describes the method. The sensors of --sensors must be pairs of mirror images, --dataset is the model's training
-    data, and --state is on the default grid.
+    The prior is a small feedback that gives the plan from which the controller's optimiser starts. It runs in closed
+    loop with the flow solver, and learns by the exact gradient of the drag. The command can be stopped at any time; the
+    same command continues. docs/explanation/through-the-flow.md describes the method. The sensors of --sensors must be
+    pairs of mirror images, --dataset is the model's training data, and --state is on the default grid.
     """
     from train import model_store
     from train.refinement.pipeline import refine_model
@@ -60,7 +59,7 @@ def refine(
     own = trained.config
     if trained.prior is None:
         # A model without a prior has settings for an optimiser that improves its own plan of the previous period. An
-        # optimiser that starts from a prior's plan has less to improve, so the default settings replace them.
+        # optimiser that starts from a prior's plan has less to improve, so the default settings replace most of them.
         kept = own.mpc
         mpc = replace(load_config().mpc, horizon=kept.horizon, drag_reference=kept.drag_reference)
         own = replace(own, mpc=mpc)

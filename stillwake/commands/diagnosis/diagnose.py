@@ -29,7 +29,7 @@ _FACTS: Final = {
     "period_ns": "control period",
     "capacity": "greatest image, bytes",
 }
-"""Values of an ECU's report that are shown, as labels for a terminal by their names in JSON."""
+"""Labels of the values of an ECU's report that are shown, by the names of these values in JSON."""
 
 Clear = Annotated[bool, typer.Option("--clear", help="Then clear the ECU's faults.")]
 
