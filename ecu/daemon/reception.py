@@ -80,7 +80,7 @@ class FrameReception:
             self._others.put(frame)
 
     def take(self) -> Taken:
-        """Return all frames and remove them."""
+        """Remove and return all frames."""
         return Taken(self._pressures.take(), self._others.take())
 
     def _stamp(self, frame: Frame) -> int:

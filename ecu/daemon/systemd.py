@@ -32,7 +32,7 @@ class Notifier:
         self._tell(f"READY=1\nSTATUS={status}")
 
     def status(self, text: str) -> None:
-        """Set the line in `systemctl status`."""
+        """Set the line that `systemctl status` shows."""
         # A line break in the text would begin another assignment.
         self._tell(f"STATUS={' '.join(text.split())}")
 

@@ -66,7 +66,7 @@ def taken(wanted: Wanted) -> Iterator[list[Privilege]]:
 
 
 def in_words(privileges: list[Privilege]) -> str:
-    """Return all privileges in one line."""
+    """Return one line on the privileges: those granted, and those not granted with the reasons."""
     granted = ", ".join(item.what for item in privileges if item.granted) or "none"
     refused = ", ".join(f"{item.what} ({item.why})" for item in privileges if not item.granted)
     return f"{granted}; not granted: {refused}" if refused else granted

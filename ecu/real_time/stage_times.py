@@ -24,7 +24,7 @@ USUAL_PERIODS: Final = 180_000
 
 
 class EcuStage(IntEnum):
-    """Columns of the ECU's table, named in lower case."""
+    """Columns of the ECU's table; a saved table has their names in lower case."""
 
     PERIOD = 0
     """Number of the period; periods left out are counted too."""

@@ -42,7 +42,7 @@ _USES: Final = ("body", "operating_point", "flow", *_BUS, "ecu", "vehicle", "mpc
 PYTHON: Final = "python"
 ECUS: Final = (PYTHON, "c", "mcu")
 CLOCK_MHZ: Final = 480.0
-"""Default clock of the emulated microcontroller, in MHz."""
+"""Default clock frequency of the emulated microcontroller, in MHz."""
 
 EcuName = Annotated[
     str, typer.Option("--ecu", help="python, c (on this machine), mcu (emulated), or mcu@MHZ.", metavar="ECU")

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from contract.recording.importing.source_file import Reference
 
 USES: Final = ("operating_point", "bus.frames", "bus.key", "ecu.speed.oldest_ms", "ecu.speed.most_acceleration")
-"""Settings for reading a log."""
+"""Settings that are used to read a log of the bus."""
 FORCES_NAMES: Final = ("t", "Cd", "Cl")
 """Columns of a table of forces."""
 _COUNTED: Final = 10_000
